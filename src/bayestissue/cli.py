@@ -1,0 +1,191 @@
+"""The command line: parse, call, print. Every command's work lives in `bayestissue.commands`."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated, Literal
+
+import typer
+
+from bayestissue.errors import InputError
+
+app = typer.Typer(
+    name="bayestissue",
+    help="Stiffness K and damping C of soft tissue from the recorded deceleration of an impact: "
+    "what they are, how sure one can be, and whether their dependence on mass is real.",
+    epilog="Exit status: 0 done; 2 the input is wrong, nothing written; 3 finished, but the sampler's "
+    "diagnostics failed; 130 interrupted.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Dataset = Annotated[
+    Path, typer.Argument(help="Folder with dataset.toml, impacts.csv and the traces.", metavar="DATASET")
+]
+Out = Annotated[Path, typer.Option("--out", help="Folder for the results; it must be new or empty.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what --out holds.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
+Json = Annotated[bool, typer.Option("--json", help="Print the table as JSON.")]
+SkipBad = Annotated[
+    bool, typer.Option("--skip-bad", help="Go on with the good impacts and list what was left out.")
+]
+Seed = Annotated[int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0)]
+
+
+@app.command()
+def check(
+    dataset: Dataset,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Also write quality figures and a page with one panel per impact."),
+    ] = None,
+    skip_bad: SkipBad = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Say what is wrong with a dataset: file, row, column, value, what was expected, how to mend it."""
+    from bayestissue.commands import check
+
+    check.run(dataset, out=out, skip_bad=skip_bad, overwrite=overwrite, quiet=quiet, as_json=as_json)
+
+
+@app.command()
+def simulate(
+    specification: Annotated[
+        Path, typer.Argument(help="Design, tissue, measuring chain and seed.", metavar="SPEC.toml")
+    ],
+    out: Out,
+    seed: Annotated[
+        int | None, typer.Option("--seed", help="Instead of the one in SPEC.toml.", min=0)
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make a dataset whose truth is known: a design, a tissue, a measuring chain, and truth.csv beside it."""
+    from bayestissue.commands import simulate
+
+    simulate.run(specification, out=out, seed=seed, overwrite=overwrite, quiet=quiet)
+
+
+@app.command()
+def estimate(
+    dataset: Dataset,
+    out: Out,
+    method: Annotated[
+        Literal["exact", "dds"],
+        typer.Option(
+            "--method",
+            help="exact: maximum likelihood about the rest position. "
+            "dds: the thesis's conditional fit about the sample mean.",
+        ),
+    ] = "exact",
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            "--model", help="A model file; its [signal] table says how x is made from the recording."
+        ),
+    ] = None,
+    vary: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--vary",
+            help="Also tabulate K and C over the values of a signal choice: window, contact, filter.",
+        ),
+    ] = None,
+    skip_bad: SkipBad = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Point estimates of K and C for every impact, by the thesis's chain of ARMA(2,1) and A(2)."""
+    from bayestissue.commands import estimate
+
+    estimate.run(
+        dataset,
+        out=out,
+        method=method,
+        model=model,
+        vary=tuple(vary or ()),
+        skip_bad=skip_bad,
+        overwrite=overwrite,
+        quiet=quiet,
+        as_json=as_json,
+    )
+
+
+@app.command()
+def reproduce(
+    out: Out,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", help="Model file of the re-analysis; models/published.toml unless given."),
+    ] = None,
+    published: Annotated[
+        Path | None,
+        typer.Option("--published", help="Folder of published tables; the thesis's own unless given."),
+    ] = None,
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Recompute, audit and re-analyse the thesis's published estimates, and write the report."""
+    from bayestissue.commands import reproduce
+
+    passed = reproduce.run(out, model=model, published=published, seed=seed, overwrite=overwrite, quiet=quiet)
+    if not passed:
+        raise typer.Exit(3)
+
+
+@app.command()
+def report(
+    run: Annotated[Path, typer.Argument(help="Folder of a finished run.", metavar="DIR")],
+    quiet: Quiet = False,
+) -> None:
+    """Write report.html anew from the files of a finished run."""
+    from bayestissue.commands import report
+
+    report.run(run, quiet=quiet)
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and stop.")] = False,
+) -> None:
+    if version:
+        from importlib.metadata import version as installed
+
+        typer.echo(f"bayestissue {installed('bayestissue')}")
+        raise typer.Exit
+
+
+def main() -> None:
+    """Run the command line; bad input is listed on standard error and ends with exit status 2."""
+    try:
+        app()
+    except InputError as error:
+        _print_problems(error)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        typer.echo("interrupted", err=True)
+        sys.exit(130)
+
+
+def _print_problems(error: InputError) -> None:
+    if "--json" in sys.argv:
+        typer.echo(json.dumps({"problems": [p.as_dict() for p in error.problems]}, default=str), err=True)
+        return
+    count = len(error.problems)
+    typer.echo(f"{count} problem{'s' if count > 1 else ''}; nothing was written.", err=True)
+    for problem in error.problems:
+        typer.echo(f"  {problem}", err=True)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""One module a command: read, compute, write whole, and say on the console what was done."""

@@ -1,0 +1,1 @@
+"""What a lab brings in: folder layout, recorder formats, units, validation, and the published tables."""

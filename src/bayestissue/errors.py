@@ -1,0 +1,51 @@
+"""What is wrong with an input, in words that say where it is and how to mend it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+
+
+@dataclass(frozen=True)
+class Problem:
+    """One thing that is wrong: where it stands, what was found, what was expected, what to do.
+
+    ``row`` counts as a spreadsheet does: the header is row 1, so the first record is row 2.
+    """
+
+    file: str
+    expected: str
+    remedy: str
+    row: int | None = None
+    column: str | None = None
+    value: object = None
+    impact: str | None = None
+
+    def __str__(self) -> str:
+        place = [self.file]
+        if self.row is not None:
+            place.append(f"row {self.row}")
+        if self.column is not None:
+            place.append(f"column {self.column}")
+        if self.impact is not None:
+            place.append(f"impact {self.impact}")
+        found = "" if self.value is None else f"found {_shown(self.value)}; "
+        return f"{', '.join(place)}: {found}expected {self.expected}. {self.remedy}"
+
+    def as_dict(self) -> dict[str, object]:
+        """The same as plain values, for ``--json`` and for tables."""
+        return asdict(self)
+
+
+class InputError(ValueError):
+    """The input is wrong; ``problems`` lists everything that was found at once. Exit status 2."""
+
+    def __init__(self, problems: Problem | Iterable[Problem]) -> None:
+        self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
+        super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+def _shown(value: object, width: int = 80) -> str:
+    text = value if isinstance(value, str) else f"{value}"
+    text = text if len(text) <= width else f"{text[: width - 1]}…"
+    return f'"{text}"' if isinstance(value, str) else text

@@ -1,0 +1,1 @@
+"""The model over impacts: its specification, covariates, subject and trial effects, priors."""

@@ -1,0 +1,1 @@
+"""The probability of a whole impact's displacement, as numpyro distributions."""

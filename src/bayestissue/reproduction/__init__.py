@@ -1,0 +1,1 @@
+"""The published results: recomputed, audited, compared."""

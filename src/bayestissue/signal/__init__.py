@@ -1,0 +1,1 @@
+"""From a recording to the displacement of one impact: offset, contact, integration, window."""
