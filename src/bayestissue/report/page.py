@@ -1,0 +1,86 @@
+"""Pages that need nothing but themselves: templates, and figures as part of the text."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import re
+from functools import cache
+from typing import Any
+
+import jinja2
+from markupsafe import Markup
+from matplotlib.figure import Figure
+
+from bayestissue.report.style import style
+
+_PIXELS_PER_INCH = 96
+
+
+def render_page(template: str, **context: Any) -> str:
+    """The HTML of ``template`` (a name in `report/templates`), filled from ``context``.
+
+    Values are escaped unless they are `Markup`; a name that the template wants and ``context`` lacks is
+    an error. Templates extend ``base.html``, which takes ``title`` and, if wanted, ``subtitle`` and
+    ``contents``, a sequence of pairs (anchor, words) for the table of contents.
+    """
+    return _environment().get_template(template).render(**context)
+
+
+def figure(fig: Figure, alt: str, *, raster: bool = False) -> Markup:
+    """``fig`` as an element for a page: inline SVG, or a PNG when ``raster`` (many points).
+
+    ``alt`` says in words what the figure shows, for those who can't see it. The figure keeps its own
+    width where the page is wide enough and shrinks where it isn't.
+    """
+    width = round(fig.get_figwidth() * _PIXELS_PER_INCH)
+    return _png(fig, alt, width) if raster else _svg(fig, alt, width)
+
+
+def _png(fig: Figure, alt: str, width: int) -> Markup:
+    buffer = io.BytesIO()
+    with style():
+        fig.savefig(buffer, format="png", dpi=160, metadata={"Software": None})
+    data = base64.b64encode(buffer.getvalue()).decode()
+    return Markup('<img class="plot" style="max-width:{}px" alt="{}" src="data:image/png;base64,{}">').format(
+        width, alt, data
+    )
+
+
+def _svg(fig: Figure, alt: str, width: int) -> Markup:
+    buffer = io.StringIO()
+    with style():
+        fig.savefig(
+            buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None}
+        )
+    text = buffer.getvalue()
+    view_box = re.search(r'viewBox="([^"]+)"', text)
+    body = text[text.index(">", text.index("<svg")) + 1 : text.rindex("</svg>")]
+    # Matplotlib's own style element would rule the whole page; style.css says the same for plots only.
+    body = re.sub(r"<(metadata|style)\b.*?</\1>", "", body, flags=re.DOTALL)
+    # Names are unique within a figure only, and one page holds many.
+    own = "f" + hashlib.sha256(text.encode()).hexdigest()[:8]
+    body = re.sub(r'\bid="', f'id="{own}-', body)
+    body = re.sub(r'(url\(#|href="#)', rf"\1{own}-", body)
+    return Markup(
+        '<svg class="plot" style="max-width:{width}px" role="img" aria-label="{alt}" viewBox="{view_box}" '
+        'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">'
+        "<title>{alt}</title>{body}</svg>"
+    ).format(
+        width=width,
+        alt=alt,
+        view_box=view_box[1] if view_box else "",
+        body=Markup(body),  # noqa: S704 - matplotlib has escaped the text in it
+    )
+
+
+@cache
+def _environment() -> jinja2.Environment:
+    return jinja2.Environment(
+        loader=jinja2.PackageLoader("bayestissue.report", "templates"),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
