@@ -1,0 +1,117 @@
+"""Settings files: TOML, checked whole against a pydantic schema before anything runs."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args
+
+from bayestissue.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    from pydantic import BaseModel
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The content of a TOML file.
+
+    Raises:
+        InputError: the file can't be read, is not UTF-8, or is not TOML (with the line of the slip).
+    """
+    try:
+        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        problem = Problem(
+            str(path), "a readable file", "Check the path.", value=error.strerror or "an unreadable file"
+        )
+    except UnicodeDecodeError as error:
+        problem = Problem(str(path), "text in UTF-8", f"Save it as UTF-8: {error}.")
+    except tomllib.TOMLDecodeError as error:
+        problem = Problem(str(path), "TOML", f"Mend the syntax: {error}.")
+    raise InputError(problem)
+
+
+def checked[Schema: BaseModel](
+    content: Mapping[str, Any], schema: type[Schema], *, file: str, within: Sequence[str] = ()
+) -> Schema:
+    """``content`` as a ``schema``; ``within`` names the table of ``file`` that holds it.
+
+    Raises:
+        InputError: every key that is unknown, missing or has a wrong value, with what is allowed.
+    """
+    from pydantic import ValidationError
+
+    try:
+        return schema.model_validate(dict(content))
+    except ValidationError as error:
+        problems = [_problem(detail, schema, file, tuple(within)) for detail in error.errors()]
+        raise InputError(_merged(problems)) from error
+
+
+def _merged(problems: list[Problem]) -> list[Problem]:
+    # One wrong value of a choice of types is one problem, whatever the number of types.
+    merged: dict[str, Problem] = {}
+    for problem in problems:
+        key = str(problem.column)
+        earlier = merged.get(key)
+        expected = f"{earlier.expected}, or {problem.expected}" if earlier else problem.expected
+        merged[key] = replace(problem, expected=expected)
+    return list(merged.values())
+
+
+def _problem(detail: Any, schema: type[BaseModel], file: str, within: tuple[str, ...]) -> Problem:
+    location = _existing(detail["loc"], schema)
+    key = ".".join([*within, *(str(part) for part in location)])
+    if detail["type"] == "extra_forbidden":
+        allowed = allowed_keys(schema, location[:-1])
+        return Problem(
+            file,
+            f"one of the keys {', '.join(allowed)}",
+            f"Rename or remove the key {key}.",
+            column=key,
+            value=detail["input"],
+        )
+    if detail["type"] == "missing":
+        return Problem(file, "a value", f"Add the key {key}.", column=key)
+    message = detail["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
+    remedy = f"Change the key {key}." if key else "Change one of them."
+    shown = None if isinstance(detail["input"], Mapping) else detail["input"]
+    return Problem(file, message[:1].lower() + message[1:], remedy, column=key or None, value=shown)
+
+
+def allowed_keys(schema: type[BaseModel], location: Sequence[str | int] = ()) -> tuple[str, ...]:
+    """The keys that the table at ``location`` of a file of this ``schema`` may hold."""
+    node = _at(schema, location)
+    return tuple(node.model_fields) if node is not None else ()
+
+
+def _at(schema: type[BaseModel], location: Sequence[str | int]) -> type[BaseModel] | None:
+    node: type[BaseModel] | None = schema
+    for part in location:
+        if isinstance(part, int):
+            continue
+        if node is None or part not in node.model_fields:
+            return None
+        node = _table_in(node.model_fields[part].annotation)
+    return node
+
+
+def _table_in(annotation: Any) -> type[BaseModel] | None:
+    from pydantic import BaseModel
+
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(filter(None, map(_table_in, get_args(annotation))), None)
+
+
+def _existing(location: Sequence[str | int], schema: type[BaseModel]) -> tuple[str | int, ...]:
+    # For a choice of types pydantic appends the type it tried: that is no key of the file.
+    kept: list[str | int] = []
+    for part in location:
+        node = _at(schema, kept)
+        if kept and node is None and isinstance(part, str):
+            break
+        kept.append(part)
+    return tuple(kept)

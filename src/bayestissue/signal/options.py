@@ -1,0 +1,89 @@
+"""What a lab may choose on the way from a recording to a displacement: the ``[signal]`` table of a model."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from bayestissue.errors import InputError, Problem
+from bayestissue.settings import checked, read_toml
+
+type FilterClass = Literal["none", 60, 180, 600, 1000]
+type Window = Literal["peak", "rebound"] | Annotated[float, Field(gt=0, le=1)]
+
+
+class SignalOptions(BaseModel):
+    """How x(t) is made from the recorded d(t); the defaults are those of ``models/exact.toml``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    contact: Literal["automatic", "time-zero", "threshold"] = Field(
+        "automatic",
+        description="automatic: between the last quiet sample and the first that is not, and within that "
+        "gap where the trace is most nearly that of a spring and damper met at the recorded velocity; "
+        "time-zero: time 0 of the recording; threshold: where d first exceeds threshold times its peak.",
+    )
+    threshold: Annotated[float, Field(gt=0, lt=1)] = Field(
+        0.05, description="Fraction of the peak of d, for contact = 'threshold'."
+    )
+    remove_offset: bool = Field(
+        True, description="Subtract the mean of the quiet part before contact, where there is one."
+    )
+    filter: FilterClass = Field(
+        "none",
+        description="Channel frequency class of SAE J211-1: a four-pole phaseless Butterworth low-pass with "
+        "its -3 dB corner at 5/3 of the class, in Hz. It is applied from contact on, so that the jump of d "
+        "at contact, which is physical, is not smeared.",
+    )
+    integration: Literal["cubic", "trapezoidal"] = Field(
+        "cubic",
+        description="Rule of both integrations. trapezoidal is the thesis's, with an error of order "
+        "(interval x pole)^2; cubic integrates the cubic through four neighbouring samples.",
+    )
+    window: Window = Field(
+        "peak",
+        description="peak: from contact to zero velocity, as in the thesis; a number between 0 and 1: that "
+        "fraction of the time to zero velocity; rebound: until the tissue no longer pushes.",
+    )
+    equilibrium: Literal["rest", "sample-mean"] = Field(
+        "rest",
+        description="What x is measured from: the position at contact, where the tissue is at rest, or, as "
+        "in section 2.3 of the thesis, its own mean over the window.",
+    )
+
+
+def read_signal_options(path: Path) -> SignalOptions:
+    """The ``[signal]`` table of a model file; a choice that it leaves out keeps its default.
+
+    Raises:
+        InputError: the file can't be read, or the table holds a key or a value that is not allowed; each
+            one is named, with what is allowed.
+    """
+    table = read_toml(path).get("signal", {})
+    if not isinstance(table, dict):
+        raise InputError(
+            Problem(str(path), "a table", "Write [signal] on its own line.", column="signal", value=table)
+        )
+    return checked(table, SignalOptions, file=str(path), within=("signal",))
+
+
+def alternatives(choice: str, options: SignalOptions) -> tuple[SignalOptions, ...]:
+    """``options`` with one choice (contact, filter, window, integration, equilibrium) at each of its values.
+
+    Raises:
+        InputError: there is no such choice.
+    """
+    values: dict[str, tuple[object, ...]] = {
+        "contact": ("automatic", "threshold", "time-zero"),
+        "filter": ("none", 1000, 600, 180, 60),
+        "window": (0.25, 0.5, 0.75, "peak", "rebound"),
+        "integration": ("cubic", "trapezoidal"),
+        "equilibrium": ("rest", "sample-mean"),
+    }
+    if choice not in values:
+        raise InputError(
+            Problem("--vary", f"one of {', '.join(values)}", "Name one of these choices.", value=choice)
+        )
+    return tuple(options.model_copy(update={choice: value}) for value in values[choice])
