@@ -1,1 +1,6 @@
 """What a lab brings in: folder layout, recorder formats, units, validation, and the published tables."""
+
+from bayestissue.dataset.model import Dataset, Quantity, Trace, Uncertainty
+from bayestissue.dataset.write import write_dataset
+
+__all__ = ["Dataset", "Quantity", "Trace", "Uncertainty", "write_dataset"]

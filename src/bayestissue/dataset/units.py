@@ -1,0 +1,54 @@
+"""Units as people write them, turned into the factor that leads to SI."""
+
+from __future__ import annotations
+
+import re
+from functools import cache
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    import pint
+
+Dimension = Literal["acceleration", "length", "time"]
+
+EXAMPLES: dict[Dimension, str] = {
+    "acceleration": 'a unit of acceleration, such as "m/s^2", "g" or "mm/s^2"',
+    "length": 'a unit of length, such as "m", "mm" or "µm"',
+    "time": 'a unit of time, such as "s", "ms" or "µs"',
+}
+_SI: dict[Dimension, str] = {"acceleration": "m/s^2", "length": "m", "time": "s"}
+
+# A power of a power, or a long number, could keep the parser busy for ever and is no unit anyway.
+_ABSURD = re.compile(r"\d\d|(\^|\*\*)[^/*]*(\^|\*\*)")
+
+
+def to_si(unit: str, dimension: Dimension) -> float:
+    """The number of SI units in one ``unit``; a bare ``"g"`` as an acceleration is standard gravity.
+
+    Args:
+        unit: as written, such as ``"mm"``, ``"m/s^2"`` or ``"g_0"``.
+        dimension: what it must measure.
+
+    Raises:
+        ValueError: the unit is unknown, or measures something else.
+    """
+    import pint
+
+    if dimension == "acceleration" and unit.strip() == "g":
+        unit = "g_0"
+    if not unit.strip() or len(unit) > 40 or _ABSURD.search(unit):
+        raise ValueError(f"{unit!r} is not a unit")
+    try:
+        return float(_registry().Quantity(1, _registry().parse_units(unit)).m_as(_SI[dimension]))
+    except pint.errors.DimensionalityError as error:
+        raise ValueError(f"{unit!r} does not measure {dimension}") from error
+    except Exception as error:
+        # The parser raises whatever its tokenizer and operators happen to raise on nonsense.
+        raise ValueError(f"{unit!r} is not a unit") from error
+
+
+@cache
+def _registry() -> pint.UnitRegistry:
+    import pint
+
+    return pint.UnitRegistry()

@@ -1,0 +1,86 @@
+"""Write a dataset folder that `read_dataset` reads back."""
+
+from __future__ import annotations
+
+import gzip
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+import pandas as pd
+import pyarrow as pa
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
+
+from bayestissue.dataset.settings import Settings, parse_settings
+
+TraceFile = Literal["traces.csv", "traces.csv.gz", "traces.parquet"]
+
+
+def write_dataset(
+    folder: Path,
+    *,
+    settings: dict[str, Any],
+    impacts: pd.DataFrame,
+    traces: pd.DataFrame,
+    trace_file: TraceFile = "traces.csv.gz",
+) -> None:
+    """Write ``dataset.toml``, ``impacts.csv`` and one long trace table; the same input gives the same bytes.
+
+    Args:
+        folder: made if it is not there.
+        settings: the keys of ``dataset.toml``, tables as nested dictionaries.
+        impacts: one row per impact, with the columns that ``impacts.csv`` needs, and covariates.
+        traces: one row per sample: ``impact`` (text or categories), the time and the value column that
+            the settings name (``time_s`` and ``value`` unless they say otherwise), in their units.
+        trace_file: the name, and with it the format, of the trace table.
+
+    Raises:
+        InputError: the settings are not those of a dataset.
+        KeyError: a needed column is missing.
+    """
+    signal = parse_settings(settings).signal
+    table = pa.Table.from_pandas(
+        traces[["impact", signal.time_column, signal.value_column]], preserve_index=False
+    ).replace_schema_metadata(None)
+    impacts = impacts[["impact", "subject", "trial", "mass_kg", *_others(impacts)]]
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "dataset.toml").write_text(_toml(settings), encoding="utf-8")
+    impacts.to_csv(folder / "impacts.csv", index=False, lineterminator="\n")
+    _write_table(table, folder / trace_file)
+
+
+def _others(impacts: pd.DataFrame) -> list[str]:
+    return [name for name in impacts.columns if name not in ("impact", "subject", "trial", "mass_kg")]
+
+
+def _write_table(table: pa.Table, path: Path) -> None:
+    if path.suffix == ".parquet":
+        pq.write_table(table, path, compression="zstd")
+        return
+    plain = pa.table({name: _decoded(table[name]) for name in table.column_names})
+    options = pa_csv.WriteOptions(quoting_style="needed")
+    if path.suffix != ".gz":
+        pa_csv.write_csv(plain, path, options)
+        return
+    # A time stamp in the gzip header would make every run's bytes, and so its hash, another.
+    with path.open("wb") as raw, gzip.GzipFile("", "wb", 6, raw, mtime=0) as packed:
+        pa_csv.write_csv(plain, packed, options)
+
+
+def _decoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
+    return column.cast(column.type.value_type) if pa.types.is_dictionary(column.type) else column
+
+
+def _toml(settings: dict[str, Any]) -> str:
+    plain = {key: value for key, value in settings.items() if not isinstance(value, dict)}
+    lines = [_entry(key, plain[key]) for key in Settings.model_fields if key in plain]
+    for table in ("signal", "uncertainty"):
+        if table in settings:
+            lines += ["", f"[{table}]", *(_entry(key, value) for key, value in settings[table].items())]
+    return "\n".join(lines) + "\n"
+
+
+def _entry(key: str, value: object) -> str:
+    # JSON's way of quoting text and writing numbers is also TOML's.
+    return f"{key} = {json.dumps(value, ensure_ascii=False)}"
