@@ -11,6 +11,9 @@ from typing import Any
 _PUBLIC: dict[str, str] = {
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",
+    "spring_damper": "bayestissue.oscillator",
+    "to_continuous": "bayestissue.oscillator",
+    "to_discrete": "bayestissue.oscillator",
 }
 
 __all__ = sorted(_PUBLIC)

@@ -1,1 +1,45 @@
 """The physics: (K, C, M), (omega_n, zeta) and (phi1, phi2, theta1), and the ways between them."""
+
+from bayestissue.oscillator.discrete import (
+    Differences,
+    arccos_branch,
+    from_differences,
+    to_continuous,
+    to_differences,
+    to_discrete,
+)
+from bayestissue.oscillator.impact import (
+    Motion,
+    impact_motion,
+    peak_displacement,
+    spring_damper,
+    spring_damper_inverse,
+    time_to_peak,
+)
+from bayestissue.oscillator.processes import (
+    autocovariance_a2,
+    autocovariance_arma21,
+    green_a2,
+    green_arma21,
+    green_arma21_implicit,
+)
+
+__all__ = [
+    "Differences",
+    "Motion",
+    "arccos_branch",
+    "autocovariance_a2",
+    "autocovariance_arma21",
+    "from_differences",
+    "green_a2",
+    "green_arma21",
+    "green_arma21_implicit",
+    "impact_motion",
+    "peak_displacement",
+    "spring_damper",
+    "spring_damper_inverse",
+    "time_to_peak",
+    "to_continuous",
+    "to_differences",
+    "to_discrete",
+]
