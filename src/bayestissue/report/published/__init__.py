@@ -1,0 +1,1 @@
+"""The report of the re-analysis of the published estimates."""

@@ -1,0 +1,144 @@
+"""The whole page of the published analysis."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bayestissue.dataset.published import PublishedTables, read_published
+from bayestissue.report.page import render_page
+from bayestissue.report.published import answers, content, model
+from bayestissue.report.published.check_figures import comparison_figure, inside_share, predictive_figure
+from bayestissue.report.published.posterior_figures import (
+    effects_figure,
+    exponent_figure,
+    kept_share,
+    mass_figure,
+    shrinkage_figure,
+)
+from bayestissue.report.published.run import PublishedRun, read_published_run
+
+_CONTENTS = (
+    ("estimates", "Estimates and posteriors"),
+    ("mass", "Mass"),
+    ("hypotheses", "Hypotheses"),
+    ("effects", "People and conditions"),
+    ("explanations", "Competing explanations"),
+    ("priors", "Priors"),
+    ("predictions", "Predictions"),
+    ("figures", "The thesis's figures"),
+    ("reproduction", "Reproduction"),
+    ("audit", "Audit"),
+    ("diagnostics", "Diagnostics"),
+    ("model", "Model"),
+    ("provenance", "Provenance"),
+)
+_LEVELS = {"subject": "people", "trial": "conditions"}
+_POPULATION = tuple(
+    f"{stem}_{quantity}"
+    for stem in ("intercept", "mass_exponent", "sd_subject", "sd_trial", "sd_impact")
+    for quantity in answers.QUANTITIES
+)
+
+
+def published_page(folder: Path, about: dict[str, Any]) -> str:
+    """The HTML of the report of the `reproduce` run in ``folder``.
+
+    Raises:
+        InputError: a file of the run lacks or isn't what a run writes.
+    """
+    run = read_published_run(folder, about)
+    published = read_published()
+    lines = {quantity: thesis_line(published, quantity) for quantity in answers.QUANTITIES}
+    return render_page(
+        "published.html",
+        title="Published stiffness K and damping C, re-analysed",
+        contents=_CONTENTS,
+        about=about,
+        **_first_screen(run),
+        **_posterior(run, lines),
+        **_model_checks(run),
+        **_published(run),
+        **_provenance(run),
+    )
+
+
+def thesis_line(published: PublishedTables, quantity: str) -> tuple[float, float] | None:
+    """Intercept and slope over mass of the thesis's regression (section 5.4), or None if it printed none."""
+    terms = published.regressions[published.regressions["quantity"] == quantity].set_index("term")
+    if not {"constant", "Mass"} <= set(terms.index):
+        return None
+    intercept, slope = terms["coefficient"].loc[["constant", "Mass"]]
+    return float(intercept), float(slope)
+
+
+def _first_screen(run: PublishedRun) -> dict[str, Any]:
+    finding = answers.constant_frequency_finding(run)
+    return {
+        "reference_mass": f"{run.reference_mass:.3g}",
+        "levels": answers.level_rows(run),
+        "sureness": answers.sureness(run),
+        "exponents": answers.exponent_rows(run),
+        "conclusion": answers.mass_conclusion(run),
+        "frequency": answers.frequency_sentence(run),
+        "constant_frequency": None if finding is None else f"finding-{finding + 1}",
+        "worst": content.worst_findings(run),
+        "severities": content.severities(run),
+        "agreement": content.agreement(run),
+    }
+
+
+def _posterior(run: PublishedRun, lines: dict[str, tuple[float, float] | None]) -> dict[str, Any]:
+    kept = {quantity: kept_share(run, quantity) for quantity in answers.QUANTITIES}
+    return {
+        "shrinkage_plots": [shrinkage_figure(run, quantity) for quantity in answers.QUANTITIES],
+        "kept": content.shares(run, kept),
+        "estimates_table": content.estimates_table(run),
+        "mass_plots": [mass_figure(run, quantity, lines[quantity]) for quantity in answers.QUANTITIES],
+        "lines_table": content.lines_table(run, lines),
+        "exponent_plots": [
+            exponent_figure(run, quantity)
+            for quantity in answers.QUANTITIES
+            if run.has(f"mass_exponent_{quantity}")
+        ],
+        "hypotheses_table": content.hypotheses_table(run),
+        "effects_plots": {
+            words: [
+                effects_figure(run, quantity, level)
+                for quantity in answers.QUANTITIES
+                if run.has(f"{level}_effect_{quantity}")
+            ]
+            for level, words in _LEVELS.items()
+        },
+        "population_table": content.summary_table(run, (*_POPULATION, "residual_correlation")),
+    }
+
+
+def _model_checks(run: PublishedRun) -> dict[str, Any]:
+    schemes = list(dict.fromkeys(run.comparison["scheme"]))
+    return {
+        "comparison_plots": [comparison_figure(run.comparison, scheme) for scheme in schemes],
+        "comparison_table": content.comparison_table(run),
+        "sensitivity_table": content.sensitivity_table(run),
+        "predictive_plots": [predictive_figure(run, quantity) for quantity in answers.QUANTITIES],
+        "inside": {quantity: inside_share(run, quantity) for quantity in answers.QUANTITIES},
+        "checks_table": content.checks_table(run),
+        "diagnostics_table": content.diagnostics_table(run),
+    }
+
+
+def _published(run: PublishedRun) -> dict[str, Any]:
+    return {
+        "reproduction_table": content.reproduction_table(run),
+        "audit_table": content.audit_table(run),
+    }
+
+
+def _provenance(run: PublishedRun) -> dict[str, Any]:
+    described = run.about.get("model", {})
+    return {
+        "formulas": model.formulas(described),
+        "priors_table": model.priors_table(described),
+        "settings_table": model.settings_table(described),
+        "versions": run.about.get("versions", {}),
+    }

@@ -1,0 +1,173 @@
+"""Figures of the posterior: mass dependence, shrinkage, exponents, and effects of person and condition."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from bayestissue.report.page import figure
+from bayestissue.report.published.run import PublishedRun
+from bayestissue.report.style import MUTED, POSTERIOR, PUBLISHED, REFERENCE, new_figure, style
+from bayestissue.report.wording import UNITS
+
+NAMES = {"K": "stiffness K", "C": "damping C"}
+_GRID = 80
+
+
+def mass_figure(run: PublishedRun, quantity: str, line: tuple[float, float] | None) -> Markup:
+    """K (or C) over mass: published estimates, the typical person with its bands, and the thesis's line.
+
+    ``line`` is the thesis's intercept and slope over mass, or None if it printed none.
+    """
+    mass = run.constant("mass_kg")
+    at = mass[run.constant("impact_trial")]
+    grid = np.linspace(0.92 * mass.min(), 1.04 * mass.max(), _GRID)
+    with style():
+        fig, axes = new_figure()
+        axes.scatter(
+            at, run.observed(f"{quantity}_observed"), 16, color=PUBLISHED, alpha=0.7, label="published impact"
+        )
+        _lost_conditions(axes, run, quantity)
+        if run.has(f"mass_exponent_{quantity}"):
+            _typical_band(axes, run, quantity, grid)
+        if line is not None:
+            axes.plot(grid, line[0] + line[1] * grid, color=REFERENCE, ls="--", lw=1.2, label="thesis's line")
+        axes.set(xlabel="mass of the impactor, M (kg)", ylabel=f"{NAMES[quantity]} ({UNITS[quantity]})")
+        axes.set_ylim(bottom=0)
+        axes.legend(loc="upper left")
+        return figure(
+            fig,
+            f"Published {NAMES[quantity]} of every impact over the mass of the impactor, with the posterior "
+            "of a typical person as a curve with its 50 % and 90 % bands, and the line the thesis fitted.",
+        )
+
+
+def _lost_conditions(axes: Any, run: PublishedRun, quantity: str) -> None:
+    trials, lost = run.labels("trial"), run.groups["observed_data"]["averaged_trial"].to_numpy()
+    at = run.constant("mass_kg")[[trials.index(str(trial)) for trial in lost]]
+    axes.errorbar(
+        at,
+        run.observed(f"{quantity}_average"),
+        run.observed(f"{quantity}_sd"),
+        fmt="s",
+        ms=5,
+        mfc="white",
+        color=PUBLISHED,
+        lw=1,
+        label="mean ± sd, rows lost",
+    )
+
+
+def _typical_band(axes: Any, run: PublishedRun, quantity: str, grid: np.ndarray) -> None:
+    log_ratio = np.log(grid / run.reference_mass)
+    curve = np.exp(
+        run.draws(f"intercept_{quantity}")[:, None]
+        + run.draws(f"mass_exponent_{quantity}")[:, None] * log_ratio
+    )
+    low, quarter, median, three_quarters, high = np.percentile(curve, [5, 25, 50, 75, 95], axis=0)
+    axes.fill_between(grid, low, high, color=POSTERIOR, alpha=0.2, lw=0)
+    axes.fill_between(grid, quarter, three_quarters, color=POSTERIOR, alpha=0.35, lw=0)
+    axes.plot(grid, median, color=POSTERIOR, label="typical person: median, 50 %, 90 %")
+
+
+def deviations(run: PublishedRun, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+    """Published and posterior K (or C) of each impact as ratio to its condition's typical value, less one.
+
+    Returns:
+        The published deviation [impact] and the posterior's 5 %, 50 % and 95 % points [point, impact].
+    """
+    typical = np.median(run.draws(f"{quantity}_trial"), axis=0)[run.constant("impact_trial")]
+    points = np.percentile(run.draws(quantity), [5, 50, 95], axis=0)
+    return run.observed(f"{quantity}_observed") / typical - 1, points / typical - 1
+
+
+def kept_share(run: PublishedRun, quantity: str) -> float:
+    """The slope of posterior on published deviations: 1 is no shrinkage, 0 is all of it."""
+    published, points = deviations(run, quantity)
+    centred = published - published.mean()
+    return float(centred @ points[1] / (centred @ centred))
+
+
+def shrinkage_figure(run: PublishedRun, quantity: str) -> Markup:
+    """Posterior over published deviation from the condition's typical value, one point an impact, in %."""
+    published, (low, median, high) = (100 * part for part in deviations(run, quantity))
+    with style():
+        fig, axes = new_figure()
+        axes.errorbar(
+            published,
+            median,
+            [median - low, high - median],
+            fmt="o",
+            ms=4,
+            lw=0.8,
+            color=POSTERIOR,
+            alpha=0.75,
+            label="person in that condition, 90 %",
+        )
+        ends = np.array([published.min(), published.max()])
+        axes.plot(ends, ends, color=REFERENCE, ls="--", lw=1.2, label="taken at its word")
+        axes.axhline(0, color=MUTED, lw=0.8)
+        axes.set(
+            xlabel=f"published {quantity}, off the condition's typical value (%)",
+            ylabel=f"posterior {quantity}, off the same (%)",
+        )
+        axes.legend(loc="upper left")
+        return figure(
+            fig,
+            f"Posterior deviation of {NAMES[quantity]} from its condition's typical value, with 90 % "
+            "intervals, over the published deviation of the same impact. Points on the dashed line keep the "
+            "published value; points on the level line give it up.",
+        )
+
+
+def exponent_figure(run: PublishedRun, quantity: str) -> Markup:
+    """The posterior of a mass exponent, with the regions that count as 0 and as 1 in practice."""
+    draws = run.draws(f"mass_exponent_{quantity}")
+    rows = run.hypotheses.loc[
+        (run.hypotheses["quantity"] == quantity) & run.hypotheses["value"].notna(), ["rope_low", "rope_high"]
+    ]
+    with style():
+        fig, axes = new_figure((4.8, 2.7))
+        for low, high in rows.to_numpy():
+            axes.axvspan(low, high, color=MUTED, alpha=0.25, lw=0)
+        bins = min(60, max(15, int(np.sqrt(draws.size))))
+        axes.hist(draws, bins=bins, density=True, color=POSTERIOR, alpha=0.85)
+        for value in (0, 1):
+            axes.axvline(value, color=REFERENCE, ls="--", lw=1.2)
+        axes.set(
+            xlabel=f"mass exponent of {quantity} (no unit)",
+            yticks=[],
+            xlim=(min(-0.25, draws.min() - 0.05), max(1.25, draws.max() + 0.05)),
+        )
+        axes.spines["left"].set_visible(False)
+        return figure(
+            fig,
+            f"Histogram of the posterior draws of the mass exponent of {quantity}; dashed lines at 0, which "
+            "is a fixed value, and at 1, which is proportion to mass; grey bands mark what counts as equal "
+            "to them.",
+        )
+
+
+def effects_figure(run: PublishedRun, quantity: str, level: str) -> Markup:
+    """Each person's (``level`` "subject") or condition's ("trial") effect on K or C, in % of the typical."""
+    effects = 100 * np.expm1(run.draws(f"{level}_effect_{quantity}"))
+    low, quarter, median, three_quarters, high = np.percentile(effects, [5, 25, 50, 75, 95], axis=0)
+    labels, kind = run.labels(level), {"subject": "person", "trial": "condition"}[level]
+    height = np.arange(len(labels))[::-1]
+    with style():
+        fig, axes = new_figure((4.8, 0.8 + 0.24 * len(labels)))
+        axes.hlines(height, low, high, color=POSTERIOR, lw=1.2)
+        axes.hlines(height, quarter, three_quarters, color=POSTERIOR, lw=3.6)
+        axes.plot(median, height, "o", ms=5, mfc="white", color=POSTERIOR)
+        axes.axvline(0, color=REFERENCE, ls="--", lw=1)
+        axes.set(
+            xlabel=f"{quantity} off the typical {kind} (%)", yticks=height, yticklabels=labels, ylabel=kind
+        )
+        axes.grid(visible=False, axis="y")
+        return figure(
+            fig,
+            f"Effect of each {kind} on {NAMES[quantity]} in percent of the typical {kind}: "
+            "posterior median, 50 % and 90 % interval.",
+        )

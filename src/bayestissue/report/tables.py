@@ -1,0 +1,48 @@
+"""Tables as a template wants them: columns that know how they are set, rows that know how they are marked."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import pandas as pd
+
+
+@dataclass(frozen=True)
+class Column:
+    """A heading and how its cells are set: ``"text"``, ``"number"`` (to the right) or ``"words"``."""
+
+    title: str
+    kind: str = "text"
+
+
+@dataclass(frozen=True)
+class Row:
+    """The cells of one row; ``mark`` is a class of the style sheet, such as ``"disagrees"``."""
+
+    cells: Sequence[str]
+    mark: str = ""
+    anchor: str = ""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A whole table; cells are text, or `Markup` where they hold more than text."""
+
+    columns: Sequence[Column]
+    rows: Sequence[Row] = field(default_factory=tuple)
+    caption: str = ""
+
+
+def columns(*titles: str, number: Sequence[str] = (), words: Sequence[str] = ()) -> tuple[Column, ...]:
+    """One column a title; those in ``number`` are set to the right, those in ``words`` may grow wide."""
+    return tuple(
+        Column(title, "number" if title in number else "words" if title in words else "text")
+        for title in titles
+    )
+
+
+def lines(frame: pd.DataFrame) -> list[Any]:
+    """The rows of ``frame`` as named tuples, whose fields are the columns and ``Index``."""
+    return list(frame.itertuples())

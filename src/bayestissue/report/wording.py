@@ -1,0 +1,79 @@
+"""Numbers in words: as many digits as the interval deserves, and no more."""
+
+from __future__ import annotations
+
+import math
+
+UNITS = {"K": "N/m", "C": "N s/m"}
+
+
+def decimals_of(width: float) -> int:
+    """The decimals at which an interval of this ``width`` shows two significant digits."""
+    if not math.isfinite(width) or width <= 0:
+        return 3
+    return min(max(1 - math.floor(math.log10(width)), 0), 6)
+
+
+def number(value: float, decimals: int) -> str:
+    """``value`` with ``decimals`` and a true minus sign; "not known" for what isn't a finite number."""
+    if not math.isfinite(value):
+        return "not known"
+    text = f"{value:.{decimals}f}"
+    return text.lstrip("-") if float(text) == 0 else text.replace("-", "−")
+
+
+def significant(value: float, digits: int = 3) -> str:
+    """``value`` to ``digits`` significant digits, without an exponent where one can be avoided."""
+    if not math.isfinite(value):
+        return "not known"
+    if value == 0:
+        return "0"
+    size = math.floor(math.log10(abs(value)))
+    if -5 < size < 7:
+        return number(value, max(digits - 1 - size, 0))
+    return f"{value:.{digits - 1}e}".replace("-", "−")
+
+
+def interval(low: float, high: float, decimals: int | None = None) -> str:
+    """``low to high`` with digits that suit the interval's width."""
+    decimals = decimals_of(high - low) if decimals is None else decimals
+    return f"{number(low, decimals)} to {number(high, decimals)}"
+
+
+def percent(ratio: float) -> str:
+    """A ratio as a percentage with two significant digits, or none after the point from 10 % on."""
+    value = 100 * ratio
+    if not math.isfinite(value):
+        return "not known"
+    if abs(value) < 0.1:
+        return "below 0.1 %"
+    return f"{number(value, 0 if abs(value) >= 9.95 else 1)} %"
+
+
+def probability(value: float) -> str:
+    """A probability estimated from a few thousand draws: nothing finer than a thousandth is claimed."""
+    if not math.isfinite(value):
+        return "not known"
+    if value < 0.001:
+        return "below 0.001"
+    if value > 0.999:
+        return "above 0.999"
+    return f"{value:.3f}" if value < 0.01 or value > 0.99 else f"{value:.2f}"
+
+
+def likelihood_words(value: float) -> str:
+    """A probability as a word that ordinary readers take the same way."""
+    bounds = (
+        (0.99, "almost certainly"),
+        (0.9, "very probably"),
+        (2 / 3, "probably"),
+        (1 / 3, "possibly"),
+        (0.1, "probably not"),
+        (0.01, "very probably not"),
+    )
+    return next((words for bound, words in bounds if value >= bound), "almost certainly not")
+
+
+def listed(words: list[str]) -> str:
+    """``a``, ``a and b``, or ``a, b and c``."""
+    return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""

@@ -1,0 +1,43 @@
+"""From a finished run to its `report.html`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bayestissue.errors import InputError, Problem
+from bayestissue.report.run_folder import read_about
+from bayestissue.results import whole_file
+
+
+def write_report(run_dir: Path) -> Path:
+    """Write ``report.html`` into the folder of a finished run, from the files in it alone.
+
+    Returns:
+        The path of the page.
+
+    Raises:
+        InputError: the folder isn't that of a finished run; what lacks is named.
+    """
+    run_dir = Path(run_dir)
+    about = read_about(run_dir)
+    html = _page(run_dir, about)
+    path = run_dir / "report.html"
+    with whole_file(path) as staging:
+        staging.write_text(html, encoding="utf-8")
+    return path
+
+
+def _page(run_dir: Path, about: dict) -> str:
+    if about["kind"] == "published":
+        from bayestissue.report.published.page import published_page
+
+        return published_page(run_dir, about)
+    raise InputError(
+        Problem(
+            str(run_dir / "run.json"),
+            column="kind",
+            value=about["kind"],
+            expected='"published" or "estimates"',
+            remedy="Make the run anew with this version of the program.",
+        )
+    )
