@@ -9,6 +9,8 @@ from importlib import import_module
 from typing import Any
 
 _PUBLIC: dict[str, str] = {
+    "Dataset": "bayestissue.dataset",
+    "read_dataset": "bayestissue.dataset",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",
     "spring_damper": "bayestissue.oscillator",

@@ -36,13 +36,13 @@ class SignalSettings(_Table):
 
     quantity: Quantity = Field(description='"deceleration", "acceleration" or "displacement"')
     unit: Name = Field(description="the unit of the recorded values, as text")
-    time_unit: Name = Field("s", description=EXAMPLES["time"])
-    time_column: Name = Field("time_s", description="the name of the time column or channel")
-    value_column: Name = Field("value", description="the name of the value column or channel")
+    time_unit: Name = Field(default="s", description=EXAMPLES["time"])
+    time_column: Name = Field(default="time_s", description="the name of the time column or channel")
+    value_column: Name = Field(default="value", description="the name of the value column or channel")
     scale: Annotated[Finite, AfterValidator(_not_zero)] = Field(
-        1.0, description="a number other than 0, by which raw values are multiplied"
+        default=1.0, description="a number other than 0, by which raw values are multiplied"
     )
-    offset: Finite = Field(0.0, description="a number, added to the raw values after the scale")
+    offset: Finite = Field(default=0.0, description="a number, added to the raw values after the scale")
 
     @property
     def dimension(self) -> Dimension:
@@ -53,10 +53,10 @@ class SignalSettings(_Table):
 class UncertaintySettings(_Table):
     """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units."""
 
-    relative_mass_sd: Spread = Field(0.0, description="a fraction of the mass, 0 or more")
-    velocity_sd_m_s: Spread = Field(0.0, description="a number of m/s, 0 or more")
-    relative_gain_sd: Spread = Field(0.0, description="a fraction of the gain, 0 or more")
-    offset_sd: Spread = Field(0.0, description="a number of SI units of the quantity, 0 or more")
+    relative_mass_sd: Spread = Field(default=0.0, description="a fraction of the mass, 0 or more")
+    velocity_sd_m_s: Spread = Field(default=0.0, description="a number of m/s, 0 or more")
+    relative_gain_sd: Spread = Field(default=0.0, description="a fraction of the gain, 0 or more")
+    offset_sd: Spread = Field(default=0.0, description="a number of SI units of the quantity, 0 or more")
 
     def values(self) -> Uncertainty:
         """The same as the plain object a `Dataset` carries."""
@@ -67,9 +67,9 @@ class Settings(_Table):
     """The whole of ``dataset.toml``."""
 
     name: Name = Field(description="a name, as text")
-    description: str = Field("", description="free text")
-    licence: str = Field("", description="free text")
-    source: str = Field("", description="free text")
+    description: str = Field(default="", description="free text")
+    licence: str = Field(default="", description="free text")
+    source: str = Field(default="", description="free text")
     signal: SignalSettings = Field(description="a table [signal] with quantity and unit")
     uncertainty: UncertaintySettings = Field(
         default_factory=lambda: UncertaintySettings(),

@@ -1,0 +1,263 @@
+"""The table `impacts.csv`: one row per impact, checked cell by cell."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.dataset.tables import column_problems, read_bytes, require_utf8
+from bayestissue.errors import InputError, Problem
+
+FILE = "impacts.csv"
+RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz")
+_TEXT = ("impact", "subject", "trial")
+_POSITIVE = {
+    "mass_kg": "the impactor's mass in kg, a number above 0",
+    "velocity_m_s": "the velocity at contact in m/s, a number above 0",
+    "sampling_rate_hz": "the sampling rate in Hz, a number above 0",
+    "energy_J": "the energy in J, a number above 0",
+    "diameter_m": "the impactor's diameter in m, a number above 0",
+}
+_MAY_BE_EMPTY = ("sampling_rate_hz", "energy_J", "diameter_m")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+@dataclass(frozen=True, eq=False)
+class ImpactTable:
+    """What ``impacts.csv`` says.
+
+    Attributes:
+        table: one row per impact, typed; numbers that were wrong are nan.
+        row: for every impact its row in the file.
+        problems: what is wrong.
+        warnings: what looks odd.
+    """
+
+    table: pd.DataFrame
+    row: np.ndarray
+    problems: list[Problem]
+    warnings: list[Problem]
+
+
+def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
+    """Read and check ``impacts.csv``.
+
+    Args:
+        path: the file.
+        needs_velocity: whether every impact must state its velocity at contact.
+
+    Raises:
+        InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
+    """
+    cells, rows = _cells(path, needs_velocity)
+    problems = _name_problems(cells, rows)
+    warnings: list[Problem] = []
+    columns: dict[str, object] = {}
+    for name in cells.columns:
+        texts = cells[name].tolist()
+        if name in _POSITIVE:
+            optional = name in _MAY_BE_EMPTY or (name == "velocity_m_s" and not needs_velocity)
+            columns[name], wrong = _positive(name, texts, rows, cells["impact"], optional=optional)
+            problems += wrong
+        elif name in RESERVED:
+            columns[name] = texts
+        else:
+            columns[name], odd = _covariate(name, texts, rows, cells["impact"])
+            warnings += odd
+    columns.setdefault("velocity_m_s", np.full(len(rows), np.nan))
+    table = pd.DataFrame(columns)
+    return ImpactTable(table, rows, problems, warnings + _unlikely(table, rows))
+
+
+def _cells(path: Path, needs_velocity: bool) -> tuple[pd.DataFrame, np.ndarray]:
+    data = read_bytes(path, FILE, "Write one: a header and one row per impact; data/README.md shows how.")
+    require_utf8(data, FILE)
+    reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
+    records: list[list[str]] = []
+    lines: list[int] = []
+    try:
+        for record in reader:
+            cells = [cell.strip() for cell in record]
+            if any(cells):
+                records.append(cells)
+                lines.append(reader.line_num)
+    except csv.Error as error:
+        raise InputError(
+            Problem(
+                FILE,
+                "cells separated by commas",
+                "Mend the quotes in this row.",
+                reader.line_num,
+                value=str(error),
+            )
+        ) from None
+    names, *body = records
+    wanted = [*_TEXT, "mass_kg", *(["velocity_m_s"] if needs_velocity else [])]
+    problems = column_problems(FILE, names, wanted)
+    problems += [p for p in column_problems(FILE, names, ()) if p.column not in wanted]
+    if "" in names:
+        problems.append(
+            Problem(
+                FILE,
+                "a name over every column",
+                "Name the column or remove it.",
+                row=1,
+                value=", ".join(names),
+            )
+        )
+    problems += [
+        Problem(
+            FILE,
+            f"{len(names)} cells as in the header",
+            "Put one cell under every column name; decimals need a point, not a comma.",
+            row=line,
+            value=f"{len(cells)} cells: {','.join(cells)}",
+        )
+        for line, cells in zip(lines[1:], body, strict=True)
+        if len(cells) != len(names)
+    ]
+    if not body:
+        problems.append(
+            Problem(FILE, "one row per impact", "Add the impacts.", value="no rows below the header")
+        )
+    if problems:
+        raise InputError(problems)
+    return pd.DataFrame(body, columns=names, dtype=str), np.array(lines[1:])
+
+
+def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
+    problems = [
+        Problem(
+            FILE,
+            f"a name for the {name}",
+            "Fill the cell; any text will do.",
+            row=int(row),
+            column=name,
+            value="an empty cell",
+            impact=impact or None,
+        )
+        for name in _TEXT
+        for text, row, impact in zip(cells[name], rows, cells["impact"], strict=True)
+        if not text
+    ]
+    count = Counter(cells["impact"])
+    seen: dict[str, int] = {}
+    for impact, row in zip(cells["impact"], rows, strict=True):
+        if impact and count[impact] > 1 and impact in seen:
+            problems.append(
+                Problem(
+                    FILE,
+                    "every impact once",
+                    f"Rename it or remove it; row {seen[impact]} has the same name.",
+                    row=int(row),
+                    column="impact",
+                    value=impact,
+                    impact=impact,
+                )
+            )
+        seen.setdefault(impact, int(row))
+    return problems
+
+
+def _numbers(texts: list[str]) -> np.ndarray:
+    return np.array([float(text) if _NUMBER.fullmatch(text) else np.nan for text in texts])
+
+
+def _positive(
+    name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series, *, optional: bool
+) -> tuple[np.ndarray, list[Problem]]:
+    values = _numbers(texts)
+    good = np.isfinite(values) & (values > 0)
+    problems = [
+        Problem(
+            FILE,
+            _POSITIVE[name],
+            "Correct the cell, or take the impact out of the dataset.",
+            row=int(rows[index]),
+            column=name,
+            value=texts[index] or "an empty cell",
+            impact=impacts[index] or None,
+        )
+        for index in np.flatnonzero(~good)
+        if texts[index] or not optional
+    ]
+    return np.where(good, values, np.nan), problems
+
+
+def _covariate(
+    name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series
+) -> tuple[np.ndarray | list[str], list[Problem]]:
+    values = _numbers(texts)
+    filled = np.array([bool(text) for text in texts])
+    numeric = np.isfinite(values)
+    odd = np.flatnonzero(~numeric)
+    if numeric.sum() * 2 <= filled.sum() or not filled.any():
+        values_or_names: np.ndarray | list[str] = texts
+        odd, expected = np.flatnonzero(~filled), "a category in every cell"
+    elif (numeric == filled).all():
+        values_or_names, expected = values, "a number in every cell"
+    else:
+        # Numbers with one slip among them must not quietly become categories.
+        values_or_names, expected = texts, "numbers only (the column is taken as categories)"
+        odd = np.flatnonzero(filled & ~numeric)
+    warnings = (
+        [
+            Problem(
+                FILE,
+                expected,
+                f"Correct it if a model is to use {name}; {len(odd)} of {len(texts)} cells are like this.",
+                row=int(rows[odd[0]]),
+                column=name,
+                value=texts[odd[0]] or "an empty cell",
+                impact=impacts[odd[0]] or None,
+            )
+        ]
+        if odd.size
+        else []
+    )
+    return values_or_names, warnings
+
+
+def _unlikely(table: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
+    mass, velocity = table["mass_kg"].to_numpy(), table["velocity_m_s"].to_numpy()
+    odd = [
+        ("mass_kg", (mass < 1e-3) | (mass > 200), "a mass between 0.001 and 200 kg", "Is it in kg?"),
+        (
+            "velocity_m_s",
+            (velocity < 0.01) | (velocity > 50),
+            "a velocity between 0.01 and 50 m/s",
+            "Is it in m/s?",
+        ),
+    ]
+    if "energy_J" in table:
+        energy = 0.5 * mass * velocity**2
+        off = np.abs(table["energy_J"].to_numpy() / energy - 1) > 0.05
+        odd.append(
+            (
+                "energy_J",
+                off,
+                "the energy M V²/2 of the stated mass and velocity, within 5 %",
+                "Which is right?",
+            )
+        )
+    return [
+        Problem(
+            FILE,
+            expected,
+            f"{question} {where.sum()} of {len(rows)} impacts are like this.",
+            row=int(rows[first]),
+            column=name,
+            value=float(table[name].iloc[first]),
+            impact=str(table["impact"].iloc[first]) or None,
+        )
+        for name, where, expected, question in odd
+        if where.any()
+        for first in [int(np.argmax(where))]
+    ]

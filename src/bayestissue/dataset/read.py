@@ -1,0 +1,131 @@
+"""Read and check a dataset folder: everything that is wrong with it comes out at once."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bayestissue.dataset.checks import check_samples
+from bayestissue.dataset.impacts import FILE as IMPACTS
+from bayestissue.dataset.impacts import ImpactTable, read_impacts
+from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset.samples import Reading, Samples, find_long, read_files, read_long
+from bayestissue.dataset.settings import FILE as SETTINGS
+from bayestissue.dataset.settings import Settings, read_settings
+from bayestissue.errors import InputError, Problem
+from bayestissue.runtime import content_hash
+
+
+def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
+    """Read a dataset folder: ``dataset.toml``, ``impacts.csv`` and the recordings.
+
+    Args:
+        path: the folder; ``data/README.md`` describes its layout.
+        skip_bad: leave out impacts with something wrong, and say so in ``left_out``, instead of refusing
+            the whole. What concerns the dataset as a whole is refused either way.
+
+    Raises:
+        InputError: everything that is wrong, each with its file, row, column, value, what was expected and
+            how to mend it.
+    """
+    folder = Path(path)
+    if not folder.is_dir():
+        raise InputError(
+            Problem(
+                str(path),
+                "a folder with dataset.toml, impacts.csv and the recordings",
+                "Check the path.",
+                value="a file" if folder.exists() else "no such folder",
+            )
+        )
+    settings, table = _tables(folder)
+    signal = settings.signal
+    problems = list(table.problems)
+    if "trace" in table.table:
+        reading = _files(folder, table, settings)
+    else:
+        reading = _long(folder, table, settings, problems)
+    problems += reading.problems
+    uncertainty = settings.uncertainty.values()
+    findings = check_samples(reading.samples, table.table, signal.quantity, uncertainty)
+    problems += findings.problems
+    _refuse(problems, skip_bad, table)
+    bad = {problem.impact for problem in problems}
+    keep = ~table.table["impact"].isin(list(bad)).to_numpy()
+    return Dataset(
+        name=settings.name,
+        description=settings.description,
+        impacts=table.table[keep].reset_index(drop=True),
+        traces=_traces(reading.samples, keep),
+        quantity=signal.quantity,
+        uncertainty=uncertainty,
+        warnings=tuple(w for w in table.warnings + findings.warnings if w.impact not in bad),
+        left_out=tuple(problems),
+        folder=folder,
+        input_hash=content_hash([folder / SETTINGS, folder / IMPACTS, *reading.files]),
+    )
+
+
+def _tables(folder: Path) -> tuple[Settings, ImpactTable]:
+    problems: list[Problem] = []
+    settings = table = None
+    try:
+        settings = read_settings(folder / SETTINGS)
+    except InputError as error:
+        problems += error.problems
+    needs_velocity = settings is not None and settings.signal.quantity != "displacement"
+    try:
+        table = read_impacts(folder / IMPACTS, needs_velocity=needs_velocity)
+    except InputError as error:
+        problems += error.problems
+    if settings is None or table is None:
+        raise InputError(problems + (table.problems if table else []))
+    return settings, table
+
+
+def _files(folder: Path, table: ImpactTable, settings: Settings) -> Reading:
+    if found := find_long(folder):
+        raise InputError(
+            [
+                *table.problems,
+                Problem(
+                    found[0].name,
+                    "either one table of all samples or a file per impact",
+                    "Remove the table, or the column trace from impacts.csv.",
+                    value=f"{found[0].name} beside a column trace in impacts.csv",
+                ),
+            ]
+        )
+    return read_files(folder, table.table, table.row, settings.signal)
+
+
+def _long(folder: Path, table: ImpactTable, settings: Settings, problems: list[Problem]) -> Reading:
+    try:
+        return read_long(folder, table.table["impact"].tolist(), settings.signal)
+    except InputError as error:
+        raise InputError([*problems, *error.problems]) from None
+
+
+def _refuse(problems: list[Problem], skip_bad: bool, table: ImpactTable) -> None:
+    if not problems:
+        return
+    if not skip_bad or any(problem.impact is None for problem in problems):
+        raise InputError(problems)
+    if set(table.table["impact"]) <= {problem.impact for problem in problems}:
+        raise InputError(
+            [
+                *problems,
+                Problem(
+                    IMPACTS, "at least one impact with nothing wrong", "Mend the above.", value="none left"
+                ),
+            ]
+        )
+
+
+def _traces(samples: Samples, keep: np.ndarray) -> list[Trace]:
+    return [
+        Trace(samples.time[begin:end], samples.value[begin:end])
+        for impact, begin, end in zip(samples.impact, samples.start[:-1], samples.start[1:], strict=True)
+        if keep[impact]
+    ]

@@ -1,0 +1,279 @@
+"""Columns of numbers out of CSV and Parquet files, with the place of every cell that is no number."""
+
+from __future__ import annotations
+
+import csv
+import difflib
+import gzip
+import io
+import zlib
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.csv as pa_csv
+import pyarrow.parquet as pq
+from jaxtyping import Float64, Int
+
+from bayestissue.errors import InputError, Problem
+
+TABLE_SUFFIXES = (".csv", ".csv.gz", ".parquet")
+_NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """A column of numbers; ``text`` keeps what stood in the cells that held something else.
+
+    Attributes:
+        array: not a number (nan) where the cell was empty or held no number.
+        text: from the index of such a cell to what stood there.
+    """
+
+    array: Float64[np.ndarray, " row"]
+    text: dict[int, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Labels:
+    """A column of names, each stored once.
+
+    Attributes:
+        codes: for every row the index into ``names``.
+        names: the distinct names, in order of appearance.
+    """
+
+    codes: Int[np.ndarray, " row"]
+    names: tuple[str, ...]
+
+
+def read_bytes(path: Path, label: str, remedy: str) -> bytes:
+    """The content of a file, unpacked if its name ends in ``.gz``.
+
+    Args:
+        path: where it lies.
+        label: what to call it in a message.
+        remedy: what to do if it is not there.
+
+    Raises:
+        InputError: it is missing, a folder, unreadable, empty, or a broken archive.
+    """
+    try:
+        data = path.read_bytes()
+        data = gzip.decompress(data) if path.suffix == ".gz" and data else data
+    except FileNotFoundError:
+        raise InputError(Problem(label, "a file", remedy, value="no such file")) from None
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise InputError(
+            Problem(label, "a whole gzip file", "Pack the file anew or copy it again.", value=str(error))
+        ) from None
+    except (OSError, ValueError) as error:
+        raise InputError(
+            Problem(label, "a readable file", "Check its name and permissions.", value=str(error))
+        ) from None
+    if not data.strip():
+        raise InputError(Problem(label, "a header and data", "Export the file anew.", value="an empty file"))
+    return data
+
+
+def require_utf8(data: bytes, label: str) -> None:
+    """Refuse text that is not UTF-8, naming the row of the first wrong byte.
+
+    Raises:
+        InputError: the text is encoded otherwise.
+    """
+    if data.isascii():
+        return
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise InputError(
+            Problem(
+                label,
+                "text encoded as UTF-8",
+                'Save the file as "CSV UTF-8".',
+                row=data[: error.start].count(b"\n") + 1,
+                value=data[error.start : error.start + 1],
+            )
+        ) from None
+
+
+def column_problems(label: str, names: Sequence[str], wanted: Sequence[str]) -> list[Problem]:
+    """What is wrong with a header: columns that are missing or stand there twice.
+
+    Args:
+        label: what to call the file.
+        names: the columns that it has.
+        wanted: the columns that it must have.
+    """
+    problems = []
+    for name in [name for name in wanted if name not in names]:
+        near = difflib.get_close_matches(name.lower(), [n.lower() for n in names], n=1)
+        hint = f'Rename "{near[0]}" to "{name}".' if near else f'Add a column "{name}".'
+        if len(names) == 1 and ";" in names[0]:
+            hint = "Save the file with commas between the cells and points in the numbers."
+        problems.append(
+            Problem(label, f'a column "{name}"', hint, row=1, value=", ".join(names) or "no column names")
+        )
+    twice = [name for name, count in Counter(names).items() if count > 1 and (name in wanted or not wanted)]
+    problems += [
+        Problem(
+            label,
+            "every column name once",
+            "Remove or rename one of the two.",
+            row=1,
+            column=name,
+            value=name,
+        )
+        for name in twice
+    ]
+    return problems
+
+
+def header(data: bytes) -> list[str]:
+    """The column names of a CSV file, without the spaces around them."""
+    first = data.removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].split(b"\r", 1)[0]
+    return [name.strip() for name in next(csv.reader([first.decode()]), [])]
+
+
+def read_table(
+    path: Path, label: str, *, numbers: Sequence[str], labels: Sequence[str] = (), remedy: str
+) -> tuple[dict[str, Numbers], dict[str, Labels]]:
+    """Columns of a CSV (also packed) or Parquet file.
+
+    Args:
+        path: the file.
+        label: what to call it in a message.
+        numbers: columns that hold numbers.
+        labels: columns that hold names.
+        remedy: what to do if the file is not there.
+
+    Raises:
+        InputError: the file can't be read, lacks a column, or has rows of the wrong length.
+    """
+    data = read_bytes(path, label, remedy)
+    if path.suffix == ".parquet":
+        table = _parquet(data, label, [*labels, *numbers])
+        if unfit := [name for name in numbers if not _numeric(table[name].type)]:
+            raise InputError(
+                Problem(
+                    label, "numbers", "Store the column as numbers.", column=name, value=str(table[name].type)
+                )
+                for name in unfit
+            )
+        columns = {name: Numbers(_floats(table[name])) for name in numbers}
+    else:
+        require_utf8(data, label)
+        table, columns = _csv(data, label, numbers, labels)
+    if not table.num_rows:
+        raise InputError(Problem(label, "rows below the header", "Export the file anew.", value="no rows"))
+    return columns, {name: _labels(table[name]) for name in labels}
+
+
+def _csv(
+    data: bytes, label: str, numbers: Sequence[str], labels: Sequence[str]
+) -> tuple[pa.Table, dict[str, Numbers]]:
+    names = header(data)
+    if problems := column_problems(label, names, [*labels, *numbers]):
+        raise InputError(problems)
+    name_type = pa.dictionary(pa.int32(), pa.string())
+    types: dict[str, pa.DataType] = dict.fromkeys(labels, name_type) | dict.fromkeys(numbers, pa.float64())
+    try:
+        table = _parse(data, label, names, types)
+        return table, {name: Numbers(_floats(table[name])) for name in numbers}
+    except pa.ArrowInvalid:
+        # Some cell is no number: read the cells as text, to say which.
+        table = _parse(data, label, names, types | dict.fromkeys(numbers, pa.string()))
+        return table, {name: _sifted(table[name].combine_chunks()) for name in numbers}
+
+
+def _parse(data: bytes, label: str, names: list[str], types: dict[str, pa.DataType]) -> pa.Table:
+    ragged: list[Problem] = []
+
+    def note(row: pa_csv.InvalidRow) -> str:
+        if len(ragged) < 20:
+            ragged.append(
+                Problem(
+                    label,
+                    f"{row.expected_columns} cells as in the header",
+                    "Put one cell under every column name; decimals need a point, not a comma.",
+                    # The header was skipped before counting.
+                    row=row.number + 1 if row.number is not None else None,
+                    value=f"{row.actual_columns} cells: {row.text}",
+                )
+            )
+        return "skip"
+
+    table = pa_csv.read_csv(
+        io.BytesIO(data),
+        # Threads would lose the row numbers of what is wrong.
+        read_options=pa_csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False),
+        parse_options=pa_csv.ParseOptions(ignore_empty_lines=False, invalid_row_handler=note),
+        convert_options=pa_csv.ConvertOptions(
+            column_types=types, include_columns=list(types), null_values=[""]
+        ),
+    )
+    if ragged:
+        raise InputError(ragged)
+    return _without_trailing_blanks(table)
+
+
+def _without_trailing_blanks(table: pa.Table) -> pa.Table:
+    rows = table.num_rows
+    while rows and all(column[rows - 1].as_py() in (None, "") for column in table.columns):
+        rows -= 1
+    return table.slice(0, rows)
+
+
+def _sifted(cells: pa.Array) -> Numbers:
+    good = pc.match_substring_regex(cells, _NUMBER)
+    values = _floats(
+        pa.chunked_array([pc.utf8_trim_whitespace(pc.if_else(good, cells, None))]).cast(pa.float64())
+    )
+    bad = np.flatnonzero(~np.asarray(good.fill_null(False), dtype=bool))
+    return Numbers(values, {int(index): cells[int(index)].as_py() or "" for index in bad})
+
+
+def _parquet(data: bytes, label: str, wanted: list[str]) -> pa.Table:
+    try:
+        file = pq.ParquetFile(pa.BufferReader(data))
+        if problems := column_problems(label, file.schema_arrow.names, wanted):
+            raise InputError(problems)
+        table = file.read(columns=wanted)
+        table.validate(full=True)
+    except InputError:
+        raise
+    except Exception as error:
+        # A damaged file can fail anywhere in the decoder, with whatever that part raises.
+        raise InputError(
+            Problem(label, "a whole Parquet file", "Copy or export the file anew.", value=_first_line(error))
+        ) from error
+    return table
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error).splitlines() or [type(error).__name__])[0]
+
+
+def _numeric(kind: pa.DataType) -> bool:
+    return pa.types.is_floating(kind) or pa.types.is_integer(kind) or pa.types.is_decimal(kind)
+
+
+def _floats(column: pa.ChunkedArray) -> np.ndarray:
+    return column.cast(pa.float64(), safe=False).fill_null(np.nan).to_numpy().astype(np.float64, copy=False)
+
+
+def _labels(column: pa.ChunkedArray) -> Labels:
+    if not pa.types.is_dictionary(column.type):
+        column = column.cast(pa.string()).dictionary_encode()
+    single = column.unify_dictionaries().combine_chunks()
+    single = single.chunk(0) if isinstance(single, pa.ChunkedArray) else single
+    names = [(name or "").strip() for name in single.dictionary.to_pylist()]
+    codes = single.indices.fill_null(len(names)).to_numpy(zero_copy_only=False)
+    distinct = tuple(dict.fromkeys([*names, ""]))
+    place = {name: index for index, name in enumerate(distinct)}
+    return Labels(np.array([place[name] for name in [*names, ""]])[codes], distinct)
