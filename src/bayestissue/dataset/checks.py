@@ -33,14 +33,14 @@ def check_samples(
 ) -> Findings:
     """Check every recording.
 
-    Errors: samples that are no numbers; fewer than 8 of them; time that stands still, runs back, or strays
-    from even spacing by more than a tenth of a step; a stated sampling rate more than 1 % off; a channel
-    that never changes; three or more samples on end at one extreme value with a jump beside them (a
-    recorder's limit). For decelerations also: an impactor that gains speed (the sign is wrong), one that
-    loses more than four times the speed it came with (a unit is wrong), and a recording that ends before
-    it has lost that speed, 5 % and three standard deviations of gain and velocity allowed for. For
-    displacements: one that goes down where it should go into the tissue. A displacement that still grows
-    when the recording ends is a warning.
+    Errors: samples that are no numbers; fewer than 8 of them, in all or in contact; time that stands
+    still, runs back, or strays from even spacing by more than a tenth of a step; a stated sampling rate
+    more than 1 % off; a channel that never changes; three or more samples on end at one extreme value with
+    a jump beside them (a recorder's limit). For decelerations also: an impactor that gains speed (the sign
+    is wrong), one that loses more than four times the speed it came with (a unit is wrong), and a recording
+    that ends before it has lost that speed, 5 % and three standard deviations of gain and velocity allowed
+    for. For displacements: one that goes down where it should go into the tissue. A displacement that still
+    grows when the recording ends is a warning.
 
     Args:
         samples: of all impacts that have any.
@@ -68,10 +68,10 @@ def _check_sound(
     report: _Reporter,
     problems: list[Problem],
 ) -> Findings:
-    problems += [*_time(sound, report), *_rate(sound, impacts, report)]
+    problems = [*problems, *_time(sound, report), *_rate(sound, impacts, report)]
     moving = motion(sound, quantity)
     velocity = impacts["velocity_m_s"].to_numpy()[sound.impact]
-    problems += _dead(moving, report)
+    problems += [*_dead(moving, report), *_coarse(moving, report)]
     problems += _clipped(sound, moving, quantity, report)
     if quantity == "displacement":
         problems += _wrong_way(moving, report)
@@ -189,6 +189,16 @@ def _dead(moving: Motion, report: _Reporter) -> Iterator[Problem]:
             "a signal that changes",
             "Check which channel was exported.",
             value=f"{moving.high[which]:g} in every sample",
+        )
+
+
+def _coarse(moving: Motion, report: _Reporter) -> Iterator[Problem]:
+    for which in np.flatnonzero((moving.pulse < MIN_SAMPLES) & (moving.high > moving.low)):
+        yield report(
+            which,
+            f"at least {MIN_SAMPLES} samples above a tenth of the greatest deceleration",
+            "Record at a higher rate, or check that this is an impact.",
+            value=f"{moving.pulse[which]} samples",
         )
 
 

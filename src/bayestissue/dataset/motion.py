@@ -21,6 +21,7 @@ class Motion:
         peak: where the greatest displacement stands, or the greatest deceleration.
         extreme: the value farthest from the first one, less that first one.
         first_way: the sign of ``extreme``.
+        pulse: how many samples exceed a tenth of the greatest deceleration; all, for displacements.
         loss, gain: the greatest speed lost (gained) between any two moments; 0 for displacements.
         pulse_loss: as ``loss``, but after taking off the recording's median where that is positive, so
             that an offset over a long recording counts for little.
@@ -31,6 +32,7 @@ class Motion:
     peak: Int[np.ndarray, " impact"]
     extreme: Float64[np.ndarray, " impact"]
     first_way: Float64[np.ndarray, " impact"]
+    pulse: Int[np.ndarray, " impact"]
     loss: Float64[np.ndarray, " impact"]
     gain: Float64[np.ndarray, " impact"]
     pulse_loss: Float64[np.ndarray, " impact"]
@@ -54,8 +56,9 @@ def motion(samples: Samples, quantity: Quantity) -> Motion:
     farthest = np.maximum.reduceat(np.abs(away), begin)
     extreme = away[_first_at(np.abs(away) == farthest[owner], begin)]
     none = np.zeros(begin.size)
-    loss, gain, pulse_loss = none, none, none
+    loss, gain, pulse_loss, pulse = none, none, none, samples.count
     if quantity != "displacement":
+        pulse = np.add.reduceat((slowing > 0.1 * slowing[peak][owner]).astype(int), begin)
         middle = _medians(samples, slowing)
         step = np.append(np.maximum(np.diff(samples.time), 0), 0)
         # The step from one recording to the next means nothing.
@@ -63,7 +66,7 @@ def motion(samples: Samples, quantity: Quantity) -> Motion:
         loss = _climb(samples, slowing, step)
         pulse_loss = _climb(samples, slowing - np.maximum(middle, 0)[owner], step)
         gain = _climb(samples, np.minimum(middle, 0)[owner] - slowing, step)
-    return Motion(low, high, peak, extreme, np.sign(extreme), loss, gain, pulse_loss)
+    return Motion(low, high, peak, extreme, np.sign(extreme), pulse, loss, gain, pulse_loss)
 
 
 def flat_top(
@@ -122,8 +125,12 @@ def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
 
 
 def _medians(samples: Samples, values: np.ndarray) -> np.ndarray:
+    count = samples.count
+    if (count == count[0]).all():
+        middle = int(count[0]) // 2
+        return np.partition(values.reshape(-1, int(count[0])), middle, axis=1)[:, middle]
     order = np.lexsort([values, samples.owner])
-    return values[order[samples.start[:-1] + samples.count // 2]]
+    return values[order[samples.start[:-1] + count // 2]]
 
 
 def _first_at(where: np.ndarray, begin: np.ndarray) -> np.ndarray:

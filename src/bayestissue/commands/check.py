@@ -1,0 +1,136 @@
+"""`bayestissue check`: what is wrong with a dataset, and how good its recordings are."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import typer
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from bayestissue.dataset import Dataset, read_dataset
+from bayestissue.errors import Problem
+from bayestissue.report.check_page import check_page, quality_table
+from bayestissue.results import require_free, whole_folder
+from bayestissue.signal import Displacements, displacements
+
+
+def run(
+    dataset: Path, *, out: Path | None, skip_bad: bool, overwrite: bool, quiet: bool, as_json: bool
+) -> None:
+    """Check a dataset folder, say what was found and, with ``out``, write quality figures.
+
+    Writes ``quality.csv`` (one row per impact), ``problems.csv`` (what was left out, and warnings) and
+    ``check.html`` (a panel per impact).
+
+    Raises:
+        InputError: something is wrong with the dataset, or ``out`` is not free.
+    """
+    if out is not None:
+        require_free(out, overwrite=overwrite)
+    data = read_dataset(dataset, skip_bad=skip_bad)
+    signal = displacements(data)
+    quality = quality_table(data, signal)
+    if as_json:
+        typer.echo(json.dumps(_plain(data, signal, quality), default=str, ensure_ascii=False))
+    elif not quiet:
+        _print(data, signal, quality)
+    if out is not None:
+        _write(out, overwrite, data, signal, quality)
+        if not quiet and not as_json:
+            typer.echo(f"wrote {out / 'check.html'}")
+
+
+def _verdict(data: Dataset) -> str:
+    left_out = len({problem.impact for problem in data.left_out})
+    return f"fine without the {left_out} impacts left out" if left_out else "fine"
+
+
+def _plain(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> dict[str, Any]:
+    return {
+        "dataset": data.name,
+        "verdict": _verdict(data),
+        "impacts": len(data.impacts),
+        "input_hash": data.input_hash,
+        "left_out": [problem.as_dict() for problem in data.left_out],
+        "warnings": [problem.as_dict() for problem in _warnings(data, signal)],
+        "quality": json.loads(quality.to_json(orient="records")),
+    }
+
+
+def _warnings(data: Dataset, signal: Displacements) -> list[Problem]:
+    raised = [
+        Problem("recording", "a recording that the default signal chain can use", f"{flag}.", impact=impact)
+        for impact, flags in zip(data.impacts["impact"], signal.flags, strict=True)
+        for flag in flags
+    ]
+    return [*data.warnings, *raised]
+
+
+def _print(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
+    console = Console(highlight=False)
+    table = Table(title=Text(f"{data.name}: {_verdict(data)}"), show_header=False, title_justify="left")
+    for name, words in _summary(data, quality):
+        table.add_row(name, Text(words))
+    console.print(table)
+    for heading, problems in (("Left out", data.left_out), ("Warnings", _warnings(data, signal))):
+        if problems:
+            console.print(Text(f"{heading}:", style="bold"))
+            for line in _grouped(problems):
+                console.print(Text(f"  {line}"), soft_wrap=True)
+
+
+def _grouped(problems: Sequence[Problem]) -> list[str]:
+    kinds: dict[tuple[object, ...], list[Problem]] = {}
+    for problem in problems:
+        kinds.setdefault((problem.file, problem.column, problem.remedy), []).append(problem)
+    return [
+        f"{some[0]}" + (f" The same in {len(some) - 1} more impacts." if len(some) > 1 else "")
+        for some in kinds.values()
+    ]
+
+
+def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:
+    impacts = data.impacts
+    noise = quality["noise_to_peak"]
+    rows = [
+        (
+            "impacts",
+            f"{len(impacts)}; subjects: {impacts['subject'].nunique()}, trials: {impacts['trial'].nunique()}",
+        ),
+        ("recorded", data.quantity),
+        ("samples per impact", _range(quality["n_samples"], "")),
+        ("sampling rate", _range(quality["sampling_rate_hz"], " Hz")),
+        ("mass", _range(impacts["mass_kg"], " kg")),
+        ("velocity at contact", _range(impacts["velocity_m_s"], " m/s")),
+        ("time to peak", _range(quality["time_to_peak_s"] * 1e3, " ms")),
+        ("samples until the peak", _range(quality["samples_in_window"], "")),
+        ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
+    ]
+    if impacts["mass_kg"].min() == impacts["mass_kg"].max():
+        rows.append(("note", "the mass never varies: these data have no mass exponent"))
+    return rows
+
+
+def _range(values: pd.Series, unit: str) -> str:
+    low, high = values.min(), values.max()
+    if pd.isna(low):
+        return "not stated"
+    return f"{low:.6g}{unit}" if low == high else f"{low:.6g} to {high:.6g}{unit}"
+
+
+def _write(out: Path, overwrite: bool, data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
+    warnings = _warnings(data, signal)
+    lists = [("left out", problem) for problem in data.left_out] + [("warning", p) for p in warnings]
+    columns = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy"]
+    problems = pd.DataFrame([{"severity": s, **p.as_dict()} for s, p in lists], columns=columns)
+    with whole_folder(out, overwrite=overwrite) as staging:
+        quality.to_csv(staging / "quality.csv", index=False)
+        problems.astype({"row": "Int64"}).to_csv(staging / "problems.csv", index=False)
+        page = check_page(data, signal, quality, verdict=_verdict(data), problems=problems)
+        (staging / "check.html").write_text(page, encoding="utf-8")

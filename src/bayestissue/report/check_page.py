@@ -1,0 +1,156 @@
+"""The page of `bayestissue check`: one small panel per impact, and how good each recording is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayestissue.dataset import Dataset
+from bayestissue.report.page import figure, render_page
+from bayestissue.report.style import FAINT, MUTED, PALETTE, new_figure, style
+from bayestissue.report.tables import Row, Table, columns
+from bayestissue.signal import Displacements
+
+MOST_PANELS = 216
+_ROWS, _COLUMNS = 4, 3
+_UNITS = {"deceleration": "m_s2", "acceleration": "m_s2", "displacement": "m"}
+
+
+def quality_table(dataset: Dataset, signal: Displacements) -> pd.DataFrame:
+    """How good each recording is, one row per impact.
+
+    Columns: ``impact``, ``subject``, ``trial``; ``n_samples`` recorded and ``sampling_rate_hz``; ``offset``
+    (taken off), ``noise_sd`` and ``peak`` (greatest deceleration, or greatest displacement since contact)
+    with the unit in their names, and ``noise_to_peak``; ``samples_at_peak``, how many samples share the
+    extreme value (many of them mean a recorder near its limit); ``contact_time_s`` on the recorder's clock
+    and ``contact_time_sd_s``; ``time_to_peak_s``, ``peak_displacement_m`` and ``samples_in_window`` from
+    contact to zero velocity; ``warnings``.
+
+    Args:
+        dataset: the recordings.
+        signal: what the default signal chain made of them, in the same order.
+    """
+    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
+    highest = [sign * trace.value for trace in dataset.traces]
+    peak = np.array([values.max() for values in highest]) - signal.offset
+    unit = _UNITS[dataset.quantity]
+    said = dict.fromkeys(dataset.impacts["impact"], 0)
+    for problem in dataset.warnings:
+        if problem.impact in said:
+            said[problem.impact] += 1
+    impacts = dataset.impacts
+    return pd.DataFrame(
+        {
+            **{name: impacts[name] for name in ("impact", "subject", "trial")},
+            "n_samples": [values.size for values in highest],
+            "sampling_rate_hz": 1 / signal.dt,
+            f"offset_{unit}": signal.offset,
+            f"noise_sd_{unit}": signal.noise_sd,
+            f"peak_{unit}": peak,
+            "noise_to_peak": signal.noise_sd / peak,
+            "samples_at_peak": [int(np.count_nonzero(values == values.max())) for values in highest],
+            "contact_time_s": signal.contact_time_s,
+            "contact_time_sd_s": signal.contact_time_sd,
+            "time_to_peak_s": signal.time_to_peak,
+            "peak_displacement_m": signal.peak_displacement,
+            "samples_in_window": signal.n_samples,
+            "warnings": [n + len(flags) for n, flags in zip(said.values(), signal.flags, strict=True)],
+        }
+    )
+
+
+def check_page(
+    dataset: Dataset, signal: Displacements, quality: pd.DataFrame, *, verdict: str, problems: pd.DataFrame
+) -> str:
+    """The whole page: verdict, what was found, a panel per impact, and the table of `quality_table`.
+
+    With more than 216 impacts only the most suspicious ones, by warnings and then by noise, get a panel,
+    and the page says so.
+    """
+    order = quality.sort_values(["warnings", "noise_to_peak"], ascending=False, kind="stable").index
+    shown = np.sort(order[:MOST_PANELS].to_numpy())
+    size = _ROWS * _COLUMNS
+    return render_page(
+        "check.html",
+        title=f"{dataset.name}: {verdict}",
+        subtitle=dataset.description,
+        contents=[("found", "What was found"), ("panels", "Recordings"), ("quality", "Quality")],
+        quantity=dataset.quantity,
+        total=len(quality),
+        shown=len(shown),
+        sheets=[_sheet(dataset, signal, shown[at : at + size]) for at in range(0, len(shown), size)],
+        problems=_problems(problems),
+        quality=_quality(quality.loc[shown]),
+        input_hash=dataset.input_hash,
+    )
+
+
+def _sheet(dataset: Dataset, signal: Displacements, which: np.ndarray) -> Markup:
+    rows = -(-len(which) // _COLUMNS)
+    names = dataset.impacts["impact"]
+    with style():
+        fig, axes = new_figure((9.6, 0.5 + 1.75 * rows), rows, _COLUMNS, squeeze=False)
+        for ax, index in zip(axes.flat, which, strict=False):
+            _panel(ax, dataset, signal, int(index))
+            ax.set_title(f"{names[index]}", fontsize=8)
+        for ax in axes.flat[len(which) :]:
+            ax.remove()
+        handles, labels = axes[0, 0].get_legend_handles_labels()
+        fig.legend(handles, labels, loc="outside upper right", ncols=4)
+        fig.supxlabel("time since contact, ms", fontsize=9)
+        listed = ", ".join(str(names[index]) for index in which)
+        return figure(
+            fig, f"Recording, velocity and displacement over time for the impacts {listed}.", raster=True
+        )
+
+
+def _panel(ax: Any, dataset: Dataset, signal: Displacements, index: int) -> None:
+    trace, n = dataset.traces[index], int(signal.n_samples[index])
+    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
+    raw = sign * trace.value - signal.offset[index]
+    time = 1e3 * (trace.time_s - signal.contact_time_s[index])
+    inside = 1e3 * (signal.first_sample_s[index] + signal.dt[index] * np.arange(n))
+    to_peak = 1e3 * signal.time_to_peak[index]
+    ax.axvspan(0, to_peak, color=FAINT, alpha=0.5, linewidth=0)
+    ax.axvline(0, color=MUTED, linewidth=0.8)
+    near = (time > -to_peak) & (time < 3 * to_peak)
+    near = near if near.any() else np.ones_like(near)
+    curves = [
+        (f"recorded {dataset.quantity}", time[near], raw[near], PALETTE[0], "-"),
+        ("velocity", inside, signal.v[index, :n], PALETTE[1], "--"),
+        ("displacement", inside, signal.x[index, :n], PALETTE[2], ":"),
+    ]
+    for label, times, values, colour, line in curves:
+        greatest = np.abs(values).max(initial=0) or 1
+        ax.plot(times, values / greatest, color=colour, linestyle=line, linewidth=1.1, label=label)
+    ax.set_ylim(-0.4, 1.15)
+    ax.tick_params(labelsize=7)
+
+
+def _problems(problems: pd.DataFrame) -> Table:
+    names = ("severity", "file", "row", "column", "impact", "value", "expected", "remedy")
+    return Table(
+        columns(*names, number=("row",), words=("value", "expected", "remedy")),
+        [
+            Row(["" if pd.isna(cell) else str(cell) for cell in record])
+            for record in problems[list(names)].astype(object).itertuples(index=False)
+        ],
+    )
+
+
+def _quality(quality: pd.DataFrame) -> Table:
+    text = ("impact", "subject", "trial")
+    numbers = [name for name in quality.columns if name not in text]
+    return Table(
+        columns(
+            *(name.replace("_", " ") for name in quality.columns),
+            number=[n.replace("_", " ") for n in numbers],
+        ),
+        [
+            Row([str(cell) if isinstance(cell, str) else f"{cell:.4g}" for cell in record])
+            for record in quality.itertuples(index=False)
+        ],
+    )
