@@ -18,8 +18,9 @@ from bayestissue.report.wording import (
     probability,
     significant,
 )
+from bayestissue.reproduction.conditions import Quantity
 
-QUANTITIES = ("K", "C")
+QUANTITIES: tuple[Quantity, ...] = ("K", "C")
 FIXED, CONSTANT = "fixed stiffness", "constant natural frequency"
 # Above this a hypothesis is spoken of as what the data say; below one minus this, as what they rule out.
 _SURE = 0.9
@@ -143,6 +144,12 @@ def constant_frequency_finding(run: PublishedRun) -> int | None:
     )
     found = run.audit.index[about_ratio & says_constant & (run.audit["severity"] == "major")]
     return int(found[0]) if len(found) else None
+
+
+def doubt_words(run: PublishedRun) -> str:
+    """What the audit says of the published figures, to stand after "which the audit"."""
+    majors = int((run.audit["severity"] == "major").sum())
+    return "doubts" if majors else "has nothing major against"
 
 
 def frequency_sentence(run: PublishedRun) -> str:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
+import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
@@ -20,6 +22,7 @@ from bayestissue.report.wording import (
     probability,
     significant,
 )
+from bayestissue.reproduction.conditions import Quantity
 
 _TAG = Markup('<span class="tag {}">{}</span>')
 _SEVERITIES = ("major", "minor", "note")
@@ -36,13 +39,14 @@ def severity_tag(severity: str) -> Markup:
 
 
 def agreement(run: PublishedRun) -> dict[str, int]:
-    """How many published numbers were recomputed, agree, differ, and can't be derived."""
+    """How many published numbers were recomputed, agree, differ, fill a lost cell, and can't be derived."""
     answer = run.reproduction["agrees"].str.lower()
     counts = {name: int((answer == key).sum()) for key, name in (("true", "agree"), ("false", "differ"))}
     derived = int((run.reproduction["reproduced"] != "").sum())
     return {
         **counts,
         "derived": derived,
+        "filled_in": derived - sum(counts.values()),
         "not_derived": len(run.reproduction) - derived,
         "all": len(run.reproduction),
     }
@@ -85,35 +89,27 @@ def severities(run: PublishedRun) -> str:
     return listed([f"{count} {name}" for name, count in counts if count]) or "none"
 
 
-def audit_table(run: PublishedRun) -> Table:
-    """Every finding of the audit, worst first, each with an anchor."""
-    rows = [
-        Row(
-            (
-                severity_tag(line.severity),
-                line.where,
-                line.what,
-                line.published,
-                line.implied,
-                line.explanation,
-            ),
-            anchor=f"finding-{line.Index + 1}",
-        )
+def findings(run: PublishedRun) -> list[dict[str, str]]:
+    """Every finding of the audit, worst first: the columns of `audit.csv`, a tag and an anchor."""
+    return [
+        {
+            "anchor": f"finding-{line.Index + 1}",
+            "tag": severity_tag(line.severity),
+            "where": line.where,
+            "what": line.what,
+            "published": line.published,
+            "implied": line.implied,
+            "explanation": line.explanation,
+        }
         for line in lines(run.audit)
     ]
-    titles = columns(
-        *("severity", "where", "what", "published", "implied", "explanation"),
-        words=("what", "published", "implied", "explanation"),
-    )
-    return Table(titles, rows)
 
 
-def worst_findings(run: PublishedRun, count: int = 3) -> list[dict[str, str]]:
-    """The first ``count`` findings: where, what, and the anchor of the full text."""
-    return [
-        {"where": line.where, "what": line.what, "anchor": f"finding-{line.Index + 1}"}
-        for line in lines(run.audit.head(count))
-    ]
+def findings_by_severity(run: PublishedRun) -> dict[str, list[dict[str, str]]]:
+    """`findings` under "major", "minor" and "note"; a severity without findings is left out."""
+    every, severity = findings(run), run.audit["severity"]
+    groups = {name: [every[place] for place in np.flatnonzero(severity == name)] for name in _SEVERITIES}
+    return {name: group for name, group in groups.items() if group}
 
 
 def hypotheses_table(run: PublishedRun) -> Table:
@@ -183,7 +179,7 @@ def _summary_row(line: pd.Series) -> Row:
     )
 
 
-def lines_table(run: PublishedRun, printed: dict[str, tuple[float, float] | None]) -> Table:
+def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float] | None]) -> Table:
     """The thesis's regression lines over mass beside those through the posterior means."""
     rows = []
     for quantity in QUANTITIES:
@@ -262,7 +258,7 @@ def checks_table(run: PublishedRun) -> Table:
                 interval(line.predicted_low, line.predicted_high),
                 probability(line.p_value),
             ),
-            "disagrees" if not 0.05 <= line.p_value <= 0.95 else "",
+            "" if line.predicted_low <= line.observed <= line.predicted_high else "disagrees",
         )
         for line in lines(run.predictive_checks)
     ]
@@ -298,6 +294,6 @@ def _plain(value: object) -> str:
     return significant(value, 4) if isinstance(value, float) else "" if value is None else str(value)
 
 
-def shares(run: PublishedRun, kept: dict[str, float]) -> str:
+def shares(run: PublishedRun, kept: Mapping[Quantity, float]) -> str:
     """The kept shares of shrinkage in words, such as "3.2 % for K and 41 % for C"."""
     return listed([f"{percent(share)} for {quantity}" for quantity, share in kept.items()])

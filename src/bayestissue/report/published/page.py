@@ -17,6 +17,10 @@ from bayestissue.report.published.posterior_figures import (
     shrinkage_figure,
 )
 from bayestissue.report.published.run import PublishedRun, read_published_run
+from bayestissue.report.published.thesis_figures import correlations_plot, mass_plot
+from bayestissue.reproduction.conditions import Quantity
+
+ThesisLines = dict[Quantity, tuple[float, float] | None]
 
 _CONTENTS = (
     ("estimates", "Estimates and posteriors"),
@@ -58,7 +62,7 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
         **_first_screen(run),
         **_posterior(run, lines),
         **_model_checks(run),
-        **_published(run),
+        **_published(run, published),
         **_provenance(run),
     )
 
@@ -82,13 +86,14 @@ def _first_screen(run: PublishedRun) -> dict[str, Any]:
         "conclusion": answers.mass_conclusion(run),
         "frequency": answers.frequency_sentence(run),
         "constant_frequency": None if finding is None else f"finding-{finding + 1}",
-        "worst": content.worst_findings(run),
+        "worst": content.findings(run)[:3],
         "severities": content.severities(run),
+        "doubt": answers.doubt_words(run),
         "agreement": content.agreement(run),
     }
 
 
-def _posterior(run: PublishedRun, lines: dict[str, tuple[float, float] | None]) -> dict[str, Any]:
+def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
     kept = {quantity: kept_share(run, quantity) for quantity in answers.QUANTITIES}
     return {
         "shrinkage_plots": [shrinkage_figure(run, quantity) for quantity in answers.QUANTITIES],
@@ -127,10 +132,16 @@ def _model_checks(run: PublishedRun) -> dict[str, Any]:
     }
 
 
-def _published(run: PublishedRun) -> dict[str, Any]:
+def _published(run: PublishedRun, published: PublishedTables) -> dict[str, Any]:
     return {
+        "correlation_plots": [
+            correlations_plot(published, quantity, averages=averages)
+            for averages in (False, True)
+            for quantity in answers.QUANTITIES
+        ],
+        "mass_plots_thesis": [mass_plot(published, quantity) for quantity in answers.QUANTITIES],
         "reproduction_table": content.reproduction_table(run),
-        "audit_table": content.audit_table(run),
+        "findings": content.findings_by_severity(run),
     }
 
 
