@@ -87,7 +87,7 @@ def _difference(printed: str, value: float, rounding: float) -> str:
         return "cut off after the last printed digit instead of rounded"
     if abs(difference) <= rounding + half_unit(printed) + _FLOAT_ERROR:
         return "within what the rounding of the printed inputs allows"
-    if any(
+    if "." in printed and any(
         abs(number * factor - value) <= 2 * factor * half_unit(printed) + _FLOAT_ERROR for factor in (10, 0.1)
     ):
         return "the decimal point stands one place off"

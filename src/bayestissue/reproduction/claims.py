@@ -45,6 +45,8 @@ _STATISTICS: dict[str, Callable[[Evidence], Recomputed]] = {
     "maximum of trial averages": Evidence.maximum_of_averages,
     "range of trial averages": Evidence.range_of_averages,
     "ratio of trial averages": Evidence.ratio_of_averages,
+    "number of variables significantly correlated": Evidence.significantly_correlated,
+    "number of variables in the final stepwise model": Evidence.in_final_model,
     "highest correlations with mass as a component": Evidence.with_mass_among_highest,
 }
 _CORRELATION = re.compile(r"correlation (?P<averaged>of trial averages )?with (?P<name>.+)")
@@ -89,7 +91,9 @@ def _hint(claim: pd.Series, claims: pd.DataFrame, found: Recomputed) -> str:
     if found.value is None or agrees(claim["value_text"], found.value):
         return ""
     same = claims[claims["quantity"] == claim["quantity"]]
-    others = same[(same["value"] == claim["value"]) & (same["statistic"] != claim["statistic"])]
+    # Two small counts are equal by chance; two numbers with digits after the point hardly are.
+    printed = "." in claim["value_text"]
+    others = same[printed & (same["value"] == claim["value"]) & (same["statistic"] != claim["statistic"])]
     hints = [f"repeats the {statistic}" for statistic in others["statistic"].unique()]
     right = same[(same["statistic"] == claim["statistic"]) & (same["value"] != claim["value"])]
     hints += [

@@ -18,9 +18,10 @@ from bayestissue.reproduction.conditions import (
     rounding_norm,
     within_sum_of_squares,
 )
-from bayestissue.reproduction.correlations import correlation_of_averages, correlation_of_impacts
+from bayestissue.reproduction.correlations import correlation_of_averages, correlation_of_impacts, p_value
 from bayestissue.reproduction.covariates import covariate, has_mass
 from bayestissue.reproduction.extremes import Extreme, largest, smallest
+from bayestissue.reproduction.regressions import ALPHA, candidates, select_forward
 
 
 @dataclass(frozen=True)
@@ -34,6 +35,15 @@ class Evidence:
     def table(self) -> pd.DataFrame:
         """The conditions, as `conditions` gives them."""
         return conditions(self.published, self.quantity)
+
+    @cached_property
+    def _variables(self) -> list[str]:
+        rows = self.published.correlations
+        return [
+            name
+            for name in rows.loc[rows["table"] == "5.12", "variable"]
+            if covariate(name, self.table) is not None
+        ]
 
     @cached_property
     def _largest(self) -> Extreme:
@@ -104,11 +114,27 @@ class Evidence:
 
     def with_mass_among_highest(self) -> Recomputed:
         """How many variables of Table 5.12 lead the order of absolute correlations and have mass in them."""
-        rows = self.published.correlations
-        names = [name for name in rows.loc[rows["table"] == "5.12", "variable"] if _known(name, self.table)]
-        order = sorted(names, key=lambda name: -abs(_value(correlation_of_impacts(name, self.table))))
+        order = sorted(
+            self._variables, key=lambda name: -abs(_value(correlation_of_impacts(name, self.table)))
+        )
         leading = np.cumprod([has_mass(name) for name in order])
         return Recomputed(float(leading.sum()), note=f"of the {len(order)} that can be recomputed")
+
+    def significantly_correlated(self) -> Recomputed:
+        """How many variables of Table 5.12 correlate with the quantity over all impacts, p below `ALPHA`."""
+        n = float(self.table["impacts"].sum())
+        found = [p_value(_value(correlation_of_impacts(name, self.table)), n) for name in self._variables]
+        count = sum(p < ALPHA for p in found)
+        return Recomputed(float(count), note=f"of the {len(found)} that can be recomputed, at {ALPHA}")
+
+    def in_final_model(self) -> Recomputed:
+        """How many variables of Table 5.17 forward selection enters."""
+        rows = self.published.stepwise.query("quantity == @self.quantity")
+        entered = select_forward(self.table["average"], candidates(rows["variable"], self.table))
+        printed = (rows["status"] == "entered").sum()
+        return Recomputed(
+            float(len(entered)), note=f"without skin fold and muscle thickness; Table 5.17 enters {printed}"
+        )
 
     def correlation(self, name: str) -> Recomputed:
         """`correlation_of_impacts` with the variable ``name``."""
@@ -154,10 +180,6 @@ class Evidence:
         lost = f"the average of trial {condition['trial']} as printed: its impacts are lost"
         note = "" if condition["from_rows"] else lost
         return Recomputed(value, rounding=float(condition["average_rounding"]), note=note)
-
-
-def _known(name: str, table: pd.DataFrame) -> bool:
-    return covariate(name, table) is not None
 
 
 def _value(found: Recomputed) -> float:

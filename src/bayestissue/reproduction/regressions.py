@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -25,19 +26,23 @@ def straight_line(table: pd.DataFrame, mass: pd.Series | None = None) -> Any:
     return sm.OLS(table["average"], sm.add_constant(mass.rename("Mass"))).fit()
 
 
-def select_forward(
-    response: pd.Series, candidates: dict[tuple[str, ...], np.ndarray]
-) -> list[tuple[str, ...]]:
+def candidates(names: Iterable[str], table: pd.DataFrame) -> dict[tuple[str, ...], np.ndarray]:
+    """The covariates ``names`` over the conditions of ``table``: products listed twice once, no tissue."""
+    values = {factors(name): covariate(name, table) for name in names}
+    return {name: x for name, x in values.items() if x is not None}
+
+
+def select_forward(response: pd.Series, known: dict[tuple[str, ...], np.ndarray]) -> list[tuple[str, ...]]:
     """Forward selection: enter the candidate with the smallest p-value while that is below ``ALPHA``.
 
     The p-value is that of the candidate's t in the least-squares fit with all entered before it
     (Draper and Smith, Applied Regression Analysis, section 15.2). Returns the names in order of entry.
     """
     entered: list[tuple[str, ...]] = []
-    while len(entered) < min(len(candidates), len(response) - 3):
+    while len(entered) < min(len(known), len(response) - 3):
         p = {
-            name: _p_of_last(response, [candidates[old] for old in (*entered, name)])
-            for name in candidates
+            name: _p_of_last(response, [known[old] for old in (*entered, name)])
+            for name in known
             if name not in entered
         }
         best = min(p, key=p.__getitem__)
@@ -78,10 +83,9 @@ def stepwise_lines(published: PublishedTables) -> list[Line]:
     for quantity in QUANTITIES:
         rows = published.stepwise.query("quantity == @quantity")
         table = conditions(published, quantity)
-        values = {factors(name): covariate(name, table) for name in rows["variable"]}
-        candidates = {name: x for name, x in values.items() if x is not None}
-        entered = select_forward(table["average"], candidates)
-        lines += [_stepwise_line(row, candidates, entered) for _, row in rows.iterrows()]
+        known = candidates(rows["variable"], table)
+        entered = select_forward(table["average"], known)
+        lines += [_stepwise_line(row, known, entered) for _, row in rows.iterrows()]
     return lines
 
 
@@ -114,10 +118,10 @@ def _equation(table: pd.DataFrame, printed: pd.DataFrame) -> dict[str, Recompute
     return found | {term: Recomputed(None, note=NEVER_TABULATED) for term in extra}
 
 
-def _stepwise_line(row: pd.Series, candidates: dict[tuple[str, ...], Any], entered: list[Any]) -> Line:
+def _stepwise_line(row: pd.Series, known: dict[tuple[str, ...], Any], entered: list[Any]) -> Line:
     name = f"{row['variable']} in the stepwise regression of {row['quantity']}"
     key = factors(row["variable"])
-    if key not in candidates:
+    if key not in known:
         return Line(row["table"], row["row"], name, row["status"], "", None, NEVER_TABULATED)
     found = "entered" if key in entered else "not entered"
     agreed = found == row["status"]
