@@ -1,0 +1,153 @@
+"""Whether energy, velocity, mass, K and C fit one and the same blow."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from bayestissue.reproduction.audit.findings import Finding
+from bayestissue.reproduction.audit.impacts import GENERAL, Impacts
+
+THICKEST_TISSUE_M = 0.05
+"""Taken where the thickness isn't known: more than the soft tissue over any bone of the arm or leg."""
+
+SLOWEST_PEAK_S = 0.1
+"""A hard object struck against tissue over bone comes to rest in 5 to 50 ms; twice that is out of reach."""
+
+
+def peak(
+    omega_n: Float[np.ndarray, " impact"],
+    zeta: Float[np.ndarray, " impact"],
+    velocity: Float[np.ndarray, " impact"],
+) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarray, " impact"]]:
+    """Time to peak (s) and peak penetration (m) of a mass that meets spring and damper at ``velocity`` (m/s).
+
+    x″ + 2ζω_n x′ + ω_n² x = 0 with x(0) = 0, x′(0) = V comes to rest at t = θ/(ω_n sin θ), cos θ = ζ,
+    where x = (V/ω_n) exp(−ζ ω_n t); for ζ > 1 the angle is imaginary and its ratio to its sine is
+    arcosh ζ / √(ζ² − 1). (Derived from the thesis's equation of motion, section 2.12.)
+    """
+    under = np.minimum(zeta, 1)
+    over = np.maximum(zeta, 1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        ratio = np.where(
+            zeta < 1, np.arccos(under) / np.sqrt(1 - under**2), np.arccosh(over) / np.sqrt(over**2 - 1)
+        )
+    ratio = np.where(zeta == 1, 1.0, ratio)
+    return ratio / omega_n, velocity / omega_n * np.exp(-zeta * ratio)
+
+
+@GENERAL.check(
+    severity="major",
+    bearing="physics",
+    reason="an impactor that sinks through the limb was stopped by another K and C, or in another unit",
+)
+def implied_penetration(impacts: Impacts) -> Iterator[Finding]:
+    """How deep, and for how long, an impactor would sink into a tissue of the estimated K and C."""
+    velocity = impacts.rows["velocity_m_s"].to_numpy()
+    time, depth = peak(impacts.omega_n, impacts.zeta, velocity)
+    limit = THICKEST_TISSUE_M if impacts.tissue_m is None else impacts.tissue_m
+    middle = float(np.median(depth))
+    if middle <= limit and np.median(time) <= SLOWEST_PEAK_S:
+        return
+    known = (
+        "the greatest thickness stated for it" if impacts.tissue_m else "more than covers any bone of a limb"
+    )
+    stiffness = np.median(impacts.rows["K"])
+    yield Finding(
+        impacts.where,
+        "penetration that K and C imply",
+        f"tissue up to {limit * 1000:.3g} mm",
+        f"{depth.min() * 100:.0f} to {depth.max() * 100:.0f} cm, reached after {time.min():.2f} to "
+        f"{time.max():.2f} s",
+        f"With M, V, K and C as given, the impactor would come to rest {middle * 100:.0f} cm deep (median) "
+        f"after {np.median(time):.2f} s, in tissue of {limit * 1000:.3g} mm ({known}). To stop the same "
+        f"mass within that, K would have to be at least {(middle / limit) ** 2:,.0f} times larger, some "
+        f"{_two_digits(stiffness * (middle / limit) ** 2):,.0f} N/m instead of {stiffness:.0f}: in N/m and "
+        "N s/m the figures can't describe the tissue; the unit of time in the fit can't have been the "
+        "second.",
+    )
+
+
+@GENERAL.check(
+    severity="major",
+    bearing="physics",
+    reason="a K and C that do not bring back the peak they were fitted to do not describe the trace",
+)
+def measured_peak(impacts: Impacts) -> Iterator[Finding]:
+    """Time to peak and peak displacement as recorded, beside those that K and C imply."""
+    time, depth = peak(impacts.omega_n, impacts.zeta, impacts.rows["velocity_m_s"].to_numpy())
+    for column, implied, what, unit in (
+        ("time_to_peak_s", time, "time to peak", "ms"),
+        ("peak_displacement_m", depth, "peak displacement", "mm"),
+    ):
+        if column not in impacts.rows:
+            continue
+        measured = pd.to_numeric(impacts.rows[column], errors="coerce").to_numpy(dtype="float64")
+        ratio = float(np.nanmedian(implied / measured))
+        if not 0.8 <= ratio <= 1.25:
+            yield Finding(
+                impacts.where,
+                f"{what}, recorded and implied",
+                f"{np.nanmedian(measured) * 1000:.3g} {unit}",
+                f"{np.median(implied) * 1000:.3g} {unit}",
+                f"A mass on a spring and damper of the estimated K and C would have a {what} {ratio:.2f} "
+                "times the recorded one (median over the impacts): the fit has not caught the impact "
+                "itself.",
+            )
+
+
+@GENERAL.check(
+    severity="major",
+    bearing="inputs",
+    reason="K and C are proportional to the mass, so a wrong mass or velocity goes straight into them",
+)
+def kinetic_energy(impacts: Impacts) -> Iterator[Finding]:
+    """E = ½MV² with energy, mass and velocity as given."""
+    conditions = impacts.conditions
+    if "energy_J" not in conditions:
+        return
+    energy, velocity, mass = (conditions[name] for name in ("energy_J", "velocity_m_s", "mass_kg"))
+    ratio = mass * velocity**2 / 2 / energy
+    wrong = (ratio - 1).abs() > 0.02
+    if not wrong.any():
+        return
+    implied = np.sqrt(2 * energy / mass)
+    yield Finding(
+        impacts.where,
+        "energy, velocity and mass",
+        f"V = {_list(np.unique(velocity))} m/s",
+        f"V = {_list(np.unique(implied.round(2)))} m/s from √(2E/M)",
+        f"In {wrong.sum()} of {len(conditions)} conditions ½MV² is not the stated energy but "
+        f"{ratio[wrong].min():.2f} to {ratio[wrong].max():.2f} of it (trial {ratio.idxmin()}: "
+        f"½ × {mass[ratio.idxmin()]:g} × {velocity[ratio.idxmin()]:g}² = "
+        f"{(ratio * energy)[ratio.idxmin()]:.3f} J, not {energy[ratio.idxmin()]:g} J). "
+        + _pattern(velocity, implied)
+        + " Either the masses or the velocities are not those of the experiment.",
+    )
+
+
+def _pattern(velocity: pd.Series, implied: pd.Series) -> str:
+    """In words: which velocities would make the columns agree."""
+    by_level = implied.groupby(velocity).agg(["mean", "min", "max"])
+    steady = ((by_level["max"] - by_level["min"]) < 0.01 * by_level["mean"]).all()
+    words = "; ".join(f"{level:g} read {row['mean']:.3f}" for level, row in by_level.iterrows())
+    if not steady:
+        return f"No single velocity a level would mend it: from √(2E/M), on average, for {words}."
+    shift = (implied - velocity).to_numpy()
+    if np.ptp(shift) < 0.01 * velocity.mean():
+        return (
+            f"The masses agree with the energies, to {(np.abs(shift - shift.mean()) / velocity).max():.1%}, "
+            f"if every velocity is {shift.mean():+.3f} m/s from what is stated (for {words} m/s)."
+        )
+    return f"The masses agree with the energies if for {words} m/s."
+
+
+def _list(values: Float[np.ndarray, " level"]) -> str:
+    return ", ".join(f"{value:g}" for value in values)
+
+
+def _two_digits(value: float) -> float:
+    return float(f"{value:.1e}")
