@@ -123,12 +123,16 @@ def read_published(folder: Path | None = None) -> PublishedTables:
 def _read_table(path: Path, name: str, problems: list[Problem]) -> pd.DataFrame:
     layout = _LAYOUTS[name]
     try:
-        table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
+        table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8").fillna("")
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         problems.append(
             Problem(str(path), expected="a readable CSV table", remedy=_MEND, value=type(error).__name__)
         )
         return pd.DataFrame()
+    # pandas takes the first cells of rows that are longer than the header for row names.
+    if not isinstance(table.index, pd.RangeIndex):
+        problems.append(Problem(str(path), expected="as many cells in a row as in the header", remedy=_MEND))
+        return table
     missing = [column for column in layout.columns if column not in table]
     if missing or table.empty:
         problems += [
