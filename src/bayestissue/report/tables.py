@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import pandas as pd
+from markupsafe import Markup
 
 
 @dataclass(frozen=True)
@@ -46,3 +47,8 @@ def columns(*titles: str, number: Sequence[str] = (), words: Sequence[str] = ())
 def lines(frame: pd.DataFrame) -> list[Any]:
     """The rows of ``frame`` as named tuples, whose fields are the columns and ``Index``."""
     return list(frame.itertuples())
+
+
+def tag(kind: str, words: str) -> Markup:
+    """``words`` as a small coloured label; ``kind`` is a class of the style sheet, such as ``"major"``."""
+    return Markup('<span class="tag {}">{}</span>').format(kind, words)

@@ -7,7 +7,7 @@ from typing import Any
 
 from bayestissue.dataset.published import PublishedTables, read_published
 from bayestissue.report.page import render_page
-from bayestissue.report.published import answers, content, model
+from bayestissue.report.published import answers, check_tables, model, posterior_tables, thesis_tables
 from bayestissue.report.published.check_figures import comparison_figure, inside_share, predictive_figure
 from bayestissue.report.published.posterior_figures import (
     effects_figure,
@@ -86,10 +86,10 @@ def _first_screen(run: PublishedRun) -> dict[str, Any]:
         "conclusion": answers.mass_conclusion(run),
         "frequency": answers.frequency_sentence(run),
         "constant_frequency": None if finding is None else f"finding-{finding + 1}",
-        "worst": content.findings(run)[:3],
-        "severities": content.severities(run),
+        "worst": thesis_tables.findings(run)[:3],
+        "severities": thesis_tables.severities(run),
         "doubt": answers.doubt_words(run),
-        "agreement": content.agreement(run),
+        "agreement": thesis_tables.agreement(run),
     }
 
 
@@ -97,16 +97,16 @@ def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
     kept = {quantity: kept_share(run, quantity) for quantity in answers.QUANTITIES}
     return {
         "shrinkage_plots": [shrinkage_figure(run, quantity) for quantity in answers.QUANTITIES],
-        "kept": content.shares(run, kept),
-        "estimates_table": content.estimates_table(run),
+        "kept": posterior_tables.shares(run, kept),
+        "estimates_table": posterior_tables.estimates_table(run),
         "mass_plots": [mass_figure(run, quantity, lines[quantity]) for quantity in answers.QUANTITIES],
-        "lines_table": content.lines_table(run, lines),
+        "lines_table": posterior_tables.lines_table(run, lines),
         "exponent_plots": [
             exponent_figure(run, quantity)
             for quantity in answers.QUANTITIES
             if run.has(f"mass_exponent_{quantity}")
         ],
-        "hypotheses_table": content.hypotheses_table(run),
+        "hypotheses_table": posterior_tables.hypotheses_table(run),
         "effects_plots": {
             words: [
                 effects_figure(run, quantity, level)
@@ -115,7 +115,7 @@ def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
             ]
             for level, words in _LEVELS.items()
         },
-        "population_table": content.summary_table(run, (*_POPULATION, "residual_correlation")),
+        "population_table": posterior_tables.summary_table(run, (*_POPULATION, "residual_correlation")),
     }
 
 
@@ -123,12 +123,12 @@ def _model_checks(run: PublishedRun) -> dict[str, Any]:
     schemes = list(dict.fromkeys(run.comparison["scheme"]))
     return {
         "comparison_plots": [comparison_figure(run.comparison, scheme) for scheme in schemes],
-        "comparison_table": content.comparison_table(run),
-        "sensitivity_table": content.sensitivity_table(run),
+        "comparison_table": check_tables.comparison_table(run),
+        "sensitivity_table": check_tables.sensitivity_table(run),
         "predictive_plots": [predictive_figure(run, quantity) for quantity in answers.QUANTITIES],
         "inside": {quantity: inside_share(run, quantity) for quantity in answers.QUANTITIES},
-        "checks_table": content.checks_table(run),
-        "diagnostics_table": content.diagnostics_table(run),
+        "checks_table": check_tables.checks_table(run),
+        "diagnostics_table": check_tables.diagnostics_table(run),
     }
 
 
@@ -140,8 +140,8 @@ def _published(run: PublishedRun, published: PublishedTables) -> dict[str, Any]:
             for quantity in answers.QUANTITIES
         ],
         "mass_plots_thesis": [mass_plot(published, quantity) for quantity in answers.QUANTITIES],
-        "reproduction_table": content.reproduction_table(run),
-        "findings": content.findings_by_severity(run),
+        "reproduction_table": thesis_tables.reproduction_table(run),
+        "findings": thesis_tables.findings_by_severity(run),
     }
 
 
