@@ -32,6 +32,10 @@ def _page(run_dir: Path, about: dict) -> str:
         from bayestissue.report.published.page import published_page
 
         return published_page(run_dir, about)
+    if about["kind"] == "estimates":
+        from bayestissue.report.estimates_page import estimates_page
+
+        return estimates_page(run_dir, about)
     raise InputError(
         Problem(
             str(run_dir / "run.json"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from bayestissue.report.settings import plain
 from bayestissue.report.tables import Row, Table, columns
 
 _MEANINGS = {
@@ -16,7 +17,7 @@ _MEANINGS = {
     "sd_impact": "spread of one person's impacts in one condition, log scale",
     "residual_correlation": "correlation of K and C from impact to impact",
 }
-_TOLD_ELSEWHERE = ("name", "description", "formula", "priors")
+TOLD_ELSEWHERE = ("name", "description", "formula", "priors")
 
 
 def priors_table(model: Mapping[str, Any]) -> Table:
@@ -40,36 +41,11 @@ def _distributions(prior: Any) -> Iterator[tuple[str, str]]:
 def distribution_words(prior: Any) -> str:
     """A distribution as a model file writes it, in words: "half-normal, scale 0.5"."""
     if not isinstance(prior, Mapping):
-        return _plain(prior)
-    settings = [f"{name} {_plain(value)}" for name, value in prior.items() if name != "distribution"]
+        return plain(prior)
+    settings = [f"{name} {plain(value)}" for name, value in prior.items() if name != "distribution"]
     return ", ".join([str(prior["distribution"]), *settings])
 
 
 def formulas(model: Mapping[str, Any]) -> list[tuple[str, str]]:
     """Pairs of left and right side, such as ``("log K", "log(mass_kg) + (1|subject)")``."""
     return [(f"log {name}", str(right)) for name, right in dict(model.get("formula", {})).items()]
-
-
-def settings_table(model: Mapping[str, Any]) -> Table:
-    """Whatever else the model file sets, one key a row."""
-    rest = {key: value for key, value in model.items() if key not in _TOLD_ELSEWHERE}
-    return Table(columns("setting", "value", words=("value",)), [Row(pair) for pair in _flat(rest)])
-
-
-def _flat(content: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
-    for key, value in content.items():
-        name = f"{above}{key}"
-        if isinstance(value, Mapping):
-            yield from _flat(value, f"{name}.")
-        else:
-            yield name, _plain(value)
-
-
-def _plain(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    if isinstance(value, float):
-        return f"{value:g}".replace("-", "−")
-    if isinstance(value, list):
-        return ", ".join(_plain(item) for item in value)
-    return "not set" if value is None else str(value)

@@ -18,6 +18,7 @@ from bayestissue.report.published.posterior_figures import (
 )
 from bayestissue.report.published.run import PublishedRun, read_published_run
 from bayestissue.report.published.thesis_figures import correlations_plot, mass_plot
+from bayestissue.report.settings import settings_table
 from bayestissue.reproduction.conditions import Quantity
 
 ThesisLines = dict[Quantity, tuple[float, float] | None]
@@ -150,6 +151,6 @@ def _provenance(run: PublishedRun) -> dict[str, Any]:
     return {
         "formulas": model.formulas(described),
         "priors_table": model.priors_table(described),
-        "settings_table": model.settings_table(described),
+        "settings_table": settings_table(described, model.TOLD_ELSEWHERE),
         "versions": run.about.get("versions", {}),
     }

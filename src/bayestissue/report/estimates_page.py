@@ -1,0 +1,185 @@
+"""The page of a run of point estimates."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayestissue.report.page import figure, render_page
+from bayestissue.report.run_folder import TableFile, read_tables, require_files
+from bayestissue.report.settings import settings_table
+from bayestissue.report.style import POSTERIOR, PUBLISHED, new_figure, style
+from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.wording import interval, listed, significant
+
+# The columns of `estimates.csv` (see the interfaces) that the page can't do without.
+_LAYOUT = TableFile(
+    "estimates",
+    ("impact", "subject", "trial", "flags"),
+    ("mass_kg", "velocity_m_s", "omega_n_rad_s", "zeta", "K_N_per_m", "C_N_s_per_m"),
+)
+_QUANTITIES = {"stiffness K": ("K_N_per_m", "N/m"), "damping C": ("C_N_s_per_m", "N s/m")}
+_HEADINGS = {
+    "mass_kg": "M (kg)",
+    "velocity_m_s": "V (m/s)",
+    "omega_n_rad_s": "ωₙ (rad/s)",
+    "zeta": "ζ",
+    "K_N_per_m": "K (N/m)",
+    "K_se_N_per_m": "standard error",
+    "C_N_s_per_m": "C (N s/m)",
+    "C_se_N_s_per_m": "standard error",
+}
+_SHOWN = 300
+_MANY_POINTS = 1000
+# Tables that a run may hold beside its estimates: file, heading, and what to look for.
+_FURTHER = (
+    (
+        "centring",
+        "What centring does",
+        "Noise-free traces of one made-up tissue, hit by several masses and fitted in each way. A K or C "
+        "that differs from the truth, or changes with mass, is made by the method.",
+    ),
+    (
+        "vary",
+        "How much the choices matter",
+        "The same impacts under other choices of how the displacement is made from the recording.",
+    ),
+    ("left_out", "Left out", "Impacts that were not estimated, and why."),
+)
+_SETTINGS = ("options", "method", "signal", "model")
+
+
+def estimates_page(folder: Path, about: dict[str, Any]) -> str:
+    """The HTML of the page of the point estimates in ``folder``, whose ``run.json`` holds ``about``.
+
+    Raises:
+        InputError: `estimates.csv` lacks, or lacks a column.
+    """
+    require_files(folder, ["estimates.csv"])
+    table = read_tables(folder, (_LAYOUT,))["estimates"]
+    further = _further(folder)
+    return render_page(
+        "estimates.html",
+        title="Point estimates of stiffness K and damping C",
+        subtitle=f"{len(table)} impacts",
+        contents=[
+            ("estimates", "Estimates"),
+            *((name, heading) for name, heading, _, _ in further),
+            ("options", "Options"),
+            ("provenance", "Provenance"),
+        ],
+        about=about,
+        versions=about.get("versions", {}),
+        levels=[_level(table, name) for name in _QUANTITIES],
+        flagged=int((table["flags"] != "").sum()),
+        flags=flag_counts(table),
+        total=len(table),
+        plots=[estimate_figure(table, name) for name in _QUANTITIES]
+        if table["mass_kg"].notna().any()
+        else [],
+        estimates=estimates_table(table),
+        shown=min(len(table), _SHOWN),
+        further=further,
+        settings=settings_table({key: about[key] for key in _SETTINGS if key in about}),
+    )
+
+
+def _further(folder: Path) -> list[tuple[str, str, str, Table]]:
+    return [
+        (name, heading, words, plain_table(_read_text(folder / f"{name}.csv")))
+        for name, heading, words in _FURTHER
+        if (folder / f"{name}.csv").is_file()
+    ]
+
+
+def _read_text(path: Path) -> pd.DataFrame:
+    return pd.read_csv(path, dtype=str, keep_default_na=False)
+
+
+def _level(table: pd.DataFrame, name: str) -> dict[str, str]:
+    column, unit = _QUANTITIES[name]
+    values = table[column].dropna()
+    low, median, high = np.percentile(values, [5, 50, 95]) if len(values) else [np.nan] * 3
+    return {
+        "name": name,
+        "unit": unit,
+        "median": significant(median),
+        "range": interval(low, high),
+        "missing": str(len(table) - len(values)) if len(values) < len(table) else "",
+    }
+
+
+def flag_counts(table: pd.DataFrame) -> str:
+    """How often each flag was raised, the commonest first, in words."""
+    flags = table["flags"].str.split(r"\s*[;,]\s*", regex=True).explode()
+    counts = flags[flags != ""].value_counts()
+    return listed([f"{flag} ({count})" for flag, count in counts.items()])
+
+
+def estimates_table(table: pd.DataFrame) -> Table:
+    """The impacts that need a look first: those with flags, then the others in their order."""
+    order = table.assign(_clean=table["flags"] == "").sort_values("_clean", kind="stable").index[:_SHOWN]
+    numbers = [column for column in _HEADINGS if column in table]
+    shown = table.loc[order].assign(**{name: pd.to_numeric(table[name], errors="coerce") for name in numbers})
+    rows = [
+        Row(
+            (
+                line["impact"],
+                line["subject"],
+                line["trial"],
+                *(significant(line[name], 4) for name in numbers),
+                line["flags"],
+            ),
+            "disagrees" if line["flags"] else "",
+        )
+        for line in shown.to_dict("records")
+    ]
+    headings = [_HEADINGS[name] for name in numbers]
+    titles = ("impact", "subject", "trial", *headings, "flags")
+    return Table(columns(*titles, number=headings, words=("flags",)), rows)
+
+
+def estimate_figure(table: pd.DataFrame, name: str) -> Markup:
+    """K or C of every impact over the mass; flagged impacts are marked by another colour and sign."""
+    column, unit = _QUANTITIES[name]
+    clean = table["flags"] == ""
+    with style():
+        fig, axes = new_figure()
+        for chosen, label, colour, marker in (
+            (clean, "no flag", POSTERIOR, "o"),
+            (~clean, "flagged", PUBLISHED, "x"),
+        ):
+            if chosen.any():
+                axes.plot(
+                    table.loc[chosen, "mass_kg"],
+                    table.loc[chosen, column],
+                    marker,
+                    ms=4,
+                    color=colour,
+                    alpha=0.7,
+                    label=label,
+                )
+        axes.set(xlabel="mass of the impactor, M (kg)", ylabel=f"{name} ({unit})")
+        fig.legend(loc="outside upper right", ncols=2)
+        alt = f"Point estimates of {name} of every impact over the mass of the impactor; crosses are flagged."
+        return figure(fig, alt, raster=len(table) > _MANY_POINTS)
+
+
+def plain_table(frame: pd.DataFrame) -> Table:
+    """Any table of text, columns of numbers set to the right with four digits."""
+    numbers = {column: pd.to_numeric(frame[column], errors="coerce") for column in frame}
+    numeric = [
+        column
+        for column, values in numbers.items()
+        if values.notna().any() and (values.notna() | (frame[column] == "")).all()
+    ]
+    text = frame.assign(
+        **{str(c): [significant(v, 4) if pd.notna(v) else "" for v in numbers[c]] for c in numeric}
+    )
+    titles = [str(column) for column in frame]
+    rows = [Row([str(cell) for cell in row]) for row in text.to_numpy()]
+    return Table(columns(*titles, number=[str(c) for c in numeric], words=("expected", "remedy")), rows)
