@@ -71,7 +71,7 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Finding]:
                 implied = of_ends(low["value"], high["value"])
                 slack = slack_of_ends(low, high) + stated["value_text"].map(half_unit)
                 wrong = stated[(stated["value"] - implied).abs() > slack + 1e-9]
-                several = len(publication.claims(quantity, name)["value"].unique()) > len(stated)
+                several = len(publication.claims(str(quantity), name)["value"].unique()) > len(stated)
                 if wrong.empty or several:
                     continue
                 figures = " and ".join(wrong["value_text"])

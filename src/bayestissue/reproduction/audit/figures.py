@@ -10,27 +10,39 @@ import pandas as pd
 from bayestissue.reproduction.agreement import agrees, decimals, half_unit
 from bayestissue.reproduction.audit.findings import Finding
 from bayestissue.reproduction.audit.publication import PUBLISHED, Publication, each
-from bayestissue.reproduction.conditions import conditions, unrounded_mass
+from bayestissue.reproduction.conditions import QUANTITIES, conditions, unrounded_mass
 from bayestissue.reproduction.regressions import straight_line
+
+_SMALL = 0.01
 
 
 @PUBLISHED.check(
     severity="minor",
     bearing="tables",
-    reason="the table does not follow from its rows, though no conclusion rests on it",
+    reason="the figure does not follow from its rows, though no conclusion rests on it; under 1 % is a note",
 )
 def figures_that_do_not_follow(publication: Publication) -> Iterator[Finding]:
-    """Figures of tables and equations that differ from the recomputed ones by more than the last digit."""
+    """Figures that differ from the recomputed ones by more than one unit of the last digit.
+
+    Those of the running text are left to `claims_that_contradict` where it gives several values, and counts
+    of variables to the checks in `significance` and `models`.
+    """
     found = _disagreements(publication)
-    for row in each(found[~found["last_digit"] & ~found["of_text"]]):
+    claims = publication.tables.claims
+    several = claims.groupby(["quantity", "statistic"])["value"].transform("nunique") > 1
+    elsewhere = claims.loc[several | claims["statistic"].str.startswith("number of"), "claim"]
+    found = found[~found["last_digit"] & ~(found["of_text"] & found["row"].isin(elsewhere))]
+    for row in each(found):
         implied = f"{row.value:.{decimals(row.published) + 1}f}"
         yield Finding(
             place(row.table),
             row.quantity,
             row.published,
             implied,
-            f"The {row.quantity} in {place(row.table)} is printed as {row.published}; recomputed from the "
-            f"rows it is {implied}, so the print is {_off(row.printed, row.value)}{_hint(row.note)}.",
+            f"The figure for {row.quantity} in {place(row.table)} is {row.published}; recomputed from the "
+            f"rows and averages it is {implied}, so the print is {_off(row.printed, row.value)}"
+            f"{_hint(row.note)}.",
+            "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else None,
         )
 
 
@@ -48,9 +60,9 @@ def last_digits(publication: Publication) -> Iterator[Finding]:
         return
     compared = int((every["agrees"].notna() & ~every["table"].str.startswith("section")).sum())
     towards_zero = int((found["printed"].abs() < found["value"].abs()).sum())
-    tables = found["table"].map(place).value_counts(sort=False)
+    tables = found["table"].map(place).value_counts(sort=False).rename(str)
     yield Finding(
-        ", ".join(tables.index),
+        ", ".join(tables),
         "last digits",
         f"{len(found)} of {compared} figures",
         f"{towards_zero} too near to zero",
@@ -68,7 +80,8 @@ def last_digits(publication: Publication) -> Iterator[Finding]:
 )
 def masses_behind_the_regression(publication: Publication) -> Iterator[Finding]:
     """An equation that follows from E = ½MV² at higher velocities, not from the printed masses."""
-    for quantity, terms in publication.tables.regressions.groupby("quantity", sort=False):
+    for quantity in QUANTITIES:
+        terms = publication.tables.regressions.query("quantity == @quantity")
         table = conditions(publication.tables, quantity)
         exact = unrounded_mass(table)
         if exact is None:
@@ -102,7 +115,7 @@ def impossible_spread(publication: Publication) -> Iterator[Finding]:
     For n numbers of range R the standard deviation (with n − 1) lies between R/√(2(n − 1)) and
     R √(n/(n − 1))/2 (von Szőkefalvi Nagy 1918; Popoviciu 1935).
     """
-    for quantity in ("K", "C"):
+    for quantity in QUANTITIES:
         table = conditions(publication.tables, quantity)
         for trial, row in table[~table["from_rows"]].iterrows():
             n = row["impacts"]
@@ -135,7 +148,7 @@ def uneven_digits(publication: Publication) -> Iterator[Finding]:
                 if odd.empty:
                     continue
                 yield Finding(
-                    place(table),
+                    place(str(table)),
                     f"digits of the column {column}",
                     ", ".join(odd),
                     f"{usual} decimals",
@@ -161,8 +174,10 @@ def _disagreements(publication: Publication) -> pd.DataFrame:
 
 
 def place(table: str) -> str:
-    """A table's number in words; names that are not numbers stay as they are."""
-    return f"Table {table}" if table[:1].isdigit() else table
+    """Where ``table`` of the reproduction stands, in words."""
+    if table.startswith("equation"):
+        return f"the {table}"
+    return table if table.startswith("section") else f"Table {table}"
 
 
 def _off(printed: float, value: float) -> str:

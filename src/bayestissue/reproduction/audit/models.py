@@ -8,7 +8,7 @@ import numpy as np
 
 from bayestissue.reproduction.audit.findings import Finding
 from bayestissue.reproduction.audit.publication import PUBLISHED, Publication, each
-from bayestissue.reproduction.conditions import conditions
+from bayestissue.reproduction.conditions import QUANTITIES, conditions
 from bayestissue.reproduction.correlations import correlation_of_impacts
 from bayestissue.reproduction.covariates import factors
 
@@ -20,7 +20,8 @@ from bayestissue.reproduction.covariates import factors
 )
 def r_squared_of_averages(publication: Publication) -> Iterator[Finding]:
     """R² of a fit to averages, given as if it held for single impacts."""
-    for quantity, terms in publication.tables.regressions.groupby("quantity", sort=False):
+    for quantity in QUANTITIES:
+        terms = publication.tables.regressions.query("quantity == @quantity")
         table = conditions(publication.tables, quantity)
         r = correlation_of_impacts("Mass", table).value
         printed = terms.iloc[0]
@@ -46,7 +47,8 @@ def r_squared_of_averages(publication: Publication) -> Iterator[Finding]:
 )
 def negative_damping(publication: Publication) -> Iterator[Finding]:
     """An equation that gives a negative constant for a small mass."""
-    for quantity, terms in publication.tables.regressions.groupby("quantity", sort=False):
+    for quantity in QUANTITIES:
+        terms = publication.tables.regressions.query("quantity == @quantity")
         coefficient = terms.set_index("term")["coefficient"]
         if not {"constant", "Mass"} <= set(coefficient.index) or coefficient["constant"] >= 0:
             continue
@@ -94,13 +96,14 @@ def variables_offered(publication: Publication) -> Iterator[Finding]:
     """The number of variables that the stepwise analysis is said to have had, against its table."""
     claims = publication.claims("design", "number of variables available to the stepwise analysis")
     for claim in each(claims):
-        listed = publication.tables.stepwise.groupby("quantity")["variable"].agg(
-            lambda names: set(map(factors, names))
-        )
-        counts = listed.map(len)
-        if (counts == claim.value).all():
+        listed = {
+            str(quantity): set(rows["variable"].map(factors))
+            for quantity, rows in publication.tables.stepwise.groupby("quantity", sort=False)
+        }
+        counts = {quantity: len(names) for quantity, names in listed.items()}
+        if set(counts.values()) == {claim.value}:
             continue
-        every = set.union(*listed)
+        every = set().union(*listed.values())
         missing = {
             quantity: ", ".join(sorted(" × ".join(key) for key in every - names))
             for quantity, names in listed.items()

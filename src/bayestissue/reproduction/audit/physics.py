@@ -64,7 +64,7 @@ def implied_penetration(impacts: Impacts) -> Iterator[Finding]:
         f"{time.max():.2f} s",
         f"With M, V, K and C as given, the impactor would come to rest {middle * 100:.0f} cm deep (median) "
         f"after {np.median(time):.2f} s, in tissue of {limit * 1000:.3g} mm ({known}). To stop the same "
-        f"mass within that, K would have to be at least {(middle / limit) ** 2:,.0f} times larger, some "
+        f"mass within that, K would have to be at least {_two_digits((middle / limit) ** 2):,.0f} times larger, some "
         f"{_two_digits(stiffness * (middle / limit) ** 2):,.0f} N/m instead of {stiffness:.0f}: in N/m and "
         "N s/m the figures can't describe the tissue; the unit of time in the fit can't have been the "
         "second.",
@@ -114,16 +114,17 @@ def kinetic_energy(impacts: Impacts) -> Iterator[Finding]:
     wrong = (ratio - 1).abs() > 0.02
     if not wrong.any():
         return
-    implied = np.sqrt(2 * energy / mass)
+    implied = (2 * energy / mass) ** 0.5
+    worst = int(ratio.to_numpy().argmin())
     yield Finding(
         impacts.where,
         "energy, velocity and mass",
         f"V = {_list(np.unique(velocity))} m/s",
         f"V = {_list(np.unique(implied.round(2)))} m/s from √(2E/M)",
         f"In {wrong.sum()} of {len(conditions)} conditions ½MV² is not the stated energy but "
-        f"{ratio[wrong].min():.2f} to {ratio[wrong].max():.2f} of it (trial {ratio.idxmin()}: "
-        f"½ × {mass[ratio.idxmin()]:g} × {velocity[ratio.idxmin()]:g}² = "
-        f"{(ratio * energy)[ratio.idxmin()]:.3f} J, not {energy[ratio.idxmin()]:g} J). "
+        f"{ratio[wrong].min():.2f} to {ratio[wrong].max():.2f} of it (trial {ratio.index[worst]}: "
+        f"½ × {mass.iloc[worst]:g} × {velocity.iloc[worst]:g}² = {(ratio * energy).iloc[worst]:.3f} J, "
+        f"not {energy.iloc[worst]:g} J). "
         + _pattern(velocity, implied)
         + " Either the masses or the velocities are not those of the experiment.",
     )
@@ -139,8 +140,10 @@ def _pattern(velocity: pd.Series, implied: pd.Series) -> str:
     shift = (implied - velocity).to_numpy()
     if np.ptp(shift) < 0.01 * velocity.mean():
         return (
-            f"The masses agree with the energies, to {(np.abs(shift - shift.mean()) / velocity).max():.1%}, "
-            f"if every velocity is {shift.mean():+.3f} m/s from what is stated (for {words} m/s)."
+            "The masses agree with the energies, to "
+            f"{(np.abs(shift - shift.mean()) / velocity).max():.1%}, if every velocity was "
+            f"{abs(shift.mean()):.2f} m/s {'higher' if shift.mean() > 0 else 'lower'} than stated (for "
+            f"{words} m/s)."
         )
     return f"The masses agree with the energies if for {words} m/s."
 

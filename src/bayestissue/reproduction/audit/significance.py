@@ -10,7 +10,7 @@ import pandas as pd
 
 from bayestissue.reproduction.audit.findings import Finding
 from bayestissue.reproduction.audit.publication import PUBLISHED, Publication, each
-from bayestissue.reproduction.conditions import conditions, grand_mean
+from bayestissue.reproduction.conditions import Quantity, conditions, grand_mean
 from bayestissue.reproduction.correlations import correlation_of_impacts, p_value
 from bayestissue.reproduction.covariates import factors, has_mass
 
@@ -118,10 +118,9 @@ def correlation_with_a_sum(publication: Publication) -> Iterator[Finding]:
         values = rows.set_index(rows["variable"].map(lambda name: name.lower().strip()))
         for name, row in values.iterrows():
             parts = [part.strip() for part in str(name).split("+")]
-            found = [_starting_with(values, part) for part in parts]
-            if len(parts) != 2 or any(part is None for part in found):
+            if len(parts) != 2 or not set(parts) <= set(values.index):
                 continue
-            one, other = (part for part in found if part is not None)
+            one, other = (values.loc[part] for part in parts)
             least = min(abs(one["correlation"]), abs(other["correlation"]))
             if one["correlation"] * other["correlation"] <= 0 or abs(row["correlation"]) >= least - 0.002:
                 continue
@@ -200,7 +199,7 @@ def sign_of_a_personal_factor(publication: Publication) -> Iterator[Finding]:
         )
 
 
-def _recomputed(publication: Publication, quantity: str) -> pd.DataFrame:
+def _recomputed(publication: Publication, quantity: Quantity) -> pd.DataFrame:
     """R and p of all impacts with the variables of Table 5.12 that energy, velocity and mass make."""
     table = conditions(publication.tables, quantity)
     listed = publication.tables.correlations
@@ -212,7 +211,7 @@ def _recomputed(publication: Publication, quantity: str) -> pd.DataFrame:
     return frame.loc[r.abs().sort_values(ascending=False).index]
 
 
-def _tables_of(publication: Publication, quantity: str) -> Iterator[tuple[str, pd.Series]]:
+def _tables_of(publication: Publication, quantity: Quantity) -> Iterator[tuple[str, pd.Series]]:
     printed = publication.tables.correlations.query("quantity == @quantity")
     for table, rows in printed.groupby("table", sort=False):
         yield f"Table {table}", rows.drop_duplicates("variable").set_index("variable")["correlation"]
@@ -224,10 +223,6 @@ def _is_condition(name: str) -> bool:
     return all(factor in ("energy", "velocity", "mass") for factor in factors(name))
 
 
-def _starting_with(values: pd.DataFrame, part: str) -> pd.Series | None:
-    return values.loc[part] if part in values.index else None
-
-
 def _standard_deviation(table: pd.DataFrame) -> float:
     """Over all impacts, from averages and standard deviations of the conditions."""
     n = table["impacts"]
@@ -235,5 +230,5 @@ def _standard_deviation(table: pd.DataFrame) -> float:
     return float(np.sqrt(squares / (n.sum() - 1)))
 
 
-def _impacts(publication: Publication, quantity: str) -> int:
+def _impacts(publication: Publication, quantity: Quantity) -> int:
     return int(conditions(publication.tables, quantity)["impacts"].sum())
