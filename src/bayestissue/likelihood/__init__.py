@@ -1,1 +1,7 @@
-"""The probability of a whole impact's displacement, as numpyro distributions."""
+"""Exact likelihood of a whole impact as an ARMA(2,1) or a sampled A(2), by sine transforms."""
+
+from bayestissue.likelihood.arma21 import arma21_log_likelihood, log_likelihood
+from bayestissue.likelihood.distributions import ARMA21
+from bayestissue.likelihood.transforms import SineTransforms, sine_transforms
+
+__all__ = ["ARMA21", "SineTransforms", "arma21_log_likelihood", "log_likelihood", "sine_transforms"]

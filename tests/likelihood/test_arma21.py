@@ -1,0 +1,148 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+from statsmodels.tsa.arima.model import ARIMA
+
+from bayestissue.likelihood import arma21_log_likelihood, log_likelihood, sine_transforms
+from bayestissue.likelihood.arma21 import masked_log_likelihood
+from bayestissue.oscillator import autocovariance_arma21, to_discrete
+
+THETAS = [-1.0, -0.999, -0.27, 0.0, 0.5, 1.0, 1.3]
+COMPLEX, REAL = (1.9, -0.92), (1.6, -0.62)
+FINE = tuple(float(c) for c in to_discrete(0.01, 0.3, 1.0)[:2])
+
+
+def walk(n: int = 50, seed: int = 1) -> np.ndarray:
+    return 0.1 * np.random.default_rng(seed).normal(size=n).cumsum()
+
+
+def dense_free(x: np.ndarray, phi: tuple[float, float], theta1: float, sigma_a: float) -> float:
+    w = x[2:] - phi[0] * x[1:-1] - phi[1] * x[:-2]
+    near = np.eye(len(w), k=1) + np.eye(len(w), k=-1)
+    covariance = sigma_a**2 * ((1 + theta1**2) * np.eye(len(w)) - theta1 * near)
+    return float(multivariate_normal(np.zeros(len(w)), covariance).logpdf(w))
+
+
+def dense_stationary(x: np.ndarray, phi: tuple[float, float], theta1: float, sigma_a: float) -> float:
+    gamma = np.asarray(autocovariance_arma21(np.arange(len(x)), *phi, theta1, sigma_a))
+    covariance = gamma[np.abs(np.subtract.outer(np.arange(len(x)), np.arange(len(x))))]
+    return float(multivariate_normal(np.zeros(len(x)), covariance).logpdf(x))
+
+
+@pytest.mark.parametrize("phi", [COMPLEX, REAL, FINE])
+@pytest.mark.parametrize("theta1", THETAS)
+def test_free_start_is_the_dense_normal(theta1: float, phi: tuple[float, float]) -> None:
+    x = walk()
+    expected = dense_free(x, phi, theta1, 0.3)
+    # at |theta1| = 1 the dense matrix has a condition number of about N^2
+    assert float(arma21_log_likelihood(x, *phi, theta1, 0.3)) == pytest.approx(expected, rel=1e-11)
+
+
+@pytest.mark.parametrize("phi", [COMPLEX, REAL])
+@pytest.mark.parametrize("theta1", [-0.6, -0.27, 0.0, 0.5, 1.0, 1.3])
+def test_stationary_start_is_the_dense_normal(theta1: float, phi: tuple[float, float]) -> None:
+    x = walk()
+    expected = dense_stationary(x, phi, theta1, 0.3)
+    # the dense covariance loses up to seven digits to its condition number
+    assert float(arma21_log_likelihood(x, *phi, theta1, 0.3, start="stationary")) == pytest.approx(
+        expected, rel=1e-9
+    )
+
+
+@pytest.mark.parametrize(("omega_dt", "zeta"), [(0.5, 0.05), (0.5, 0.7), (0.5, 1.0), (0.5, 2.0), (0.05, 0.3)])
+def test_stationary_start_is_the_one_of_statsmodels(omega_dt: float, zeta: float) -> None:
+    x = walk(200)
+    phi1, phi2, theta1 = (float(c) for c in to_discrete(omega_dt, zeta, 1.0))
+    model = ARIMA(x, order=(2, 0, 1), trend="n", enforce_invertibility=False)
+    expected = model.loglike([phi1, phi2, -theta1, 0.09])
+    ours = arma21_log_likelihood(x, phi1, phi2, theta1, 0.3, start="stationary")
+    # its Kalman filter stops updating the variance once that has converged, at a tolerance of 1e-9 or so
+    assert float(ours) == pytest.approx(expected, rel=1e-8)
+
+
+@pytest.mark.parametrize("start", ["free", "stationary"])
+def test_impacts_of_different_length_count_each_for_itself(start: str) -> None:
+    lengths = np.array([5, 37, 37, 66, 67, 200])
+    x = np.stack([walk(200, seed) for seed in range(6)])
+    theta1 = jnp.array([-1.0, -0.3, 0.0, 0.4, 0.9, 1.0])
+    c1, c2, sigma_a = 0.1, 0.02, jnp.linspace(0.1, 0.6, 6)
+    together = log_likelihood(sine_transforms(x, lengths), c1, c2, theta1, sigma_a, start=start)
+    filtered = masked_log_likelihood(
+        jnp.asarray(x), lengths, jnp.full(6, c1), jnp.full(6, c2), theta1, sigma_a, start
+    )
+    single = [
+        arma21_log_likelihood(x[i, :n], 2 - c1, c1 - c2 - 1, theta1[i], sigma_a[i], start=start)
+        for i, n in enumerate(lengths)
+    ]
+    np.testing.assert_allclose(together, single, rtol=1e-10)
+    np.testing.assert_allclose(filtered, single, rtol=1e-9)
+
+
+@pytest.mark.parametrize("start", ["free", "stationary"])
+def test_derivatives_match_finite_differences(start: str) -> None:
+    x = np.stack([walk(80, seed) for seed in range(7)])
+    data = sine_transforms(x)
+    columns = jnp.stack([jnp.full(7, 0.1), jnp.full(7, 0.02), jnp.array(THETAS), jnp.full(7, 0.3)])
+
+    @jax.jit
+    def each(p: jax.Array) -> jax.Array:
+        return log_likelihood(data, *p, start=start)
+
+    total = jax.jit(jax.grad(lambda p: each(p).sum()))
+    steps = np.array([1e-6, 1e-7, 1e-5, 1e-6])
+    finite = []
+    for k, step in enumerate(steps):
+        shift = jnp.zeros((4, 1)).at[k].set(step)
+        finite.append((each(columns + shift) - each(columns - shift)) / (2 * step))
+    # central differences: rounding 1e-16 |l| / step and step^2 of a third derivative
+    np.testing.assert_allclose(total(columns), finite, rtol=2e-6, atol=2e-4)
+
+
+def test_curvature_matches_differences_of_the_gradient() -> None:
+    data = sine_transforms(walk(80)[None])
+    point, step = jnp.array([0.1, 0.02, -0.4, 0.3]), 1e-5
+
+    def value(p: jax.Array) -> jax.Array:
+        return log_likelihood(data, *p)[0]
+
+    slope = jax.jit(jax.grad(value))
+    finite = [(slope(point + step * e) - slope(point - step * e)) / (2 * step) for e in jnp.eye(4)]
+    np.testing.assert_allclose(jax.jit(jax.hessian(value))(point), finite, rtol=1e-5, atol=1e-2)
+
+
+@pytest.mark.parametrize("theta1", [-1.0, 1.0])
+def test_gradient_is_clean_where_theta1_turns_non_invertible(theta1: float) -> None:
+    # theta1 -> 1/theta1 with sigma_a -> sigma_a theta1 leaves the density: fixes the slope at the edge
+    x = walk()
+
+    def value(log_theta: jax.Array) -> jax.Array:
+        ratio = jnp.exp(log_theta)
+        return arma21_log_likelihood(x, *COMPLEX, theta1 * ratio, 0.3 / jnp.sqrt(ratio))
+
+    assert float(jax.grad(value)(jnp.array(0.0))) == pytest.approx(0.0, abs=1e-8)
+    near = [float(jax.grad(value)(jnp.array(side))) for side in (-1e-6, 1e-6)]
+    assert near[0] == pytest.approx(-near[1], rel=1e-3)
+
+
+def test_no_stationary_distribution_has_no_density() -> None:
+    assert float(arma21_log_likelihood(walk(), 2.1, -1.05, 0.0, 1.0, start="stationary")) == -np.inf
+
+
+def test_parameters_and_series_broadcast() -> None:
+    x = np.stack([walk(40, 1), walk(40, 2)])
+    values = arma21_log_likelihood(x[:, None], 1.9, -0.92, np.array([-0.5, 0.0, 0.5]), 0.3)
+    assert values.shape == (2, 3)
+    assert float(values[1, 2]) == pytest.approx(float(arma21_log_likelihood(x[1], 1.9, -0.92, 0.5, 0.3)))
+
+
+def test_wrong_arguments_are_refused() -> None:
+    with pytest.raises(ValueError, match="three samples"):
+        arma21_log_likelihood([1.0, 2.0], 1.0, 0.0, 0.0, 1.0)
+    with pytest.raises(ValueError, match="stationary"):
+        arma21_log_likelihood([1.0, 2.0, 3.0], 1.0, 0.0, 0.0, 1.0, start="frozen")
+    with pytest.raises(ValueError, match="3 to 4 samples"):
+        sine_transforms(np.zeros((2, 4)), np.array([4, 2]))
