@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,7 @@ from rich.text import Text
 
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import Problem
-from bayestissue.report.check_page import check_page, quality_table
+from bayestissue.report.check_page import check_page, kinds, quality_table
 from bayestissue.results import require_free, whole_folder
 from bayestissue.signal import Displacements, displacements
 
@@ -81,18 +80,9 @@ def _print(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
     for heading, problems in (("Left out", data.left_out), ("Warnings", _warnings(data, signal))):
         if problems:
             console.print(Text(f"{heading}:", style="bold"))
-            for line in _grouped(problems):
-                console.print(Text(f"  {line}"), soft_wrap=True)
-
-
-def _grouped(problems: Sequence[Problem]) -> list[str]:
-    kinds: dict[tuple[object, ...], list[Problem]] = {}
-    for problem in problems:
-        kinds.setdefault((problem.file, problem.column, problem.remedy), []).append(problem)
-    return [
-        f"{some[0]}" + (f" The same in {len(some) - 1} more impacts." if len(some) > 1 else "")
-        for some in kinds.values()
-    ]
+            for some in kinds(problems):
+                more = f" The same in {len(some) - 1} more impacts." if len(some) > 1 else ""
+                console.print(Text(f"  {some[0]}{more}"), soft_wrap=True)
 
 
 def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:
@@ -132,5 +122,5 @@ def _write(out: Path, overwrite: bool, data: Dataset, signal: Displacements, qua
     with whole_folder(out, overwrite=overwrite) as staging:
         quality.to_csv(staging / "quality.csv", index=False)
         problems.astype({"row": "Int64"}).to_csv(staging / "problems.csv", index=False)
-        page = check_page(data, signal, quality, verdict=_verdict(data), problems=problems)
+        page = check_page(data, signal, quality, verdict=_verdict(data), warnings=warnings)
         (staging / "check.html").write_text(page, encoding="utf-8")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +11,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from bayestissue.dataset import Dataset
+from bayestissue.errors import Problem
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.style import FAINT, MUTED, PALETTE, new_figure, style
 from bayestissue.report.tables import Row, Table, columns
@@ -63,7 +66,12 @@ def quality_table(dataset: Dataset, signal: Displacements) -> pd.DataFrame:
 
 
 def check_page(
-    dataset: Dataset, signal: Displacements, quality: pd.DataFrame, *, verdict: str, problems: pd.DataFrame
+    dataset: Dataset,
+    signal: Displacements,
+    quality: pd.DataFrame,
+    *,
+    verdict: str,
+    warnings: Sequence[Problem],
 ) -> str:
     """The whole page: verdict, what was found, a panel per impact, and the table of `quality_table`.
 
@@ -82,7 +90,10 @@ def check_page(
         total=len(quality),
         shown=len(shown),
         sheets=[_sheet(dataset, signal, shown[at : at + size]) for at in range(0, len(shown), size)],
-        problems=_problems(problems),
+        problems=Table(
+            columns("severity", "impacts", "what", words=("impacts", "what")),
+            [*_problems("left out", dataset.left_out), *_problems("warning", warnings)],
+        ),
         quality=_quality(quality.loc[shown]),
         input_hash=dataset.input_hash,
     )
@@ -130,15 +141,21 @@ def _panel(ax: Any, dataset: Dataset, signal: Displacements, index: int) -> None
     ax.tick_params(labelsize=7)
 
 
-def _problems(problems: pd.DataFrame) -> Table:
-    names = ("severity", "file", "row", "column", "impact", "value", "expected", "remedy")
-    return Table(
-        columns(*names, number=("row",), words=("value", "expected", "remedy")),
-        [
-            Row(["" if pd.isna(cell) else str(cell) for cell in record])
-            for record in problems[list(names)].astype(object).itertuples(index=False)
-        ],
-    )
+def kinds(problems: Sequence[Problem]) -> list[list[Problem]]:
+    """The same slip in many impacts as one entry: alike are those of one file, column and remedy."""
+    alike: dict[tuple[object, ...], list[Problem]] = {}
+    for problem in problems:
+        alike.setdefault((problem.file, problem.column, problem.remedy), []).append(problem)
+    return list(alike.values())
+
+
+def _problems(severity: str, problems: Sequence[Problem]) -> list[Row]:
+    rows = []
+    for some in kinds(problems):
+        impacts = list(dict.fromkeys(problem.impact for problem in some if problem.impact))
+        listed = ", ".join(impacts[:12]) + (f" and {len(impacts) - 12} more" if len(impacts) > 12 else "")
+        rows.append(Row([severity, listed, str(replace(some[0], impact=None))]))
+    return rows
 
 
 def _quality(quality: pd.DataFrame) -> Table:
