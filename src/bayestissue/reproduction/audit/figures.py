@@ -60,7 +60,7 @@ def last_digits(publication: Publication) -> Iterator[Finding]:
         return
     compared = int((every["agrees"].notna() & ~every["table"].str.startswith("section")).sum())
     towards_zero = int((found["printed"].abs() < found["value"].abs()).sum())
-    tables = found["table"].map(place).value_counts(sort=False).rename(str)
+    tables = {place(str(name)): len(rows) for name, rows in found.groupby("table", sort=False)}
     yield Finding(
         ", ".join(tables),
         "last digits",

@@ -116,10 +116,11 @@ def constant_natural_frequency(impacts: Impacts) -> Iterator[Finding]:
         f"K from {stiffness.min():.4g} to {stiffness.max():.4g} (varies by {variation(stiffness):.0%})",
         f"K/M varies by {variation(per_mass):.1%}; K ∝ M^{exponent.slope:.2f} "
         f"[{exponent.low:.2f}, {exponent.high:.2f}]",
-        f"To within {variation(per_mass):.0%} K is the mass of the impactor times a constant: over all people and masses the natural frequency "
-        f"√(K/M) stays within {omega.min():.2f} to {omega.max():.2f} rad/s (varies by "
-        f"{variation(omega):.1%}). A tissue of fixed stiffness would make it fall as M^−½, so these "
-        "estimates of K record which mass was mounted and next to nothing of the tissue that was struck.",
+        f"To within {variation(per_mass):.0%} K is the mass of the impactor times a constant: over all "
+        f"people and masses the natural frequency √(K/M) stays within {omega.min():.2f} to "
+        f"{omega.max():.2f} rad/s (varies by {variation(omega):.1%}). A tissue of fixed stiffness would "
+        "make it fall as M^−½, so these estimates of K record which mass was mounted and next to nothing "
+        "of the tissue that was struck.",
     )
 
 

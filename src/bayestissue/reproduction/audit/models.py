@@ -64,6 +64,33 @@ def negative_damping(publication: Publication) -> Iterator[Finding]:
         )
 
 
+_NEEDLE_M = 0.025
+"""Length of the needle in common use for injections into the deltoid of an adult; it is to end in muscle."""
+
+
+@PUBLISHED.check(
+    severity="minor",
+    bearing="inputs",
+    reason="the thickness enters the argument on the wall of bone and the regression on skin folds",
+)
+def thickness_of_the_deltoid(publication: Publication) -> Iterator[Finding]:
+    """Skin and muscle of the shoulder too thin to take an injection."""
+    claims = publication.tables.claims
+    layers = claims[claims["quantity"].str.endswith("thickness") & claims["statistic"].eq("maximum (mm)")]
+    thickest = float(layers["value"].sum()) / 1000
+    if layers.empty or thickest >= _NEEDLE_M:
+        return
+    yield Finding(
+        f"section {layers['section'].iloc[0]}",
+        "thickness of skin and muscle",
+        " and ".join(f"up to {text} mm" for text in layers["value_text"]),
+        f"more than {_NEEDLE_M * 1000:.0f} mm",
+        f"Skin and muscle of the thickest shoulder are given as {thickest * 1000:g} mm together; the "
+        f"needle commonly used for injections into this muscle is {_NEEDLE_M * 1000:.0f} mm long and would "
+        f"end in bone. Read as centimetres ({thickest * 1000:g} cm) the figures are those of a shoulder.",
+    )
+
+
 @PUBLISHED.check(
     severity="note",
     bearing="method",

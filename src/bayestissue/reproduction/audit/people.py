@@ -92,6 +92,33 @@ def people_not_told_apart(impacts: Impacts) -> Iterator[Finding]:
 
 
 @GENERAL.check(
+    severity="minor",
+    bearing="tissue",
+    reason="a damper that differs so much between shoulders of one age and stiffness is not credible",
+)
+def damping_without_bounds(impacts: Impacts) -> Iterator[Finding]:
+    """C that differs many times over within one condition while K hardly differs."""
+    ends = impacts.rows.groupby("trial")[["K", "C"]].agg(["min", "max"])
+    if impacts.rows.groupby("trial").size().max() < 3:
+        return
+    stiffness, damping = (ends[name]["max"] / ends[name]["min"] for name in ("K", "C"))
+    wide = (damping > 4) & (np.log(damping) > 5 * np.log(stiffness))
+    if not wide.any():
+        return
+    worst = damping[wide].idxmax()
+    yield Finding(
+        impacts.where,
+        "C within one trial",
+        f"{ends.loc[worst, ('C', 'min')]:g} to {ends.loc[worst, ('C', 'max')]:g} in trial {worst}",
+        f"{damping[worst]:.0f} times, beside {stiffness[worst]:.2f} times for K",
+        f"In {wide.sum()} of {len(ends)} trials C differs more than fourfold between people struck alike, "
+        f"{damping[worst]:.0f} times in trial {worst}, while their K differs by "
+        f"{stiffness[wide].max() - 1:.0%} at most: C takes up whatever the shape of a single record does "
+        "to the fit.",
+    )
+
+
+@GENERAL.check(
     severity="note",
     bearing="method",
     reason="correlation and regression took the scatter to be the same in every condition",

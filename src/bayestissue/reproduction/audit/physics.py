@@ -64,10 +64,10 @@ def implied_penetration(impacts: Impacts) -> Iterator[Finding]:
         f"{time.max():.2f} s",
         f"With M, V, K and C as given, the impactor would come to rest {middle * 100:.0f} cm deep (median) "
         f"after {np.median(time):.2f} s, in tissue of {limit * 1000:.3g} mm ({known}). To stop the same "
-        f"mass within that, K would have to be at least {_two_digits((middle / limit) ** 2):,.0f} times larger, some "
-        f"{_two_digits(stiffness * (middle / limit) ** 2):,.0f} N/m instead of {stiffness:.0f}: in N/m and "
-        "N s/m the figures can't describe the tissue; the unit of time in the fit can't have been the "
-        "second.",
+        f"mass within that, K would have to be at least {_two_digits((middle / limit) ** 2):,.0f} times "
+        f"larger, some {_two_digits(stiffness * (middle / limit) ** 2):,.0f} N/m instead of "
+        f"{stiffness:.0f}: in N/m and N s/m the figures can't describe the tissue; the unit of time in the "
+        "fit can't have been the second.",
     )
 
 
