@@ -127,12 +127,16 @@ def mass_conclusion(run: PublishedRun) -> str:
         )
     if fixed > _SURE:
         return "K does not depend on mass in practice: the estimates behave as a tissue of fixed stiffness."
-    if not beta.holds(0) and not beta.holds(1) and 0 < beta.median < 1:
-        return (
-            "K grows with mass, but more slowly than K = Mωₙ² with a constant ωₙ would: "
-            "neither explanation suffices alone."
-        )
-    return "The data do not decide between a fixed stiffness and a constant natural frequency."
+    if beta.holds(0) or beta.holds(1):
+        return "The data do not decide between a fixed stiffness and a constant natural frequency."
+    if beta.high < 0:
+        return "K falls as mass grows, which neither a fixed stiffness nor a constant ωₙ explains."
+    if beta.low > 1:
+        return "K grows faster than the mass, which neither a fixed stiffness nor a constant ωₙ explains."
+    return (
+        "K grows with mass, but more slowly than K = Mωₙ² with a constant ωₙ would: "
+        "neither explanation suffices alone."
+    )
 
 
 def constant_frequency_finding(run: PublishedRun) -> int | None:

@@ -1,0 +1,112 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayestissue.report.published import answers
+from bayestissue.report.published.answers import Spread
+from bayestissue.report.published.posterior_figures import kept_share
+from bayestissue.report.published.run import read_published_run
+from bayestissue.report.run_folder import read_about
+from make_published_run import make_published_run
+
+
+def read(folder):
+    return read_published_run(folder, read_about(folder))
+
+
+@pytest.fixture(scope="module")
+def run(published_run_folder):
+    return read(published_run_folder)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "said"),
+    [
+        (-0.1, 1.1, "includes both"),
+        (-0.1, 0.4, "includes 0 (fixed stiffness) and excludes 1"),
+        (0.9, 1.1, "excludes 0 (fixed stiffness) and includes 1"),
+        (0.4, 0.6, "it lies between"),
+        (1.2, 1.4, "it lies above both"),
+        (-0.6, -0.2, "it lies below both"),
+    ],
+)
+def test_an_interval_is_said_to_hold_what_it_holds(low, high, said):
+    assert said in answers.exponent_words("K", Spread((low + high) / 2, low, high))
+
+
+def test_the_spread_is_that_of_the_draws():
+    draws = np.random.default_rng(0).normal(10, 2, 40_000)
+    found = answers.spread(draws)
+    # The standard error of a 5 % quantile of n normal draws is sd √(0.05·0.95/n)/0.103 = 0.021 here.
+    assert found.median == pytest.approx(10, abs=4 * 2 * np.sqrt(np.pi / 2 / 40_000))
+    assert found.low == pytest.approx(10 - 1.6449 * 2, abs=4 * 0.021)
+    assert found.high == pytest.approx(10 + 1.6449 * 2, abs=4 * 0.021)
+
+
+def test_the_typical_person_is_the_exponential_of_the_intercept(run):
+    low, median, high = np.percentile(np.exp(run.draws("intercept_K")), [5, 50, 95])
+    assert answers.typical(run, "K") == Spread(median, low, high)
+
+
+def test_a_constant_frequency_that_the_audit_confirms_is_called_made_by_the_method(run):
+    assert answers.constant_frequency_finding(run) == 0
+    assert "Made by the method" in answers.mass_conclusion(run)
+    assert "no information on the tissue" in answers.mass_conclusion(run)
+
+
+def test_without_the_audits_word_the_conclusion_is_weaker(run):
+    silent = replace(run, audit=run.audit.iloc[1:].reset_index(drop=True))
+    assert answers.constant_frequency_finding(silent) is None
+    assert "Made by the method" not in answers.mass_conclusion(silent)
+    assert "in proportion to mass" in answers.mass_conclusion(silent)
+
+
+@pytest.mark.parametrize(
+    ("exponent", "said"),
+    [
+        (0.0, "fixed stiffness"),
+        (0.5, "neither explanation suffices"),
+        (1.5, "faster than the mass"),
+        (-0.5, "falls as mass grows"),
+    ],
+)
+def test_other_exponents_lead_to_other_words(tmp_path, exponent, said):
+    assert said in answers.mass_conclusion(read(make_published_run(tmp_path, exponent=exponent)))
+
+
+def test_a_wide_interval_decides_nothing(run):
+    posterior = run.groups["posterior"]
+    wide = posterior.assign(mass_exponent_K=0.5 + 20 * (posterior["mass_exponent_K"] - 0.97))
+    rows = run.hypotheses.assign(probability=0.1)
+    vague = replace(run, groups=run.groups | {"posterior": wide}, hypotheses=rows)
+    assert "do not decide" in answers.mass_conclusion(vague)
+
+
+def test_a_model_without_mass_says_so(run):
+    groups = dict(run.groups)
+    groups["posterior"] = groups["posterior"].drop_vars(["mass_exponent_K", "mass_exponent_C"])
+    without = replace(run, groups=groups)
+    assert answers.exponent_rows(without) == []
+    assert "no mass exponent" in answers.mass_conclusion(without)
+
+
+def test_doubt_follows_the_audit(run):
+    assert answers.doubt_words(run) == "doubts"
+    clean = replace(run, audit=run.audit[run.audit["severity"] == "note"])
+    assert answers.doubt_words(clean) == "has nothing major against"
+
+
+def test_natural_frequencies_are_those_of_the_typical_person(run):
+    expected = np.sqrt(np.median(run.draws("K_trial"), axis=0) / run.constant("mass_kg"))
+    np.testing.assert_allclose(answers.natural_frequencies(run), expected, rtol=1e-14)
+
+
+def test_a_posterior_that_ignores_the_data_keeps_nothing_and_one_that_repeats_them_keeps_all(run):
+    # The made-up posterior does not know the made-up data: what it keeps is noise of the 300 draws' median.
+    assert abs(kept_share(run, "K")) < 0.1
+    posterior = run.groups["posterior"]
+    repeated = posterior.assign(K=0 * posterior["K"] + run.observed("K_observed"))
+    assert kept_share(replace(run, groups=run.groups | {"posterior": repeated}), "K") == pytest.approx(1)

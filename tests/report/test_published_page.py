@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import re
+import shutil
+from html.parser import HTMLParser
+
+import pytest
+
+from bayestissue.report import write_report
+from make_published_run import make_published_run
+
+VOID = {"meta", "link", "br", "img", "hr", "input"}
+
+
+class Reader(HTMLParser):
+    """Collects what a page links to and holds, and checks that its elements nest."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.links: list[str] = []
+        self.sources: list[str] = []
+        self.unnamed = 0
+
+    def handle_starttag(self, tag, attrs):
+        given = dict(attrs)
+        self.ids += [given["id"]] if "id" in given else []
+        self.links += [given["href"]] if tag == "a" else []
+        self.sources += [given["src"]] if "src" in given else []
+        if tag == "svg" and not given.get("aria-label"):
+            self.unnamed += 1
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        given = dict(attrs)
+        self.ids += [given["id"]] if "id" in given else []
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.fixture(scope="module")
+def html(published_run_folder):
+    return write_report(published_run_folder).read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def page(html):
+    reader = Reader()
+    reader.feed(html)
+    assert reader.open == []
+    return reader
+
+
+def first_screen(html):
+    return html[html.index('class="first"') : html.index("<nav")]
+
+
+def test_every_link_leads_somewhere_in_the_page(page):
+    assert all(link.startswith("#") for link in page.links)
+    assert {link[1:] for link in page.links} <= set(page.ids)
+
+
+def test_no_name_is_given_twice(page):
+    assert len(page.ids) == len(set(page.ids))
+
+
+def test_the_page_asks_nothing_of_the_network(html, page):
+    assert all(source.startswith("data:") for source in page.sources)
+    assert not re.search(r'(?:src|href)="(?:https?:)?//', html)
+    assert "@import" not in html
+
+
+def test_every_figure_says_what_it_shows(page):
+    assert page.unnamed == 0
+
+
+def test_the_first_screen_answers_the_three_questions_with_numbers(html):
+    first = first_screen(html)
+    for question in ("What are K and C?", "How sure is that?", "Is the growth with mass real?"):
+        assert question in first
+    assert re.search(r"K = \d+\.\d+ N/m", first)
+    assert re.search(r"K ∝ M<sup>0\.9\d+</sup>", first)
+    assert "Diagnostics passed." in first
+
+
+def test_the_worst_findings_stand_on_the_first_screen_and_are_escaped(html):
+    first = first_screen(html)
+    assert [first.count(words) for words in ("K/M hardly varies", "implied penetration")] == [1, 1]
+    assert "sd equals range" not in first
+    assert "energy &lt;is&gt; not" in first
+
+
+def test_a_failed_run_is_loud_on_the_first_screen(tmp_path):
+    html = write_report(make_published_run(tmp_path, passed=False)).read_text(encoding="utf-8")
+    first = first_screen(html)
+    assert "DIAGNOSTICS FAILED" in first
+    assert 'class="verdict failed"' in first
+    assert "Draw longer chains." in html
+
+
+def test_disagreements_are_marked_and_counted(html):
+    assert html.count('<tr class="disagrees"><td class="text">5.10') == 1
+    assert "1 agree with the printed number" in html
+    assert "The other 1 can't be derived" in html
+
+
+def test_model_priors_and_provenance_are_told(html):
+    for words in (
+        "log K ~ log(mass_kg) + (1|subject)",
+        "normal, mean 0.5, sd 1",
+        "lkj, concentration 2",
+        "sampler.target_accept",
+        "0123456789abcdef",
+        "numpy 2.3",
+    ):
+        assert words in html
+
+
+def test_the_same_run_gives_the_same_page(published_run_folder, html):
+    assert write_report(published_run_folder).read_text(encoding="utf-8") == html
+
+
+def test_a_model_without_a_mass_exponent_still_gets_a_page(published_run_folder, tmp_path):
+    import xarray as xr
+
+    folder = shutil.copytree(published_run_folder, tmp_path / "run")
+    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
+        tree.load()
+    left = tree["posterior"].to_dataset().drop_vars(["mass_exponent_K", "mass_exponent_C"])
+    tree["posterior"] = xr.DataTree(left)
+    tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    html = write_report(folder).read_text(encoding="utf-8")
+    assert "no mass exponent" in first_screen(html)

@@ -1,0 +1,79 @@
+from __future__ import annotations
+
+import json
+import shutil
+
+import pytest
+from typer.testing import CliRunner
+
+from bayestissue.cli import app
+from bayestissue.errors import InputError
+from bayestissue.report import write_report
+from bayestissue.report.published.run import read_published_run
+from bayestissue.report.run_folder import read_about
+
+
+@pytest.fixture
+def copied(published_run_folder, tmp_path):
+    return shutil.copytree(published_run_folder, tmp_path / "run")
+
+
+def problems_of(folder):
+    with pytest.raises(InputError) as caught:
+        write_report(folder)
+    return caught.value.problems
+
+
+def test_a_folder_that_is_no_run_names_the_missing_file_and_the_next_step(tmp_path):
+    (problem,) = problems_of(tmp_path)
+    assert problem.file.endswith("run.json")
+    assert "bayestissue reproduce" in problem.remedy
+
+
+def test_every_missing_file_is_named_at_once(copied):
+    for name in ("audit.csv", "posterior.nc", "diagnostics.json"):
+        (copied / name).unlink()
+    named = {problem.file.rsplit("/", 1)[-1] for problem in problems_of(copied)}
+    assert named == {"audit.csv", "posterior.nc", "diagnostics.json"}
+
+
+def test_every_missing_column_and_wrong_cell_is_named_at_once(copied):
+    hypotheses = (copied / "hypotheses.csv").read_text().replace("probability", "chance", 1)
+    (copied / "hypotheses.csv").write_text(hypotheses)
+    sensitivity = (copied / "sensitivity.csv").read_text().replace("0.01,", "much,", 1)
+    (copied / "sensitivity.csv").write_text(sensitivity)
+    found = {(problem.column, problem.row) for problem in problems_of(copied)}
+    assert found == {("probability", 1), ("prior", 2)}
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{", '{"program": "other"}', '{"kind": 3}'])
+def test_a_run_json_that_no_run_wrote_is_refused(copied, content):
+    (copied / "run.json").write_text(content)
+    assert problems_of(copied)[0].file.endswith("run.json")
+
+
+def test_a_kind_of_run_that_has_no_report_is_refused(copied):
+    (copied / "run.json").write_text(json.dumps({"kind": "poem"}))
+    (problem,) = problems_of(copied)
+    assert (problem.column, problem.value) == ("kind", "poem")
+
+
+def test_a_broken_posterior_is_refused_and_the_old_page_stays(copied):
+    (copied / "report.html").write_text("old")
+    (copied / "posterior.nc").write_bytes(b"not netCDF at all")
+    assert problems_of(copied)[0].file.endswith("posterior.nc")
+    assert (copied / "report.html").read_text() == "old"
+
+
+def test_printed_digits_survive_the_reading(published_run_folder):
+    run = read_published_run(published_run_folder, read_about(published_run_folder))
+    assert run.reproduction["published"].tolist() == ["11.859", "1.977", "-0.191"]
+    assert run.reproduction["table"].iloc[0] == "5.10"
+
+
+def test_the_command_writes_the_page_and_says_where(copied):
+    result = CliRunner().invoke(app, ["report", str(copied)])
+    assert result.exit_code == 0
+    assert str(copied / "report.html") in result.output.replace("\n", "")
+    quiet = CliRunner().invoke(app, ["report", str(copied), "--quiet"])
+    assert quiet.output == ""
