@@ -174,7 +174,9 @@ def test_energy_that_is_not_half_m_v_squared_is_found_with_the_velocity_that_fit
     shifted = frame.assign(velocity_m_s=frame["velocity_m_s"] - 0.1)
     (found,) = GENERAL.checks["kinetic_energy"].look(read_impacts(shifted))
     assert "0.10 m/s higher than stated" in found.explanation
-    (found,) = GENERAL.checks["kinetic_energy"].look(read_impacts(frame.assign(mass_kg=frame["mass_kg"] * 1.2)))
+    (found,) = GENERAL.checks["kinetic_energy"].look(
+        read_impacts(frame.assign(mass_kg=frame["mass_kg"] * 1.2))
+    )
     assert "0.10" not in found.explanation
 
 
@@ -251,3 +253,10 @@ def test_worst_findings_come_first_and_checks_say_why() -> None:
         assert check.bearing in BEARINGS
         assert check.reason
         assert check.look.__doc__
+
+
+def test_damping_without_bounds_is_found() -> None:
+    frame = made_up_table()
+    steady = frame.assign(K=3000 * frame["mass_kg"])
+    wild = np.exp(np.random.default_rng(8).normal(0, 1, len(frame)))
+    assert "damping_without_bounds" in names_of(steady.assign(C=25 * wild))

@@ -25,7 +25,7 @@ def claims_that_contradict(publication: Publication) -> Iterator[Finding]:
         if len(values) < 2:
             continue
         low, high = values["value"].min(), values["value"].max()
-        finest = values["value_text"].map(half_unit)
+        finest = values["value_text"].map(half_unit).astype("float64")
         if high - low <= finest.max() + finest.min() and finest.max() > finest.min():
             continue
         said = "; ".join(
@@ -69,7 +69,7 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Finding]:
             for name, (of_ends, slack_of_ends) in derived.items():
                 stated = said.get(name, pd.DataFrame(columns=claims.columns)).drop_duplicates("value")
                 implied = of_ends(low["value"], high["value"])
-                slack = slack_of_ends(low, high) + stated["value_text"].map(half_unit)
+                slack = slack_of_ends(low, high) + stated["value_text"].map(half_unit).astype("float64")
                 wrong = stated[(stated["value"] - implied).abs() > slack + 1e-9]
                 several = len(publication.claims(str(quantity), name)["value"].unique()) > len(stated)
                 if wrong.empty or several:

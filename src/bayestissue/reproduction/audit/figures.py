@@ -169,7 +169,7 @@ def _disagreements(publication: Publication) -> pd.DataFrame:
         value=pd.to_numeric(lines["reproduced"], errors="coerce"),
         of_text=lines["table"].str.startswith("section"),
     ).dropna(subset=["printed", "value"])
-    unit = 2 * lines["published"].map(half_unit)
+    unit = 2 * lines["published"].map(half_unit).astype("float64")
     return lines.assign(last_digit=(lines["printed"] - lines["value"]).abs() <= unit + 1e-9)
 
 

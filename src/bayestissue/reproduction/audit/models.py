@@ -64,8 +64,11 @@ def negative_damping(publication: Publication) -> Iterator[Finding]:
         )
 
 
-_NEEDLE_M = 0.025
-"""Length of the needle in common use for injections into the deltoid of an adult; it is to end in muscle."""
+_NEEDLE_M = 0.016
+"""The shortest needle recommended for injections into the deltoid of an adult (of less than 60 kg).
+
+Immunization guidelines of the U.S. Centers for Disease Control and Prevention; it is to end in muscle.
+"""
 
 
 @PUBLISHED.check(
@@ -85,9 +88,9 @@ def thickness_of_the_deltoid(publication: Publication) -> Iterator[Finding]:
         "thickness of skin and muscle",
         " and ".join(f"up to {text} mm" for text in layers["value_text"]),
         f"more than {_NEEDLE_M * 1000:.0f} mm",
-        f"Skin and muscle of the thickest shoulder are given as {thickest * 1000:g} mm together; the "
-        f"needle commonly used for injections into this muscle is {_NEEDLE_M * 1000:.0f} mm long and would "
-        f"end in bone. Read as centimetres ({thickest * 1000:g} cm) the figures are those of a shoulder.",
+        f"Skin and muscle of the thickest shoulder are given as {thickest * 1000:g} mm together; even the "
+        f"shortest needle recommended for injections into an adult's deltoid, {_NEEDLE_M * 1000:.0f} mm, "
+        "would end in bone. The figures may be centimetres.",
     )
 
 
