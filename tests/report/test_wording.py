@@ -70,7 +70,7 @@ def test_there_is_no_negative_zero():
     ("ratio", "expected"), [(0.0161, "1.6 %"), (0.0996, "10 %"), (0.58, "58 %"), (1e-5, "below 0.1 %")]
 )
 def test_percentages(ratio, expected):
-    assert wording.percent(ratio) == expected
+    assert wording.percent(ratio).replace("\N{NO-BREAK SPACE}", " ") == expected
 
 
 @pytest.mark.parametrize(

@@ -46,8 +46,8 @@ def percent(ratio: float) -> str:
     if not math.isfinite(value):
         return "not known"
     if abs(value) < 0.1:
-        return "below 0.1 %"
-    return f"{number(value, 0 if abs(value) >= 9.95 else 1)} %"
+        return "below 0.1\N{NO-BREAK SPACE}%"
+    return f"{number(value, 0 if abs(value) >= 9.95 else 1)}\N{NO-BREAK SPACE}%"
 
 
 def probability(value: float) -> str:

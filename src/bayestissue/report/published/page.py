@@ -7,7 +7,14 @@ from typing import Any
 
 from bayestissue.dataset.published import PublishedTables, read_published
 from bayestissue.report.page import render_page
-from bayestissue.report.published import answers, check_tables, model, posterior_tables, thesis_tables
+from bayestissue.report.published import (
+    answers,
+    check_tables,
+    model,
+    posterior_tables,
+    remarks,
+    thesis_tables,
+)
 from bayestissue.report.published.check_figures import comparison_figure, inside_share, predictive_figure
 from bayestissue.report.published.posterior_figures import (
     effects_figure,
@@ -116,6 +123,7 @@ def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
             ]
             for level, words in _LEVELS.items()
         },
+        "differs": {words: remarks.who_differs(run, level) for level, words in _LEVELS.items()},
         "population_table": posterior_tables.summary_table(run, (*_POPULATION, "residual_correlation")),
     }
 
@@ -125,6 +133,8 @@ def _model_checks(run: PublishedRun) -> dict[str, Any]:
     return {
         "comparison_plots": [comparison_figure(run.comparison, scheme) for scheme in schemes],
         "comparison_table": check_tables.comparison_table(run),
+        "best": remarks.best_explanations(run.comparison),
+        "prior_remark": remarks.prior_remark(run.sensitivity),
         "sensitivity_table": check_tables.sensitivity_table(run),
         "predictive_plots": [predictive_figure(run, quantity) for quantity in answers.QUANTITIES],
         "inside": {quantity: inside_share(run, quantity) for quantity in answers.QUANTITIES},

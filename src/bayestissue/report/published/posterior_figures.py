@@ -36,7 +36,7 @@ def mass_figure(run: PublishedRun, quantity: str, line: tuple[float, float] | No
             axes.plot(grid, line[0] + line[1] * grid, color=REFERENCE, ls="--", lw=1.2, label="thesis's line")
         axes.set(xlabel="mass of the impactor, M (kg)", ylabel=f"{NAMES[quantity]} ({UNITS[quantity]})")
         axes.set_ylim(bottom=0)
-        axes.legend(loc="upper left")
+        fig.legend(loc="outside upper left", ncols=2)
         return figure(
             fig,
             f"Published {NAMES[quantity]} of every impact over the mass of the impactor, with the posterior "
@@ -113,7 +113,7 @@ def shrinkage_figure(run: PublishedRun, quantity: str) -> Markup:
             xlabel=f"published {quantity}, off the condition's typical value (%)",
             ylabel=f"posterior {quantity}, off the same (%)",
         )
-        axes.legend(loc="upper left")
+        fig.legend(loc="outside upper left", ncols=2)
         return figure(
             fig,
             f"Posterior deviation of {NAMES[quantity]} from its condition's typical value, with 90 % "

@@ -63,7 +63,7 @@ def mass_plot(published: PublishedTables, quantity: Quantity) -> Markup:
             label="thesis's line",
         )
         axes.set(xlabel="mass of the impactor, M (kg)", ylabel=f"{NAMES[quantity]} ({UNITS[quantity]})")
-        axes.legend(loc="upper left")
+        fig.legend(loc="outside upper left", ncols=3)
         return figure(
             fig,
             f"{NAMES[quantity]} of every remaining impact and its averages over the mass of the impactor, "

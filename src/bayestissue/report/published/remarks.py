@@ -1,0 +1,59 @@
+"""Sentences beside the report's figures and tables, each computed from what they show."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.report.published.answers import QUANTITIES
+from bayestissue.report.published.run import PublishedRun
+from bayestissue.report.wording import listed
+
+_FINE = ("✓", "")
+_WORDS = {"subject": ("person", "people"), "trial": ("condition", "conditions")}
+
+
+def who_differs(run: PublishedRun, level: str) -> str:
+    """Whose effect on K or C has a 90 % interval without zero (``level``: "subject" or "trial")."""
+    parts = []
+    for quantity in QUANTITIES:
+        name = f"{level}_effect_{quantity}"
+        if run.has(name):
+            low, high = np.percentile(run.draws(name), [5, 95], axis=0)
+            labels = np.array(run.labels(level))[(low > 0) | (high < 0)]
+            named = f": {listed(list(labels))}" if labels.size else ""
+            parts.append(f"in {quantity} {labels.size or 'none'} of {low.size}{named}")
+    one, several = _WORDS[level]
+    if not parts:
+        return f"This model has no effects of {several}."
+    text = "; ".join(parts)
+    return f"Told apart from the typical {one} by a 90 % interval without zero: {text}."
+
+
+def best_explanations(comparison: pd.DataFrame) -> list[str]:
+    """For each scheme: the model that predicts best, those about as good, and how many warnings there are."""
+    return [_best(str(scheme), rows) for scheme, rows in comparison.groupby("scheme", sort=False)]
+
+
+def _best(scheme: str, rows: pd.DataFrame) -> str:
+    ordered = rows.sort_values("elpd", ascending=False)
+    others = ordered.iloc[1:]
+    close = others[others["elpd_difference"].abs() <= 2 * others["se_difference"]]
+    rivals = (
+        f"within two standard errors of it: {listed(close['model'].to_list())}"
+        if len(close)
+        else "no other comes within two standard errors of it"
+    )
+    warnings = int((ordered["warning"] != "").sum())
+    doubt = f" {warnings} of these {len(ordered)} figures carry a warning." if warnings else ""
+    first = f"{scheme[:1].upper()}{scheme[1:]}"
+    return f"{first}: “{ordered['model'].iloc[0]}” predicts best; {rivals}.{doubt}"
+
+
+def prior_remark(sensitivity: pd.DataFrame) -> str:
+    """Which posteriors the sensitivity analysis has something to say about."""
+    told = sensitivity[~sensitivity["diagnosis"].isin(_FINE)]
+    if told.empty:
+        return f"None of the {len(sensitivity)} posteriors is sensitive to its prior."
+    named = [f"{row['variable']} ({row['diagnosis']})" for row in told.to_dict("records")]
+    return f"{len(told)} of the {len(sensitivity)} posteriors need a look: {listed(named)}."

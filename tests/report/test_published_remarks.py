@@ -1,0 +1,38 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pandas as pd
+import pytest
+
+from bayestissue.report.published import remarks
+from bayestissue.report.published.run import read_published_run
+from bayestissue.report.run_folder import read_about
+
+
+@pytest.fixture(scope="module")
+def run(published_run_folder):
+    return read_published_run(published_run_folder, read_about(published_run_folder))
+
+
+def test_who_differs_is_who_has_an_interval_without_zero(run):
+    assert "in K none of 10; in C none of 10" in remarks.who_differs(run, "subject")
+    posterior = run.groups["posterior"]
+    shift = (posterior["subject"] == "s03") * 10 - (posterior["subject"] == "s07") * 10
+    moved = posterior.assign(subject_effect_K=posterior["subject_effect_K"] + shift)
+    told = remarks.who_differs(replace(run, groups=run.groups | {"posterior": moved}), "subject")
+    assert "in K 2 of 10: s03 and s07; in C none of 10" in told
+
+
+def test_the_best_explanation_and_its_rivals_are_named(run):
+    impact, trial = remarks.best_explanations(run.comparison)
+    assert impact.startswith("Leave one impact out: “log mass” predicts best; no other comes within")
+    assert trial.endswith("1 of these 4 figures carry a warning.")
+    unsure = run.comparison.assign(se_difference=11.0)
+    assert "within two standard errors of it: mass." in remarks.best_explanations(unsure)[0]
+
+
+def test_priors_that_matter_are_named(run):
+    assert "1 of the 3 posteriors need a look: sd_trial_K" in remarks.prior_remark(run.sensitivity)
+    fine = pd.DataFrame({"variable": ["a"], "diagnosis": ["✓"]})
+    assert remarks.prior_remark(fine) == "None of the 1 posteriors is sensitive to its prior."
