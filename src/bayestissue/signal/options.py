@@ -20,35 +20,35 @@ class SignalOptions(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     contact: Literal["automatic", "time-zero", "threshold"] = Field(
-        "automatic",
+        default="automatic",
         description="automatic: between the last quiet sample and the first that is not, and within that "
         "gap where the trace is most nearly that of a spring and damper met at the recorded velocity; "
         "time-zero: time 0 of the recording; threshold: where d first exceeds threshold times its peak.",
     )
     threshold: Annotated[float, Field(gt=0, lt=1)] = Field(
-        0.05, description="Fraction of the peak of d, for contact = 'threshold'."
+        default=0.05, description="Fraction of the peak of d, for contact = 'threshold'."
     )
     remove_offset: bool = Field(
-        True, description="Subtract the mean of the quiet part before contact, where there is one."
+        default=True, description="Subtract the mean of the quiet part before contact, where there is one."
     )
     filter: FilterClass = Field(
-        "none",
+        default="none",
         description="Channel frequency class of SAE J211-1: a four-pole phaseless Butterworth low-pass with "
         "its -3 dB corner at 5/3 of the class, in Hz. It is applied from contact on, so that the jump of d "
         "at contact, which is physical, is not smeared.",
     )
-    integration: Literal["cubic", "trapezoidal"] = Field(
-        "cubic",
+    integration: Literal["quintic", "trapezoidal"] = Field(
+        default="quintic",
         description="Rule of both integrations. trapezoidal is the thesis's, with an error of order "
-        "(interval x pole)^2; cubic integrates the cubic through four neighbouring samples.",
+        "(interval x pole)^2; quintic integrates the quintic through six neighbouring samples.",
     )
     window: Window = Field(
-        "peak",
+        default="peak",
         description="peak: from contact to zero velocity, as in the thesis; a number between 0 and 1: that "
         "fraction of the time to zero velocity; rebound: until the tissue no longer pushes.",
     )
     equilibrium: Literal["rest", "sample-mean"] = Field(
-        "rest",
+        default="rest",
         description="What x is measured from: the position at contact, where the tissue is at rest, or, as "
         "in section 2.3 of the thesis, its own mean over the window.",
     )
@@ -79,7 +79,7 @@ def alternatives(choice: str, options: SignalOptions) -> tuple[SignalOptions, ..
         "contact": ("automatic", "threshold", "time-zero"),
         "filter": ("none", 1000, 600, 180, 60),
         "window": (0.25, 0.5, 0.75, "peak", "rebound"),
-        "integration": ("cubic", "trapezoidal"),
+        "integration": ("quintic", "trapezoidal"),
         "equilibrium": ("rest", "sample-mean"),
     }
     if choice not in values:

@@ -1,0 +1,129 @@
+"""Where contact begins in a recorded deceleration, and what was recorded before it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayestissue.signal.options import SignalOptions
+from bayestissue.signal.traces import (
+    Column,
+    Index,
+    Mask,
+    Recordings,
+    at,
+    last_where,
+    noise_sd,
+    segment_moments,
+)
+
+type LastBelow = Callable[[Column], Index]
+
+# A quiet part is at least this long, this far below the peak, and this level (fractions of the peak).
+QUIET_SAMPLES = 5
+_QUIET_CEILING = 0.3
+_QUIET_DRIFT = 0.01
+# How many noise standard deviations a sample must rise to be in contact, and may rise and still be quiet.
+_CERTAIN = 5.0
+_QUIET = 3.0
+# Recorded numbers are rounded; below this fraction of the peak a difference means nothing.
+_ROUNDING = 1e-6
+
+
+@dataclass(frozen=True)
+class Onset:
+    """What surrounds contact, per impact.
+
+    ``first`` is the first sample certain to be in contact; contact came between ``least`` and ``most``
+    seconds before it. ``offset`` is the mean of the quiet part, 0 where ``quiet`` is false; ``noise_sd`` is
+    the standard deviation of the recorder's noise. Both have the unit of the recording.
+    """
+
+    first: Index
+    least: Column
+    most: Column
+    offset: Column
+    noise_sd: Column
+    quiet: Mask
+
+
+def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
+    """Contact in recorded decelerations (m/s², positive while the impactor slows), all impacts at once.
+
+    automatic: the baseline is the mean of the quiet part, or 0 where the recording has none. Going back
+    from the peak, the last sample less than five noise standard deviations above the baseline ends the
+    search: the one after it is certain to be in contact, and contact lies after the last sample within three
+    standard deviations. Where the rise is so gentle that several samples lie between the two, as many
+    again are allowed for before. threshold and time-zero: see `SignalOptions`.
+    """
+    deceleration = np.where(recordings.inside, recordings.value, -np.inf)
+    peak_index = np.argmax(deceleration, axis=1)
+    peak = at(recordings.value, peak_index)
+    until_peak = np.arange(deceleration.shape[1]) <= peak_index[:, None]
+
+    def last_below(level: Column) -> Index:
+        return last_where((deceleration <= level[:, None]) & until_peak)
+
+    sd = np.maximum(noise_sd(recordings), _ROUNDING * np.abs(peak))
+    baseline = _first_baseline(recordings, peak, last_below)
+    first = last_below(baseline + _CERTAIN * sd) + 1
+    quiet, baseline, sd = _quiet_part(recordings, first, sd, peak, baseline)
+    # The second look has the mean and the scatter of the whole quiet part to go by.
+    first = last_below(baseline + _CERTAIN * sd) + 1
+    last_quiet = _last_quiet(deceleration, first, baseline + _QUIET * sd)
+    quiet, offset, sd = _quiet_part(recordings, last_quiet, sd, peak, baseline)
+    least, most = np.zeros(len(peak)), (first - last_quiet) * recordings.dt
+    if options.contact == "threshold":
+        first, least = _crossing(recordings, offset + options.threshold * (peak - offset), last_below)
+        most = least
+    elif options.contact == "time-zero":
+        first, least = from_time_zero(recordings)
+        quiet, offset, sd = _quiet_part(recordings, first - 1, sd, peak, offset)
+        most = least
+    return Onset(first, least, most, offset, sd, quiet)
+
+
+def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:
+    """The first sample at or after time 0, and the seconds from time 0 to it."""
+    # Times are sums and quotients in floating point: a millionth of an interval counts as no time.
+    first = np.ceil(-recordings.start / recordings.dt - 1e-6).astype(int)
+    first = np.clip(first, 0, recordings.n - 1)
+    return first, np.maximum(recordings.start + first * recordings.dt, 0)
+
+
+def _first_baseline(recordings: Recordings, peak: Column, last_below: LastBelow) -> Column:
+    start, _ = segment_moments(recordings.value, np.minimum(recordings.n, QUIET_SAMPLES))
+    start = np.where(start < _QUIET_CEILING * peak, start, 0)
+    low = last_below(start + 0.2 * (peak - start)) + 1
+    # The later half of these samples may hold the foot of a gentle rise.
+    mean, _ = segment_moments(recordings.value, low // 2)
+    return np.where((low // 2 >= QUIET_SAMPLES) & (mean < _QUIET_CEILING * peak), mean, start)
+
+
+def _quiet_part(
+    recordings: Recordings, end: Index, sd: Column, peak: Column, otherwise: Column
+) -> tuple[Mask, Column, Column]:
+    end = np.maximum(end, 0)
+    mean, scatter = segment_moments(recordings.value, end)
+    early, _ = segment_moments(recordings.value, end // 2)
+    drift = 2 * np.abs(mean - early)
+    level = drift <= np.maximum(_QUIET_DRIFT * peak, 8 * sd / np.sqrt(np.maximum(end, 1)))
+    quiet = (end >= QUIET_SAMPLES) & level & (np.abs(mean) < _QUIET_CEILING * peak)
+    # Without a quiet part the baseline is 0: an offset can't be told from the impact itself.
+    measured = quiet & (end >= 4 * QUIET_SAMPLES)
+    return quiet, np.where(quiet, mean, 0), np.where(measured, np.maximum(scatter, _ROUNDING * peak), sd)
+
+
+def _last_quiet(deceleration: np.ndarray, first: Index, level: Column) -> Index:
+    before = np.arange(deceleration.shape[1]) < first[:, None]
+    last = last_where((deceleration <= level[:, None]) & before)
+    return np.maximum(2 * last - first + 1, -1)
+
+
+def _crossing(recordings: Recordings, level: Column, last_below: LastBelow) -> tuple[Index, Column]:
+    first = last_below(level) + 1
+    above, below = at(recordings.value, first), at(recordings.value, first - 1)
+    rise = np.where(above > below, above - below, 1)
+    return first, np.where(first > 0, (above - level) / rise, 0) * recordings.dt

@@ -1,0 +1,228 @@
+"""From recorded impacts to the displacements that an estimate uses."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.signal.contact import find_onset
+from bayestissue.signal.filters import low_pass
+from bayestissue.signal.integration import cumulative
+from bayestissue.signal.options import SignalOptions
+from bayestissue.signal.recorded_displacement import contact_sample, derivatives, slowest
+from bayestissue.signal.start import find_start
+from bayestissue.signal.traces import (
+    Column,
+    Index,
+    Mask,
+    Recordings,
+    Rows,
+    Trace,
+    at,
+    from_sample,
+    noise_sd,
+    stack,
+)
+from bayestissue.signal.window import Stop, samples_in, zero_velocity
+
+# Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
+_BLOCK = 1_000_000
+FEWEST_SAMPLES = 8
+
+
+class RecordedImpacts(Protocol):
+    """What is needed of a dataset: see `bayestissue.dataset.Dataset`."""
+
+    @property
+    def quantity(self) -> Literal["deceleration", "acceleration", "displacement"]:
+        """What the traces hold."""
+
+    @property
+    def impacts(self) -> pd.DataFrame:
+        """One row per impact, with ``mass_kg`` and ``velocity_m_s``."""
+
+    @property
+    def traces(self) -> Sequence[Trace]:
+        """The recordings in the order of ``impacts``, in SI units."""
+
+
+@dataclass(frozen=True)
+class Displacements:
+    """Displacements of all impacts over their windows, in SI units.
+
+    Attributes:
+        x: [impact, sample], m, measured from the equilibrium that the options name; 0 past a row's end.
+        v: [impact, sample], velocity, m/s.
+        deceleration: [impact, sample], m/s², offset removed and filtered.
+        n_samples: [impact], samples in the window.
+        dt: [impact], sampling interval, s.
+        mass: [impact], kg.
+        velocity: [impact], at contact, m/s.
+        equilibrium: [impact], m: x + equilibrium is the displacement since contact.
+        contact_time_s: [impact], on the recording's own clock.
+        contact_time_sd: [impact], s; 0 where contact was given.
+        first_sample_s: [impact], time from contact to the first sample of x, s.
+        time_to_peak: [impact], from contact to zero velocity, s.
+        peak_displacement: [impact], at zero velocity, since contact, m.
+        offset: [impact], what was subtracted from the recording, in its own SI unit.
+        noise_sd: [impact], standard deviation of the recording's white noise, same unit.
+        flags: per impact, what a reader should know about it.
+    """
+
+    x: Rows
+    v: Rows
+    deceleration: Rows
+    n_samples: Index
+    dt: Column
+    mass: Column
+    velocity: Column
+    equilibrium: Column
+    contact_time_s: Column
+    contact_time_sd: Column
+    first_sample_s: Column
+    time_to_peak: Column
+    peak_displacement: Column
+    offset: Column
+    noise_sd: Column
+    flags: list[list[str]]
+
+
+def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None) -> Displacements:
+    """The displacement of every impact, from contact over the window that the options choose.
+
+    v(t) = V − ∫d and x(t) = ∫v from contact on, both by the rule that the options name (thesis, section
+    2.2); recorded displacements are taken as they are, from their value at contact. The samples of x are
+    the recorder's own: the first one lies up to one interval after contact, where x is already above 0.
+
+    Raises:
+        InputError: the filter class asks for a higher sampling rate than an impact has.
+    """
+    options = options or SignalOptions()
+    mass = dataset.impacts["mass_kg"].to_numpy(dtype=float)
+    velocity = dataset.impacts["velocity_m_s"].to_numpy(dtype=float)
+    make = _recorded if dataset.quantity == "displacement" else _integrated
+    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
+    longest = max(len(trace.value) for trace in dataset.traces)
+    size = max(1, _BLOCK // longest)
+    blocks = []
+    for begin in range(0, len(mass), size):
+        chosen = slice(begin, begin + size)
+        recordings = stack(dataset.traces[chosen])
+        recordings = replace(recordings, value=sign * recordings.value)
+        blocks.append(make(recordings, mass[chosen], velocity[chosen], options))
+    return _joined(blocks)
+
+
+def _integrated(
+    recordings: Recordings, mass: Column, velocity: Column, options: SignalOptions
+) -> Displacements:
+    onset = find_onset(recordings, options)
+    offset = onset.offset if options.remove_offset else np.zeros_like(onset.offset)
+    part = from_sample(recordings, onset.first)
+    part = replace(part, value=part.value - offset[:, None])
+    if options.filter != "none":
+        part = replace(part, value=low_pass(part.value, part.dt, options.filter))
+    d, inside, dt = part.value, part.inside, part.dt
+    first = cumulative(part, options.integration)
+    second = cumulative(replace(part, value=first), options.integration)
+    start = find_start(d, first, second, inside, dt, velocity, onset.least, onset.most)
+    time = np.arange(d.shape[1]) * dt[:, None]
+    v = start.v[:, None] - first
+    x = start.x[:, None] + start.v[:, None] * time - second
+    stop = zero_velocity(d, v, x, inside, dt)
+    flags = {
+        "no quiet part before contact, so no offset was removed": options.remove_offset & ~onset.quiet,
+        "velocity does not reach zero": ~stop.reached,
+    }
+    return _windowed(
+        part, x, v, d, stop, flags, mass, velocity, start.since_contact, start.since_contact_sd, offset,
+        onset.noise_sd, options,
+    )  # fmt: skip
+
+
+def _recorded(
+    recordings: Recordings, mass: Column, velocity: Column, options: SignalOptions
+) -> Displacements:
+    noise = noise_sd(recordings)
+    if options.filter != "none":
+        whole = from_sample(recordings, np.zeros_like(recordings.n))
+        recordings = replace(recordings, value=low_pass(whole.value, whole.dt, options.filter))
+    first, since_contact = contact_sample(recordings, options)
+    share = since_contact / recordings.dt
+    level = at(recordings.value, first)
+    at_contact = np.where(first > 0, level - share * (level - at(recordings.value, first - 1)), level)
+    change = derivatives(recordings)
+    part = from_sample(recordings, first)
+    v = from_sample(replace(recordings, value=change.velocity), first).value
+    d = from_sample(replace(recordings, value=change.deceleration), first).value
+    velocity = np.where(np.isfinite(velocity), velocity, v[:, 0])
+    x = part.value - at_contact[:, None]
+    stop = slowest(v, x, part.inside, part.dt, velocity)
+    flags = {"velocity does not reach zero; the window ends where it is least": ~stop.reached}
+    sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
+    return _windowed(
+        part, x, v, d, stop, flags, mass, velocity, since_contact, sd, at_contact, noise, options
+    )  # fmt: skip
+
+
+def _windowed(
+    part: Recordings,
+    x: Rows,
+    v: Rows,
+    deceleration: Rows,
+    stop: Stop,
+    flags: dict[str, Mask],
+    mass: Column,
+    velocity: Column,
+    since_contact: Column,
+    since_contact_sd: Column,
+    offset: Column,
+    noise: Column,
+    options: SignalOptions,
+) -> Displacements:
+    n = samples_in(options.window, stop, since_contact, deceleration, x, part.inside, part.dt, noise)
+    used = np.arange(int(n.max())) < n[:, None]
+    x, v, deceleration = (np.where(used, rows[:, : used.shape[1]], 0) for rows in (x, v, deceleration))
+    equilibrium = np.zeros(len(n))
+    if options.equilibrium == "sample-mean":
+        equilibrium = x.sum(axis=1) / np.maximum(n, 1)
+        x = np.where(used, x - equilibrium[:, None], 0)
+    flags = {**flags, f"fewer than {FEWEST_SAMPLES} samples in the window": n < FEWEST_SAMPLES}
+    raised = np.stack(list(flags.values()), axis=1)
+    return Displacements(
+        x=x,
+        v=v,
+        deceleration=deceleration,
+        n_samples=n,
+        dt=part.dt,
+        mass=mass,
+        velocity=velocity,
+        equilibrium=equilibrium,
+        contact_time_s=part.start - since_contact,
+        contact_time_sd=since_contact_sd,
+        first_sample_s=since_contact,
+        time_to_peak=since_contact + stop.time,
+        peak_displacement=stop.x,
+        offset=offset,
+        noise_sd=noise,
+        flags=[[text for text, up in zip(flags, row, strict=True) if up] for row in raised.tolist()],
+    )
+
+
+def _joined(blocks: list[Displacements]) -> Displacements:
+    if len(blocks) == 1:
+        return blocks[0]
+    width = max(block.x.shape[1] for block in blocks)
+    joined: dict[str, Any] = {"flags": [row for block in blocks for row in block.flags]}
+    for field in fields(Displacements):
+        if field.name in joined:
+            continue
+        parts = [getattr(block, field.name) for block in blocks]
+        if parts[0].ndim == 2:
+            parts = [np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts]
+        joined[field.name] = np.concatenate(parts)
+    return Displacements(**joined)
