@@ -48,36 +48,20 @@ def check_samples(
         quantity: what was recorded.
         uncertainty: of the measuring chain.
     """
-    names = impacts["impact"].to_numpy()[samples.impact]
-    report = _Reporter(samples, names)
-    problems = [*_not_numbers(samples, report), *_few(samples, report)]
-    broken = {problem.impact for problem in problems}
-    sound = samples.only(np.array([name not in broken for name in names], dtype=bool))
-    if not sound.impact.size:
-        return Findings(problems, [])
-    report = _Reporter(sound, impacts["impact"].to_numpy()[sound.impact])
-    with np.errstate(over="ignore", invalid="ignore"):
-        return _check_sound(sound, impacts, quantity, uncertainty, report, problems)
-
-
-def _check_sound(
-    sound: Samples,
-    impacts: pd.DataFrame,
-    quantity: Quantity,
-    uncertainty: Uncertainty,
-    report: _Reporter,
-    problems: list[Problem],
-) -> Findings:
-    problems = [*problems, *_time(sound, report), *_rate(sound, impacts, report)]
-    moving = motion(sound, quantity)
-    velocity = impacts["velocity_m_s"].to_numpy()[sound.impact]
-    problems += [*_dead(moving, report), *_coarse(moving, report)]
-    problems += _clipped(sound, moving, quantity, report)
-    if quantity == "displacement":
-        problems += _wrong_way(moving, report)
-        return Findings(problems, list(_still_sinking(sound, moving, report)))
-    problems += _speeds(moving, velocity, uncertainty, report)
-    return Findings(problems, list(_fast(moving, velocity, report)))
+    problems: list[Problem] = []
+    warnings: list[Problem] = []
+    with np.errstate(all="ignore"):
+        for look in (_numbers, _times, _movement):
+            if not samples.impact.size:
+                break
+            # What is broken in one respect would only raise a false alarm in the next.
+            report = _Reporter(samples, impacts["impact"].to_numpy()[samples.impact])
+            found = look(samples, impacts, quantity, uncertainty, report)
+            problems += found.problems
+            warnings += found.warnings
+            broken = {problem.impact for problem in found.problems}
+            samples = samples.only(np.array([name not in broken for name in report.names], dtype=bool))
+    return Findings(problems, warnings)
 
 
 @dataclass(frozen=True)
@@ -104,6 +88,32 @@ class _Reporter:
             value=value,
             impact=str(self.names[which]) or None,
         )
+
+
+def _numbers(
+    samples: Samples, impacts: pd.DataFrame, quantity: Quantity, uncertainty: Uncertainty, report: _Reporter
+) -> Findings:
+    return Findings([*_not_numbers(samples, report), *_few(samples, report)], [])
+
+
+def _times(
+    samples: Samples, impacts: pd.DataFrame, quantity: Quantity, uncertainty: Uncertainty, report: _Reporter
+) -> Findings:
+    return Findings([*_time(samples, report), *_rate(samples, impacts, report)], [])
+
+
+def _movement(
+    samples: Samples, impacts: pd.DataFrame, quantity: Quantity, uncertainty: Uncertainty, report: _Reporter
+) -> Findings:
+    moving = motion(samples, quantity)
+    velocity = impacts["velocity_m_s"].to_numpy()[samples.impact]
+    problems = [*_dead(moving, report), *_coarse(moving, report)]
+    problems += _clipped(samples, moving, quantity, report)
+    if quantity == "displacement":
+        problems += _wrong_way(moving, report)
+        return Findings(problems, list(_still_sinking(samples, moving, report)))
+    problems += _speeds(moving, velocity, uncertainty, report)
+    return Findings(problems, list(_fast(moving, velocity, report)))
 
 
 def _not_numbers(samples: Samples, report: _Reporter) -> Iterator[Problem]:
@@ -169,9 +179,8 @@ def _rate(samples: Samples, impacts: pd.DataFrame, report: _Reporter) -> Iterato
         return
     stated = impacts["sampling_rate_hz"].to_numpy()[samples.impact]
     begin, end = samples.start[:-1], samples.start[1:]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        found = (samples.count - 1) / (samples.time[end - 1] - samples.time[begin])
-        off = np.abs(found / stated - 1) > RATE_WITHIN
+    found = (samples.count - 1) / (samples.time[end - 1] - samples.time[begin])
+    off = np.abs(found / stated - 1) > RATE_WITHIN
     for which in np.flatnonzero(off & np.isfinite(stated)):
         yield report(
             which,

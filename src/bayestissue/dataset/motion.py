@@ -23,8 +23,8 @@ class Motion:
         first_way: the sign of ``extreme``.
         pulse: how many samples exceed a tenth of the greatest deceleration; all, for displacements.
         loss, gain: the greatest speed lost (gained) between any two moments; 0 for displacements.
-        pulse_loss: as ``loss``, but after taking off the recording's median where that is positive, so
-            that an offset over a long recording counts for little.
+        pulse_loss: as ``loss``, but after taking off what the recording shows at its quieter end, so that
+            an offset over a long recording counts for little.
     """
 
     low: Float64[np.ndarray, " impact"]
@@ -59,13 +59,13 @@ def motion(samples: Samples, quantity: Quantity) -> Motion:
     loss, gain, pulse_loss, pulse = none, none, none, samples.count
     if quantity != "displacement":
         pulse = np.add.reduceat((slowing > 0.1 * slowing[peak][owner]).astype(int), begin)
-        middle = _medians(samples, slowing)
+        rest = _rest(samples, slowing)
         step = np.append(np.maximum(np.diff(samples.time), 0), 0)
         # The step from one recording to the next means nothing.
         step[samples.start[1:] - 1] = 0
         loss = _climb(samples, slowing, step)
-        pulse_loss = _climb(samples, slowing - np.maximum(middle, 0)[owner], step)
-        gain = _climb(samples, np.minimum(middle, 0)[owner] - slowing, step)
+        pulse_loss = _climb(samples, slowing - np.maximum(rest, 0)[owner], step)
+        gain = _climb(samples, np.minimum(rest, 0)[owner] - slowing, step)
     return Motion(low, high, peak, extreme, np.sign(extreme), pulse, loss, gain, pulse_loss)
 
 
@@ -124,13 +124,13 @@ def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:
     return np.maximum.reduceat(total - np.minimum.accumulate(total), begin) * unit
 
 
-def _medians(samples: Samples, values: np.ndarray) -> np.ndarray:
-    count = samples.count
-    if (count == count[0]).all():
-        middle = int(count[0]) // 2
-        return np.partition(values.reshape(-1, int(count[0])), middle, axis=1)[:, middle]
-    order = np.lexsort([values, samples.owner])
-    return values[order[samples.start[:-1] + count // 2]]
+def _rest(samples: Samples, values: np.ndarray) -> np.ndarray:
+    # Of a recording's two ends, the level of the one nearer to zero: an offset, or less than one.
+    begin, end, few = samples.start[:-1], samples.start[1:], np.maximum(samples.count // 50, 3)
+    total = np.concatenate([[0], np.cumsum(values)])
+    first = (total[begin + few] - total[begin]) / few
+    last = (total[end] - total[end - few]) / few
+    return np.where(np.abs(first) < np.abs(last), first, last)
 
 
 def _first_at(where: np.ndarray, begin: np.ndarray) -> np.ndarray:

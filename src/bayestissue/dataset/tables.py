@@ -201,8 +201,7 @@ def _parse(data: bytes, label: str, names: list[str], types: dict[str, pa.DataTy
                     label,
                     f"{row.expected_columns} cells as in the header",
                     "Put one cell under every column name; decimals need a point, not a comma.",
-                    # The header was skipped before counting.
-                    row=row.number + 1 if row.number is not None else None,
+                    row=row.number,
                     value=f"{row.actual_columns} cells: {row.text}",
                 )
             )

@@ -1,0 +1,123 @@
+"""A valid dataset made here, and ways to spoil it."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+STIFFNESS, DAMPING, RATE, SAMPLES = 3000.0, 25.0, 10_000.0, 400
+
+
+def deceleration(mass: float, velocity: float) -> tuple[np.ndarray, np.ndarray]:
+    """A spring and damper met 5 ms after the recording begins, with a little noise; SI units."""
+    time = np.arange(SAMPLES) / RATE - 0.005
+    since = np.maximum(time, 0)
+    frequency = np.sqrt(STIFFNESS / mass)
+    ratio = DAMPING / (2 * np.sqrt(STIFFNESS * mass))
+    damped = frequency * np.sqrt(1 - ratio**2)
+    decay = velocity * np.exp(-ratio * frequency * since)
+    x = decay / damped * np.sin(damped * since)
+    v = decay * (np.cos(damped * since) - ratio * frequency / damped * np.sin(damped * since))
+    force = np.where(time >= 0, np.maximum(STIFFNESS * x + DAMPING * v, 0), 0)
+    noise = np.random.default_rng(int(1e6 * mass)).normal(0, 0.05, SAMPLES)
+    return time.round(9), (force / mass + noise).round(4)
+
+
+@dataclass
+class Lab:
+    """A valid dataset of four impacts in a folder of its own, to be read as it is or spoilt."""
+
+    folder: Path
+    settings: dict[str, Any] = field(default_factory=dict)
+
+    def path(self, name: str) -> Path:
+        return self.folder / name
+
+    def replace(self, name: str, old: str, new: str, count: int = 1) -> None:
+        """Replace text in a file, which must be there."""
+        path = self.path(name)
+        text = self.text(name)
+        assert old in text, f"{old!r} is not in {name}"
+        data = text.replace(old, new, count).encode()
+        path.write_bytes(gzip.compress(data) if path.suffix == ".gz" else data)
+
+    def text(self, name: str) -> str:
+        data = self.path(name).read_bytes()
+        return (gzip.decompress(data) if name.endswith(".gz") else data).decode()
+
+    def row(self, name: str, number: int, change: Callable[[str], str | None]) -> None:
+        """Change one row (the header is row 1) of a text file, or take it out."""
+        lines = self.text(name).split("\n")
+        new = change(lines[number - 1])
+        lines[number - 1 : number] = [] if new is None else [new]
+        self.path(name).write_text("\n".join(lines), newline="")
+
+    def cell(self, name: str, row: int, column: str, value: str) -> None:
+        place = self.text(name).split("\n")[0].replace('"', "").split(",").index(column)
+
+        def change(line: str) -> str:
+            cells = line.split(",")
+            cells[place] = value
+            return ",".join(cells)
+
+        self.row(name, row, change)
+
+    def samples(self, impact: str, change: Callable[[np.ndarray, np.ndarray], Any]) -> None:
+        """Change the time and value of all samples of an impact in place."""
+        table = pd.read_csv(self.path("traces.csv"))
+        mine = (table["impact"] == impact).to_numpy()
+        time, value = (table.loc[mine, name].to_numpy().copy() for name in ("time_s", "value"))
+        change(time, value)
+        table.loc[mine, "time_s"], table.loc[mine, "value"] = time, value
+        table.to_csv(self.path("traces.csv"), index=False)
+
+
+NAMES = ("a", "b", "c", "d")
+MASSES = (0.5, 0.8, 1.0, 1.3)
+
+
+def tables() -> tuple[pd.DataFrame, pd.DataFrame]:
+    impacts = pd.DataFrame(
+        {
+            "impact": NAMES,
+            "subject": ["s1", "s1", "s2", "s2"],
+            "trial": ["light", "heavy", "light", "heavy"],
+            "mass_kg": MASSES,
+            "velocity_m_s": [1.0, 1.1, 1.2, 0.9],
+            "skinfold_mm": [11.5, 11.5, 14.0, 14.0],
+            "sex": ["f", "f", "m", "m"],
+        }
+    )
+    parts = [
+        deceleration(mass, velocity)
+        for mass, velocity in zip(impacts["mass_kg"], impacts["velocity_m_s"], strict=True)
+    ]
+    traces = pd.DataFrame(
+        {
+            "impact": np.repeat(NAMES, SAMPLES),
+            "time_s": np.concatenate([time for time, _ in parts]),
+            "value": np.concatenate([value for _, value in parts]),
+        }
+    )
+    return impacts, traces
+
+
+SETTINGS: dict[str, Any] = {
+    "name": "bench",
+    "description": "four impacts",
+    "signal": {"quantity": "deceleration", "unit": "m/s^2"},
+    "uncertainty": {"relative_mass_sd": 0.01, "velocity_sd_m_s": 0.005},
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    status: int
+    out: str
+    err: str

@@ -1,0 +1,405 @@
+"""Every way a dataset can be wrong: refused with status 2, the place named, and nothing written."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from dataset_bench import SAMPLES, Lab, Outcome
+
+Spoil = Callable[[Lab], object]
+
+
+@dataclass(frozen=True)
+class Case:
+    name: str
+    spoil: Spoil
+    says: tuple[str, ...]
+
+
+def case(name: str, spoil: Spoil, *says: str) -> Case:
+    return Case(name, spoil, says)
+
+
+def _toml(old: str, new: str) -> Spoil:
+    return lambda lab: lab.replace("dataset.toml", old, new)
+
+
+def _cell(row: int, column: str, value: str) -> Spoil:
+    return lambda lab: lab.cell("impacts.csv", row, column, value)
+
+
+def _sample(row: int, column: str, value: str) -> Spoil:
+    return lambda lab: lab.cell("traces.csv", row, column, value)
+
+
+def _values(impact: str, change: Callable[[np.ndarray], np.ndarray]) -> Spoil:
+    def spoil(time: np.ndarray, value: np.ndarray) -> None:
+        value[:] = change(value)
+
+    return lambda lab: lab.samples(impact, spoil)
+
+
+def _times(impact: str, change: Callable[[np.ndarray], np.ndarray]) -> Spoil:
+    def spoil(time: np.ndarray, value: np.ndarray) -> None:
+        time[:] = change(time)
+
+    return lambda lab: lab.samples(impact, spoil)
+
+
+def _lost_sample(time: np.ndarray) -> np.ndarray:
+    return np.where(np.arange(time.size) < 100, time, time + 1e-4)
+
+
+def _swapped(time: np.ndarray) -> np.ndarray:
+    time[[50, 51]] = time[[51, 50]]
+    return time
+
+
+def _only(lab: Lab, impact: str, rows: slice) -> None:
+    table = pd.read_csv(lab.path("traces.csv"))
+    mine = table[table["impact"] == impact].iloc[rows]
+    pd.concat([table[table["impact"] != impact], mine]).to_csv(lab.path("traces.csv"), index=False)
+
+
+def _from_peak_on(lab: Lab) -> None:
+    table = pd.read_csv(lab.path("traces.csv"))
+    mine = table[table["impact"] == "a"]
+    _only(lab, "a", slice(0, int(mine["value"].argmax()) - 20))
+
+
+def _bytes(name: str, data: bytes) -> Spoil:
+    return lambda lab: lab.path(name).write_bytes(data)
+
+
+def _trace_column(value: str) -> Spoil:
+    def spoil(lab: Lab) -> None:
+        table = pd.read_csv(lab.path("traces.csv"))
+        impacts = pd.read_csv(lab.path("impacts.csv"))
+        for impact, part in table.groupby("impact"):
+            part.drop(columns="impact").to_csv(lab.path(f"{impact}.csv"), index=False)
+        impacts["trace"] = [value, "b.csv", "c.csv", "d.csv"]
+        impacts.to_csv(lab.path("impacts.csv"), index=False)
+        lab.path("traces.csv").unlink()
+
+    return spoil
+
+
+def _and(*steps: Spoil) -> Spoil:
+    def spoil(lab: Lab) -> None:
+        for step in steps:
+            step(lab)
+
+    return spoil
+
+
+def _displacement(lab: Lab) -> None:
+    lab.replace("dataset.toml", '"deceleration"', '"displacement"')
+    lab.replace("dataset.toml", '"m/s^2"', '"mm"')
+
+
+T, I, D = "traces.csv", "impacts.csv", "dataset.toml"  # noqa: E741
+
+CASES = [
+    # dataset.toml
+    case("no settings", lambda lab: lab.path(D).unlink(), D, "no file", "Write one"),
+    case("settings empty", _bytes(D, b""), D, "name", "signal", "Add the key"),
+    case("no TOML", _toml('name = "bench"', "name = bench"), D, "row 1", "valid TOML", "quotes"),
+    case("settings not UTF-8", _bytes(D, b'name = "\xe9t\xe9"\n'), D, "row 1", "UTF-8"),
+    case(
+        "unknown key", _toml("unit =", "units ="), D, "row 6", '"units"', "value_column", "take the line out"
+    ),
+    case("unknown table", _toml("[uncertainty]", "[noise]"), D, "row 8", '"noise"', "uncertainty"),
+    case(
+        "unknown quantity",
+        _toml('"deceleration"', '"force"'),
+        D,
+        "row 5",
+        "signal.quantity",
+        "force",
+        '"acceleration"',
+    ),
+    case("no quantity", _toml('quantity = "deceleration"', ""), D, "signal.quantity", "Add the key"),
+    case("no unit", _toml('unit = "m/s^2"', ""), D, "signal.unit", "Add the key"),
+    case(
+        "unknown unit", _toml('"m/s^2"', '"furlong/fortnite"'), D, "row 6", "signal.unit", "furlong/fortnite"
+    ),
+    case(
+        "unit of something else", _toml('"m/s^2"', '"mm"'), D, "row 6", "signal.unit", '"mm"', "acceleration"
+    ),
+    case("absurd unit", _toml('"m/s^2"', '"m^9^9^9^9"'), D, "row 6", "signal.unit", "m^9^9^9^9"),
+    case("grams as length", _and(_displacement, _toml('"mm"', '"g"')), D, "signal.unit", '"g"', "length"),
+    case(
+        "wrong time unit",
+        _toml('unit = "m/s^2"', 'unit = "m/s^2"\ntime_unit = "m"'),
+        D,
+        "row 7",
+        "signal.time_unit",
+        '"m"',
+    ),
+    case(
+        "scale of zero",
+        _toml('unit = "m/s^2"', 'unit = "m/s^2"\nscale = 0'),
+        D,
+        "row 7",
+        "signal.scale",
+        "other than 0",
+    ),
+    case(
+        "scale as text",
+        _toml('unit = "m/s^2"', 'unit = "m/s^2"\nscale = "2"'),
+        D,
+        "row 7",
+        "signal.scale",
+        "'2'",
+    ),
+    case(
+        "negative uncertainty",
+        _toml("0.01", "-0.01"),
+        D,
+        "row 9",
+        "uncertainty.relative_mass_sd",
+        "-0.01",
+        "0 or more",
+    ),
+    case("infinite uncertainty", _toml("0.01", "inf"), D, "row 9", "uncertainty.relative_mass_sd", "inf"),
+    # impacts.csv
+    case("no impacts", lambda lab: lab.path(I).unlink(), I, "no such file", "Write one"),
+    case("impacts empty", _bytes(I, b"\n"), I, "an empty file"),
+    case(
+        "header only",
+        _bytes(I, b"impact,subject,trial,mass_kg,velocity_m_s\n"),
+        I,
+        "no rows",
+        "Add the impacts",
+    ),
+    case(
+        "impacts not UTF-8",
+        lambda lab: lab.path(I).write_bytes(lab.path(I).read_bytes().replace(b"s2", b"\xe9")),
+        I,
+        "row 4",
+        "UTF-8",
+    ),
+    case("semicolons", lambda lab: lab.replace(I, ",", ";", -1), I, "row 1", "commas between the cells"),
+    case("open quote", _cell(3, "subject", '"s1'), I, "quotes"),
+    case(
+        "missing column", lambda lab: lab.replace(I, "mass_kg", "Mass_KG"), I, "row 1", '"mass_kg"', "Rename"
+    ),
+    case("missing velocity column", lambda lab: lab.replace(I, "velocity_m_s", "speed"), I, '"velocity_m_s"'),
+    case("column twice", lambda lab: lab.replace(I, "skinfold_mm", "mass_kg"), I, "row 1", "mass_kg", "once"),
+    case(
+        "unnamed column", lambda lab: lab.replace(I, "skinfold_mm", ""), I, "row 1", "name over every column"
+    ),
+    case(
+        "cell too many",
+        lambda lab: lab.replace(I, "11.5", "11,5"),
+        I,
+        "row 2",
+        "8 cells",
+        "a point, not a comma",
+    ),
+    case("mass zero", _cell(3, "mass_kg", "0"), I, "row 3", "mass_kg", "impact b", '"0"', "above 0"),
+    case("mass negative", _cell(3, "mass_kg", "-1"), I, "row 3", "mass_kg", '"-1"', "above 0"),
+    case("mass not a number", _cell(4, "mass_kg", "1_0"), I, "row 4", "mass_kg", '"1_0"', "impact c"),
+    case("mass nan", _cell(4, "mass_kg", "nan"), I, "row 4", "mass_kg", '"nan"'),
+    case("mass infinite", _cell(4, "mass_kg", "1e999"), I, "row 4", "mass_kg", '"1e999"'),
+    case("mass missing", _cell(4, "mass_kg", ""), I, "row 4", "mass_kg", "an empty cell"),
+    case(
+        "velocity missing",
+        _cell(5, "velocity_m_s", ""),
+        I,
+        "row 5",
+        "velocity_m_s",
+        "an empty cell",
+        "impact d",
+    ),
+    case("velocity negative", _cell(5, "velocity_m_s", "-0.9"), I, "row 5", "velocity_m_s", '"-0.9"'),
+    case(
+        "impact twice", _cell(3, "impact", "a"), I, "row 3", "column impact", '"a"', "row 2 has the same name"
+    ),
+    case("impact unnamed", _cell(3, "impact", ""), I, "row 3", "column impact", "an empty cell"),
+    case("subject missing", _cell(3, "subject", " "), I, "row 3", "column subject", "impact b"),
+    # the long table
+    case("no traces", lambda lab: lab.path(T).unlink(), T, "no table of samples", "Add one of"),
+    case(
+        "two tables",
+        lambda lab: lab.path("traces.csv.gz").write_bytes(gzip.compress(lab.path(T).read_bytes())),
+        "traces.csv, traces.csv.gz",
+        "Remove the others",
+    ),
+    case("traces empty", _bytes(T, b""), T, "an empty file"),
+    case("no samples", _bytes(T, b"impact,time_s,value\n"), T, "no rows"),
+    case("no value column", lambda lab: lab.replace(T, "value", "valeu"), T, "row 1", '"value"', "Rename"),
+    case(
+        "traces not UTF-8",
+        lambda lab: lab.path(T).write_bytes(
+            lab.path(T).read_bytes()[:100] + b"\xff" + lab.path(T).read_bytes()[100:]
+        ),
+        T,
+        "UTF-8",
+        "row 5",
+    ),
+    case(
+        "unknown impact", _sample(1000, "impact", '"x"'), T, "row 1000", "column impact", '"x"', "impacts.csv"
+    ),
+    case(
+        "no samples of one",
+        lambda lab: _only(lab, "b", slice(0)),
+        T,
+        "impact b",
+        "no samples",
+        "Add its samples",
+    ),
+    case("too few samples", lambda lab: _only(lab, "b", slice(7)), T, "impact b", "7 samples", "at least 8"),
+    case(
+        "sample not a number",
+        _sample(500, "value", "1.2.3"),
+        T,
+        "row 500",
+        "column value",
+        '"1.2.3"',
+        "impact b",
+    ),
+    case("sample missing", _sample(500, "value", ""), T, "row 500", "column value", "finite", "impact b"),
+    case("sample infinite", _sample(500, "value", "-inf"), T, "row 500", "column value", "-inf"),
+    case("time not a number", _sample(500, "time_s", "0:01"), T, "row 500", "column time_s", '"0:01"'),
+    case(
+        "row too short", lambda lab: lab.row(T, 900, lambda line: "c,0.5"), T, "row 900", "2 cells", "3 cells"
+    ),
+    case("blank row", lambda lab: lab.row(T, 900, lambda line: "\n" + line), T, "row 900", "an empty cell"),
+    case("time runs back", _times("c", _swapped), T, "row 853", "time_s", "impact c", "order"),
+    case("time stands still", _times("c", lambda t: np.zeros_like(t)), T, "row 803", "time_s", "impact c"),
+    case("lost sample", _times("b", _lost_sample), T, "row 502", "time_s", "impact b", "0.0002 s"),
+    case("lost row", lambda lab: lab.row(T, 600, lambda line: None), T, "row 600", "time_s", "impact b"),
+    case(
+        "jitter",
+        _times("b", lambda t: t + np.tile([0, 3e-5], SAMPLES // 2)),
+        T,
+        "time_s",
+        "impact b",
+        "evenly",
+    ),
+    case("wrong sign", _values("a", lambda v: -v), T, "impact a", "slows down", "signal.quantity"),
+    case(
+        "wrong quantity", _toml('"deceleration"', '"acceleration"'), T, "impact a", "impact d", "slows down"
+    ),
+    case("unit too large", _values("a", lambda v: 9.8 * v), T, "impact a", "twice", "signal.unit"),
+    case("ends before zero velocity", _from_peak_on, T, "impact a", "zero velocity", "longer recording"),
+    case("unit too small", _values("a", lambda v: v / 9.8), T, "impact a", "zero velocity", "signal.unit"),
+    case("clipped", _values("d", lambda v: np.minimum(v, 20)), T, "impact d", "on end at 20", "wider range"),
+    case("dead channel", _values("d", lambda v: 0 * v), T, "impact d", "0 in every sample", "channel"),
+    case(
+        "one spike",
+        _values("d", lambda v: np.where(np.arange(v.size) == 60, 10_000.0, 0.0)),
+        T,
+        "impact d",
+        "1 samples",
+        "higher rate",
+    ),
+    case("overflow", _values("d", lambda v: v * 1e306), T, "impact d", "signal.unit"),
+    case(
+        "displacement out of the tissue",
+        lambda lab: (_displacement(lab), lab.samples("a", lambda t, v: np.copyto(v, -np.sin(t * 60)))),
+        T,
+        "impact a",
+        "into the tissue",
+        "signal.scale",
+    ),
+    # a file per impact
+    case("trace missing", _trace_column("nowhere.csv"), "nowhere.csv", "impact a", "no such file"),
+    case("trace not named", _trace_column(""), I, "row 2", "column trace", "impact a", "an empty cell"),
+    case(
+        "trace escapes",
+        _trace_column("../bench/a.csv/../../secret.csv"),
+        I,
+        "row 2",
+        "column trace",
+        "inside the dataset's folder",
+    ),
+    case(
+        "trace absolute", _trace_column("/etc/passwd"), I, "row 2", "column trace", '"/etc/passwd"', "inside"
+    ),
+    case("trace shared", _trace_column("b.csv"), I, "row 3", "column trace", "of its own", "impact b"),
+    case(
+        "trace of unknown kind", _trace_column("dataset.toml"), "dataset.toml", "impact a", ".lvm", "Export"
+    ),
+    case(
+        "trace is a folder",
+        _and(_trace_column("sub.csv"), lambda lab: lab.path("sub.csv").mkdir()),
+        "sub.csv",
+        "readable",
+        "impact a",
+    ),
+    case(
+        "no time anywhere",
+        _and(_trace_column("a.csv"), lambda lab: lab.path("a.csv").write_text("value\n" + "1\n" * 50)),
+        "a.csv",
+        "time_s",
+        "sampling_rate_hz",
+    ),
+    case(
+        "trace beside table",
+        _and(_trace_column("a.csv"), _bytes(T, b"impact,time_s,value\na,0,1\n")),
+        T,
+        "either",
+        "Remove",
+    ),
+    *(
+        case(
+            f"broken {suffix}",
+            _and(_trace_column(f"a{suffix}"), _bytes(f"a{suffix}", b"\x00\x01 no such format \xff" * 40)),
+            f"a{suffix}",
+            "impact a",
+            "anew",
+        )
+        for suffix in (".lvm", ".tdms", ".mat", ".parquet", ".csv.gz")
+    ),
+]
+
+
+@pytest.mark.parametrize("malformed", CASES, ids=lambda c: c.name.replace(" ", "-"))
+def test_refused_with_its_place_and_nothing_written(
+    malformed: Case, lab: Lab, tmp_path: Path, command: Callable[..., Outcome]
+) -> None:
+    malformed.spoil(lab)
+    before = sorted(path.name for path in tmp_path.rglob("*"))
+    outcome = command("check", lab.folder, "--out", tmp_path / "quality")
+    assert outcome.status == 2
+    assert "problem" in outcome.err
+    assert "nothing was written" in outcome.err
+    for words in malformed.says:
+        assert words in outcome.err
+    assert outcome.out == ""
+    assert sorted(path.name for path in tmp_path.rglob("*")) == before
+
+
+def test_everything_is_said_at_once(lab: Lab, command: Callable[..., Outcome]) -> None:
+    lab.cell("impacts.csv", 2, "mass_kg", "heavy")
+    lab.cell("impacts.csv", 3, "velocity_m_s", "-1")
+    lab.samples("c", lambda time, value: np.copyto(value, -value))
+    lab.samples("d", lambda time, value: np.copyto(time, time[::-1].copy()))
+    outcome = command("check", lab.folder)
+    assert outcome.err.startswith("4 problems")
+    for words in ("impact a", "impact b", "impact c", "impact d"):
+        assert words in outcome.err
+
+
+def test_settings_and_impacts_are_refused_together(lab: Lab, command: Callable[..., Outcome]) -> None:
+    lab.replace("dataset.toml", "quantity", "kind")
+    lab.cell("impacts.csv", 2, "mass_kg", "0")
+    outcome = command("check", lab.folder)
+    assert "signal.quantity" in outcome.err
+    assert "mass_kg" in outcome.err
+
+
+@pytest.mark.parametrize("name", ["nothing-here", "a-file"])
+def test_no_folder(name: str, tmp_path: Path, command: Callable[..., Outcome]) -> None:
+    (tmp_path / "a-file").write_text("")
+    outcome = command("check", tmp_path / name)
+    assert outcome.status == 2
+    assert name in outcome.err
