@@ -93,6 +93,16 @@ def test_the_worst_findings_stand_on_the_first_screen_and_are_escaped(html):
     assert "energy &lt;is&gt; not" in first
 
 
+def test_tables_that_a_run_carries_along_are_the_ones_drawn(published_run_folder, tmp_path):
+    from bayestissue.resources import shared
+
+    folder = shutil.copytree(published_run_folder, tmp_path / "run")
+    shutil.copytree(shared("data", "published"), folder / "published")
+    regressions = folder / "published" / "regressions.csv"
+    regressions.write_text(regressions.read_text().replace("23.21", "99.99"))
+    assert '<td class="number">99.99</td>' in write_report(folder).read_text(encoding="utf-8")
+
+
 def test_a_failed_run_is_loud_on_the_first_screen(tmp_path):
     html = write_report(make_published_run(tmp_path, passed=False)).read_text(encoding="utf-8")
     first = first_screen(html)

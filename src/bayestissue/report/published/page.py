@@ -60,11 +60,14 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
         InputError: a file of the run lacks or isn't what a run writes.
     """
     run = read_published_run(folder, about)
-    published = read_published()
+    # A run of other tables than the thesis's own carries them along.
+    own_tables = folder / "published"
+    published = read_published(own_tables if own_tables.is_dir() else None)
     lines = {quantity: thesis_line(published, quantity) for quantity in answers.QUANTITIES}
     return render_page(
         "published.html",
-        title="Published stiffness K and damping C, re-analysed",
+        title="Published K and C, re-analysed",
+        subtitle=_subtitle(run),
         contents=_CONTENTS,
         about=about,
         **_first_screen(run),
@@ -73,6 +76,11 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
         **_published(run, published),
         **_provenance(run),
     )
+
+
+def _subtitle(run: PublishedRun) -> str:
+    impacts, people, conditions = (len(run.labels(name)) for name in ("impact", "subject", "trial"))
+    return f"Stiffness K, damping C: {impacts} impacts, {people} people, {conditions} conditions"
 
 
 def thesis_line(published: PublishedTables, quantity: str) -> tuple[float, float] | None:
