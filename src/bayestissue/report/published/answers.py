@@ -116,9 +116,11 @@ def mass_conclusion(run: PublishedRun) -> str:
     constant = hypothesis_probability(run, "K", CONSTANT)
     fixed = hypothesis_probability(run, "K", FIXED)
     if constant > _SURE and constant_frequency_finding(run) is not None:
+        omega = natural_frequencies(run)
+        same = percent(np.sqrt(omega.max() / omega.min()) - 1)
         return (
-            "Made by the method: ωₙ is constant, so K = Mωₙ² is only the mass rescaled. A constant ωₙ means "
-            "that the fit carried no information on the tissue."
+            f"Made by the method: ωₙ is the same to ±{same} at every mass, so K = Mωₙ² is only the mass "
+            "rescaled. A constant ωₙ means that the fit carried no information on the tissue."
         )
     if constant > _SURE:
         return (
