@@ -17,12 +17,10 @@ FAINT = "#d0d7de"
 # Okabe and Ito's colours. The first four differ in lightness too, so that a grey print tells them apart;
 # with more than four, and wherever two quantities share axes, the shape of the mark differs as well.
 PALETTE = ("#0072B2", "#E69F00", "#000000", "#D55E00", "#56B4E9", "#CC79A7", "#009E73")
-MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 
 POSTERIOR, PUBLISHED, REFERENCE = PALETTE[0], PALETTE[3], INK
 
 PANEL = (4.8, 3.5)
-WIDE = (9.6, 3.6)
 
 _RC: dict[str, Any] = {
     "axes.edgecolor": MUTED,
