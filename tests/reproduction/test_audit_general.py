@@ -116,6 +116,7 @@ def test_one_curve_is_found_with_its_scatter() -> None:
     frame = with_constant_frequency(made_up_table())
     assert {"frequency_and_damping_on_one_curve", "frequency_of_the_window"} <= names_of(frame)
     curve = frequency_curve(read_impacts(frame))
+    assert curve is not None
     # the planted scatter is 0.05 %, of which half lies within 0.6745 standard deviations; the standard
     # error of that quantile is 1.17 σ/√n for normal scatter, three of them allowed
     expected = 0.0005 * 0.6745

@@ -42,7 +42,7 @@ def audit_estimates(
             `estimates.csv` of a run of the program will do.
         where: how the findings name the table.
         tissue_m: the greatest thickness of the tissue, in m, where it is known.
-        digits: decimals that K and C were rounded to, if they were; None looks for no coincidences.
+        digits: decimals that K and C were rounded to; None if not at all, so that equal ones are copies.
 
     Returns:
         columns where, what, published, implied, severity ("major", "minor", "note") and explanation.

@@ -22,7 +22,7 @@ GENERAL: Registry[Impacts] = Registry()
 """Checks that any laboratory's estimates can be put to."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Impacts:
     """Estimates with what was measured beside them.
 

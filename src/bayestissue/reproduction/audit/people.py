@@ -12,6 +12,9 @@ from scipy import stats
 from bayestissue.reproduction.audit.findings import Finding
 from bayestissue.reproduction.audit.impacts import GENERAL, Impacts
 
+_EXACT = 1e-9
+"""Logarithms that differ by less differ by rounding errors only, as in estimates without noise."""
+
 
 @dataclass(frozen=True)
 class Agreement:
@@ -35,16 +38,19 @@ class Agreement:
 
 
 def agreement(impacts: Impacts, quantity: str) -> Agreement | None:
-    """Two-way analysis of variance of log ``quantity``; None with fewer than 3 people or 2 conditions."""
+    """Two-way analysis of variance of log ``quantity``; None where that says nothing.
+
+    It takes at least 3 people in 2 conditions, and estimates that are not the same for all or for each.
+    """
     logs = impacts.rows.assign(value=np.log(impacts.rows[quantity]))
     table = logs.pivot_table(index="subject", columns="trial", values="value").dropna(axis=1)
     n, k = table.shape
-    if n < 3 or k < 2:
+    if n < 3 or k < 2 or (table.std() < _EXACT).any():
         return None
     centred = table - table.mean()
     people = k * centred.mean(axis=1).pow(2).sum() / (n - 1)
     rest = centred.sub(centred.mean(axis=1), axis=0).pow(2).to_numpy().sum() / ((n - 1) * (k - 1))
-    if rest == 0:
+    if rest < _EXACT**2:
         return None
     ratio = people / rest
     degrees = (n - 1, (n - 1) * (k - 1))
@@ -131,6 +137,8 @@ def unequal_scatter(impacts: Impacts) -> Iterator[Finding]:
         if len(groups) < 2:
             continue
         logs = [np.log(values) for values in groups.values()]
+        if max(map(np.ptp, logs)) < _EXACT:
+            continue
         test = stats.levene(*logs, center="median")
         if not test.pvalue < 0.01:
             continue

@@ -20,9 +20,9 @@ from bayestissue.reproduction.audit.impacts import GENERAL, Impacts
 )
 def rows_that_stand_twice(impacts: Impacts) -> Iterator[Finding]:
     """Two people with the same K and the same C in one trial."""
-    for (trial, stiffness, damping), rows in impacts.rows.groupby(["trial", "K", "C"]):
-        if len(rows) < 2:
-            continue
+    keys = ["trial", "K", "C"]
+    again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
+    for (trial, stiffness, damping), rows in again.groupby(keys):
         people = _names(rows)
         chance = _chance_of_a_pair(impacts, "K", trial) * _chance_of_a_pair(impacts, "C", trial)
         likely = comb(int((impacts.rows["trial"] == trial).sum()), 2) * chance
@@ -44,23 +44,23 @@ def rows_that_stand_twice(impacts: Impacts) -> Iterator[Finding]:
 )
 def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Finding]:
     """The same K with another C, where the printed digits make that unlikely."""
-    for trial, group in impacts.rows.groupby("trial"):
-        for stiffness, rows in group.groupby("K"):
-            if len(rows) < 2 or rows["C"].duplicated(keep=False).all():
-                continue
-            likely = comb(len(group), 2) * _chance_of_a_pair(impacts, "K", trial)
-            if likely > 0.1:
-                continue
-            people = _names(rows)
-            values = " and ".join(f"{value:g}" for value in rows["C"])
-            yield Finding(
-                impacts.where,
-                f"trial {trial}, subjects {people}",
-                f"K = {stiffness:g} for each",
-                f"chance of such a pair {likely:.1g}",
-                f"Subjects {people} of trial {trial} share K = {stiffness:g} to the last digit while their "
-                f"C is {values}; in this trial two equal K's come about {_how_often(likely)}.",
-            )
+    keys = ["trial", "K"]
+    again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
+    sizes = impacts.rows["trial"].value_counts().to_dict()
+    for (trial, stiffness), rows in again.groupby(keys):
+        likely = comb(int(sizes[trial]), 2) * _chance_of_a_pair(impacts, "K", trial)
+        if likely > 0.1 or rows["C"].duplicated(keep=False).all():
+            continue
+        people = _names(rows)
+        values = " and ".join(f"{value:g}" for value in rows["C"])
+        yield Finding(
+            impacts.where,
+            f"trial {trial}, subjects {people}",
+            f"K = {stiffness:g} for each",
+            f"chance of such a pair {likely:.1g}",
+            f"Subjects {people} of trial {trial} share K = {stiffness:g} to the last digit while their "
+            f"C is {values}; in this trial two equal K's come about {_how_often(likely)}.",
+        )
 
 
 @GENERAL.check(
