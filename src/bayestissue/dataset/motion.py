@@ -74,8 +74,8 @@ def flat_top(
 ) -> Iterator[tuple[int, int, int, float]]:
     """Recordings cut off at one value: which, the first such sample, how many on end, and the value.
 
-    A recorder of few bits shows equal samples at the top of a smooth peak too, but there the neighbours
-    lie one step of its scale away; at a recorder's limit they lie farther.
+    A recorder of few bits shows equal samples at the top of a smooth or noisy peak too, but there the
+    neighbours lie about one step of its scale away; at a recorder's limit they lie farther.
 
     Args:
         samples: all recordings.
@@ -109,7 +109,10 @@ def _cut(values: np.ndarray, begin: int, end: int) -> bool:
     steps = np.diff(np.unique(values))
     # Equal readings may differ in their last digit once a scale has been applied.
     smallest = steps[steps > 1e-9 * (values.max() - values.min())].min()
-    return bool(beside) and max(beside) > 1.5 * smallest
+    # Noise of about one step makes three equal readings at the very top now and then, but not six.
+    return bool(beside) and (
+        min(beside) > 3.5 * smallest or (end - begin >= 6 and max(beside) > 1.5 * smallest)
+    )
 
 
 def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:

@@ -1,0 +1,271 @@
+"""Every recorder format, written as its own software writes it, read back to the same samples."""
+
+from __future__ import annotations
+
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pandas as pd
+import pytest
+from dataset_bench import MASSES, NAMES, RATE, Lab, tables
+from nptdms import ChannelObject, TdmsWriter
+from scipy.io import savemat
+
+from bayestissue.dataset import Dataset, read_dataset
+from bayestissue.errors import InputError
+
+Writer = Callable[[Path, np.ndarray, np.ndarray], None]
+
+
+def _csv(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    text = pd.DataFrame({"time_s": time, "value": value, "note": "x"}).to_csv(index=False).encode()
+    path.write_bytes(gzip.compress(text) if path.suffix == ".gz" else text)
+
+
+def _parquet(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    pd.DataFrame({"time_s": time, "value": value}).to_parquet(path)
+
+
+def lvm(
+    path: Path,
+    time: np.ndarray,
+    channels: dict[str, np.ndarray],
+    *,
+    x_columns: str = "One",
+    decimal: str = ".",
+    samples: int | None = None,
+    comment: bool = True,
+) -> None:
+    """A LabVIEW measurement file: a header, a block header per channel, and the data."""
+    count, rows = len(channels), len(time)
+
+    def line(key: str, *cells: object) -> str:
+        return "\t".join([key, *(str(cell) for cell in cells)])
+
+    per_channel = [""] * count
+    head = [
+        "LabVIEW Measurement",
+        line("Writer_Version", 2),
+        line("Reader_Version", 2),
+        line("Separator", "Tab"),
+        line("Decimal_Separator", decimal),
+        line("Multi_Headings", "No"),
+        line("X_Columns", x_columns),
+        line("Time_Pref", "Relative"),
+        line("Date", "2024/05/17"),
+        "***End_of_Header***",
+        "",
+        line("Channels", count, *per_channel),
+        line("Samples", *[rows if samples is None else samples] * count),
+        line("Y_Unit_Label", *["m/s^2"] * count),
+        line("X_Dimension", *["Time"] * count),
+        line("X0", *[f"{time[0]!r}".replace("np.float64(", "").rstrip(")")] * count),
+        line("Delta_X", *[f"{1 / RATE}"] * count),
+        "***End_of_Header***",
+    ]
+    multi = x_columns == "Multi"
+    names = [cell for name in channels for cell in (["X_Value", name] if multi else [name])]
+    head.append(line(*([] if multi else ["X_Value"]), *names, *(["Comment"] if comment else [])))
+    body = []
+    for row in range(rows):
+        first = "" if x_columns == "No" else f"{time[row]:.9g}"
+        cells = [f"{values[row]:.12g}" for values in channels.values()]
+        if multi:
+            cells = [cell for value in cells for cell in (first, value)]
+            body.append("\t".join(cells))
+        else:
+            body.append("\t".join([first, *cells]))
+    text = "\n".join([*head, *body]) + "\n"
+    path.write_text(
+        "\n".join([*head, *(row.replace(".", decimal) for row in body)]) + "\n" if decimal != "." else text
+    )
+
+
+def _lvm(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    lvm(path, time, {"Accelerometer": value})
+
+
+def _lvm_many(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    lvm(path, time, {"Force": 3 * value, "value": value, "Other": 0 * value})
+
+
+def _lvm_no_x(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    lvm(path, time, {"value": value}, x_columns="No", comment=False)
+
+
+def _lvm_multi(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    lvm(path, time, {"Force": 3 * value, "value": value}, x_columns="Multi")
+
+
+def _lvm_comma(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    lvm(path, time, {"value": value}, decimal=",")
+
+
+def _tdms(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    clock = {"wf_increment": 1 / RATE, "wf_start_offset": float(time[0])}
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("Impact", "Accelerometer", value, properties=clock)])
+
+
+def _tdms_many(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    with TdmsWriter(path) as writer:
+        writer.write_segment(
+            [
+                ChannelObject("Impact", "time_s", time),
+                ChannelObject("Impact", "value", value),
+                ChannelObject("Impact", "Force", 3 * value),
+                ChannelObject("Notes", "words", ["a", "b"]),
+            ]
+        )
+
+
+def _mat5(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    savemat(path, {"time_s": time[:, None], "value": value[:, None], "rate": RATE, "who": "someone"})
+
+
+def _mat5_packed(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    savemat(path, {"time_s": time, "value": value}, do_compression=True)
+
+
+def _mat73(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, array in (("time_s", time), ("value", value)):
+            file.create_dataset(name, data=array[None, :]).attrs["MATLAB_class"] = b"double"
+        file.create_dataset("who", data=np.array([[115], [49]], dtype=np.uint16)).attrs["MATLAB_class"] = (
+            b"char"
+        )
+        file.create_group("settings")
+    data = bytearray(path.read_bytes())
+    data[:128] = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(data)
+
+
+FORMATS: dict[str, tuple[str, Writer]] = {
+    "csv": (".csv", _csv),
+    "packed csv": (".csv.gz", _csv),
+    "parquet": (".parquet", _parquet),
+    "lvm": (".lvm", _lvm),
+    "lvm of many channels": (".lvm", _lvm_many),
+    "lvm without x": (".lvm", _lvm_no_x),
+    "lvm with an x per channel": (".lvm", _lvm_multi),
+    "lvm with decimal comma": (".lvm", _lvm_comma),
+    "tdms": (".tdms", _tdms),
+    "tdms of many channels": (".tdms", _tdms_many),
+    "mat 5": (".mat", _mat5),
+    "mat 5 packed": (".mat", _mat5_packed),
+    "mat 7.3": (".mat", _mat73),
+}
+
+
+def _lvm_short(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    lvm(path, time, {"value": value}, samples=1000)
+
+
+def _lvm_spectrum(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    _lvm(path, time, value)
+    path.write_text(path.read_text().replace("X_Dimension\tTime", "X_Dimension\tFrequency"))
+
+
+def _lvm_blocks(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    _lvm(path, time, value)
+    text = path.read_text()
+    path.write_text(text + "\n" + text[text.index("Channels") :])
+
+
+def files_instead(lab: Lab, suffix: str, write: Writer, **columns: object) -> None:
+    """Put one file per impact in the place of the long table."""
+    impacts, traces = tables()
+    for impact, part in traces.groupby("impact"):
+        write(lab.path(f"{impact}{suffix}"), part["time_s"].to_numpy(), part["value"].to_numpy())
+    impacts["trace"] = [f"{impact}{suffix}" for impact in impacts["impact"]]
+    impacts.assign(**columns).to_csv(lab.path("impacts.csv"), index=False)
+    lab.path("traces.csv").unlink()
+
+
+def assert_same(dataset: Dataset) -> None:
+    _, traces = tables()
+    assert tuple(dataset.impacts["impact"]) == NAMES
+    np.testing.assert_array_equal(dataset.impacts["mass_kg"], MASSES)
+    for impact, trace in zip(NAMES, dataset.traces, strict=True):
+        mine = traces[traces["impact"] == impact]
+        # Times may be rebuilt from a start and an interval: a few rounding errors of a time of 0.04 s.
+        np.testing.assert_allclose(trace.time_s, mine["time_s"], rtol=0, atol=1e-14)
+        np.testing.assert_array_equal(trace.value, mine["value"])
+
+
+@pytest.mark.parametrize("name", FORMATS)
+def test_round_trip(name: str, lab: Lab) -> None:
+    suffix, write = FORMATS[name]
+    files_instead(lab, suffix, write)
+    assert_same(read_dataset(lab.folder))
+
+
+def test_sampling_rate_stands_in_for_times(lab: Lab) -> None:
+    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+        pd.DataFrame({"value": value}).to_csv(path, index=False)
+
+    files_instead(lab, ".csv", write, sampling_rate_hz=RATE)
+    dataset = read_dataset(lab.folder)
+    np.testing.assert_array_equal(dataset.traces[0].time_s, np.arange(dataset.traces[0].value.size) / RATE)
+
+
+def test_sampling_rate_must_agree_with_the_clock(lab: Lab) -> None:
+    files_instead(lab, ".tdms", _tdms, sampling_rate_hz=1.02 * RATE)
+    with pytest.raises(InputError, match="10000 Hz") as refused:
+        read_dataset(lab.folder)
+    assert len(refused.value.problems) == len(NAMES)
+
+
+def test_named_channels_and_other_units(lab: Lab) -> None:
+    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+        savemat(path, {"t": 1e3 * time, "volts": (value / 9.80665 - 0.25) / 100})
+
+    lab.replace(
+        "dataset.toml",
+        'unit = "m/s^2"',
+        'unit = "g"\ntime_unit = "ms"\ntime_column = "t"\nvalue_column = "volts"\nscale = 100\noffset = 0.25',
+    )
+    files_instead(lab, ".mat", write)
+    dataset = read_dataset(lab.folder)
+    _, traces = tables()
+    expected = traces.loc[traces["impact"] == "b", "value"]
+    # Five roundings of numbers up to 50, each half a unit in the last place.
+    np.testing.assert_allclose(dataset.traces[1].value, expected, rtol=0, atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("write", "suffix", "says"),
+    [
+        (lambda p, t, v: lvm(p, t, {"Force": v, "Torque": v}), ".lvm", "Force, Torque"),
+        (_lvm_short, ".lvm", "400 rows"),
+        (_lvm_spectrum, ".lvm", "time along X"),
+        (_lvm_blocks, ".lvm", "one block of data"),
+        (lambda p, t, v: savemat(p, {"time_s": t[:-1], "value": v}), ".mat", "as many samples"),
+        (lambda p, t, v: savemat(p, {"who": "nobody"}), ".mat", "no channels of numbers"),
+    ],
+    ids=["no-such-channel", "rows-missing", "spectrum", "two-blocks", "unequal-channels", "no-numbers"],
+)
+def test_unfit_recordings_are_refused(write: Writer, suffix: str, says: str, lab: Lab) -> None:
+    files_instead(lab, suffix, write)
+    with pytest.raises(InputError, match=says):
+        read_dataset(lab.folder)
+
+
+def test_a_bad_cell_of_a_recording_is_named_by_its_row(lab: Lab) -> None:
+    files_instead(lab, ".lvm", _lvm)
+    lines = lab.text("b.lvm").split("\n")
+    lines[99] = lines[99].split("\t")[0] + "\tsaturated"
+    lab.path("b.lvm").write_text("\n".join(lines))
+    with pytest.raises(InputError) as refused:
+        read_dataset(lab.folder)
+    (problem,) = refused.value.problems
+    assert (problem.file, problem.row, problem.impact) == ("b.lvm", 100, "b")
+
+
+def test_no_pickle_is_read_or_left_beside_a_recording(lab: Lab) -> None:
+    files_instead(lab, ".lvm", _lvm)
+    read_dataset(lab.folder)
+    assert not list(lab.folder.glob("*.pkl"))
