@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import pandas as pd
 
 from bayestissue.reproduction.agreement import decimals, half_unit
-from bayestissue.reproduction.audit.findings import Finding, Severity
+from bayestissue.reproduction.audit.findings import SEVERITIES, Finding, Severity
 from bayestissue.reproduction.audit.publication import PUBLISHED, Publication
 
 
@@ -39,11 +39,11 @@ def claims_that_contradict(publication: Publication) -> Iterator[Finding]:
             severity = "minor"
             verdict = f"They differ by {_difference(low, high)}; at most one can be right."
         yield Finding(
-            f"sections {', '.join(claims['section'].unique())}",
-            f"{statistic} of {quantity}",
+            ", ".join(f"section {section}" for section in claims["section"].unique()),
+            f"{quantity}: {statistic}",
             " and ".join(values["value_text"]),
             implied or "one value",
-            f"The {statistic} of {quantity} is given as {said}. {verdict}"
+            f"For {quantity} the {statistic} is given as {said}. {verdict}"
             + (f" Recomputed from the tables it is {implied}." if implied else ""),
             severity,
         )
@@ -75,13 +75,15 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Finding]:
                 if wrong.empty or several:
                     continue
                 figures = " and ".join(wrong["value_text"])
+                needed = f"{high['value'] / wrong['value'].iloc[0]:.3g}" if "ratio" in name else ""
                 yield Finding(
                     f"section {section}",
                     f"{name} of {quantity} against its ends",
                     figures,
                     f"{implied:.4g}",
                     f"Section {section} lets {quantity} run from {low['value_text']} to "
-                    f"{high['value_text']}, which makes the {name} {implied:.4g}, and calls it {figures}.",
+                    f"{high['value_text']}, which makes the {name} {implied:.4g}, and calls it {figures}."
+                    + (f" That ratio needs a smallest value of {needed}." if needed else ""),
                 )
 
 
@@ -136,9 +138,9 @@ def statements_that_contradict(publication: Publication) -> Iterator[Finding]:
             str(topic),
             " / ".join(map(str, positions.index)),
             "one of them",
-            f"On {topic} the thesis says different things in different places ({words}). "
+            f"There are different positions on {topic} ({words}). "
             f"“{first['sentence']}” and “{last['sentence']}” can't both hold.",
-            "note" if first["weight"] == "note" else "minor",
+            first["weight"] if first["weight"] in SEVERITIES else None,
         )
 
 

@@ -183,9 +183,11 @@ def place(table: str) -> str:
 def _off(printed: float, value: float) -> str:
     if value and not 0.5 < printed / value < 2:
         return f"{printed / value:.3g} times that"
-    return f"{abs(printed - value):.3g} off" + (f" ({abs(printed / value - 1):.1%})" if value else "")
+    return f"{abs(printed - value):.3g} off" + (f" ({abs(printed / value - 1):.2%})" if value else "")
 
 
 def _hint(note: str) -> str:
     hint = note.split(";")[0].strip()
-    return f" (it {hint})" if hint.startswith("repeats") else ""
+    if hint.startswith("repeats"):
+        return f" (it {hint})"
+    return f" ({hint})" if "not cut" in hint else ""

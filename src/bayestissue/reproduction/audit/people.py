@@ -119,8 +119,8 @@ def damping_without_bounds(impacts: Impacts) -> Iterator[Finding]:
         f"{damping[worst]:.0f} times, beside {stiffness[worst]:.2f} times for K",
         f"In {wide.sum()} of {len(ends)} trials C differs more than fourfold between people struck alike, "
         f"{damping[worst]:.0f} times in trial {worst}, while their K differs by "
-        f"{stiffness[wide].max() - 1:.0%} at most: C takes up whatever the shape of a single record does "
-        "to the fit.",
+        f"{stiffness[wide].max() - 1:.0%} at most; of dampers in tissue of one stiffness that is hard to "
+        "believe.",
     )
 
 

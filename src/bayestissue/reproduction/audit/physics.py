@@ -126,7 +126,7 @@ def kinetic_energy(impacts: Impacts) -> Iterator[Finding]:
         f"½ × {mass.iloc[worst]:g} × {velocity.iloc[worst]:g}² = {(ratio * energy).iloc[worst]:.3f} J, "
         f"not {energy.iloc[worst]:g} J). "
         + _pattern(velocity, implied)
-        + " Either the masses or the velocities are not those of the experiment.",
+        + " At least one of the three columns is not that of the experiment.",
     )
 
 
@@ -141,7 +141,7 @@ def _pattern(velocity: pd.Series, implied: pd.Series) -> str:
     if np.ptp(shift) < 0.01 * velocity.mean():
         return (
             "The masses agree with the energies, to "
-            f"{(np.abs(shift - shift.mean()) / velocity).max():.1%}, if every velocity was "
+            f"{(np.abs(shift - shift.mean()) / velocity).max():.1%}, if every velocity were "
             f"{abs(shift.mean()):.2f} m/s {'higher' if shift.mean() > 0 else 'lower'} than stated (for "
             f"{words} m/s)."
         )
