@@ -57,7 +57,7 @@ def sine_transforms(
     lengths = np.broadcast_to(x.shape[1] if n_samples is None else np.asarray(n_samples, int), len(x))
     if lengths.size and not 3 <= lengths.min() <= lengths.max() <= x.shape[1]:
         raise ValueError(f"every impact needs 3 to {x.shape[1]} samples")
-    blocks = -(-(int(lengths.max(initial=3)) - 2) // LANE)
+    blocks = -(-(x.shape[1] - 2) // LANE)
     columns = np.zeros((3, len(x), blocks * LANE))
     sizes = np.unique(lengths)
     # padded frequencies count as an eigenvalue of 1 + theta1^2, never zero

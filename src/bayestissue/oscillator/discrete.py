@@ -98,15 +98,22 @@ def to_continuous(phi1: ArrayLike, phi2: ArrayLike, theta1: ArrayLike, dt: Array
     return from_differences(2.0 - phi1, (1.0 - phi1) - phi2, theta1, dt)
 
 
-def from_differences(c1: ArrayLike, c2: ArrayLike, theta1: ArrayLike, dt: ArrayLike) -> tuple[Array, Array]:
-    """The same as `to_continuous` from c1 = 2 - phi1 and c2 = 1 - phi1 - phi2."""
-    c1, c2, theta1 = jnp.broadcast_arrays(*(jnp.asarray(c, float) for c in (c1, c2, theta1)))
+def from_differences(
+    c1: ArrayLike, c2: ArrayLike, theta1: ArrayLike | None, dt: ArrayLike
+) -> tuple[Array, Array]:
+    """The same as `to_continuous` from c1 = 2 - phi1 and c2 = 1 - phi1 - phi2.
+
+    Without theta1 (None) the main value of arccos is taken. It is the right one whenever the oscillator
+    turns by less than half a period from sample to sample.
+    """
+    c1, c2 = jnp.broadcast_arrays(jnp.asarray(c1, float), jnp.asarray(c2, float))
     a, q = _decay_and_bend(c1, c2)
-    branch = _branch(c1, c2, theta1, a, q)
-    complex_roots = q > 0
-    principal = jnp.sqrt(jnp.where(complex_roots, q, 1.0))
-    # branch 0 keeps q itself, whose derivatives pass smoothly through zero
-    q = jnp.where(branch == 0, q, _candidate(principal, branch) ** 2)
+    if theta1 is not None:
+        c1, c2, a, q, theta1 = jnp.broadcast_arrays(c1, c2, a, q, jnp.asarray(theta1, float))
+        branch = _branch(c1, c2, theta1, a, q)
+        principal = jnp.sqrt(jnp.where(q > 0, q, 1.0))
+        # branch 0 keeps q itself, whose derivatives pass smoothly through zero
+        q = jnp.where(branch == 0, q, _candidate(principal, branch) ** 2)
     strong = q < -0.5 * a**2
     w = jnp.sqrt(jnp.where(strong, _product_of_roots(c1, c2, strong), a**2 + q))
     return w / dt, a / w
@@ -117,9 +124,10 @@ def arccos_branch(phi1: ArrayLike, phi2: ArrayLike, theta1: ArrayLike) -> Array:
 
     The values are p, 2 pi - p, 2 pi + p, 4 pi - p, ... numbered 0, 1, 2, 3, ... The autocovariance of
     the A(2) makes a sin(b)/b a known function u of (phi1, phi2, theta1), where a = -ln(-phi2)/2; solved
-    for b this is the thesis's expression for b in theta1 + 1/theta1 (section 2.11). The value of arccos
-    with a sin(b)/b nearest to u is taken, which agrees with the expression whenever theta1 is the
-    coefficient of a sampled A(2), and does not run away when it is only near one. Real roots: 0.
+    for b this is the thesis's expression for b in theta1 + 1/theta1 (section 2.11), whose sign is that of
+    sin(b) and carries no information on |b|. The value of arccos with |a sin(b)/b| nearest to |u| is
+    taken, which agrees with the expression whenever theta1 is the coefficient of a sampled A(2), and
+    does not run away when it is only near one. Real roots: 0.
     """
     phi1, phi2 = jnp.asarray(phi1, float), jnp.asarray(phi2, float)
     c1, c2, theta1 = jnp.broadcast_arrays(2.0 - phi1, (1.0 - phi1) - phi2, jnp.asarray(theta1, float))
@@ -145,13 +153,13 @@ def _branch(c1: Array, c2: Array, theta1: Array, a: Array, q: Array) -> Array:
     principal = jnp.sqrt(jnp.where(q > 0, q, 1.0))[..., None]
     numbers = jnp.arange(2 * _BRANCHES)
     candidates = _candidate(principal, numbers)
-    offered = a[..., None] * jnp.where(numbers % 2 == 0, 1, -1) * jnp.sin(principal) / candidates
-    nearest = jnp.argmin(jnp.abs(offered - wanted[..., None]), axis=-1)
+    offered = jnp.abs(a)[..., None] * jnp.sin(principal) / candidates
+    nearest = jnp.argmin(jnp.abs(offered - jnp.abs(wanted)[..., None]), axis=-1)
     return jnp.where(q > 0, nearest, 0)
 
 
 def _candidate(principal: Array, branch: Array) -> Array:
-    turns = 2 * jnp.pi * ((branch + 1) // 2)
+    turns = 2 * jnp.pi * ((branch + 1) // 2).astype(principal.dtype)
     return turns + jnp.where(branch % 2 == 0, 1, -1) * principal
 
 

@@ -128,7 +128,7 @@ def start_moments(c1: ArrayLike, c2: ArrayLike, theta1: ArrayLike, sigma_a: Arra
 def _main_branch(phi1: ArrayLike, phi2: ArrayLike) -> tuple[Array, Array]:
     """omega_n dt and zeta of the A(2) whose roots these are; any value of arccos has the same powers."""
     phi1, phi2 = jnp.asarray(phi1, float), jnp.asarray(phi2, float)
-    return from_differences(2 - phi1, (1 - phi1) - phi2, jnp.zeros_like(phi1), 1.0)
+    return from_differences(2 - phi1, (1 - phi1) - phi2, None, 1.0)
 
 
 def _unit(j: Array, w: Array, zeta: Array) -> Array:

@@ -1,0 +1,185 @@
+"""Point estimates of K and C for all impacts at once: ARMA(2,1), then A(2), then spring and damper."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from functools import partial
+from typing import Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float, Num
+
+from bayestissue.inference.point_conditional import fit_conditional
+from bayestissue.inference.point_exact import fit_exact
+from bayestissue.inference.point_profile import Covariance, Profile
+from bayestissue.inference.point_whiteness import whiteness
+from bayestissue.likelihood import SineTransforms, sine_transforms
+from bayestissue.likelihood.arma21 import LOG_2PI
+from bayestissue.likelihood.quadratic import log_determinant
+from bayestissue.oscillator import arccos_branch, from_differences, spring_damper
+from bayestissue.oscillator.entire import sinc_root
+
+Method = Literal["exact", "dds"]
+Column = Float[np.ndarray, " impact"]
+BATCH = 256
+
+
+class PointFit(NamedTuple):
+    """Point estimates of a set of impacts, each attribute with one value per impact.
+
+    Attributes:
+        phi1, phi2, theta1: ARMA(2,1) coefficients (thesis, eq. 4).
+        sigma_a: standard deviation of the shocks [m].
+        omega_n: natural frequency [rad/s]; NaN where no A(2) has these coefficients.
+        zeta: damping ratio.
+        K: stiffness [N/m].
+        C: damping [N s/m].
+        omega_n_se, zeta_se, theta1_se, K_se, C_se: standard errors, in the same units; NaN where the
+            noise is at the level of rounding errors, and for theta1 on its boundary.
+        log_likelihood: exact log likelihood of the fit given the first two samples; for "dds" the
+            conditional one.
+        whiteness_p: p-value of Ljung and Box's test of the residuals over ten lags.
+        branch: which value of arccos theta1 asks for; K and C are those of the main one, 0.
+        noiseless: whether the residual is no more than rounding errors.
+        theta1_at_limit: whether theta1 is nearer to -1 or 1 than N samples can tell.
+    """
+
+    phi1: Column
+    phi2: Column
+    theta1: Column
+    sigma_a: Column
+    omega_n: Column
+    zeta: Column
+    K: Column
+    C: Column
+    omega_n_se: Column
+    zeta_se: Column
+    theta1_se: Column
+    K_se: Column
+    C_se: Column
+    log_likelihood: Column
+    whiteness_p: Column
+    branch: Num[np.ndarray, " impact"]
+    noiseless: Num[np.ndarray, " impact"]
+    theta1_at_limit: Num[np.ndarray, " impact"]
+
+
+def fit_points(
+    x: Float[np.ndarray, "impact sample"],
+    n_samples: Num[np.ndarray, " impact"],
+    dt: Column,
+    mass: Column,
+    method: Method = "exact",
+) -> PointFit:
+    """Fit every impact by itself, all of them in one compiled function.
+
+    Args:
+        x: displacements from the rest position [m], padded at the end.
+        n_samples: samples of each impact, at least 8.
+        dt: sampling interval of each [s].
+        mass: impacting mass of each [kg].
+        method: "exact" maximises the exact likelihood with a free start about the zero of ``x``; "dds"
+            is the thesis's conditional least squares on the deviations from the sample mean.
+
+    Raises:
+        ValueError: an impact has fewer than eight samples, or the method is neither word.
+    """
+    if method not in ("exact", "dds"):
+        raise ValueError(f'method is "exact" or "dds", not {method!r}')
+    n_samples = np.asarray(n_samples)
+    if n_samples.min(initial=8) < 8:
+        raise ValueError("an ARMA(2,1) with standard errors needs at least eight samples")
+    parts = []
+    for rows in _batches(len(x)):
+        given = np.asarray(x, float)[rows], n_samples[rows]
+        data = _prepared(*given, centred=method == "dds")
+        fit, values = _fit_batch(data, np.asarray(dt, float)[rows], np.asarray(mass, float)[rows], method)
+        p = whiteness(np.asarray(data.x), given[1], *(np.asarray(c) for c in (fit.c1, fit.c2, fit.theta1)))
+        parts.append({**jax.tree.map(np.asarray, values), "whiteness_p": p})
+    whole = {name: np.concatenate([part[name] for part in parts])[: len(x)] for name in PointFit._fields}
+    return PointFit(**whole)
+
+
+def _batches(count: int) -> Iterator[np.ndarray]:
+    """Equal batches, so that one compilation serves all; the last is filled up with its last impact."""
+    number = max(1, -(-count // BATCH))
+    size = -(-count // number)
+    for begin in range(0, count, size):
+        yield np.minimum(np.arange(begin, begin + size), count - 1)
+
+
+def _prepared(x: np.ndarray, n_samples: np.ndarray, *, centred: bool) -> SineTransforms:
+    inside = np.arange(x.shape[1]) < n_samples[:, None]
+    if centred:
+        x = np.where(inside, x - np.where(inside, x, 0).sum(1, keepdims=True) / n_samples[:, None], 0)
+    data = sine_transforms(x, n_samples)
+    shape = (data.spread.shape[0], len(x), data.spread.shape[2])
+    return data._replace(spread=jnp.broadcast_to(data.spread, shape))
+
+
+@partial(jax.jit, static_argnames="method")
+def _fit_batch(
+    data: SineTransforms, dt: Array, mass: Array, method: Method
+) -> tuple[Profile, dict[str, Array]]:
+    if method == "dds":
+        fit, covariance = fit_conditional(data)
+        log_scale = jnp.zeros_like(data.size)
+    else:
+        fit, covariance = fit_exact(data)
+        log_scale = log_determinant(fit.theta1, data.size)
+    noiseless = fit.form <= 4 * fit.floor
+    sigma_a = jnp.sqrt(fit.form / data.size)
+    phi1, phi2 = 2 - fit.c1, (fit.c1 - fit.c2) - 1
+    values = {
+        "phi1": phi1,
+        "phi2": phi2,
+        "theta1": fit.theta1,
+        "sigma_a": sigma_a,
+        **_physical(fit, dt, mass),
+        "theta1_se": jnp.sqrt(covariance.theta1),
+        **_standard_errors(fit, covariance, dt, mass),
+        "log_likelihood": -(data.size * (LOG_2PI + 2 * jnp.log(sigma_a) + 1) + log_scale) / 2,
+        "branch": arccos_branch(phi1, phi2, fit.theta1),
+        "noiseless": noiseless,
+        "theta1_at_limit": jnp.abs(fit.theta1) > 1 - 1 / data.size,
+    }
+    for name in values:
+        if name.endswith("_se"):
+            values[name] = jnp.where(noiseless, jnp.nan, values[name])
+    return fit, values
+
+
+def _physical(fit: Profile, dt: Array, mass: Array) -> dict[str, Array]:
+    # n samples that do not turn back are less than half a period, so the main value of arccos is right
+    omega_n, zeta = from_differences(fit.c1, fit.c2, None, dt)
+    K, C = spring_damper(omega_n, zeta, mass)
+    return {"omega_n": omega_n, "zeta": zeta, "K": K, "C": C}
+
+
+def _standard_errors(fit: Profile, covariance: Covariance, dt: Array, mass: Array) -> dict[str, Array]:
+    """Delta method: with a = zeta omega_n dt and 4 sin^2(b/2) = c2 e^a - 4 sinh^2(a/2), b = omega_d dt."""
+    omega_n, zeta = from_differences(fit.c1, fit.c2, None, 1.0)
+    a = zeta * omega_n
+    growth = jnp.exp(a)
+    a_by_c1 = 1 / (2 * (1 + fit.c2 - fit.c1))
+    bend = (fit.c2 * growth - 2 * jnp.sinh(a)) * a_by_c1
+    by_bend = 1 / sinc_root(omega_n**2 * (1 - zeta) * (1 + zeta))
+    square = (2 * a * a_by_c1 + bend * by_bend, -2 * a * a_by_c1 + (growth - bend) * by_bend)
+    decay = (a_by_c1, -a_by_c1)
+    angle = tuple(slope / (2 * omega_n) for slope in square)
+    damping = tuple((d - zeta * w) / omega_n for d, w in zip(decay, angle, strict=True))
+
+    def error(slopes: tuple[Array, ...]) -> Array:
+        s1, s2 = slopes
+        variance = s1**2 * covariance.c1_c1 + 2 * s1 * s2 * covariance.c1_c2 + s2**2 * covariance.c2_c2
+        return jnp.sqrt(variance)
+
+    return {
+        "omega_n_se": error(angle) / dt,
+        "zeta_se": error(damping),
+        "K_se": error(square) * mass / dt**2,
+        "C_se": error(decay) * 2 * mass / dt,
+    }

@@ -1,0 +1,66 @@
+"""Whether the residuals of a fit are white."""
+
+from __future__ import annotations
+
+import numpy as np
+from jaxtyping import Float, Num
+from scipy.special import chdtrc
+
+LAGS = 10
+Column = Float[np.ndarray, " impact"]
+
+
+def whiteness(
+    x: Float[np.ndarray, "impact sample"],
+    n_samples: Num[np.ndarray, " impact"],
+    c1: Column,
+    c2: Column,
+    theta1: Column,
+) -> Column:
+    """p-value of Ljung and Box's statistic n (n + 2) sum_k r_k^2 / (n - k) over ten lags.
+
+    Chi-squared with seven degrees of freedom, three being spent on the coefficients (Ljung & Box 1978).
+    The residuals are the standardised one-step prediction errors, which are white at |theta1| = 1 too.
+
+    Args:
+        x: displacements about the fit's equilibrium [m], padded.
+        n_samples: length of each.
+        c1: 2 - phi1.
+        c2: 1 - phi1 - phi2.
+        theta1: moving-average coefficient.
+
+    Returns:
+        p-values; NaN where an impact has fewer than 20 residuals.
+    """
+    shocks = residuals(x, n_samples, c1, c2, theta1)
+    size = np.asarray(n_samples) - 2
+    square = np.einsum("ti,ti->i", shocks, shocks)
+    statistic = np.zeros_like(c1)
+    for lag in range(1, min(LAGS, len(shocks) - 1) + 1):
+        r = np.einsum("ti,ti->i", shocks[lag:], shocks[:-lag]) / square
+        statistic += r**2 / np.maximum(size - lag, 1)
+    return np.where(size >= 2 * LAGS, chdtrc(LAGS - 3, size * (size + 2) * statistic), np.nan)
+
+
+def residuals(
+    x: Float[np.ndarray, "impact sample"],
+    n_samples: Num[np.ndarray, " impact"],
+    c1: Column,
+    c2: Column,
+    theta1: Column,
+) -> Float[np.ndarray, "residual impact"]:
+    """v_t / sqrt(r_t) with v_t = w_t + theta1 v_{t-1} / r_{t-1}, r_t = 1 + theta1^2 - theta1^2 / r_{t-1}.
+
+    Time runs along the first axis, so that each step is one operation over all impacts; 0 past the end.
+    Arguments as for `whiteness`.
+    """
+    series = np.ascontiguousarray(x.T)
+    slope = np.diff(series, axis=0)
+    w = np.diff(slope, axis=0) + c1 * slope[:-1] + c2 * series[:-2]
+    size = np.asarray(n_samples) - 2
+    error, one_over, square = np.zeros_like(c1), np.zeros_like(c1), theta1**2
+    for t, now in enumerate(w):
+        r = 1 + square * (1 - one_over)
+        v = now + theta1 * error
+        w[t], error, one_over = v / np.sqrt(r), v / r, 1 / r
+    return np.where(np.arange(len(w))[:, None] < size, w, 0.0)
