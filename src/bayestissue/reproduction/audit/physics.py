@@ -8,6 +8,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from bayestissue.oscillator import peak_displacement, time_to_peak
 from bayestissue.reproduction.audit.findings import Finding
 from bayestissue.reproduction.audit.impacts import GENERAL, Impacts
 
@@ -18,25 +19,12 @@ SLOWEST_PEAK_S = 0.1
 """A hard object struck against tissue over bone comes to rest in 5 to 50 ms; twice that is out of reach."""
 
 
-def peak(
-    omega_n: Float[np.ndarray, " impact"],
-    zeta: Float[np.ndarray, " impact"],
-    velocity: Float[np.ndarray, " impact"],
-) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarray, " impact"]]:
-    """Time to peak (s) and peak penetration (m) of a mass that meets spring and damper at ``velocity`` (m/s).
-
-    x″ + 2ζω_n x′ + ω_n² x = 0 with x(0) = 0, x′(0) = V comes to rest at t = θ/(ω_n sin θ), cos θ = ζ,
-    where x = (V/ω_n) exp(−ζ ω_n t); for ζ > 1 the angle is imaginary and its ratio to its sine is
-    arcosh ζ / √(ζ² − 1). (Derived from the thesis's equation of motion, section 2.12.)
-    """
-    under = np.minimum(zeta, 1)
-    over = np.maximum(zeta, 1)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        ratio = np.where(
-            zeta < 1, np.arccos(under) / np.sqrt(1 - under**2), np.arccosh(over) / np.sqrt(over**2 - 1)
-        )
-    ratio = np.where(zeta == 1, 1.0, ratio)
-    return ratio / omega_n, velocity / omega_n * np.exp(-zeta * ratio)
+def peak(impacts: Impacts) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarray, " impact"]]:
+    """Time to peak (s) and peak displacement (m) of the impactor on a spring and damper of K and C."""
+    velocity = impacts.rows["velocity_m_s"].to_numpy()
+    time = time_to_peak(impacts.omega_n, impacts.zeta)
+    depth = peak_displacement(impacts.omega_n, impacts.zeta, velocity)
+    return np.asarray(time), np.asarray(depth)
 
 
 @GENERAL.check(
@@ -46,8 +34,7 @@ def peak(
 )
 def implied_penetration(impacts: Impacts) -> Iterator[Finding]:
     """How deep, and for how long, an impactor would sink into a tissue of the estimated K and C."""
-    velocity = impacts.rows["velocity_m_s"].to_numpy()
-    time, depth = peak(impacts.omega_n, impacts.zeta, velocity)
+    time, depth = peak(impacts)
     limit = THICKEST_TISSUE_M if impacts.tissue_m is None else impacts.tissue_m
     middle = float(np.median(depth))
     if middle <= limit and np.median(time) <= SLOWEST_PEAK_S:
@@ -78,7 +65,7 @@ def implied_penetration(impacts: Impacts) -> Iterator[Finding]:
 )
 def measured_peak(impacts: Impacts) -> Iterator[Finding]:
     """Time to peak and peak displacement as recorded, beside those that K and C imply."""
-    time, depth = peak(impacts.omega_n, impacts.zeta, impacts.rows["velocity_m_s"].to_numpy())
+    time, depth = peak(impacts)
     for column, implied, what, unit in (
         ("time_to_peak_s", time, "time to peak", "ms"),
         ("peak_displacement_m", depth, "peak displacement", "mm"),
