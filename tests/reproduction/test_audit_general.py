@@ -8,6 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from bayestissue.errors import InputError
+from bayestissue.inference.point import fit_points
 from bayestissue.reproduction.audit import GENERAL, audit_estimates
 from bayestissue.reproduction.audit.findings import BEARINGS, COLUMNS, SEVERITIES
 from bayestissue.reproduction.audit.impacts import read_impacts
@@ -233,6 +234,24 @@ def test_centred_fit_returns_what_obeys_its_equation(damping: float) -> None:
     # trapezoidal sums of 2001 samples are off by about |root|² / (12 · 2000²) < 1e-6
     assert omega == pytest.approx(abs(root), rel=1e-5)
     assert zeta == pytest.approx(damping / abs(root), rel=1e-4)
+
+
+def test_the_thesis_fit_gives_the_window_too() -> None:
+    velocity, deceleration = made_up_pulses()
+    limit, _ = centred_fit(velocity, deceleration)
+    step = 1 / (velocity.shape[1] - 1)
+    depth = np.cumsum((velocity[:, 1:] + velocity[:, :-1]) / 2, axis=1) * step
+    depth = np.concatenate([np.zeros((len(depth), 1)), depth], axis=1)
+    worst = []
+    for every in (20, 2):
+        x = depth[:, ::every]
+        count, one = x.shape[1], np.ones(len(x))
+        fit = fit_points(x, one * count, one / (count - 1), one, method="dds")
+        assert fit.omega_n.min() > 0.9 * limit.min()
+        assert fit.omega_n.max() < 1.1 * limit.max()
+        worst.append(np.abs(fit.omega_n / limit - 1).max())
+    # θ1 is what sets the two apart, and its effect vanishes as the sampling gets denser
+    assert worst[1] < worst[0] / 2
 
 
 def test_made_up_pulses_bring_the_impactor_to_rest() -> None:

@@ -1,7 +1,7 @@
 """The audit: the program finds what does not hold together, and says why.
 
-A check is a function that yields a `Finding` for everything it does not believe, registered with
-``@GENERAL.check(...)`` if it needs nothing but a table of estimates and with ``@PUBLISHED.check(...)`` if it is
+A check is a function that yields a `Finding` for everything it does not believe. It is registered with
+``@GENERAL.check(...)`` if it needs no more than a table of estimates, with ``@PUBLISHED.check(...)`` if it is
 about a publication, in a module that is imported below.
 """
 
