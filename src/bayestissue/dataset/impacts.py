@@ -26,7 +26,7 @@ _POSITIVE = {
     "diameter_m": "the impactor's diameter in m, a number above 0",
 }
 _MAY_BE_EMPTY = ("sampling_rate_hz", "energy_J", "diameter_m")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
 @dataclass(frozen=True, eq=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import logging
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -94,7 +95,7 @@ class _UnfitError(Exception):
 
 def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
     wanted = [signal.time_column, signal.value_column]
-    if path.suffix != ".parquet" and signal.time_column not in header(read_bytes(path, label, REMEDY)):
+    if path.suffix != ".parquet" and signal.time_column not in header(read_bytes(path, label, REMEDY), label):
         wanted = [signal.value_column] if "time_column" not in signal.model_fields_set else wanted
     columns, _ = read_table(path, label, numbers=wanted, remedy=REMEDY)
     value, time = columns[signal.value_column], columns.get(signal.time_column, Numbers(np.empty(0)))
@@ -196,6 +197,8 @@ def _regular(segment: dict[str, Any], channel: int, samples: int) -> np.ndarray 
 def _tdms(data: bytes) -> tuple[dict[str, _Channel], int]:
     from nptdms import TdmsFile
 
+    # Damaged names would be logged one by one; what is wrong is said once, by whoever called.
+    logging.getLogger("nptdms").setLevel(logging.ERROR)
     found = [channel for group in TdmsFile.read(io.BytesIO(data)).groups() for channel in group.channels()]
     names = [channel.name for channel in found]
     channels: dict[str, _Channel] = {}

@@ -116,7 +116,7 @@ def read_long(folder: Path, impacts: list[str], signal: SignalSettings) -> Readi
     count = np.bincount(codes[codes >= 0], minlength=len(impacts))
     has = np.flatnonzero(count)
     samples = Samples(
-        times.array[order] * to_si(signal.time_unit, "time"),
+        _in_seconds(times.array[order], signal),
         _converted(readings.array[order], signal),
         np.concatenate([[0], np.cumsum(count[has])]),
         has,
@@ -181,6 +181,11 @@ def _converted(raw: np.ndarray, signal: SignalSettings) -> np.ndarray:
     # What overflows is found with everything else that is not finite.
     with np.errstate(over="ignore", invalid="ignore"):
         return (raw * signal.scale + signal.offset) * to_si(signal.unit, signal.dimension)
+
+
+def _in_seconds(time: np.ndarray, signal: SignalSettings) -> np.ndarray:
+    with np.errstate(over="ignore", invalid="ignore"):
+        return time * to_si(signal.time_unit, "time")
 
 
 def _the_one(folder: Path) -> Path:
@@ -266,7 +271,7 @@ def _inside(folder: Path, name: str, row: int, taken: dict[Path, str]) -> Path:
 
 def _time(recording: Recording, rate: float, file: str, signal: SignalSettings) -> np.ndarray:
     if recording.time is not None:
-        return recording.time * to_si(signal.time_unit, "time")
+        return _in_seconds(recording.time, signal)
     if recording.clock is not None:
         return recording.clock
     if np.isfinite(rate):

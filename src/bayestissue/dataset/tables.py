@@ -134,8 +134,13 @@ def column_problems(label: str, names: Sequence[str], wanted: Sequence[str]) -> 
     return problems
 
 
-def header(data: bytes) -> list[str]:
-    """The column names of a CSV file, without the spaces around them."""
+def header(data: bytes, label: str) -> list[str]:
+    """The column names of a CSV file, without the spaces around them.
+
+    Raises:
+        InputError: the text is not UTF-8.
+    """
+    require_utf8(data, label)
     first = data.removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].split(b"\r", 1)[0]
     return [name.strip() for name in next(csv.reader([first.decode()]), [])]
 
@@ -167,7 +172,6 @@ def read_table(
             )
         columns = {name: Numbers(_floats(table[name])) for name in numbers}
     else:
-        require_utf8(data, label)
         table, columns = _csv(data, label, numbers, labels)
     if not table.num_rows:
         raise InputError(Problem(label, "rows below the header", "Export the file anew.", value="no rows"))
@@ -177,7 +181,7 @@ def read_table(
 def _csv(
     data: bytes, label: str, numbers: Sequence[str], labels: Sequence[str]
 ) -> tuple[pa.Table, dict[str, Numbers]]:
-    names = header(data)
+    names = header(data, label)
     if problems := column_problems(label, names, [*labels, *numbers]):
         raise InputError(problems)
     name_type = pa.dictionary(pa.int32(), pa.string())
@@ -239,7 +243,7 @@ def _sifted(cells: pa.Array) -> Numbers:
 
 def _parquet(data: bytes, label: str, wanted: list[str]) -> pa.Table:
     try:
-        file = pq.ParquetFile(pa.BufferReader(data))
+        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
         if problems := column_problems(label, file.schema_arrow.names, wanted):
             raise InputError(problems)
         table = file.read(columns=wanted)

@@ -56,7 +56,7 @@ def _others(impacts: pd.DataFrame) -> list[str]:
 
 def _write_table(table: pa.Table, path: Path) -> None:
     if path.suffix == ".parquet":
-        pq.write_table(table, path, compression="zstd")
+        pq.write_table(table, path, compression="zstd", write_page_checksum=True)
         return
     plain = pa.table({name: _decoded(table[name]) for name in table.column_names})
     options = pa_csv.WriteOptions(quoting_style="needed")
