@@ -13,6 +13,7 @@ _PUBLIC: dict[str, str] = {
     "read_dataset": "bayestissue.dataset",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",
+    "estimate": "bayestissue.inference.estimates",
     "arma21_log_likelihood": "bayestissue.likelihood",
     "spring_damper": "bayestissue.oscillator",
     "to_continuous": "bayestissue.oscillator",

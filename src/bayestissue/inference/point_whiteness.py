@@ -8,18 +8,15 @@ from scipy.special import chdtrc
 
 LAGS = 10
 Column = Float[np.ndarray, " impact"]
+Count = Num[np.ndarray, " impact"]
+Rows = Float[np.ndarray, "impact sample"]
 
 
-def whiteness(
-    x: Float[np.ndarray, "impact sample"],
-    n_samples: Num[np.ndarray, " impact"],
-    c1: Column,
-    c2: Column,
-    theta1: Column,
-) -> Column:
+def whiteness(x: Rows, n_samples: Count, c1: Column, c2: Column, theta1: Column) -> Column:
     """p-value of Ljung and Box's statistic n (n + 2) sum_k r_k^2 / (n - k) over ten lags.
 
-    Chi-squared with seven degrees of freedom, three being spent on the coefficients (Ljung & Box 1978).
+    Chi-squared with nine degrees of freedom, theta1 having spent one (Ljung & Box 1978); c1 and c2 belong
+    to a signal far above the noise and spend none.
     The residuals are the standardised one-step prediction errors, which are white at |theta1| = 1 too.
 
     Args:
@@ -39,15 +36,11 @@ def whiteness(
     for lag in range(1, min(LAGS, len(shocks) - 1) + 1):
         r = np.einsum("ti,ti->i", shocks[lag:], shocks[:-lag]) / square
         statistic += r**2 / np.maximum(size - lag, 1)
-    return np.where(size >= 2 * LAGS, chdtrc(LAGS - 3, size * (size + 2) * statistic), np.nan)
+    return np.where(size >= 2 * LAGS, chdtrc(LAGS - 1, size * (size + 2) * statistic), np.nan)
 
 
 def residuals(
-    x: Float[np.ndarray, "impact sample"],
-    n_samples: Num[np.ndarray, " impact"],
-    c1: Column,
-    c2: Column,
-    theta1: Column,
+    x: Rows, n_samples: Count, c1: Column, c2: Column, theta1: Column
 ) -> Float[np.ndarray, "residual impact"]:
     """v_t / sqrt(r_t) with v_t = w_t + theta1 v_{t-1} / r_{t-1}, r_t = 1 + theta1^2 - theta1^2 / r_{t-1}.
 

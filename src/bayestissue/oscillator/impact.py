@@ -36,7 +36,7 @@ def spring_damper(omega_n: ArrayLike, zeta: ArrayLike, mass: ArrayLike) -> tuple
     Returns:
         K [N/m] and C [N s/m].
     """
-    omega_n, mass = jnp.asarray(omega_n, float), jnp.asarray(mass, float)
+    omega_n, zeta, mass = (jnp.asarray(p, float) for p in (omega_n, zeta, mass))
     return mass * omega_n**2, 2 * zeta * omega_n * mass
 
 
@@ -58,7 +58,7 @@ def impact_motion(time: ArrayLike, omega_n: ArrayLike, zeta: ArrayLike, velocity
         zeta: damping ratio.
         velocity: impactor's velocity V at contact [m/s].
     """
-    time, omega_n = jnp.asarray(time, float), jnp.asarray(omega_n, float)
+    time, omega_n, zeta, velocity = (jnp.asarray(p, float) for p in (time, omega_n, zeta, velocity))
     cosine, sine = damped_pair(omega_n * time, zeta)
     x = velocity * time * sine
     v = velocity * cosine - zeta * omega_n * x
@@ -71,7 +71,7 @@ def time_to_peak(omega_n: ArrayLike, zeta: ArrayLike) -> Array:
     At zeta = 1 this is 1 / omega_n and above it arccosh(zeta) / (omega_n sqrt(zeta^2 - 1)): one smooth
     function. Arguments broadcast: omega_n [rad/s], zeta > -1.
     """
-    zeta = jnp.asarray(zeta, float)
+    omega_n, zeta = jnp.asarray(omega_n, float), jnp.asarray(zeta, float)
     return 1 / (omega_n * sinc_root(arc_chord(2 * (1 - zeta))))
 
 
@@ -80,4 +80,5 @@ def peak_displacement(omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike) 
 
     Arguments broadcast: omega_n [rad/s], zeta > -1, velocity V at contact [m/s].
     """
+    omega_n, zeta, velocity = (jnp.asarray(p, float) for p in (omega_n, zeta, velocity))
     return velocity / omega_n * jnp.exp(-zeta * omega_n * time_to_peak(omega_n, zeta))

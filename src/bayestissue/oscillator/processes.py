@@ -42,7 +42,7 @@ def autocovariance_a2(lag: ArrayLike, omega_n: ArrayLike, zeta: ArrayLike, sigma
         zeta: damping ratio, positive: an undamped A(2) has no stationary distribution.
         sigma_z: strength of the white forcing Z(t), E[Z(t) Z(t-u)] = sigma_z^2 delta(u).
     """
-    omega_n = jnp.asarray(omega_n, float)
+    omega_n, zeta, sigma_z = (jnp.asarray(p, float) for p in (omega_n, zeta, sigma_z))
     angle = omega_n * jnp.abs(jnp.asarray(lag, float))
     cosine, sine = damped_pair(angle, zeta)
     return sigma_z**2 / (4 * zeta * omega_n**3) * (cosine + zeta * angle * sine)
@@ -117,7 +117,7 @@ def start_moments(c1: ArrayLike, c2: ArrayLike, theta1: ArrayLike, sigma_a: Arra
         theta1: moving-average coefficient.
         sigma_a: standard deviation of the shocks.
     """
-    c1, c2, theta1 = (jnp.asarray(c, float) for c in (c1, c2, theta1))
+    c1, c2, theta1, sigma_a = (jnp.asarray(p, float) for p in (c1, c2, theta1, sigma_a))
     one_minus_phi2 = 2 - (c1 - c2)
     # this is (1 - phi2)(1 + theta1^2) - 2 theta1 phi1
     top = one_minus_phi2 * (1 - theta1) ** 2 + 2 * theta1 * c2

@@ -1,0 +1,165 @@
+"""`bayestissue estimate`: point estimates of K and C for every impact."""
+
+from __future__ import annotations
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from time import perf_counter
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from bayestissue.results import require_free, whole_folder
+from bayestissue.runtime import configure, versions
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bayestissue.dataset import Dataset
+    from bayestissue.inference.point import Method
+    from bayestissue.signal import SignalOptions
+
+PROBLEM_COLUMNS = ["file", "row", "column", "impact", "value", "expected", "remedy"]
+
+
+def run(
+    dataset: Path,
+    *,
+    out: Path,
+    method: Method,
+    model: Path | None,
+    vary: tuple[str, ...],
+    skip_bad: bool,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Estimate K and C of every impact and write ``estimates.csv``, ``run.json`` and ``report.html``.
+
+    With ``vary``, ``vary.csv`` tells the estimates under each value of these choices; with ``skip_bad``,
+    ``left_out.csv`` tells what was left out. A "dds" run also holds ``centring.csv``.
+
+    Raises:
+        InputError: the dataset, the model file or a choice is wrong, or ``out`` is not free.
+    """
+    started, clock = datetime.now(UTC), perf_counter()
+    require_free(out, overwrite=overwrite)
+    configure()
+    from bayestissue.dataset import read_dataset
+    from bayestissue.inference.estimates import default_options, estimate
+    from bayestissue.report.writing import write_report
+    from bayestissue.signal import alternatives, read_signal_options
+
+    options = read_signal_options(model) if model else default_options(method)
+    choices = {choice: alternatives(choice, options) for choice in vary}
+    data = read_dataset(dataset, skip_bad=skip_bad)
+    table = estimate(data, method=method, options=options)
+    varied = _varied(data, method, choices) if choices else None
+    with whole_folder(out, overwrite=overwrite) as staging:
+        table.to_csv(staging / "estimates.csv", index=False)
+        if varied is not None:
+            varied.to_csv(staging / "vary.csv", index=False)
+        if data.left_out:
+            _left_out(data).to_csv(staging / "left_out.csv", index=False)
+        about = _about(data, method, options, model, started, perf_counter() - clock)
+        (staging / "run.json").write_text(json.dumps(about, indent=2, ensure_ascii=False), encoding="utf-8")
+        write_report(staging)
+    if as_json:
+        typer.echo(table.to_json(orient="records", force_ascii=False))
+    elif not quiet:
+        _print(data, table, varied, out)
+
+
+def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOptions, ...]]) -> pd.DataFrame:
+    """Median K and C, the middle nine tenths, and the number of impacts with an estimate, per choice."""
+    import pandas as pd
+
+    from bayestissue.errors import InputError
+    from bayestissue.inference.estimates import estimate
+
+    rows: list[dict[str, Any]] = []
+    for choice, options in choices.items():
+        for option in options:
+            row: dict[str, Any] = {"choice": choice, "value": str(getattr(option, choice))}
+            try:
+                table = estimate(data, method=method, options=option)
+            except InputError as error:
+                rows.append({**row, "note": "; ".join(str(problem) for problem in error.problems[:1])})
+                continue
+            row["estimated"] = int(table["K_N_per_m"].notna().sum())
+            for name in ("K_N_per_m", "C_N_s_per_m"):
+                low, median, high = table[name].quantile([0.05, 0.5, 0.95])
+                row |= {f"{name}_median": median, f"{name}_5": low, f"{name}_95": high}
+            rows.append({**row, "note": ""})
+    return pd.DataFrame(rows)
+
+
+def _left_out(data: Dataset) -> pd.DataFrame:
+    import pandas as pd
+
+    rows = [problem.as_dict() for problem in data.left_out]
+    return pd.DataFrame(rows, columns=PROBLEM_COLUMNS).astype({"row": "Int64"})
+
+
+def _about(
+    data: Dataset,
+    method: Method,
+    options: SignalOptions,
+    model: Path | None,
+    started: datetime,
+    seconds: float,
+) -> dict[str, Any]:
+    installed = versions()
+    return {
+        "program": f"bayestissue {installed['bayestissue']}",
+        "command": "estimate",
+        "kind": "estimates",
+        "dataset": data.name,
+        "method": method,
+        "model": {"file": model.name if model else None, "signal": options.model_dump()},
+        "versions": installed,
+        "input_hash": data.input_hash,
+        "started": started.isoformat(timespec="seconds"),
+        "wall_time_s": round(seconds, 3),
+    }
+
+
+def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    flagged = int((table["flags"] != "").sum())
+    shown = Table(title=Text(f"{data.name}: {len(table)} impacts, {flagged} flagged"), title_justify="left")
+    for heading in ("", "median", "5 %", "95 %"):
+        shown.add_column(heading, justify="right" if heading else "left")
+    for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
+        low, median, high = table[name].quantile([0.05, 0.5, 0.95])
+        shown.add_row(words, *(f"{value:.4g}" for value in (median, low, high)))
+    console.print(shown)
+    if varied is not None:
+        console.print(_vary_table(varied))
+    if data.left_out:
+        count = len({problem.impact for problem in data.left_out})
+        console.print(f"{count} impacts left out: see left_out.csv")
+    console.print(Text(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}"), soft_wrap=True)
+
+
+def _vary_table(varied: pd.DataFrame) -> Any:
+    from rich.table import Table
+
+    shown = Table(title="K and C against each choice", title_justify="left")
+    for heading in ("choice", "value", "estimated", "K (N/m)", "5 to 95 %", "C (N s/m)", "5 to 95 %", "note"):
+        shown.add_column(heading)
+    for row in varied.to_dict("records"):
+        cells = [row["choice"], row["value"]]
+        if row["note"]:
+            shown.add_row(*cells, *([""] * 5), row["note"])
+            continue
+        cells.append(f"{row['estimated']:.0f}")
+        for name in ("K_N_per_m", "C_N_s_per_m"):
+            cells += [f"{row[f'{name}_median']:.4g}", f"{row[f'{name}_5']:.4g} to {row[f'{name}_95']:.4g}"]
+        shown.add_row(*cells, "")
+    return shown

@@ -1,0 +1,129 @@
+"""Point estimates as a table: from a dataset over its displacements to `estimates.csv`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.inference.point import Method, PointFit, fit_points
+from bayestissue.oscillator.impact import peak_displacement
+from bayestissue.signal import Displacements, SignalOptions, displacements
+
+if TYPE_CHECKING:
+    from bayestissue.dataset import Dataset
+
+FEWEST_SAMPLES = 8
+# Past these a trace of one loading tells K and C apart no more: one of the two forces rules alone.
+ZETA_LIMITS = (0.005, 5.0)
+NOT_WHITE = 0.01
+# The displacement that K and C imply and the one recorded differ by a few per cent at worst if both hold.
+PEAK_DISAGREES = 0.2
+THICKNESS = "tissue_thickness_m"
+
+
+def default_options(method: Method) -> SignalOptions:
+    """How x is made unless told otherwise; "dds" integrates and centres as the thesis did."""
+    if method == "dds":
+        return SignalOptions(integration="trapezoidal", equilibrium="sample-mean")
+    return SignalOptions()
+
+
+def estimate(
+    dataset: Dataset, *, method: Method = "exact", options: SignalOptions | None = None
+) -> pd.DataFrame:
+    """Point estimates of K and C for every impact of a dataset (thesis, chapters 2 and 4).
+
+    Args:
+        dataset: as `bayestissue.read_dataset` returns it.
+        method: "exact" for maximum likelihood about the rest position; "dds" for the thesis's
+            conditional least squares about the sample mean.
+        options: how the displacement is made from the recording; `default_options` unless given.
+
+    Returns:
+        One row per impact with the columns of `estimates.csv`: the ARMA(2,1) coefficients, omega_n, zeta,
+        K and C, their standard errors from the trace alone (that of K also carries the dataset's relative
+        standard deviation of the mass), and flags, joined by "; ".
+
+    Raises:
+        InputError: the options ask for what the recordings can't give.
+    """
+    signal = displacements(dataset, options or default_options(method))
+    return estimates_table(dataset, signal, method)
+
+
+def estimates_table(dataset: Dataset, signal: Displacements, method: Method) -> pd.DataFrame:
+    """The table of `estimate` for displacements that are at hand.
+
+    Impacts of fewer than eight samples have a row without numbers.
+    """
+    long_enough = signal.n_samples >= FEWEST_SAMPLES
+    fit = fit_points(
+        signal.x[long_enough],
+        signal.n_samples[long_enough],
+        signal.dt[long_enough],
+        signal.mass[long_enough],
+        method,
+    )
+    whole = PointFit(*(_spread(column, long_enough) for column in fit))
+    mass_sd = dataset.uncertainty.relative_mass_sd
+    table = dataset.impacts[["impact", "subject", "trial", "mass_kg"]].assign(
+        velocity_m_s=signal.velocity,
+        n_samples=signal.n_samples,
+        sampling_interval_s=signal.dt,
+        phi1=whole.phi1,
+        phi2=whole.phi2,
+        theta1=whole.theta1,
+        sigma_a=whole.sigma_a,
+        omega_n_rad_s=whole.omega_n,
+        zeta=whole.zeta,
+        K_N_per_m=whole.K,
+        C_N_s_per_m=whole.C,
+        peak_displacement_m=signal.peak_displacement,
+        time_to_peak_s=signal.time_to_peak,
+        flags=["; ".join(row) for row in _flags(dataset, signal, whole)],
+        K_se_N_per_m=np.hypot(whole.K_se, whole.K * mass_sd),
+        C_se_N_s_per_m=np.hypot(whole.C_se, whole.C * mass_sd),
+        omega_n_se_rad_s=whole.omega_n_se,
+        zeta_se=whole.zeta_se,
+        theta1_se=whole.theta1_se,
+        log_likelihood=whole.log_likelihood,
+        whiteness_p=whole.whiteness_p,
+    )
+    return table.reset_index(drop=True)
+
+
+def _spread(column: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    whole = np.zeros(len(rows), bool) if column.dtype == bool else np.full(len(rows), np.nan)
+    whole[rows] = column
+    return whole
+
+
+def _flags(dataset: Dataset, signal: Displacements, fit: PointFit) -> Iterator[list[str]]:
+    with np.errstate(invalid="ignore", divide="ignore"):
+        implied = np.asarray(peak_displacement(fit.omega_n, fit.zeta, signal.velocity))
+        raised = {
+            "no oscillator has these coefficients": np.isfinite(fit.phi1) & np.isnan(fit.K),
+            "K or C is not positive": (fit.K <= 0) | (fit.C <= 0),
+            "zeta at a limit": (fit.zeta < ZETA_LIMITS[0]) | (fit.zeta > ZETA_LIMITS[1]),
+            "theta1 at its limit": fit.theta1_at_limit & ~fit.noiseless,
+            "theta1 asks for another value of arccos": (fit.branch > 0) & ~fit.noiseless,
+            "no noise beyond rounding: no standard errors": fit.noiseless,
+            "residuals are not white": fit.whiteness_p < NOT_WHITE,
+            "K and C imply another peak displacement than recorded": np.abs(
+                implied / signal.peak_displacement - 1
+            )
+            > PEAK_DISAGREES,
+            "deeper than the tissue is thick": _too_deep(dataset, signal),
+        }
+    for i, recorded in enumerate(signal.flags):
+        yield [*recorded, *(words for words, where in raised.items() if where[i])]
+
+
+def _too_deep(dataset: Dataset, signal: Displacements) -> np.ndarray:
+    if THICKNESS not in dataset.impacts:
+        return np.zeros(len(signal.n_samples), bool)
+    thickness = pd.to_numeric(dataset.impacts[THICKNESS], errors="coerce").to_numpy(float)
+    return signal.peak_displacement > thickness
