@@ -129,7 +129,8 @@ def _integrated(
     d, inside, dt = part.value, part.inside, part.dt
     first = cumulative(part, options.integration)
     second = cumulative(replace(part, value=first), options.integration)
-    start = find_start(d, first, second, inside, dt, velocity, onset.least, onset.most)
+    cut = (onset.first == 0) & (onset.most > onset.least) & (np.abs(recordings.start) < 1e-6 * dt)
+    start = find_start(d, first, second, inside, dt, velocity, onset.least, onset.most, cut)
     time = np.arange(d.shape[1]) * dt[:, None]
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * time - second

@@ -16,11 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import ndtr
 
 from bayestissue.signal.traces import Column, Mask, Rows, first_where
 
 _ORDER = 12
 _GRID = 65
+_CUT = 0.9
 
 
 @dataclass(frozen=True)
@@ -42,6 +44,7 @@ def find_start(
     velocity: Column,
     least: Column,
     most: Column,
+    cut: Mask,
 ) -> Start:
     """The state at the first sample, contact lying between ``least`` and ``most`` seconds before it.
 
@@ -59,6 +62,9 @@ def find_start(
         velocity: [impact], at contact, m/s.
         least: [impact], s; equal to ``most`` where contact is known.
         most: [impact], s.
+        cut: [impact], true where the recording seems to have been cut at contact: its clock starts at 0 with
+            its first sample, and that one is in contact already. Contact at that very sample then has a
+            prior probability of 0.9.
     """
     # Some velocity is gone by the first sample; past zero velocity the impactor may have left the tissue.
     fall = np.maximum(deceleration[:, 0] - deceleration[:, min(1, inside.shape[1] - 1)], 0)
@@ -70,8 +76,8 @@ def find_start(
     problem = _LeastSquares.of(deceleration, first_integral, second_integral, used, dt, velocity, duration)
     low, high = least / duration, most / duration
     with np.errstate(all="ignore"):
-        ab, delta, delta_sd = problem.fit((low + high) / 2, reach=high)
-        delta, delta_sd = _mean_within(delta, delta_sd, low, high)
+        ab, delta, delta_sd = problem.fit(low, high)
+        delta, delta_sd = _mean_within(delta, delta_sd, low, high, np.where(cut, _CUT, 0))
         ab = problem.fit_given(ab, delta)
         x, v = _grown(ab[:, 0], ab[:, 1], delta)
     # Too few samples, or a motion no spring and damper makes: d is held constant back to contact.
@@ -112,26 +118,37 @@ class _LeastSquares:
         gram = basis @ basis.transpose(0, 2, 1)
         return cls(basis, target, gram, (basis @ target[..., None])[..., 0], used.sum(axis=1))
 
-    def fit(self, delta: Column, reach: Column) -> tuple[np.ndarray, Column, Column]:
-        """(a, b), δ and the standard error of δ, with δ free within twice ``reach`` either way."""
+    def fit(self, low: Column, high: Column) -> tuple[np.ndarray, Column, Column]:
+        """(a, b), δ and the standard error of δ, δ free within twice the bracket around it.
+
+        With few samples and strong damping the sum of squares may have more than one hollow: the best of
+        three starts is taken.
+        """
+        tried = [self._descend(low + share * (high - low), low, high) for share in (0.1, 0.5, 0.9)]
+        left_over = np.stack([np.nan_to_num(self._residual(each), nan=np.inf) for each in tried])
+        best = np.take_along_axis(np.stack(tried), left_over.argmin(axis=0)[None, :, None], axis=0)[0]
+        _, covariance = self._step(best, free=3)
+        variance = left_over.min(axis=0) / np.maximum(self.count - 3, 1)
+        return best[:, :2], best[:, 2], np.sqrt(variance * covariance[:, 2, 2])
+
+    def _descend(self, delta: Column, low: Column, high: Column) -> np.ndarray:
         ab = self.fit_given(self._first_guess(delta), delta)
         parameters = np.concatenate([ab, delta[:, None]], axis=1)
+        reach = 2 * (high - low)
         for _ in range(12):
-            step, _ = self._step(parameters, free=3)
-            parameters = parameters + step
-            parameters[:, :2] = np.maximum(parameters[:, :2], 0)
-            parameters[:, 2] = np.clip(parameters[:, 2], -2 * reach, 3 * reach)
-        _, covariance = self._step(parameters, free=3)
-        residual = self.target - np.einsum("ik,iks->is", _coefficients(parameters), self.basis)
-        variance = (residual**2).sum(axis=1) / np.maximum(self.count - 3, 1)
-        return parameters[:, :2], parameters[:, 2], np.sqrt(variance * covariance[:, 2, 2])
+            parameters = parameters + self._step(parameters, free=3)[0]
+            parameters[:, 2] = np.clip(parameters[:, 2], low - reach, high + reach)
+        return parameters
+
+    def _residual(self, parameters: np.ndarray) -> Column:
+        fitted = (_coefficients(parameters)[:, None, :] @ self.basis)[:, 0]
+        return ((self.target - fitted) ** 2).sum(axis=1)
 
     def fit_given(self, ab: np.ndarray, delta: Column) -> np.ndarray:
         """(a, b) with δ as given."""
         parameters = np.concatenate([ab, delta[:, None]], axis=1)
         for _ in range(6):
             parameters = parameters + self._step(parameters, free=2)[0]
-            parameters[:, :2] = np.maximum(parameters[:, :2], 0)
         return parameters[:, :2]
 
     def _first_guess(self, delta: Column) -> np.ndarray:
@@ -141,7 +158,7 @@ class _LeastSquares:
         transform = np.stack(
             [np.stack([v, zero, -one, zero], axis=1), np.stack([x, v, zero, -one], axis=1)], axis=2
         )
-        return np.maximum(self._solve(transform, self.moment)[0], 0)
+        return self._solve(transform, self.moment)[0]
 
     def _step(self, parameters: np.ndarray, free: int) -> tuple[np.ndarray, np.ndarray]:
         jacobian = _jacobian(parameters)[:, :, :free]
@@ -192,16 +209,24 @@ def _grown(a: np.ndarray, b: np.ndarray, delta: np.ndarray) -> tuple[np.ndarray,
     return x, v
 
 
-def _mean_within(mean: Column, sd: Column, low: Column, high: Column) -> tuple[Column, Column]:
-    """Mean and standard deviation of a normal distribution cut off outside [low, high]."""
-    grid = low[:, None] + (high - low)[:, None] * np.linspace(0, 1, _GRID)
+def _mean_within(mean: Column, sd: Column, low: Column, high: Column, atom: Column) -> tuple[Column, Column]:
+    """Posterior mean and standard deviation of δ under N(mean, sd²) as likelihood.
+
+    The prior is uniform over [low, high], but for the probability ``atom`` of δ being exactly ``low``.
+    """
+    width = high - low
+    grid = low[:, None] + width[:, None] * np.linspace(0, 1, _GRID)
     distance = ((grid - mean[:, None]) / sd[:, None]) ** 2
     weight = np.exp((distance.min(axis=1, keepdims=True) - distance) / 2)
     weight /= weight.sum(axis=1, keepdims=True)
     middle = (weight * grid).sum(axis=1)
-    spread = np.sqrt((weight * (grid - middle[:, None]) ** 2).sum(axis=1))
-    # Where the distribution is narrower than the grid the cut matters only if the mean lies outside.
-    narrow = ~(sd > (high - low) / (_GRID - 1))
-    return np.where(narrow, np.clip(mean, low, high), middle), np.where(
-        narrow, np.minimum(sd, high - low), spread
-    )
+    variance = (weight * (grid - middle[:, None]) ** 2).sum(axis=1)
+    # Where the likelihood is narrower than the grid the cut matters only if the mean lies outside.
+    narrow = ~(sd > width / (_GRID - 1))
+    middle = np.where(narrow, np.clip(mean, low, high), middle)
+    variance = np.where(narrow, np.minimum(sd, width) ** 2, variance)
+    inside = np.maximum(ndtr((high - mean) / sd) - ndtr((low - mean) / sd), 1e-300)
+    at_low = np.exp(-(((low - mean) / sd) ** 2) / 2) / np.sqrt(2 * np.pi) * width / sd
+    certain = np.where(atom > 0, atom * at_low / (atom * at_low + (1 - atom) * inside), 0)
+    spread = certain * (1 - certain) * (middle - low) ** 2 + (1 - certain) * variance
+    return certain * low + (1 - certain) * middle, np.sqrt(spread)
