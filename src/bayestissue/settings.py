@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -18,25 +19,69 @@ def read_toml(path: Path) -> dict[str, Any]:
     """The content of a TOML file.
 
     Raises:
-        InputError: the file can't be read, is not UTF-8, or is not TOML (with the line of the slip).
+        InputError: the file can't be read, is not UTF-8, or is not TOML (with the row of the slip).
+    """
+    return parse_toml(read_text(path, str(path)), str(path))
+
+
+def read_text(path: Path, file: str) -> str:
+    """The text of a file, which messages call ``file``.
+
+    Raises:
+        InputError: the file can't be read, or is not UTF-8 (with the row of the first wrong byte).
     """
     try:
-        return tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         problem = Problem(
-            str(path), "a readable file", "Check the path.", value=error.strerror or "an unreadable file"
+            file, "a readable file", "Check the path.", value=error.strerror or "an unreadable file"
         )
     except UnicodeDecodeError as error:
-        problem = Problem(str(path), "text in UTF-8", f"Save it as UTF-8: {error}.")
-    except tomllib.TOMLDecodeError as error:
-        problem = Problem(str(path), "TOML", f"Mend the syntax: {error}.")
+        row = error.object[: error.start].count(b"\n") + 1
+        wrong = error.object[error.start : error.start + 1]
+        problem = Problem(file, "text in UTF-8", "Save the file as UTF-8.", row=row, value=wrong)
     raise InputError(problem)
 
 
+def parse_toml(text: str, file: str) -> dict[str, Any]:
+    """The content of TOML text, which came from ``file``.
+
+    Raises:
+        InputError: the text is not TOML (with the row of the slip).
+    """
+    try:
+        return tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        found = re.search(r"at line (\d+)", str(error))
+        row = int(found[1]) if found else None
+        remedy = "Mend the syntax; text stands in quotes, tables in [brackets]."
+        raise InputError(Problem(file, "valid TOML", remedy, row=row, value=str(error))) from None
+
+
+def row_of(text: str, key: Sequence[str]) -> int | None:
+    """The row of TOML text in which a key, or the table of that name, stands; None if it isn't found."""
+    table: tuple[str, ...] = ()
+    for number, line in enumerate(text.splitlines(), start=1):
+        here = None
+        if header := re.match(r"\s*\[\s*([^\]]+?)\s*\]", line):
+            here = table = _parts(header[1])
+        elif entry := re.match(r"\s*([^=#]+?)\s*=", line):
+            here = table + _parts(entry[1])
+        if here == tuple(key):
+            return number
+    return None
+
+
+def _parts(name: str) -> tuple[str, ...]:
+    return tuple(part.strip(" \"'") for part in name.split("."))
+
+
 def checked[Schema: BaseModel](
-    content: Mapping[str, Any], schema: type[Schema], *, file: str, within: Sequence[str] = ()
+    content: Mapping[str, Any], schema: type[Schema], *, file: str, within: Sequence[str] = (), text: str = ""
 ) -> Schema:
     """``content`` as a ``schema``; ``within`` names the table of ``file`` that holds it.
+
+    With the ``text`` of the file, problems name their rows.
 
     Raises:
         InputError: every key that is unknown, missing or has a wrong value, with what is allowed.
@@ -46,8 +91,10 @@ def checked[Schema: BaseModel](
     try:
         return schema.model_validate(dict(content))
     except ValidationError as error:
-        problems = [_problem(detail, schema, file, tuple(within)) for detail in error.errors()]
-        raise InputError(_merged(problems)) from error
+        problems = _merged([_problem(detail, schema, file, tuple(within)) for detail in error.errors()])
+        raise InputError(
+            replace(problem, row=row_of(text, (problem.column or "").split("."))) for problem in problems
+        ) from error
 
 
 def _merged(problems: list[Problem]) -> list[Problem]:

@@ -111,10 +111,8 @@ CASES = [
     case("settings empty", _bytes(D, b""), D, "name", "signal", "Add the key"),
     case("no TOML", _toml('name = "bench"', "name = bench"), D, "row 1", "valid TOML", "quotes"),
     case("settings not UTF-8", _bytes(D, b'name = "\xe9t\xe9"\n'), D, "row 1", "UTF-8"),
-    case(
-        "unknown key", _toml("unit =", "units ="), D, "row 6", '"units"', "value_column", "take the line out"
-    ),
-    case("unknown table", _toml("[uncertainty]", "[noise]"), D, "row 8", '"noise"', "uncertainty"),
+    case("unknown key", _toml("unit =", "units ="), D, "row 6", x, "remove the key"),
+    case("unknown table", _toml("[uncertainty]", "[noise]"), D, "row 8", "column noise", "uncertainty"),
     case(
         "unknown quantity",
         _toml('"deceleration"', '"force"'),
@@ -122,7 +120,7 @@ CASES = [
         "row 5",
         "signal.quantity",
         "force",
-        '"acceleration"',
+        "'acceleration'",
     ),
     case("no quantity", _toml('quantity = "deceleration"', ""), D, "signal.quantity", "Add the key"),
     case("no unit", _toml('unit = "m/s^2"', ""), D, "signal.unit", "Add the key"),
@@ -156,7 +154,7 @@ CASES = [
         D,
         "row 7",
         "signal.scale",
-        "'2'",
+        '"2"',
     ),
     case(
         "negative uncertainty",
@@ -165,7 +163,7 @@ CASES = [
         "row 9",
         "uncertainty.relative_mass_sd",
         "-0.01",
-        "0 or more",
+        "greater than or equal to 0",
     ),
     case("infinite uncertainty", _toml("0.01", "inf"), D, "row 9", "uncertainty.relative_mass_sd", "inf"),
     # impacts.csv

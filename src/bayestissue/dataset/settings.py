@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import re
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationError
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from bayestissue.dataset.model import Quantity, Uncertainty
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem
+from bayestissue.settings import checked, parse_toml, read_text, row_of
 
 FILE = "dataset.toml"
 
 
 def _not_zero(value: float) -> float:
     if value == 0:
-        raise ValueError("zero")
+        raise ValueError("a number other than 0")
     return value
 
 
@@ -83,45 +82,11 @@ def read_settings(path: Path) -> Settings:
     Raises:
         InputError: the file is missing, is no TOML, or has unknown, missing or wrong entries; all at once.
     """
-    try:
-        text = path.read_bytes().decode("utf-8-sig")
-        raw = tomllib.loads(text)
-    except FileNotFoundError:
-        raise InputError(
-            Problem(
-                FILE,
-                "a dataset.toml in the folder",
-                _WRITE_ONE,
-                value=f"no file {path.name} in {path.parent}",
-            )
-        ) from None
-    except OSError as error:
-        raise InputError(
-            Problem(FILE, "a readable file", "Check its permissions.", value=str(error))
-        ) from None
-    except UnicodeDecodeError as error:
-        row = error.object[: error.start].count(b"\n") + 1
-        raise InputError(
-            Problem(
-                FILE,
-                "text encoded as UTF-8",
-                "Save the file as UTF-8.",
-                row=row,
-                value=error.object[error.start : error.start + 1],
-            )
-        ) from None
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
-        found = re.search(r"at line (\d+)", str(error))
-        raise InputError(
-            Problem(
-                FILE,
-                "valid TOML",
-                "Mend the syntax; text stands in quotes, tables in [brackets].",
-                row=int(found[1]) if found else None,
-                value=str(error),
-            )
-        ) from None
-    return parse_settings(raw, text)
+    if not path.exists():
+        remedy = 'Write one with name = "…" and a table [signal] with quantity and unit; see data/README.md.'
+        raise InputError(Problem(FILE, "a dataset.toml in the folder", remedy, value="no file of that name"))
+    text = read_text(path, FILE)
+    return parse_settings(parse_toml(text, FILE), text)
 
 
 def parse_settings(raw: dict[str, Any], text: str = "") -> Settings:
@@ -136,17 +101,12 @@ def parse_settings(raw: dict[str, Any], text: str = "") -> Settings:
     """
     problems = _unit_problems(raw, text)
     try:
-        settings = Settings.model_validate(raw)
-    except ValidationError as error:
-        problems = [_as_problem(detail, text) for detail in error.errors()] + problems
+        settings = checked(raw, Settings, file=FILE, text=text)
+    except InputError as error:
+        raise InputError([*error.problems, *problems]) from None
     if problems:
         raise InputError(problems)
     return settings
-
-
-_WRITE_ONE = (
-    'Write one with name = "…" and a table [signal] with quantity and unit; data/README.md shows how.'
-)
 
 
 def _dimension(quantity: str) -> Dimension:
@@ -172,46 +132,9 @@ def _unit_problems(raw: dict[str, Any], text: str) -> list[Problem]:
                     FILE,
                     EXAMPLES[dimension],
                     "Write the unit that the recorder used, and check signal.quantity.",
-                    row=_row_of(text, ("signal", key)),
+                    row=row_of(text, ("signal", key)),
                     column=f"signal.{key}",
                     value=unit,
                 )
             )
     return problems
-
-
-def _as_problem(detail: Any, text: str) -> Problem:
-    place = tuple(str(part) for part in detail["loc"])
-    allowed = _table(place[:-1]).model_fields
-    column, row = ".".join(place), _row_of(text, place)
-    if detail["type"] == "extra_forbidden":
-        keys = ", ".join(allowed)
-        return Problem(
-            FILE, f"one of the keys {keys}", "Correct the name or take the line out.", row, column, place[-1]
-        )
-    expected = allowed[place[-1]].description or "a value"
-    if detail["type"] == "missing":
-        return Problem(FILE, expected, f"Add the key {column}.", column=column, value="nothing")
-    return Problem(FILE, expected, f"Correct the value of {column}.", row, column, repr(detail["input"]))
-
-
-def _table(place: tuple[str, ...]) -> type[BaseModel]:
-    tables: dict[str, type[BaseModel]] = {"signal": SignalSettings, "uncertainty": UncertaintySettings}
-    return tables.get(".".join(place), Settings)
-
-
-def _row_of(text: str, place: tuple[str, ...]) -> int | None:
-    table: tuple[str, ...] = ()
-    for number, line in enumerate(text.splitlines(), start=1):
-        here = None
-        if header := re.match(r"\s*\[\s*([^\]]+?)\s*\]", line):
-            here = table = _parts(header[1])
-        elif key := re.match(r"\s*([^=#]+?)\s*=", line):
-            here = table + _parts(key[1])
-        if here == place:
-            return number
-    return None
-
-
-def _parts(name: str) -> tuple[str, ...]:
-    return tuple(part.strip(" \"'") for part in name.split("."))
