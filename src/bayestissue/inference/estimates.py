@@ -9,7 +9,6 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.inference.point import Method, PointFit, fit_points
-from bayestissue.oscillator.impact import peak_displacement
 from bayestissue.signal import Displacements, SignalOptions, displacements
 
 if TYPE_CHECKING:
@@ -103,7 +102,7 @@ def _spread(column: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 def _flags(dataset: Dataset, signal: Displacements, fit: PointFit) -> Iterator[list[str]]:
     with np.errstate(invalid="ignore", divide="ignore"):
-        implied = np.asarray(peak_displacement(fit.omega_n, fit.zeta, signal.velocity))
+        implied = fit.unit_peak * signal.velocity
         raised = {
             "no oscillator has these coefficients": np.isfinite(fit.phi1) & np.isnan(fit.K),
             "K or C is not positive": (fit.K <= 0) | (fit.C <= 0),

@@ -19,7 +19,7 @@ from bayestissue.inference.point_whiteness import whiteness
 from bayestissue.likelihood import SineTransforms, sine_transforms
 from bayestissue.likelihood.arma21 import LOG_2PI
 from bayestissue.likelihood.quadratic import log_determinant
-from bayestissue.oscillator import arccos_branch, from_differences, spring_damper
+from bayestissue.oscillator import arccos_branch, from_differences, peak_displacement, spring_damper
 from bayestissue.oscillator.entire import sinc_root
 
 Method = Literal["exact", "dds"]
@@ -42,6 +42,7 @@ class PointFit(NamedTuple):
         log_likelihood: exact log likelihood of the fit given the first two samples; for "dds" the
             conditional one.
         whiteness_p: p-value of Ljung and Box's test of the residuals over ten lags.
+        unit_peak: peak displacement that omega_n and zeta imply, per unit of contact velocity [s].
         branch: which value of arccos theta1 asks for; K and C are those of the main one, 0.
         noiseless: whether the residual is no more than rounding errors.
         theta1_at_limit: whether theta1 is nearer to -1 or 1 than N samples can tell.
@@ -62,6 +63,7 @@ class PointFit(NamedTuple):
     C_se: Column
     log_likelihood: Column
     whiteness_p: Column
+    unit_peak: Column
     branch: Num[np.ndarray, " impact"]
     noiseless: Num[np.ndarray, " impact"]
     theta1_at_limit: Num[np.ndarray, " impact"]
@@ -156,7 +158,8 @@ def _physical(fit: Profile, dt: Array, mass: Array) -> dict[str, Array]:
     # n samples that do not turn back are less than half a period, so the main value of arccos is right
     omega_n, zeta = from_differences(fit.c1, fit.c2, None, dt)
     K, C = spring_damper(omega_n, zeta, mass)
-    return {"omega_n": omega_n, "zeta": zeta, "K": K, "C": C}
+    peak = peak_displacement(omega_n, zeta, 1.0)
+    return {"omega_n": omega_n, "zeta": zeta, "K": K, "C": C, "unit_peak": peak}
 
 
 def _standard_errors(fit: Profile, covariance: Covariance, dt: Array, mass: Array) -> dict[str, Array]:

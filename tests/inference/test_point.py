@@ -1,0 +1,202 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.optimize import minimize
+
+from bayestissue.inference.point import _fit_batch, fit_points
+from bayestissue.inference.point_whiteness import residuals, whiteness
+from bayestissue.likelihood import ARMA21, arma21_log_likelihood
+from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
+
+K, C, DT, VELOCITY = 3000.0, 25.0, 1e-4, 1.5
+Z90 = 1.6449
+
+
+def trace(K: np.ndarray, C: np.ndarray, mass: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+    """Noise-free displacements from contact to the peak, padded, and their lengths."""
+    omega_n, zeta = (np.asarray(p) for p in spring_damper_inverse(K, C, mass))
+    n = np.floor(np.asarray(time_to_peak(omega_n, zeta)) * rate).astype(int) + 1
+    time = np.arange(n.max()) / rate
+    return np.asarray(impact_motion(time, omega_n[:, None], zeta[:, None], VELOCITY).displacement), n
+
+
+def driven(count: int, theta1: float, sigma_a: float, mass: float = 0.666, seed: int = 1) -> np.ndarray:
+    """Impacts whose noise is the one that the fit assumes."""
+    omega_n, zeta = spring_damper_inverse(K, C, mass)
+    n = int(time_to_peak(omega_n, zeta) / DT)
+    first = impact_motion(jnp.arange(2) * DT, omega_n, zeta, VELOCITY).displacement
+    c1, c2, _ = to_differences(omega_n, zeta, DT)
+    event = ARMA21(c1, c2, theta1, sigma_a, first=first, width=n)
+    return np.asarray(event.sample(jax.random.key(seed), (count,)))
+
+
+@pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
+def test_noise_free_impacts_give_back_stiffness_and_damping(rate: float) -> None:
+    mass, zeta = (a.ravel() for a in np.meshgrid([0.1, 0.375, 1.0, 5.0], [0.02, 0.1, 0.5, 1.0, 1.5, 2.0]))
+    damping = 2 * zeta * np.sqrt(K * mass)
+    x, n = trace(np.full(24, K), damping, mass, rate)
+    fit = fit_points(x, n, np.full(24, 1 / rate), mass)
+    # the samples satisfy the recursion to 1e-16 of x; x'' is (omega dt)^2 > 1e-7 of it
+    np.testing.assert_allclose(fit.K, K, rtol=1e-8)
+    np.testing.assert_allclose(fit.C, damping, rtol=1e-8)
+
+
+@pytest.mark.parametrize("theta1", [-0.27, 0.5, -1.0])
+def test_nine_in_ten_intervals_hold_the_truth_when_the_noise_is_as_assumed(theta1: float) -> None:
+    count = 500
+    x = driven(count, theta1, 1e-8)
+    fit = fit_points(x, np.full(count, x.shape[1]), np.full(count, DT), np.full(count, 0.666))
+    for found, error, truth in ((fit.K, fit.K_se, K), (fit.C, fit.C_se, C)):
+        covered = np.mean(np.abs(found - truth) < Z90 * error)
+        # three binomial standard errors of 500 intervals
+        assert covered == pytest.approx(0.9, abs=3 * np.sqrt(0.09 / count))
+    if theta1 == -1.0:
+        assert fit.theta1_at_limit.mean() > 0.5
+
+
+def test_exact_fit_is_the_maximum_of_the_likelihood() -> None:
+    x = driven(1, -0.4, 1e-7)[0]
+    fit = fit_points(x[None], np.array([len(x)]), np.array([DT]), np.array([0.666]))
+    at = np.array([fit.phi1[0], fit.phi2[0], fit.theta1[0], np.log(fit.sigma_a[0])])
+    best = float(arma21_log_likelihood(x, *at[:3], np.exp(at[3])))
+    assert best == pytest.approx(fit.log_likelihood[0], rel=1e-9)
+    scales = np.array([fit.omega_n_se[0] * DT, fit.omega_n_se[0] * DT, 0.05, 0.05])
+
+    def loss(step: np.ndarray) -> float:
+        p = at + step * scales
+        return -float(arma21_log_likelihood(x, *p[:3], np.exp(p[3])))
+
+    found = minimize(loss, np.zeros(4), method="Nelder-Mead", options={"xatol": 1e-4, "fatol": 1e-7})
+    # the search for theta1 ends within 1e-6 of its range, where the likelihood is flat
+    assert -found.fun <= best + 1e-5
+
+
+def test_standard_errors_are_those_of_the_observed_information() -> None:
+    x = driven(1, -0.4, 1e-7)[0]
+    fit = fit_points(x[None], np.array([len(x)]), np.array([DT]), np.array([0.666]))
+
+    def loss(p: jax.Array) -> jax.Array:
+        return -arma21_log_likelihood(x, p[0], p[1], p[2], jnp.exp(p[3]))
+
+    at = jnp.array([fit.phi1[0], fit.phi2[0], fit.theta1[0], np.log(fit.sigma_a[0])])
+    covariance = jnp.linalg.inv(jax.hessian(loss)(at))
+    inflation = (len(x) - 2) / (len(x) - 5)
+    assert fit.theta1_se[0] == pytest.approx(float(jnp.sqrt(covariance[2, 2] * inflation)), rel=1e-4)
+    # C = -M ln(-phi2) / dt
+    slope = 0.666 / DT / fit.phi2[0]
+    assert fit.C_se[0] == pytest.approx(float(abs(slope) * jnp.sqrt(covariance[1, 1] * inflation)), rel=1e-4)
+
+
+def test_standard_errors_of_stiffness_match_differences() -> None:
+    from bayestissue.inference.point import _physical, _standard_errors
+    from bayestissue.inference.point_profile import Covariance, Profile
+
+    zeta = jnp.array([0.05, 0.9, 1.0, 1.1, 3.0])
+    c1, c2, theta1 = to_differences(0.05, zeta, 1.0)
+    one, step = jnp.ones(5), 1e-8
+
+    def physical(d1: float, d2: float) -> dict[str, jax.Array]:
+        return _physical(Profile(c1 + d1, c2 + d2, theta1, one, one), one, one)
+
+    fit = Profile(c1, c2, theta1, one, one)
+    for d1, d2 in ((1.0, 0.0), (0.0, 1.0)):
+        covariance = Covariance(d1 * one, 0 * one, d2 * one, one)
+        errors = _standard_errors(fit, covariance, one, one)
+        ahead, behind = physical(step * d1, step * d2), physical(-step * d1, -step * d2)
+        for name in ("omega_n", "zeta", "K", "C"):
+            finite = np.abs(ahead[name] - behind[name]) / (2 * step)
+            np.testing.assert_allclose(errors[f"{name}_se"], finite, rtol=1e-5, atol=1e-7)
+
+
+def test_centring_on_the_sample_mean_makes_a_mass_dependence() -> None:
+    mass = np.array([0.375, 0.666, 1.0, 1.333])
+    x, n = trace(np.full(4, K), np.full(4, C), mass, 1e4)
+    centred = fit_points(x, n, np.full(4, DT), mass, "dds")
+    assert (centred.K > 2 * K).all()
+    assert (np.diff(centred.C) > 0).all()
+    assert (centred.C > 2 * C).all()
+    rest = fit_points(x, n, np.full(4, DT), mass, "exact")
+    np.testing.assert_allclose(rest.K, K, rtol=1e-8)
+    np.testing.assert_allclose(rest.C, C, rtol=1e-8)
+
+
+def test_conditional_fit_is_the_least_sum_of_squares() -> None:
+    x = driven(1, 0.3, 1e-7)[0]
+    fit = fit_points(x[None], np.array([len(x)]), np.array([DT]), np.array([0.666]), "dds")
+
+    def squares(p: np.ndarray) -> float:
+        centred, total, shock = x - x.mean(), 0.0, 0.0
+        for t in range(2, len(x)):
+            shock = centred[t] - p[0] * centred[t - 1] - p[1] * centred[t - 2] + p[2] * shock
+            total += shock**2
+        return total
+
+    at = np.array([fit.phi1[0], fit.phi2[0], fit.theta1[0]])
+    assert squares(at) == pytest.approx(fit.sigma_a[0] ** 2 * (len(x) - 2), rel=1e-9)
+    for step in 1e-4 * np.eye(3):
+        assert squares(at) <= min(squares(at + step), squares(at - step)) * (1 + 1e-9)
+
+
+def test_accelerometer_noise_leaves_the_estimates_good_and_their_intervals_too_short() -> None:
+    # twice integrated white noise is no ARMA(2,1): theta1 runs to -1, and the residuals tell
+    count, mass = 400, 0.666
+    omega_n, zeta = spring_damper_inverse(K, C, mass)
+    time = np.arange(int(time_to_peak(omega_n, zeta) / DT)) * DT
+    d = np.asarray(impact_motion(time, omega_n, zeta, VELOCITY).deceleration)
+    noisy = 0.005 * d.max() * np.random.default_rng(0).normal(size=(count, len(time)))
+    velocity_error, x_error = (np.zeros((count, len(time))) for _ in range(2))
+    velocity_error[:, 1:] = -np.cumsum((noisy[:, 1:] + noisy[:, :-1]) / 2, axis=1) * DT
+    x_error[:, 1:] = np.cumsum((velocity_error[:, 1:] + velocity_error[:, :-1]) / 2, axis=1) * DT
+    x = np.asarray(impact_motion(time, omega_n, zeta, VELOCITY).displacement) + x_error
+    fit = fit_points(x, np.full(count, len(time)), np.full(count, DT), np.full(count, mass))
+    assert np.median(np.abs(fit.K / K - 1)) < 0.01
+    assert np.median(np.abs(fit.C / C - 1)) < 0.01
+    assert np.mean(fit.theta1_at_limit) > 0.9
+    assert np.mean(fit.whiteness_p < 0.01) > 0.9
+    assert np.mean(np.abs(fit.K - K) < Z90 * fit.K_se) < 0.8
+
+
+def test_impacts_of_different_length_do_not_see_each_other() -> None:
+    x = driven(4, -0.3, 1e-8)
+    lengths = np.array([60, x.shape[1], 120, 90])
+    together = fit_points(x, lengths, np.full(4, DT), np.full(4, 0.666))
+    for i, n in enumerate(lengths):
+        alone = fit_points(x[i : i + 1, :n], np.array([n]), np.array([DT]), np.array([0.666]))
+        assert together.K[i] == pytest.approx(alone.K[0], rel=1e-6)
+        assert together.K_se[i] == pytest.approx(alone.K_se[0], rel=1e-4)
+
+
+def test_many_impacts_compile_once() -> None:
+    x = driven(600, -0.3, 1e-8)
+    before = _fit_batch._cache_size()
+    fit_points(x, np.full(600, x.shape[1]), np.full(600, DT), np.full(600, 0.666))
+    assert _fit_batch._cache_size() - before <= 1
+
+
+def test_residuals_of_the_true_model_are_white_five_times_in_a_hundred() -> None:
+    count = 1000
+    x = driven(count, -0.5, 1e-8)
+    fit = fit_points(x, np.full(count, x.shape[1]), np.full(count, DT), np.full(count, 0.666))
+    # three binomial standard errors, and the statistic's own error at 200 samples
+    assert np.mean(fit.whiteness_p < 0.05) == pytest.approx(0.05, abs=3 * np.sqrt(0.0475 / count) + 0.02)
+
+
+def test_residuals_have_the_shocks_variance() -> None:
+    x = driven(200, -1.0, 1e-8)
+    c1, c2, _ = to_differences(*spring_damper_inverse(K, C, 0.666), DT)
+    ones = np.ones(200)
+    shocks = residuals(x, np.full(200, x.shape[1]), ones * float(c1), ones * float(c2), -ones)
+    # relative standard error of a variance of m normal values is sqrt(2 / m)
+    assert shocks.var() == pytest.approx(1e-16, rel=4 * np.sqrt(2 / shocks.size))
+    assert np.isnan(whiteness(x[:, :15], np.full(200, 15), ones * 0.1, ones * 0.01, ones * 0.0)).all()
+
+
+def test_too_short_or_an_unknown_method_is_refused() -> None:
+    x = np.ones((1, 7))
+    with pytest.raises(ValueError, match="eight samples"):
+        fit_points(x, np.array([7]), np.array([DT]), np.array([1.0]))
+    with pytest.raises(ValueError, match="exact"):
+        fit_points(np.ones((1, 9)), np.array([9]), np.array([DT]), np.array([1.0]), "best")  # type: ignore[arg-type]
