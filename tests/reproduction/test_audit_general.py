@@ -86,8 +86,11 @@ def test_rows_without_an_estimate_are_counted() -> None:
     frame = made_up_table()
     frame.loc[[3, 7], "K"] = [np.nan, -1]
     found = audit_estimates(frame)
-    assert list(found["what"]) == ["rows without a usable estimate"]
-    assert found["explanation"].str.startswith("2 of 90").all()
+    assert list(found["what"]) == ["K or C below zero", "rows without a usable estimate"]
+    assert list(found["severity"]) == ["minor", "note"]
+    assert found["explanation"].str.contains("^1 of 90 est|^2 of 90 rows").all()
+    frame.loc[:50, "C"] = -1.0
+    assert audit_estimates(frame)["severity"].iloc[0] == "major"
 
 
 def test_k_that_follows_mass_is_found() -> None:
@@ -186,6 +189,13 @@ def test_people_without_differences_are_not_told_apart() -> None:
     shuffled = frame.assign(K=frame.groupby("trial")["K"].transform(lambda one: rng.permutation(one)))
     (found,) = GENERAL.checks["people_not_told_apart"].look(read_impacts(shuffled))
     assert found.what.startswith("K of the same person")
+
+
+def test_too_few_people_to_tell_are_not_reported() -> None:
+    frame = made_up_table()
+    rng = np.random.default_rng(5)
+    shuffled = frame.assign(K=frame.groupby("trial")["K"].transform(lambda one: rng.permutation(one)))
+    assert "people_not_told_apart" not in names_of(shuffled[shuffled["trial"] <= 2])
 
 
 def test_intraclass_correlation_is_the_planted_one() -> None:

@@ -32,6 +32,7 @@ class Impacts:
         where: how findings name the table.
         conditions: the trials' energy_J (if known), velocity_m_s and mass_kg; may name trials without rows.
         left_out: rows dropped because K, C, mass or velocity was missing or not above zero.
+        below_zero: those among them that have all four, but a K or C that is not above zero.
         tissue_m: greatest thickness of the tissue, in m, where it is known.
         digits: number of decimals that K and C were printed with; None if they were not rounded.
     """
@@ -42,6 +43,7 @@ class Impacts:
     left_out: int = 0
     tissue_m: float | None = None
     digits: int | None = None
+    below_zero: int = 0
 
     @cached_property
     def omega_n(self) -> Float[np.ndarray, " impact"]:
@@ -96,11 +98,12 @@ def read_impacts(
                 value=f"{usable.sum()} of {len(rows)} rows",
             )
         )
+    below = np.isfinite(rows[numbers]).all(axis=1) & (rows[["K", "C"]] <= 0).any(axis=1)
     rows, left_out = rows[usable].reset_index(drop=True), int((~usable).sum())
     if conditions is None:
         columns = [column for column in ("energy_J", "velocity_m_s", "mass_kg") if column in rows]
         conditions = rows.groupby("trial")[columns].mean()
-    return Impacts(rows, conditions, where, left_out, tissue_m, digits)
+    return Impacts(rows, conditions, where, left_out, tissue_m, digits, int(below.sum()))
 
 
 @GENERAL.check(severity="note", bearing="tables", reason="what is left out can't be judged")

@@ -15,6 +15,9 @@ from bayestissue.reproduction.audit.impacts import GENERAL, Impacts
 _EXACT = 1e-9
 """Logarithms that differ by less differ by rounding errors only, as in estimates without noise."""
 
+_TELLING = 0.5
+"""An intraclass correlation that may be as high as this is not refuted by a table with few people."""
+
 
 @dataclass(frozen=True)
 class Agreement:
@@ -74,7 +77,11 @@ def agreement(impacts: Impacts, quantity: str) -> Agreement | None:
 def people_not_told_apart(impacts: Impacts) -> Iterator[Finding]:
     """The same people, struck again, do not come out in the same order."""
     found = {quantity: agreement(impacts, quantity) for quantity in ("K", "C")}
-    alike = {name: one for name, one in found.items() if one is not None and one.p_value > 0.05}
+    alike = {
+        name: one
+        for name, one in found.items()
+        if one is not None and one.p_value > 0.05 and one.high < _TELLING
+    }
     if not alike:
         return
     some = next(iter(alike.values()))

@@ -18,6 +18,8 @@ THICKEST_TISSUE_M = 0.05
 SLOWEST_PEAK_S = 0.1
 """A hard object struck against tissue over bone comes to rest in 5 to 50 ms; twice that is out of reach."""
 
+_FEW = 0.05
+
 
 def peak(impacts: Impacts) -> tuple[Float[np.ndarray, " impact"], Float[np.ndarray, " impact"]]:
     """Time to peak (s) and peak displacement (m) of the impactor on a spring and damper of K and C."""
@@ -55,6 +57,29 @@ def implied_penetration(impacts: Impacts) -> Iterator[Finding]:
         f"larger, some {_two_digits(stiffness * (middle / limit) ** 2):,.0f} N/m instead of "
         f"{stiffness:.0f}: in N/m and N s/m the figures can't describe the tissue; the unit of time in the "
         "fit can't have been the second.",
+    )
+
+
+@GENERAL.check(
+    severity="major",
+    bearing="physics",
+    reason="tissue that adds energy to a blow does not exist; a few such estimates may be noise",
+)
+def energy_from_nowhere(impacts: Impacts) -> Iterator[Finding]:
+    """Springs that push the wrong way and dampers that drive."""
+    total = len(impacts.rows) + impacts.left_out
+    if not impacts.below_zero:
+        return
+    share = impacts.below_zero / total
+    yield Finding(
+        impacts.where,
+        "K or C below zero",
+        f"{impacts.below_zero} of {total} rows",
+        "none",
+        f"{impacts.below_zero} of {total} estimates ({share:.0%}) have a K or a C that is not above zero, "
+        "which would feed energy into the blow; a tissue that stiffens as it is compressed looks like "
+        "that to a spring and a damper whose constants are fixed.",
+        None if share > _FEW else "minor",
     )
 
 
