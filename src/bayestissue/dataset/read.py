@@ -6,10 +6,11 @@ from pathlib import Path
 
 import numpy as np
 
-from bayestissue.dataset.checks import check_samples
+from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.model import Dataset, Trace
+from bayestissue.dataset.recordings import Recordings
 from bayestissue.dataset.samples import Reading, Samples, find_long, read_files, read_long
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Settings, read_settings
@@ -48,7 +49,7 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
         reading = _long(folder, table, settings, problems)
     problems += reading.problems
     uncertainty = settings.uncertainty.values()
-    findings = check_samples(reading.samples, table.table, signal.quantity, uncertainty)
+    findings = check_recordings(Recordings.of(reading.samples, table.table, signal.quantity, uncertainty))
     problems += findings.problems
     _refuse(problems, skip_bad, table)
     bad = {problem.impact for problem in problems}

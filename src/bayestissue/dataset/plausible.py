@@ -1,0 +1,134 @@
+"""Whether a recording can be that of an impact on tissue: its sign, size, length and greatest value."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from bayestissue.dataset.motion import Motion, flat_top
+from bayestissue.dataset.recordings import Recordings
+from bayestissue.errors import Problem
+
+MIN_SAMPLES = 8
+FLAT_SAMPLES = 3
+FALL_WITHIN = 0.05
+
+
+def movement_problems(recordings: Recordings, moving: Motion) -> list[Problem]:
+    """Recordings that can't be right.
+
+    A channel that never changes; fewer than 8 samples above a tenth of the greatest deceleration; three or
+    more samples on end at one extreme value with a jump beside them (a recorder's limit). For decelerations
+    also: an impactor that gains speed (the sign is wrong), one that loses more than four times the speed it
+    came with (a unit is wrong), and a recording that ends before it has lost that speed, 5 % and three
+    standard deviations of gain and velocity allowed for. For displacements: one that goes down where it
+    should go into the tissue.
+    """
+    problems = [*_dead(recordings, moving), *_coarse(recordings, moving), *_clipped(recordings, moving)]
+    particular = _wrong_way if recordings.quantity == "displacement" else _speeds
+    return [*problems, *particular(recordings, moving)]
+
+
+def movement_warnings(recordings: Recordings, moving: Motion) -> list[Problem]:
+    """Recordings that look odd.
+
+    A displacement that still grows when the recording ends; an impactor that loses more than 2.5 times the
+    speed it came with.
+    """
+    particular = _still_sinking if recordings.quantity == "displacement" else _fast
+    return list(particular(recordings, moving))
+
+
+def _dead(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    for which in np.flatnonzero(moving.high == moving.low):
+        yield recordings.problem(
+            which,
+            "a signal that changes",
+            "Check which channel was exported.",
+            value=f"{moving.high[which]:g} in every sample",
+        )
+
+
+def _coarse(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    for which in np.flatnonzero((moving.pulse < MIN_SAMPLES) & (moving.high > moving.low)):
+        yield recordings.problem(
+            which,
+            f"at least {MIN_SAMPLES} samples above a tenth of the greatest deceleration",
+            "Record at a higher rate, or check that this is an impact.",
+            value=f"{moving.pulse[which]} samples",
+        )
+
+
+def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    samples, quantity = recordings.samples, recordings.quantity
+    for which, at, length, top in flat_top(samples, moving, quantity, FLAT_SAMPLES):
+        yield recordings.problem(
+            which,
+            "a peak below the recorder's limit",
+            "Record again with a wider range, or take the impact out: what lies above the limit is lost.",
+            value=f"{length} samples on end at {top:g}",
+            at=at,
+        )
+
+
+def _wrong_way(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    for which in np.flatnonzero(moving.first_way < 0):
+        yield recordings.problem(
+            which,
+            "a displacement that grows as the impactor goes into the tissue",
+            "Write a negative signal.scale in dataset.toml if the recorder counts the other way.",
+            value=f"{moving.extreme[which]:g} m from the first sample",
+        )
+
+
+def _still_sinking(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    for which in np.flatnonzero((moving.first_way > 0) & (moving.peak >= recordings.samples.start[1:] - 2)):
+        yield recordings.problem(
+            which,
+            "a recording that goes on past the greatest displacement",
+            "Zero velocity may lie beyond the end of the recording.",
+            value="the greatest displacement at the end",
+        )
+
+
+def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    velocity, uncertainty = recordings.velocity, recordings.uncertainty
+    known = np.isfinite(velocity) & (moving.high > moving.low)
+    allowed = FALL_WITHIN + 3 * (uncertainty.relative_gain_sd + uncertainty.velocity_sd_m_s / velocity)
+    faster = known & (moving.gain > 0.5 * velocity) & (moving.gain > moving.loss)
+    short = known & ~faster & (moving.loss < velocity * (1 - np.minimum(allowed, 0.9)))
+    absurd = known & ~faster & ~(moving.pulse_loss <= 4 * velocity)
+    for which in np.flatnonzero(faster):
+        yield recordings.problem(
+            which,
+            "an impactor that slows down",
+            'Is signal.quantity right? An "acceleration" is the negative of a "deceleration".',
+            value=f"a speed that grows by {moving.gain[which]:.4g} m/s",
+        )
+    for which in np.flatnonzero(short):
+        yield recordings.problem(
+            which,
+            f"a recording until zero velocity: the speed must fall by {velocity[which]:.4g} m/s",
+            "Export a longer recording; check signal.unit, signal.scale and the velocity too.",
+            value=f"a speed that falls by {moving.loss[which]:.4g} m/s",
+        )
+    for which in np.flatnonzero(absurd):
+        yield recordings.problem(
+            which,
+            f"a speed that falls by no more than twice the {velocity[which]:.4g} m/s at contact",
+            "Check signal.unit, signal.scale and the velocity in impacts.csv.",
+            value=f"a speed that falls by {moving.pulse_loss[which]:.4g} m/s",
+        )
+
+
+def _fast(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    velocity = recordings.velocity
+    odd = (moving.loss > 2.5 * velocity) & (moving.pulse_loss <= 4 * velocity)
+    for which in np.flatnonzero(odd):
+        yield recordings.problem(
+            which,
+            f"a speed that falls by no more than twice the {velocity[which]:.4g} m/s at contact",
+            "Has the recorder an offset? Check signal.offset, signal.unit and the velocity.",
+            value=f"a speed that falls by {moving.loss[which]:.4g} m/s",
+        )
