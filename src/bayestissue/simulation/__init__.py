@@ -1,1 +1,7 @@
 """Campaigns whose truth is known: a design, a tissue and a measuring chain, from a specification."""
+
+from bayestissue.simulation.campaign import Campaign, simulate
+from bayestissue.simulation.specification import Simulation, read_simulation
+from bayestissue.simulation.write import write_campaign
+
+__all__ = ["Campaign", "Simulation", "read_simulation", "simulate", "write_campaign"]

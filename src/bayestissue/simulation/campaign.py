@@ -1,0 +1,212 @@
+"""A simulated campaign: the truth of every impact, and what a recorder would have made of it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import jax
+import numpy as np
+import pandas as pd
+from jax import Array
+from jaxtyping import Float, Int
+
+from bayestissue.dataset.model import Dataset, Trace, Uncertainty
+from bayestissue.oscillator import impact_motion, peak_displacement, spring_damper_inverse, time_to_peak
+from bayestissue.simulation.specification import Recording, Simulation, Tissue
+
+_BLOCK = 1_000_000
+
+
+@dataclass(frozen=True)
+class Campaign:
+    """What was simulated.
+
+    Attributes:
+        impacts: the table that a lab would have: ``impact``, ``subject``, ``trial``, ``mass_kg``,
+            ``velocity_m_s``, ``energy_J``, ``sampling_rate_hz``.
+        truth: one row per impact, with what the lab would like to know.
+        n_samples: [impact], samples of each recording.
+        time: [sample], s, all recordings one after another; each recorder's clock starts at 0.
+        value: [sample], recorded deceleration, m/s².
+        uncertainty: standard deviations of the measuring chain.
+    """
+
+    impacts: pd.DataFrame
+    truth: pd.DataFrame
+    n_samples: Int[np.ndarray, " impact"]
+    time: Float[np.ndarray, " sample"]
+    value: Float[np.ndarray, " sample"]
+    uncertainty: Uncertainty
+
+    def traces(self) -> pd.DataFrame:
+        """The long trace table: ``impact``, ``time_s``, ``value``."""
+        codes = np.repeat(np.arange(len(self.n_samples)), self.n_samples)
+        names = pd.Categorical.from_codes(codes, categories=pd.Index(self.impacts["impact"]))
+        return pd.DataFrame({"impact": names, "time_s": self.time, "value": self.value})
+
+    def dataset(self, name: str) -> Dataset:
+        """The same as if it had been written and read again, without a folder or a hash."""
+        ends = np.cumsum(self.n_samples)[:-1]
+        pairs = zip(np.split(self.time, ends), np.split(self.value, ends), strict=True)
+        return Dataset(
+            name=name,
+            description="",
+            impacts=self.impacts,
+            traces=[Trace(time, value) for time, value in pairs],
+            quantity="deceleration",
+            uncertainty=self.uncertainty,
+            warnings=(),
+            left_out=(),
+            folder=Path(),
+            input_hash="",
+        )
+
+
+def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
+    """Draw the truth of every impact and record it; the same seed gives the same numbers.
+
+    The motion is the closed form of a mass M that meets a spring and damper at V (thesis, section 2.12);
+    the tissue can push but not pull, so the recording is at rest again from twice the time to peak on.
+    Tissue, chain and noise have random streams of their own: more noise leaves the truth as it is. Needs
+    float64 (`bayestissue.runtime.configure`).
+
+    Args:
+        simulation: the specification.
+        seed: instead of the specification's.
+    """
+    streams = np.random.SeedSequence(simulation.seed if seed is None else seed).spawn(3)
+    tissue, chain, noise = (np.random.default_rng(stream) for stream in streams)
+    impacts = _impacts(simulation)
+    truth = _truth(simulation, impacts, tissue, chain)
+    rate = simulation.recording.sampling_rate_hz
+    leaves = (truth["contact_time_s"] + 2 * truth["time_to_peak_s"]).to_numpy()
+    n = np.ceil((leaves + simulation.recording.after_contact_s) * rate).astype(int) + 1
+    sample = np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)
+    parts = list(_recorded(simulation.recording, truth, n, noise))
+    value = np.concatenate(parts)
+    if simulation.output.decimals is not None:
+        value = np.round(value, simulation.output.decimals)
+    value = value.astype(np.float32) if simulation.output.float32 else value
+    recording = simulation.recording
+    uncertainty = Uncertainty(
+        recording.relative_mass_sd,
+        recording.velocity_sd_m_s,
+        recording.relative_gain_sd,
+        recording.offset_sd_m_s2,
+    )
+    return Campaign(impacts, truth, n, np.round(sample / rate, 9), value, uncertainty)
+
+
+def _impacts(simulation: Simulation) -> pd.DataFrame:
+    people = pd.DataFrame({"subject": [f"s{k + 1:02d}" for k in range(simulation.design.subjects)]})
+    repeats = pd.DataFrame({"repeat": np.arange(simulation.design.repeats) + 1})
+    impacts = simulation.conditions().merge(people, how="cross").merge(repeats, how="cross")
+    names = impacts["trial"] + "-" + impacts["subject"]
+    if simulation.design.repeats > 1:
+        names += "-r" + impacts["repeat"].astype(str)
+    energy = impacts["mass_kg"] * impacts["velocity_m_s"] ** 2 / 2
+    rate = simulation.recording.sampling_rate_hz
+    table = impacts.drop(columns="repeat").assign(impact=names, energy_J=energy, sampling_rate_hz=rate)
+    return table[["impact", "subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "sampling_rate_hz"]]
+
+
+def _truth(
+    simulation: Simulation, impacts: pd.DataFrame, tissue: np.random.Generator, chain: np.random.Generator
+) -> pd.DataFrame:
+    recording, count = simulation.recording, len(impacts)
+    mass = impacts["mass_kg"].to_numpy() * (1 + recording.relative_mass_sd * chain.standard_normal(count))
+    velocity = impacts["velocity_m_s"].to_numpy() + recording.velocity_sd_m_s * chain.standard_normal(count)
+    gain = 1 + recording.relative_gain_sd * chain.standard_normal(count)
+    offset = recording.offset_sd_m_s2 * chain.standard_normal(count)
+    contact = recording.before_contact_s + chain.uniform(size=count) / recording.sampling_rate_hz
+    effects = _effects(simulation.tissue, impacts, tissue)
+    size = np.log(mass / simulation.tissue.reference_mass_kg)
+    stiffness, damping = (
+        getattr(simulation.tissue, name)
+        * np.exp(getattr(simulation.tissue, f"mass_exponent_{name[0]}") * size + effects[name[0]])
+        for name in ("K_N_per_m", "C_N_s_per_m")
+    )
+    omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(stiffness, damping, mass))
+    return pd.DataFrame(
+        {
+            "impact": impacts["impact"],
+            "K_N_per_m": stiffness,
+            "C_N_s_per_m": damping,
+            "omega_n_rad_s": omega_n,
+            "zeta": zeta,
+            "mass_kg": mass,
+            "velocity_m_s": velocity,
+            "gain": gain,
+            "offset_m_s2": offset,
+            "contact_time_s": contact,
+            "time_to_peak_s": np.asarray(time_to_peak(omega_n, zeta)),
+            "peak_displacement_m": np.asarray(peak_displacement(omega_n, zeta, velocity)),
+            **{name: effects[name] for name in effects if name not in ("K", "C")},
+        }
+    )
+
+
+def _effects(tissue: Tissue, impacts: pd.DataFrame, random: np.random.Generator) -> dict[str, np.ndarray]:
+    levels = {
+        "subject": pd.factorize(impacts["subject"])[0],
+        "trial": pd.factorize(impacts["trial"])[0],
+        "impact": np.arange(len(impacts)),
+    }
+    mixing = np.array([[1, 0], [tissue.correlation, np.sqrt(1 - tissue.correlation**2)]])
+    effects: dict[str, np.ndarray] = {"K": np.zeros(len(impacts)), "C": np.zeros(len(impacts))}
+    for level, codes in levels.items():
+        standard = random.standard_normal((codes.max() + 1, 2)) @ mixing.T
+        for column, name in enumerate(("K", "C")):
+            effect = getattr(tissue, f"sd_{level}_{name}") * standard[codes, column]
+            effects[f"{level}_effect_{name}"] = effect
+            effects[name] = effects[name] + effect
+    return effects
+
+
+@jax.jit
+def _deceleration(
+    time: Array, contact: Array, leaves: Array, omega_n: Array, zeta: Array, velocity: Array
+) -> Array:
+    since = time - contact
+    motion = impact_motion(jax.numpy.maximum(since, 0), omega_n, zeta, velocity)
+    return jax.numpy.where((since >= 0) & (time < leaves), motion.deceleration, 0)
+
+
+def _recorded(
+    recording: Recording, truth: pd.DataFrame, n: np.ndarray, random: np.random.Generator
+) -> Iterator[np.ndarray]:
+    """Recorded values, in blocks of impacts that bound the memory in use."""
+    time = np.arange(n.max()) / recording.sampling_rate_hz
+    rows = min(len(n), max(1, _BLOCK // len(time)))
+    columns = ["contact_time_s", "time_to_peak_s", "omega_n_rad_s", "zeta", "velocity_m_s"]
+    for begin in range(0, len(n), rows):
+        # Every block has the same number of rows, so that one compilation serves them all.
+        index = np.minimum(np.arange(begin, begin + rows), len(n) - 1)
+        contact, to_peak, omega_n, zeta, velocity = (truth[c].to_numpy()[index, None] for c in columns)
+        motion = _deceleration(time, contact, contact + 2 * to_peak, omega_n, zeta, velocity)
+        part = slice(begin, min(begin + rows, len(n)))
+        d = np.asarray(motion)[: part.stop - begin]
+        yield _through_chain(recording, truth.iloc[part], d, n[part], random)
+
+
+def _through_chain(
+    recording: Recording,
+    truth: pd.DataFrame,
+    deceleration: Float[np.ndarray, "impact sample"],
+    n: np.ndarray,
+    random: np.random.Generator,
+) -> np.ndarray:
+    gain, offset = (truth[name].to_numpy()[:, None] for name in ("gain", "offset_m_s2"))
+    peak = deceleration.max(axis=1, keepdims=True)
+    sd = np.hypot(recording.noise_sd_m_s2, recording.noise_relative_to_peak * peak)
+    inside = np.arange(deceleration.shape[1]) < n[:, None]
+    value = (gain * deceleration + offset)[inside]
+    value = value + np.repeat(sd[:, 0], n) * random.standard_normal(len(value))
+    if recording.range_m_s2 is not None:
+        value = np.clip(value, -recording.range_m_s2, recording.range_m_s2)
+        if recording.bits is not None:
+            step = 2 * recording.range_m_s2 / 2**recording.bits
+            value = np.clip(np.round(value / step) * step, -recording.range_m_s2, recording.range_m_s2)
+    return value

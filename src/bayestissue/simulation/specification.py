@@ -1,0 +1,170 @@
+"""The specification of a simulated campaign, as a TOML file says it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import numpy as np
+import pandas as pd
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from bayestissue.settings import checked, read_toml
+
+Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
+Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Condition(_Table):
+    """One experimental condition; of energy, velocity and mass two are given, since E = ½MV²."""
+
+    trial: Annotated[str, Field(min_length=1)]
+    mass_kg: Positive | None = None
+    velocity_m_s: Positive | None = None
+    energy_J: Positive | None = None
+
+    @model_validator(mode="after")
+    def _two_of_three(self) -> Self:
+        if sum(value is None for value in (self.mass_kg, self.velocity_m_s, self.energy_J)) != 1:
+            raise ValueError("two of mass_kg, velocity_m_s and energy_J, as the third follows from E = ½MV²")
+        return self
+
+    def mass_and_velocity(self) -> tuple[float, float]:
+        """M in kg and V in m/s."""
+        if self.mass_kg and self.velocity_m_s:
+            return self.mass_kg, self.velocity_m_s
+        energy = self.energy_J or 0.0
+        if self.mass_kg:
+            return self.mass_kg, float(np.sqrt(2 * energy / self.mass_kg))
+        velocity = self.velocity_m_s or 1.0
+        return 2 * energy / velocity**2, velocity
+
+
+class Design(_Table):
+    """Who is hit how: every person in every condition, as often as ``repeats`` says."""
+
+    conditions: Literal["published"] | Annotated[tuple[Condition, ...], Field(min_length=1)] = Field(
+        default="published",
+        description="published: the nine conditions of the thesis's tables 5.10 and 5.11, with the masses "
+        "printed there; or a list of [[design.conditions]].",
+    )
+    subjects: Annotated[int, Field(ge=1)] = 10
+    repeats: Annotated[int, Field(ge=1)] = 1
+
+    @model_validator(mode="after")
+    def _distinct(self) -> Self:
+        if self.conditions != "published":
+            names = [condition.trial for condition in self.conditions]
+            if len(set(names)) < len(names):
+                raise ValueError("a different name of each trial")
+        return self
+
+
+class Tissue(_Table):
+    """A Kelvin-Voigt element: K and C of a typical person at the reference mass, and how they vary.
+
+    log K = log K_N_per_m + mass_exponent_K log(M / reference_mass_kg) + subject + trial + impact effect,
+    each effect normal with the standard deviation given; the same for C. ``correlation`` is that of the
+    effects on K with those on C.
+    """
+
+    K_N_per_m: Positive
+    C_N_s_per_m: Positive
+    reference_mass_kg: Positive = 0.7
+    mass_exponent_K: Finite = 0.0
+    mass_exponent_C: Finite = 0.0
+    sd_subject_K: Spread = 0.0
+    sd_subject_C: Spread = 0.0
+    sd_trial_K: Spread = 0.0
+    sd_trial_C: Spread = 0.0
+    sd_impact_K: Spread = 0.0
+    sd_impact_C: Spread = 0.0
+    correlation: Annotated[float, Field(ge=-1, le=1)] = 0.0
+
+
+class Recording(_Table):
+    """The measuring chain. Standard deviations of 0 and an absent ``bits`` mean a perfect one.
+
+    What is recorded of mass and velocity is the design's; the true values scatter about it. The recorder
+    samples at a phase of its own, so that contact falls anywhere within a sampling interval.
+    """
+
+    sampling_rate_hz: Positive = 10_000.0
+    before_contact_s: Spread = 0.01
+    after_contact_s: Spread = Field(default=0.01, description="after the tissue has stopped pushing")
+    noise_sd_m_s2: Spread = 0.0
+    noise_relative_to_peak: Spread = 0.0
+    offset_sd_m_s2: Spread = 0.0
+    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    velocity_sd_m_s: Spread = 0.0
+    relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
+    range_m_s2: Positive | None = Field(default=None, description="clips beyond this, either way")
+    bits: Annotated[int, Field(ge=6, le=32)] | None = Field(
+        default=None, description="steps over the range: 2 to this power"
+    )
+
+    @model_validator(mode="after")
+    def _range_of_bits(self) -> Self:
+        if self.bits is not None and self.range_m_s2 is None:
+            raise ValueError("range_m_s2 beside bits, since the steps divide the range")
+        return self
+
+
+class Output(_Table):
+    """The trace file."""
+
+    traces: Literal["csv", "csv.gz", "parquet"] = "csv.gz"
+    float32: bool = Field(default=False, description="values in single precision (parquet only)")
+    decimals: Annotated[int, Field(ge=0, le=15)] | None = Field(
+        default=None, description="decimals of the recorded m/s²; all digits unless given"
+    )
+
+    @model_validator(mode="after")
+    def _single_precision(self) -> Self:
+        if self.float32 and self.traces != "parquet":
+            raise ValueError('traces = "parquet" beside float32, since text has no precision of its own')
+        return self
+
+
+class Simulation(_Table):
+    """A whole specification."""
+
+    name: Annotated[str, Field(min_length=1)]
+    description: str = ""
+    seed: Annotated[int, Field(ge=0)] = 0
+    design: Design = Design()
+    tissue: Tissue
+    recording: Recording = Recording()
+    output: Output = Output()
+
+    def conditions(self) -> pd.DataFrame:
+        """One row per condition: ``trial``, ``mass_kg``, ``velocity_m_s``."""
+        if self.design.conditions == "published":
+            return published_conditions()
+        pairs = [condition.mass_and_velocity() for condition in self.design.conditions]
+        names = [condition.trial for condition in self.design.conditions]
+        return pd.DataFrame(pairs, columns=["mass_kg", "velocity_m_s"]).assign(trial=names)
+
+
+def published_conditions() -> pd.DataFrame:
+    """The nine conditions of the thesis (table 5.10): ``trial``, ``mass_kg``, ``velocity_m_s``."""
+    from bayestissue.dataset.published import read_published
+
+    averages = read_published().averages
+    rows = averages[averages["quantity"] == "K"].sort_values("trial")
+    names = [f"t{trial:02d}" for trial in rows["trial"]]
+    return rows[["mass_kg", "velocity_m_s"]].reset_index(drop=True).assign(trial=names)
+
+
+def read_simulation(path: Path) -> Simulation:
+    """Read and check a specification.
+
+    Raises:
+        InputError: the file can't be read, or holds keys or values that are not allowed; all are named.
+    """
+    return checked(read_toml(path), Simulation, file=str(path))
