@@ -12,7 +12,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.tables import column_problems, read_bytes, require_utf8
+from bayestissue.dataset.files import read_bytes, require_utf8
+from bayestissue.dataset.tables import column_problems
 from bayestissue.errors import InputError, Problem
 
 FILE = "impacts.csv"

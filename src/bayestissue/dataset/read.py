@@ -9,11 +9,13 @@ import numpy as np
 from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
+from bayestissue.dataset.long_table import find_long, read_long
 from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.recordings import Recordings
-from bayestissue.dataset.samples import Reading, Samples, find_long, read_files, read_long
+from bayestissue.dataset.samples import Reading, Samples
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Settings, read_settings
+from bayestissue.dataset.trace_files import read_files
 from bayestissue.errors import InputError, Problem
 from bayestissue.runtime import content_hash
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+from bayestissue.dataset.files import read_bytes
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, Numbers, header, read_bytes, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, Numbers, header, read_table
 from bayestissue.errors import InputError, Problem
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."

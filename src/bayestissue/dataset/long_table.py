@@ -1,0 +1,123 @@
+"""All samples of a dataset in one long table."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from bayestissue.dataset.samples import Reading, Samples, in_seconds, in_si
+from bayestissue.dataset.settings import SignalSettings
+from bayestissue.dataset.tables import Labels, read_table
+from bayestissue.errors import InputError, Problem
+
+LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.parquet")
+
+
+def find_long(folder: Path) -> list[Path]:
+    """The trace tables in a dataset's folder; there should be one."""
+    return [folder / name for name in LONG_TABLES if (folder / name).exists()]
+
+
+def read_long(folder: Path, impacts: list[str], signal: SignalSettings) -> Reading:
+    """Read the one long table of all samples.
+
+    Args:
+        folder: the dataset's.
+        impacts: the names in ``impacts.csv``, in order.
+        signal: names of the columns, units, scale and offset.
+
+    Raises:
+        InputError: there is no such table, or more than one, or it can't be read.
+    """
+    path = _the_one(folder)
+    columns, labels = read_table(
+        path,
+        path.name,
+        numbers=[signal.time_column, signal.value_column],
+        labels=["impact"],
+        remedy="Put the file there.",
+    )
+    times, readings = columns[signal.time_column], columns[signal.value_column]
+    place = {name: index for index, name in reversed(list(enumerate(impacts)))}
+    codes = np.array([place.get(name, -1) for name in labels["impact"].names])[labels["impact"].codes]
+    order = _order(codes)
+    count = np.bincount(codes[codes >= 0], minlength=len(impacts))
+    has = np.flatnonzero(count)
+    samples = Samples(
+        in_seconds(times.array[order], signal),
+        in_si(readings.array[order], signal),
+        np.concatenate([[0], np.cumsum(count[has])]),
+        has,
+        [path.name] * has.size,
+        np.arange(2, codes.size + 2)[order],
+        signal.time_column,
+        signal.value_column,
+        _moved({**times.text, **readings.text}, order, codes.size),
+    )
+    return Reading(
+        samples,
+        _strangers(path.name, labels["impact"], codes) + _absent(path.name, impacts, place, count),
+        [path],
+    )
+
+
+def _the_one(folder: Path) -> Path:
+    found = find_long(folder)
+    if len(found) == 1:
+        return found[0]
+    raise InputError(
+        Problem(
+            found[0].name if found else LONG_TABLES[0],
+            "one table of all samples, or a column trace in impacts.csv that names a file per impact",
+            "Remove the others." if found else f"Add one of {', '.join(LONG_TABLES)}.",
+            value=", ".join(path.name for path in found) or "no table of samples",
+        )
+    )
+
+
+def _order(codes: np.ndarray) -> np.ndarray | slice:
+    if codes.size and codes[0] >= 0 and (codes[1:] >= codes[:-1]).all():
+        return slice(None)
+    return np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :]
+
+
+def _moved(text: dict[int, str], order: np.ndarray | slice, rows: int) -> dict[int, str]:
+    if not text:
+        return {}
+    where = np.arange(rows)[order]
+    sites = np.flatnonzero(np.isin(where, list(text)))
+    return {int(site): text[int(where[site])] for site in sites}
+
+
+def _strangers(file: str, labels: Labels, codes: np.ndarray) -> list[Problem]:
+    strange = np.flatnonzero(codes < 0)
+    names, first = np.unique(labels.codes[strange], return_index=True)
+    return [
+        Problem(
+            file,
+            "an impact that impacts.csv has",
+            "Add a row for it to impacts.csv, or take its samples out.",
+            row=int(strange[index]) + 2,
+            column="impact",
+            value=labels.names[name] or "an empty cell",
+            impact=labels.names[name] or None,
+        )
+        for name, index in zip(names, first, strict=True)
+    ]
+
+
+def _absent(file: str, impacts: list[str], place: dict[str, int], count: np.ndarray) -> list[Problem]:
+    return [
+        Problem(
+            file,
+            "samples of every impact in impacts.csv",
+            "Add its samples, or take the impact out of impacts.csv.",
+            column="impact",
+            value="no samples",
+            impact=impacts[index],
+        )
+        for index in np.flatnonzero(count == 0)
+        # A name that stands there twice has been reported as such.
+        if impacts[index] and place[impacts[index]] == index
+    ]
