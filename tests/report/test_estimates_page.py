@@ -88,3 +88,13 @@ def test_a_table_without_its_columns_is_refused(tmp_path):
     with pytest.raises(InputError) as caught:
         write_report(folder)
     assert {problem.column for problem in caught.value.problems} == {"zeta", "flags"}
+
+
+def test_the_trend_with_mass_is_that_of_the_logs(tmp_path):
+    folder = make_estimates_run(tmp_path)
+    table = pd.read_csv(folder / "estimates.csv")
+    table["C_N_s_per_m"] = 30 * table["mass_kg"] ** 0.5
+    table.to_csv(folder / "estimates.csv", index=False)
+    assert "damping C goes with mass to the power 0.50" in page_of(folder)
+    table.assign(mass_kg=0.5).to_csv(folder / "estimates.csv", index=False)
+    assert "to the power" not in page_of(folder)

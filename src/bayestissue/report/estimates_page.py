@@ -14,7 +14,7 @@ from bayestissue.report.run_folder import TableFile, read_tables, require_files
 from bayestissue.report.settings import settings_table
 from bayestissue.report.style import POSTERIOR, PUBLISHED, new_figure, style
 from bayestissue.report.tables import Row, Table, columns
-from bayestissue.report.wording import interval, listed, significant
+from bayestissue.report.wording import interval, listed, number, significant
 
 # The columns of `estimates.csv` (see the interfaces) that the page can't do without.
 _LAYOUT = TableFile(
@@ -32,6 +32,14 @@ _HEADINGS = {
     "K_se_N_per_m": "standard error",
     "C_N_s_per_m": "C (N s/m)",
     "C_se_N_s_per_m": "standard error",
+}
+_FURTHER_HEADINGS = {
+    "K_N_per_m_median": "K (N/m), median",
+    "K_N_per_m_5": "K, 5 %",
+    "K_N_per_m_95": "K, 95 %",
+    "C_N_s_per_m_median": "C (N s/m), median",
+    "C_N_s_per_m_5": "C, 5 %",
+    "C_N_s_per_m_95": "C, 95 %",
 }
 _SHOWN = 300
 _MANY_POINTS = 1000
@@ -65,7 +73,7 @@ def estimates_page(folder: Path, about: dict[str, Any]) -> str:
     return render_page(
         "estimates.html",
         title="Point estimates of stiffness K and damping C",
-        subtitle=f"{len(table)} impacts",
+        subtitle=f"{about.get('dataset', '')}: {len(table)} impacts".removeprefix(": "),
         contents=[
             ("estimates", "Estimates"),
             *((name, heading) for name, heading, _, _ in further),
@@ -78,6 +86,7 @@ def estimates_page(folder: Path, about: dict[str, Any]) -> str:
         flagged=int((table["flags"] != "").sum()),
         flags=flag_counts(table),
         total=len(table),
+        trend=mass_trend(table),
         plots=[estimate_figure(table, name) for name in _QUANTITIES]
         if table["mass_kg"].notna().any()
         else [],
@@ -115,7 +124,7 @@ def _level(table: pd.DataFrame, name: str) -> dict[str, str]:
 
 def flag_counts(table: pd.DataFrame) -> str:
     """How often each flag was raised, the commonest first, in words."""
-    flags = table["flags"].str.split(r"\s*[;,]\s*", regex=True).explode()
+    flags = table["flags"].str.split("; ").explode()
     counts = flags[flags != ""].value_counts()
     return listed([f"{flag} ({count})" for flag, count in counts.items()])
 
@@ -169,17 +178,39 @@ def estimate_figure(table: pd.DataFrame, name: str) -> Markup:
         return figure(fig, alt, raster=len(table) > _MANY_POINTS)
 
 
+def mass_trend(table: pd.DataFrame) -> str:
+    """The slopes of log K and log C on log mass over all impacts, least squares; empty if mass doesn't vary.
+
+    No interval is given: impacts of one person and of one condition are not independent.
+    """
+    words = []
+    for name, (column, _) in _QUANTITIES.items():
+        known = table[(table[column] > 0) & (table["mass_kg"] > 0)]
+        mass = np.log(known["mass_kg"].to_numpy())
+        if mass.size and np.ptp(mass) > 0:
+            slope = np.polynomial.polynomial.polyfit(mass, np.log(known[column].to_numpy()), 1)[1]
+            words.append(f"{name} goes with mass to the power {number(slope, 2)}")
+    return f"Over these impacts {listed(words)}." if words else ""
+
+
 def plain_table(frame: pd.DataFrame) -> Table:
-    """Any table of text, columns of numbers set to the right with four digits."""
-    numbers = {column: pd.to_numeric(frame[column], errors="coerce") for column in frame}
+    """Any table of text: columns of numbers to the right, those that aren't whole with four digits."""
+    numbers = {str(name): pd.to_numeric(frame[name], errors="coerce") for name in frame}
     numeric = [
-        column
-        for column, values in numbers.items()
-        if values.notna().any() and (values.notna() | (frame[column] == "")).all()
+        name
+        for name, values in numbers.items()
+        if values.notna().any() and (values.notna() | (frame[name] == "")).all()
     ]
-    text = frame.assign(
-        **{str(c): [significant(v, 4) if pd.notna(v) else "" for v in numbers[c]] for c in numeric}
+    cells = {
+        name: [_cell(text, value, name in numeric) for text, value in zip(frame[name], values, strict=True)]
+        for name, values in numbers.items()
+    }
+    headings = {name: _FURTHER_HEADINGS.get(name, name) for name in numbers}
+    titles = columns(
+        *headings.values(), number=[headings[name] for name in numeric], words=("expected", "remedy", "note")
     )
-    titles = [str(column) for column in frame]
-    rows = [Row([str(cell) for cell in row]) for row in text.to_numpy()]
-    return Table(columns(*titles, number=[str(c) for c in numeric], words=("expected", "remedy")), rows)
+    return Table(titles, [Row(row) for row in zip(*cells.values(), strict=True)])
+
+
+def _cell(text: str, value: float, numeric: bool) -> str:
+    return significant(value, 4) if numeric and pd.notna(value) and "." in text else text
