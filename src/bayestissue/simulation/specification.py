@@ -48,20 +48,19 @@ class Condition(_Table):
 class Design(_Table):
     """Who is hit how: every person in every condition, as often as ``repeats`` says."""
 
-    conditions: Literal["published"] | Annotated[tuple[Condition, ...], Field(min_length=1)] = Field(
-        default="published",
-        description="published: the nine conditions of the thesis's tables 5.10 and 5.11, with the masses "
-        "printed there; or a list of [[design.conditions]].",
+    conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = Field(
+        default=None,
+        description="a list of [[design.conditions]]; without it the nine conditions of the thesis's tables "
+        "5.10 and 5.11, with the masses printed there",
     )
     subjects: Annotated[int, Field(ge=1)] = 10
     repeats: Annotated[int, Field(ge=1)] = 1
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
-        if self.conditions != "published":
-            names = [condition.trial for condition in self.conditions]
-            if len(set(names)) < len(names):
-                raise ValueError("a different name of each trial")
+        names = [condition.trial for condition in self.conditions or ()]
+        if len(set(names)) < len(names):
+            raise ValueError("a different name of each trial")
         return self
 
 
@@ -144,7 +143,7 @@ class Simulation(_Table):
 
     def conditions(self) -> pd.DataFrame:
         """One row per condition: ``trial``, ``mass_kg``, ``velocity_m_s``."""
-        if self.design.conditions == "published":
+        if self.design.conditions is None:
             return published_conditions()
         pairs = [condition.mass_and_velocity() for condition in self.design.conditions]
         names = [condition.trial for condition in self.design.conditions]

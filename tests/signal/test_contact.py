@@ -1,0 +1,65 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from impacts_bench import Impact, Recorded, record
+
+from bayestissue.signal import SignalOptions, displacements
+
+PHASES = np.random.default_rng(3).uniform(size=40)
+
+
+@pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
+@pytest.mark.parametrize("zeta", [0.1, 0.28, 1.0])
+@pytest.mark.parametrize("offset", [0.0, 5.0])
+def test_contact_is_found_within_a_sample_in_noise(rate, zeta, offset):
+    lab = record([Impact(67.0, zeta)] * 40, rate, before=0.02, phase=PHASES, noise=0.005, offset=offset)
+    assert np.abs(displacements(lab).contact_time_s).max() < 1 / rate
+
+
+@pytest.mark.parametrize("zeta", [0.1, 0.28, 1.0])
+def test_the_uncertainty_of_contact_is_what_it_says(zeta):
+    lab = record([Impact(67.0, zeta)] * 40, 1e4, before=0.02, phase=PHASES, noise=0.005)
+    made = displacements(lab)
+    score = np.sqrt(np.mean((made.contact_time_s / made.contact_time_sd) ** 2))
+    # The root mean square of 40 standardised errors has a standard error of 0.11; three of them.
+    assert 0.66 < score < 1.34
+
+
+@pytest.mark.parametrize("zeta", [0.02, 0.28, 0.6, 2.0])
+def test_a_recording_cut_at_contact_begins_at_contact(zeta):
+    lab = record([Impact(67.0, zeta)] * 20, 1e4, before=0.0, noise=0.005)
+    made = displacements(lab)
+    assert (made.first_sample_s * 1e4 < 0.75).all()
+    assert np.median(made.first_sample_s) * 1e4 < 0.1
+
+
+def test_the_clock_means_nothing_to_the_automatic_choice():
+    lab = record([Impact(67.0, 0.28)], 1e4, before=0.02, phase=0.4, noise=0.005)
+    moved = record([Impact(67.0, 0.28)], 1e4, before=0.02, phase=0.4, noise=0.005)
+    moved.traces[0] = Recorded(moved.traces[0].time_s + 7.0, moved.traces[0].value)
+    here, there = displacements(lab), displacements(moved)
+    np.testing.assert_allclose(here.x, there.x, rtol=1e-8)
+    assert there.contact_time_s[0] - here.contact_time_s[0] == pytest.approx(7.0, abs=1e-9)
+
+
+def test_time_zero_is_contact_where_the_options_say_so():
+    lab = record([Impact(67.0, 0.28)] * 5, 1e4, before=0.02, phase=0.4, noise=0.02)
+    made = displacements(lab, SignalOptions(contact="time-zero"))
+    np.testing.assert_allclose(made.contact_time_s, 0, atol=1e-12)
+    np.testing.assert_allclose(made.first_sample_s, 0.4e-4, rtol=1e-6)
+    assert (made.contact_time_sd == 0).all()
+
+
+def test_a_threshold_is_passed_later_than_contact():
+    lab = record([Impact(67.0, 0.02)], 1e4, before=0.02)
+    late = displacements(lab, SignalOptions(contact="threshold", threshold=0.2))
+    # d is nearly V omega sin(omega t) + 2 zeta omega V, a fifth of its peak at about 0.16 / omega.
+    assert late.contact_time_s[0] == pytest.approx(0.16 / 67, rel=0.1)
+
+
+def test_a_blip_before_contact_is_not_contact():
+    lab = record([Impact(67.0, 0.28)], 1e4, before=0.05, noise=0.002)
+    lab.traces[0].value[100:104] += 15.0
+    made = displacements(lab)
+    assert abs(made.contact_time_s[0]) < 1e-4

@@ -1,0 +1,173 @@
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from impacts_bench import Impact, Lab, Recorded, record
+
+from bayestissue.signal import SignalOptions, displacement, displacements
+
+TISSUE = [Impact(np.sqrt(3000 / mass), zeta) for mass in (0.1, 0.666, 5.0) for zeta in (0.02, 0.28, 1.0, 2.0)]
+TYPICAL = Impact(67.0, 0.28)
+
+
+@pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
+@pytest.mark.parametrize("before", [0.0, 0.01])
+def test_noise_free_displacements_are_those_of_the_motion(rate, before):
+    phases = np.linspace(0, 0.95, 5) if before else np.zeros(1)
+    impacts = [impact for impact in TISSUE for _ in phases]
+    made = displacements(record(impacts, rate, before=before, phase=np.tile(phases, len(TISSUE))))
+    for row, impact in enumerate(impacts):
+        n = made.n_samples[row]
+        time = made.first_sample_s[row] + np.arange(n) / rate
+        peak = float(impact.derivative(0, np.array(impact.time_to_peak)))
+        fastest = max(abs(root) for root in impact.roots) / rate
+        # The quadrature's error is of the sixth order in interval times pole; where that product is small
+        # what is left is the contact time, which least squares finds to the square root of rounding error.
+        # At both ends of a record the rule is one-sided, with a constant some twenty times the central one.
+        tolerance = 0.3 * fastest**6 + 1e-5
+        assert np.abs(made.x[row, :n] - impact.derivative(0, time)).max() < tolerance * peak
+        assert np.abs(made.v[row, :n] - impact.derivative(1, time)).max() < 4 * tolerance * impact.velocity
+        assert made.peak_displacement[row] == pytest.approx(peak, rel=tolerance)
+        assert made.time_to_peak[row] == pytest.approx(impact.time_to_peak, rel=4 * tolerance)
+        assert abs(made.contact_time_s[row]) * rate < 10 * tolerance
+        assert time[-1] <= impact.time_to_peak < time[-1] + 1.01 / rate
+
+
+def test_the_thesis_rule_keeps_its_error_and_the_default_has_none():
+    lab = record([TYPICAL], 2e3)
+    peak = float(TYPICAL.derivative(0, np.array(TYPICAL.time_to_peak)))
+    errors = [
+        abs(displacements(lab, SignalOptions(integration=rule)).peak_displacement[0] / peak - 1)
+        for rule in ("trapezoidal", "quintic")
+    ]
+    # (omega dt)²/12 is 9e-5 here.
+    assert 1e-5 < errors[0] < 1e-3
+    assert errors[1] < 1e-6
+
+
+def test_a_negative_acceleration_is_a_deceleration():
+    lab = record([TYPICAL], 1e4, noise=0.005, offset=2.0)
+    turned = Lab(lab.impacts, [Recorded(t.time_s, -t.value) for t in lab.traces], "acceleration")
+    np.testing.assert_array_equal(displacements(lab).x, displacements(turned).x)
+
+
+def test_the_offset_of_the_quiet_part_is_removed():
+    lab = record([TYPICAL] * 50, 1e4, before=0.02, noise=0.005, offset=5.0)
+    made = displacements(lab)
+    sd = 0.005 * max(trace.value.max() - 5 for trace in lab.traces)
+    # The mean of 200 quiet samples; five standard errors hold for 50 of them.
+    assert np.abs(made.offset - 5).max() < 5 * sd / np.sqrt(195)
+    assert np.median(made.noise_sd) == pytest.approx(sd, rel=0.1)
+    kept = displacements(lab, SignalOptions(remove_offset=False))
+    assert (kept.offset == 0).all()
+    assert (kept.time_to_peak < made.time_to_peak).all()
+
+
+def test_no_offset_is_claimed_where_nothing_was_recorded_before_contact():
+    made = displacements(record([TYPICAL], 1e4, before=0.0, noise=0.005))
+    assert made.offset[0] == 0
+    assert "no quiet part before contact, so no offset was removed" in made.flags[0]
+
+
+@pytest.mark.parametrize("share", [0.25, 0.5, 1.0])
+def test_a_window_can_end_before_zero_velocity(share):
+    whole = displacements(record([TYPICAL], 1e4))
+    part = displacements(record([TYPICAL], 1e4), SignalOptions(window=share))
+    n = part.n_samples[0]
+    assert n == np.floor(share * TYPICAL.time_to_peak * 1e4 + 1e-6) + 1
+    np.testing.assert_array_equal(part.x[0, :n], whole.x[0, :n])
+    assert part.time_to_peak[0] == whole.time_to_peak[0]
+
+
+def test_a_window_can_include_the_rebound():
+    made = displacements(record([TYPICAL], 1e4), SignalOptions(window="rebound"))
+    last = (made.n_samples[0] - 1) / 1e4
+    # It ends where the push has fallen to 2 % of its peak, a little before the tissue lets go.
+    assert 1.8 * TYPICAL.time_to_peak < last < 2 * TYPICAL.time_to_peak
+
+
+def test_the_sample_mean_can_be_the_zero():
+    lab = record([TYPICAL], 1e4)
+    rest, centred = displacements(lab), displacements(lab, SignalOptions(equilibrium="sample-mean"))
+    n = rest.n_samples[0]
+    assert abs(centred.x[0, :n].mean()) < 1e-15
+    np.testing.assert_allclose(centred.x[0, :n] + centred.equilibrium[0], rest.x[0, :n], atol=1e-16)
+
+
+def test_a_window_of_few_samples_and_a_missing_stop_are_flagged():
+    short = record([TYPICAL], 200.0)
+    assert "fewer than 8 samples in the window" in displacements(short).flags[0]
+    cut = record([TYPICAL], 1e4)
+    keep = cut.traces[0].time_s < TYPICAL.time_to_peak / 2
+    cut.traces[0] = Recorded(cut.traces[0].time_s[keep], cut.traces[0].value[keep])
+    assert "velocity does not reach zero" in displacements(cut).flags[0]
+
+
+def test_impacts_of_unequal_length_and_in_blocks_give_what_each_gives_alone(monkeypatch):
+    impacts = [Impact(40.0, 0.2), Impact(150.0, 0.7), Impact(67.0, 1.3)]
+    lab = record(impacts, 1e4, noise=0.005)
+    together = displacements(lab)
+    monkeypatch.setattr(displacement, "_BLOCK", 1)
+    blocks = displacements(lab)
+    for row, n in enumerate(together.n_samples):
+        alone = displacements(Lab(lab.impacts.iloc[[row]], [lab.traces[row]]))
+        assert alone.n_samples[0] == n
+        # The sums of the same numbers, padded with zeros to another length: rounding only.
+        np.testing.assert_allclose(alone.x[0, :n], together.x[row, :n], rtol=1e-9, atol=1e-15)
+        np.testing.assert_array_equal(alone.x[0, :n], blocks.x[row, :n])
+        assert (together.x[row, n:] == 0).all()
+
+
+@pytest.mark.parametrize("frequency_class", [180, 600, 1000])
+def test_a_filter_leaves_the_displacement_nearly_alone(frequency_class):
+    lab = record([TYPICAL] * 20, 1e4, before=0.02, noise=0.02)
+    plain = displacements(lab)
+    filtered = displacements(lab, SignalOptions(filter=frequency_class))
+    # Two integrations are a far stronger low-pass than any of these classes.
+    ratio = filtered.peak_displacement / plain.peak_displacement
+    assert np.abs(ratio - 1).max() < 5e-3
+    shorter = min(filtered.deceleration.shape[1], plain.deceleration.shape[1], 150)
+    rough = np.diff(plain.deceleration[:, :shorter], axis=1).std()
+    assert np.diff(filtered.deceleration[:, :shorter], axis=1).std() < rough / 1.5
+
+
+def recorded_displacements(rate: float, noise: float, seed: int = 0) -> Lab:
+    random = np.random.default_rng(seed)
+    time = np.arange(-0.02, 0.06, 1 / rate) + 0.3 / rate
+    path = np.where(time < 0, TYPICAL.velocity * time, TYPICAL.derivative(0, np.maximum(time, 0)))
+    value = path + noise * random.standard_normal(len(time))
+    table = pd.DataFrame({"mass_kg": [1.0], "velocity_m_s": [np.nan]})
+    return Lab(table, [Recorded(time, value)], "displacement")
+
+
+def test_a_recorded_displacement_is_taken_as_it_is():
+    made = displacements(recorded_displacements(1e4, 0.0))
+    n = made.n_samples[0]
+    time = made.first_sample_s[0] + np.arange(n) / 1e4
+    # Contact is interpolated on a line: the curvature over one interval is C V / M dt²/8 = 7e-8 m.
+    np.testing.assert_allclose(made.x[0, :n], TYPICAL.derivative(0, time), atol=1e-7)
+    assert abs(made.contact_time_s[0]) < 1e-7
+    assert made.time_to_peak[0] == pytest.approx(TYPICAL.time_to_peak, rel=0.01)
+    # Parabolas over 5 ms straddle the jump of deceleration: the missing V is a few per cent low.
+    assert made.velocity[0] == pytest.approx(TYPICAL.velocity, rel=0.05)
+
+
+def test_noise_on_a_recorded_displacement_is_measured():
+    made = displacements(recorded_displacements(1e4, 5e-5))
+    # 800 samples: the median absolute deviation is good to 5 %; three times that.
+    assert made.noise_sd[0] == pytest.approx(5e-5, rel=0.15)
+    assert made.time_to_peak[0] == pytest.approx(TYPICAL.time_to_peak, rel=0.05)
+
+
+def test_heel_strikes_get_windows_of_some_tens_of_milliseconds(heel_strikes):
+    from bayestissue.dataset import read_dataset
+
+    made = displacements(read_dataset(heel_strikes))
+    # The heel pad stops the foot within 10 to 60 ms at a depth of some millimetres.
+    assert ((made.time_to_peak > 0.005) & (made.time_to_peak < 0.1)).all()
+    assert np.median(made.time_to_peak) == pytest.approx(0.025, abs=0.02)
+    assert ((made.peak_displacement > 1e-3) & (made.peak_displacement < 0.03)).all()
+    assert (made.n_samples >= 8).all()
+    assert np.abs(made.contact_time_s).max() < 0.005
+    assert np.median(made.noise_sd) < 1e-4

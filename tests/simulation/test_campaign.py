@@ -1,0 +1,135 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from bayestissue.dataset import read_dataset
+from bayestissue.simulation import Simulation, simulate, write_campaign
+
+
+def specification(tissue=None, recording=None, output=None, **design) -> Simulation:
+    return Simulation.model_validate(
+        {
+            "name": "made here",
+            "seed": 5,
+            "design": design,
+            "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, **(tissue or {})},
+            "recording": recording or {},
+            "output": output or {},
+        }
+    )
+
+
+def rows(campaign, row):
+    ends = np.cumsum(campaign.n_samples)
+    chosen = slice(ends[row] - campaign.n_samples[row], ends[row])
+    return campaign.time[chosen], campaign.value[chosen]
+
+
+def test_a_perfect_recording_obeys_the_equation_of_motion():
+    campaign = simulate(specification(subjects=2, recording={"sampling_rate_hz": 100_000.0}))
+    for row, truth in campaign.truth.iterrows():
+        time, d = rows(campaign, row)
+        contact, leaves = truth.contact_time_s, truth.contact_time_s + 2 * truth.time_to_peak_s
+        touching = (time >= contact) & (time < leaves)
+        assert (d[~touching] == 0).all()
+        assert time[-1] >= leaves + 0.0099
+        assert 0.01 <= contact < 0.01 + 1e-5
+        assert d[touching][0] == pytest.approx(
+            truth.C_N_s_per_m * truth.velocity_m_s / truth.mass_kg, rel=0.01
+        )
+        # M d'' + C d' + K d = 0 by central differences, whose error is (omega dt)²/12 of either term.
+        inner = d[touching]
+        first, second = (inner[2:] - inner[:-2]) * 5e4, (inner[2:] - 2 * inner[1:-1] + inner[:-2]) * 1e10
+        terms = truth.mass_kg * second, truth.C_N_s_per_m * first, truth.K_N_per_m * inner[1:-1]
+        assert np.abs(sum(terms)).max() < 1e-4 * np.abs(terms[2]).max()
+
+
+def test_the_same_seed_gives_the_same_numbers_and_another_does_not():
+    made = specification(recording={"noise_relative_to_peak": 0.01})
+    once, again, other = simulate(made), simulate(made), simulate(made, seed=6)
+    np.testing.assert_array_equal(once.value, again.value)
+    assert once.truth.equals(again.truth)
+    assert not once.truth["contact_time_s"].equals(other.truth["contact_time_s"])
+
+
+def test_noise_leaves_the_truth_as_it_is():
+    tissue = {"sd_subject_K": 0.2, "sd_impact_C": 0.1}
+    quiet = simulate(specification(tissue))
+    noisy = simulate(specification(tissue, {"noise_sd_m_s2": 2.0}))
+    assert quiet.truth.equals(noisy.truth)
+    difference = noisy.value - quiet.value
+    # 60,000 values: the standard deviation is good to 0.3 %; four times that.
+    assert difference.std() == pytest.approx(2, rel=0.012)
+
+
+def test_tissue_varies_as_the_specification_says():
+    sds = {"sd_subject_K": 0.3, "sd_trial_C": 0.2, "sd_impact_K": 0.1, "sd_impact_C": 0.1, "correlation": 0.5}
+    conditions = [{"trial": f"t{k}", "mass_kg": 0.5 + k / 100, "velocity_m_s": 1.0} for k in range(100)]
+    recording = {"sampling_rate_hz": 500.0}
+    truth = simulate(specification(sds, recording, conditions=conditions, subjects=100)).truth
+    # 100 people or trials, 10,000 impacts: standard errors of 7 % and 0.7 %; four of them.
+    assert truth["subject_effect_K"].std() == pytest.approx(0.3, rel=0.28)
+    assert truth["trial_effect_C"].std() == pytest.approx(0.2, rel=0.28)
+    assert truth["impact_effect_K"].std() == pytest.approx(0.1, rel=0.028)
+    assert np.corrcoef(truth["impact_effect_K"], truth["impact_effect_C"])[0, 1] == pytest.approx(
+        0.5, abs=0.03
+    )
+    assert truth.groupby(truth["impact"].str[-3:])["subject_effect_K"].nunique().max() == 1
+    total = truth["subject_effect_K"] + truth["trial_effect_K"] + truth["impact_effect_K"]
+    np.testing.assert_allclose(np.log(truth["K_N_per_m"] / 3000), total, atol=1e-12)
+
+
+def test_stiffness_is_a_power_of_mass():
+    truth = simulate(specification({"mass_exponent_K": 1.0, "mass_exponent_C": -0.5})).truth
+    np.testing.assert_allclose(truth["K_N_per_m"], 3000 * truth["mass_kg"] / 0.7, rtol=1e-12)
+    np.testing.assert_allclose(truth["C_N_s_per_m"], 25 * (truth["mass_kg"] / 0.7) ** -0.5, rtol=1e-12)
+    np.testing.assert_allclose(truth["omega_n_rad_s"], np.sqrt(3000 / 0.7), rtol=1e-12)
+
+
+def test_recorded_mass_and_velocity_are_not_the_true_ones():
+    recording = {
+        "relative_mass_sd": 0.05,
+        "velocity_sd_m_s": 0.1,
+        "relative_gain_sd": 0.02,
+        "offset_sd_m_s2": 1.0,
+    }
+    campaign = simulate(specification(recording=recording, subjects=100))
+    truth, impacts = campaign.truth, campaign.impacts
+    # 900 impacts: a standard deviation is good to 2.4 %; four times that.
+    assert (truth["mass_kg"] / impacts["mass_kg"]).std() == pytest.approx(0.05, rel=0.1)
+    assert (truth["velocity_m_s"] - impacts["velocity_m_s"]).std() == pytest.approx(0.1, rel=0.1)
+    assert truth["gain"].std() == pytest.approx(0.02, rel=0.1)
+    assert truth["offset_m_s2"].std() == pytest.approx(1, rel=0.1)
+    _, d = rows(campaign, 0)
+    assert d[0] == pytest.approx(truth["offset_m_s2"][0], abs=1e-12)
+    assert campaign.uncertainty.velocity_sd_m_s == 0.1
+
+
+def test_a_recorder_clips_and_rounds_to_its_steps():
+    recording = {"range_m_s2": 50.0, "bits": 8, "noise_sd_m_s2": 1.0}
+    campaign = simulate(specification(recording=recording))
+    assert np.abs(campaign.value).max() == 50
+    steps = campaign.value / (100 / 2**8)
+    np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
+
+
+def test_blocks_leave_no_seam(monkeypatch):
+    made = specification(recording={"noise_relative_to_peak": 0.01})
+    whole = simulate(made)
+    monkeypatch.setattr("bayestissue.simulation.campaign._BLOCK", 5000)
+    # Compiled for another shape, a block may round otherwise in the last digit.
+    np.testing.assert_allclose(simulate(made).value, whole.value, atol=1e-11)
+
+
+@pytest.mark.parametrize("output", [{"traces": "csv"}, {"traces": "parquet", "float32": True}])
+def test_what_is_written_is_a_dataset(tmp_path, output):
+    made = specification(recording={"noise_relative_to_peak": 0.005}, output=output, subjects=2, repeats=2)
+    campaign = simulate(made)
+    write_campaign(tmp_path / "campaign", campaign, made)
+    back, direct = read_dataset(tmp_path / "campaign"), campaign.dataset("made here")
+    assert list(back.impacts["impact"]) == list(campaign.truth["impact"])
+    assert len(back.traces) == 36
+    for read, kept in zip(back.traces, direct.traces, strict=True):
+        np.testing.assert_array_equal(read.value, kept.value)
+        np.testing.assert_allclose(read.time_s, kept.time_s, atol=1e-12)

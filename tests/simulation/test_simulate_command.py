@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayestissue.cli import main
+from bayestissue.dataset import read_dataset
+from bayestissue.resources import shared
+from bayestissue.signal import displacements
+
+
+def run(monkeypatch, *arguments) -> int:
+    monkeypatch.setattr("sys.argv", ["bayestissue", "simulate", *map(str, arguments)])
+    with pytest.raises(SystemExit) as stopped:
+        main()
+    return stopped.value.code or 0
+
+
+def test_the_committed_example_is_what_its_specification_makes(tmp_path, monkeypatch):
+    example = shared("data", "example")
+    assert run(monkeypatch, example / "spec.toml", "--out", tmp_path / "again") == 0
+    for name in ("impacts.csv", "truth.csv"):
+        made, kept = (pd.read_csv(folder / name) for folder in (tmp_path / "again", example))
+        # Another processor may round the last digit otherwise.
+        pd.testing.assert_frame_equal(made, kept, rtol=1e-10)
+    made, kept = (pd.read_csv(folder / "traces.csv.gz") for folder in (tmp_path / "again", example))
+    assert made["impact"].equals(kept["impact"])
+    assert made["time_s"].equals(kept["time_s"])
+    # Recorded to three decimals: at worst one value falls on the other side of a half.
+    assert np.abs(made["value"] - kept["value"]).max() < 1.5e-3
+    assert (made["value"] == kept["value"]).mean() > 0.999
+
+
+def test_the_example_can_be_worked_with():
+    dataset = read_dataset(shared("data", "example"))
+    truth = pd.read_csv(shared("data", "example", "truth.csv"))
+    made = displacements(dataset)
+    assert len(dataset.traces) == 90
+    assert np.abs(made.contact_time_s - truth["contact_time_s"]).max() < 1e-4
+    # Gain, velocity and offset are off by half a per cent or so, each.
+    np.testing.assert_allclose(made.peak_displacement, truth["peak_displacement_m"], rtol=0.05)
+
+
+def test_a_wrong_specification_writes_nothing(tmp_path, monkeypatch, capsys):
+    (tmp_path / "spec.toml").write_text('name = "a"\nsed = 3\n')
+    assert run(monkeypatch, tmp_path / "spec.toml", "--out", tmp_path / "out") == 2
+    said = capsys.readouterr().err
+    assert "sed" in said
+    assert "tissue" in said
+    assert not (tmp_path / "out").exists()
+
+
+def test_the_seed_of_the_command_line_is_the_one_kept(tmp_path, monkeypatch):
+    (tmp_path / "spec.toml").write_text(
+        'name = "a"\nseed = 3\n[design]\nsubjects = 1\n[tissue]\nK_N_per_m = 3000\nC_N_s_per_m = 25\n'
+    )
+    assert run(monkeypatch, tmp_path / "spec.toml", "--out", tmp_path / "once", "--seed", 8) == 0
+    assert run(monkeypatch, tmp_path / "once" / "truth.toml", "--out", tmp_path / "again") == 0
+    for name in ("truth.csv", "traces.csv.gz", "truth.toml"):
+        assert (tmp_path / "once" / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
