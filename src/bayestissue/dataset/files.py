@@ -33,7 +33,7 @@ def read_bytes(path: Path, label: str, remedy: str) -> bytes:
         raise InputError(
             Problem(label, "a readable file", "Check its name and permissions.", value=str(error))
         ) from None
-    if not data.strip():
+    if not data or data.isspace():
         raise InputError(Problem(label, "a header and data", "Export the file anew.", value="an empty file"))
     return data
 

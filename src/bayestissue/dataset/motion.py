@@ -20,53 +20,62 @@ class Motion:
         low, high: the least and greatest recorded value.
         peak: where the greatest displacement stands, or the greatest deceleration.
         extreme: the value farthest from the first one, less that first one.
-        first_way: the sign of ``extreme``.
         pulse: how many samples exceed a tenth of the greatest deceleration; all, for displacements.
-        loss, gain: the greatest speed lost (gained) between any two moments; 0 for displacements.
+        duration: of those samples, s.
+        loss, gain: the greatest speed lost (gained) between any two moments, m/s; 0 for displacements.
         pulse_loss: as ``loss``, but after taking off what the recording shows at its quieter end, so that
             an offset over a long recording counts for little.
+        step_loss: the speed lost in one interval at the greatest deceleration, m/s.
     """
 
     low: Float64[np.ndarray, " impact"]
     high: Float64[np.ndarray, " impact"]
     peak: Int[np.ndarray, " impact"]
     extreme: Float64[np.ndarray, " impact"]
-    first_way: Float64[np.ndarray, " impact"]
     pulse: Int[np.ndarray, " impact"]
+    duration: Float64[np.ndarray, " impact"]
     loss: Float64[np.ndarray, " impact"]
     gain: Float64[np.ndarray, " impact"]
     pulse_loss: Float64[np.ndarray, " impact"]
+    step_loss: Float64[np.ndarray, " impact"]
 
 
 def motion(samples: Samples, quantity: Quantity) -> Motion:
     """The figures of `Motion` for every recording.
 
     Args:
-        samples: finite, at least two per recording.
+        samples: finite, at least two per recording, times rising.
         quantity: what was recorded.
     """
-    begin = samples.start[:-1]
-    low = np.minimum.reduceat(samples.value, begin)
-    high = np.maximum.reduceat(samples.value, begin)
-    sign = -1.0 if quantity == "acceleration" else 1.0
-    owner = samples.owner
-    slowing = sign * samples.value
-    peak = _first_at(slowing == np.maximum.reduceat(slowing, begin)[owner], begin)
+    begin, end, owner = samples.start[:-1], samples.start[1:], samples.owner
+    slowing = -samples.value if quantity == "acceleration" else samples.value
+    greatest = np.maximum.reduceat(slowing, begin)
     away = samples.value - samples.value[begin][owner]
     farthest = np.maximum.reduceat(np.abs(away), begin)
-    extreme = away[_first_at(np.abs(away) == farthest[owner], begin)]
-    none = np.zeros(begin.size)
-    loss, gain, pulse_loss, pulse = none, none, none, samples.count
+    interval = (samples.time[end - 1] - samples.time[begin]) / (samples.count - 1)
+    loss = gain = pulse_loss = np.zeros(begin.size)
+    pulse = samples.count
     if quantity != "displacement":
-        pulse = np.add.reduceat((slowing > 0.1 * slowing[peak][owner]).astype(int), begin)
+        pulse = np.add.reduceat((slowing > 0.1 * greatest[owner]).astype(int), begin)
         rest = _rest(samples, slowing)
-        step = np.append(np.maximum(np.diff(samples.time), 0), 0)
+        step = np.append(np.diff(samples.time), 0)
         # The step from one recording to the next means nothing.
-        step[samples.start[1:] - 1] = 0
+        step[end - 1] = 0
         loss = _climb(samples, slowing, step)
-        pulse_loss = _climb(samples, slowing - np.maximum(rest, 0)[owner], step)
         gain = _climb(samples, np.minimum(rest, 0)[owner] - slowing, step)
-    return Motion(low, high, peak, extreme, np.sign(extreme), pulse, loss, gain, pulse_loss)
+        pulse_loss = _climb(samples, slowing - np.maximum(rest, 0)[owner], step)
+    return Motion(
+        low=np.minimum.reduceat(samples.value, begin),
+        high=np.maximum.reduceat(samples.value, begin),
+        peak=_first_at(slowing == greatest[owner], begin),
+        extreme=away[_first_at(np.abs(away) == farthest[owner], begin)],
+        pulse=pulse,
+        duration=pulse * interval,
+        loss=loss,
+        gain=gain,
+        pulse_loss=pulse_loss,
+        step_loss=np.maximum(greatest, 0) * interval,
+    )
 
 
 def flat_top(
@@ -83,24 +92,26 @@ def flat_top(
         quantity: what was recorded; for a displacement only the peak counts.
         least: how many equal samples on end are suspicious.
     """
-    begin, owner = samples.start[:-1], samples.owner
-    ends = [moving.high, moving.low]
-    if quantity == "displacement":
-        ends = [moving.high]
-    for limit in ends:
-        same = samples.value == limit[owner]
-        edge = np.diff(np.concatenate([[0], same.astype(np.int8), [0]]))
-        run, stop = np.flatnonzero(edge == 1), np.flatnonzero(edge == -1)
-        long = (stop - run >= least) & (moving.high > moving.low)[owner[run]]
-        for at, after in zip(run[long], stop[long], strict=True):
+    begin, end, owner = samples.start[:-1], samples.start[1:], samples.owner
+    greatest = np.maximum(np.abs(moving.high), np.abs(moving.low))
+    found = set()
+    for limit in (moving.high,) if quantity == "displacement" else (moving.high, moving.low):
+        extreme = (np.abs(limit) > 0.5 * greatest) & (moving.high > moving.low)
+        same = (samples.value == limit[owner]) & extreme[owner]
+        opens, closes = same.copy(), same.copy()
+        opens[1:] &= ~same[:-1]
+        closes[:-1] &= ~same[1:]
+        # Two recordings that meet at equal values are no run.
+        opens[begin] = same[begin]
+        closes[end - 1] = same[end - 1]
+        first, last = np.flatnonzero(opens), np.flatnonzero(closes)
+        long = last - first + 1 >= least
+        for at, until in zip(first[long], last[long], strict=True):
             which = int(owner[at])
-            part = samples.value[begin[which] : samples.start[which + 1]]
-            if (
-                _cut(part, at - begin[which], after - begin[which])
-                and abs(limit[which]) > 0.5 * np.abs(part).max()
-            ):
-                yield which, int(at), int(after - at), float(limit[which])
-                break
+            part = samples.value[begin[which] : end[which]]
+            if which not in found and _cut(part, at - begin[which], until + 1 - begin[which]):
+                found.add(which)
+                yield which, int(at), int(until + 1 - at), float(limit[which])
 
 
 def _cut(values: np.ndarray, begin: int, end: int) -> bool:
@@ -109,10 +120,8 @@ def _cut(values: np.ndarray, begin: int, end: int) -> bool:
     steps = np.diff(np.unique(values))
     # Equal readings may differ in their last digit once a scale has been applied.
     smallest = steps[steps > 1e-9 * (values.max() - values.min())].min()
-    # Noise of about one step makes three equal readings at the very top now and then, but not six.
-    return bool(beside) and (
-        min(beside) > 3.5 * smallest or (end - begin >= 6 and max(beside) > 1.5 * smallest)
-    )
+    # A smooth peak's neighbours lie one step away; noise of a few steps repeats a reading now and then.
+    return bool(beside) and min(beside) > (1.5 if end - begin >= 6 else 3.5) * smallest
 
 
 def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:

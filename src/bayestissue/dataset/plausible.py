@@ -11,19 +11,19 @@ from bayestissue.dataset.recordings import Recordings
 from bayestissue.errors import Problem
 
 MIN_SAMPLES = 8
-FLAT_SAMPLES = 3
+FLAT_SAMPLES = 4
 FALL_WITHIN = 0.05
 
 
 def movement_problems(recordings: Recordings, moving: Motion) -> list[Problem]:
     """Recordings that can't be right.
 
-    A channel that never changes; fewer than 8 samples above a tenth of the greatest deceleration; three or
-    more samples on end at one extreme value with a jump beside them (a recorder's limit). For decelerations
-    also: an impactor that gains speed (the sign is wrong), one that loses more than four times the speed it
-    came with (a unit is wrong), and a recording that ends before it has lost that speed, 5 % and three
-    standard deviations of gain and velocity allowed for. For displacements: one that goes down where it
-    should go into the tissue.
+    A channel that never changes; fewer than 8 samples above a tenth of the greatest deceleration; four or
+    more samples on end at one extreme value with a jump on either side (a recorder's limit). For
+    decelerations also: an impactor that gains speed (the sign is wrong), one that loses more than four times
+    the speed it came with (a unit is wrong), and a recording that ends before it has lost that speed, 5 %,
+    one sample and three standard deviations of gain, velocity and offset allowed for. For displacements: one
+    that goes down where it should go into the tissue.
     """
     problems = [*_dead(recordings, moving), *_coarse(recordings, moving), *_clipped(recordings, moving)]
     particular = _wrong_way if recordings.quantity == "displacement" else _speeds
@@ -73,7 +73,7 @@ def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
 
 
 def _wrong_way(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
-    for which in np.flatnonzero(moving.first_way < 0):
+    for which in np.flatnonzero(moving.extreme < 0):
         yield recordings.problem(
             which,
             "a displacement that grows as the impactor goes into the tissue",
@@ -83,7 +83,7 @@ def _wrong_way(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
 
 
 def _still_sinking(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
-    for which in np.flatnonzero((moving.first_way > 0) & (moving.peak >= recordings.samples.start[1:] - 2)):
+    for which in np.flatnonzero((moving.extreme > 0) & (moving.peak >= recordings.samples.start[1:] - 2)):
         yield recordings.problem(
             which,
             "a recording that goes on past the greatest displacement",
@@ -96,6 +96,8 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     velocity, uncertainty = recordings.velocity, recordings.uncertainty
     known = np.isfinite(velocity) & (moving.high > moving.low)
     allowed = FALL_WITHIN + 3 * (uncertainty.relative_gain_sd + uncertainty.velocity_sd_m_s / velocity)
+    # Contact may precede the first sample by an interval, and its jump may be as high as the peak.
+    allowed += (moving.step_loss + 3 * uncertainty.offset_sd * moving.duration) / velocity
     faster = known & (moving.gain > 0.5 * velocity) & (moving.gain > moving.loss)
     short = known & ~faster & (moving.loss < velocity * (1 - np.minimum(allowed, 0.9)))
     absurd = known & ~faster & ~(moving.pulse_loss <= 4 * velocity)

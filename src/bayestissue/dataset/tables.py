@@ -89,7 +89,8 @@ def header(data: bytes, label: str) -> list[str]:
         InputError: the text is not UTF-8.
     """
     require_utf8(data, label)
-    first = data.removeprefix(b"\xef\xbb\xbf").split(b"\n", 1)[0].split(b"\r", 1)[0]
+    end = data.find(b"\n")
+    first = data[: end if end >= 0 else None].removeprefix(b"\xef\xbb\xbf").split(b"\r", 1)[0]
     return [name.strip() for name in next(csv.reader([first.decode()]), [])]
 
 
