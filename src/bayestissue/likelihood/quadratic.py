@@ -82,7 +82,8 @@ def _form_and_slopes(
         return tuple(total + term for total, term in zip(totals, terms, strict=True)), None
 
     start = (_zeros(theta1, columns),) * (len(columns) + 2)
-    value, *slopes, by_theta1 = (total.sum(-1) for total in jax.lax.scan(block, start, (columns, spread))[0])
+    totals = jax.lax.scan(block, start, (columns, spread), unroll=2)[0]
+    value, *slopes, by_theta1 = (total.sum(-1) for total in totals)
     return value, tuple(slopes), by_theta1
 
 

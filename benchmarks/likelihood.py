@@ -1,0 +1,186 @@
+"""Time the exact ARMA(2,1) likelihood and its gradient beside its peers, all in one run.
+
+    python benchmarks/likelihood.py
+
+Every contender computes the log likelihood of 90 impacts and its gradient by each impact's parameters. The
+contenders take turns, so that a busy moment of the machine hits all of them; the table shows the least time
+of each, which other work on the machine disturbs least.
+"""
+
+from __future__ import annotations
+
+import os
+import platform
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bayestissue.likelihood import log_likelihood, sine_transforms
+from bayestissue.oscillator import impact_motion, to_differences
+from bayestissue.runtime import configure, cores
+
+IMPACTS, SIZES, ROUNDS = 90, (256, 1024, 4096), 20
+# A contender slower than this a call is timed fewer times.
+SLOW = 0.5
+Call = Callable[[], object]
+
+
+def traces(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Noisy impacts of n samples up to the peak, and their omega_n dt."""
+    omega_dt = np.linspace(1.2, 1.4, IMPACTS) / n
+    clean = impact_motion(np.arange(n), omega_dt[:, None], 0.3, 1.0).displacement
+    shocks = np.random.default_rng(0).normal(size=(IMPACTS, n))
+    return np.asarray(clean) + 1e-6 * np.cumsum(np.cumsum(shocks, axis=1), axis=1) / n, omega_dt
+
+
+def sine(n: int) -> tuple[Call, Call]:
+    """The sine-transform likelihood, and reading its three arrays once."""
+    x, omega_dt = traces(n)
+    data = sine_transforms(x)
+    c1, c2, theta1 = to_differences(omega_dt, 0.3, 1.0)
+    parameters = (c1, c2, theta1, jnp.full(IMPACTS, 1e-6 / n))
+    both = jax.jit(jax.value_and_grad(lambda p, data: log_likelihood(data, *p).sum()))
+    read = jax.jit(lambda columns: [column.sum((0, 2)) for column in columns])
+    return lambda: both(parameters, data), lambda: read(data.columns)
+
+
+def kalman(n: int) -> Call:
+    """The same density by a scalar Kalman filter, a scan over the samples of all impacts together."""
+    x, omega_dt = traces(n)
+    slope = np.diff(x, axis=1)
+    columns = tuple(jnp.asarray(c.T) for c in (np.diff(slope, axis=1), slope[:, :-1], x[:, :-2]))
+
+    def density(p: tuple[jax.Array, ...], columns: tuple[jax.Array, ...]) -> jax.Array:
+        c1, c2, theta1, sigma_a = p
+
+        def step(carry: tuple[jax.Array, ...], part: tuple[jax.Array, ...]) -> tuple:
+            error, r, total = carry
+            v = part[0] + c1 * part[1] + c2 * part[2] + theta1 * error / r
+            r = 1 + theta1**2 - theta1**2 / r
+            total = total - (jnp.log(2 * jnp.pi * sigma_a**2 * r) + v**2 / (sigma_a**2 * r)) / 2
+            return (v, r, total), None
+
+        # an infinite variance before the first sample gives it the unconditional one
+        start = (jnp.zeros(IMPACTS), jnp.full(IMPACTS, 1e300), jnp.zeros(IMPACTS))
+        return jax.lax.scan(step, start, columns)[0][2].sum()
+
+    both = jax.jit(jax.value_and_grad(density))
+    c1, c2, theta1 = to_differences(omega_dt, 0.3, 1.0)
+    parameters = (c1, c2, theta1, jnp.full(IMPACTS, 1e-6 / n))
+    return lambda: both(parameters, columns)
+
+
+def tinygp(n: int) -> Call:
+    """Tinygp's quasiseparable solver with the SHO kernel, the same A(2), mapped over the impacts."""
+    import tinygp as gp
+
+    x, omega_dt = traces(n)
+    time = jnp.arange(n) * 1.0
+
+    def density(p: jax.Array, x: jax.Array) -> jax.Array:
+        kernel = gp.kernels.quasisep.SHO(omega=p[0], quality=1 / (2 * p[1]), sigma=p[2])
+        return gp.GaussianProcess(kernel, time, diag=1e-12).log_probability(x)
+
+    both = jax.jit(jax.vmap(jax.value_and_grad(density)))
+    p, x = jnp.stack([omega_dt, np.full(IMPACTS, 0.3), np.full(IMPACTS, 0.5)], axis=1), jnp.asarray(x)
+    return lambda: both(p, x)
+
+
+def celerite2(n: int) -> Call:
+    """celerite2's own solver with the SHO term; the numpy interface has no gradient, so value only."""
+    from celerite2 import GaussianProcess, terms
+
+    x, omega_dt = traces(n)
+    time = np.arange(n) * 1.0
+
+    def values() -> list[float]:
+        found = []
+        for row, w in zip(x, omega_dt, strict=True):
+            process = GaussianProcess(terms.SHOTerm(w0=w, Q=1 / 0.6, sigma=0.5))
+            process.compute(time, diag=np.full(n, 1e-12))
+            found.append(process.log_likelihood(row))
+        return found
+
+    return values
+
+
+def statsmodels(n: int) -> Call:
+    """The exact Kalman filter of ARIMA in compiled code, one impact after the other, score included."""
+    from statsmodels.tsa.arima.model import ARIMA
+
+    x, _ = traces(n)
+    models = [ARIMA(row, order=(2, 0, 1), trend="n") for row in x]
+    # coefficients well inside the stationary region, as the filter's start needs them
+    p = np.array([1.9, -0.92, 0.27, 1e-6])
+    return lambda: [(model.loglike(p), model.score(p)) for model in models]
+
+
+def timed(calls: dict[str, Call]) -> dict[str, float]:
+    """Least seconds a call, the contenders taking turns in short bursts."""
+    least = {name: _seconds(call) for name, call in calls.items()}
+    for turn in range(ROUNDS):
+        for name, call in calls.items():
+            if least[name] < SLOW or turn < 2:
+                burst = 5 if least[name] < SLOW / 100 else 1
+                least[name] = min([least[name], *(_seconds(call) for _ in range(burst))])
+    return least
+
+
+def _seconds(call: Call) -> float:
+    begin = perf_counter()
+    jax.block_until_ready(call())
+    return perf_counter() - begin
+
+
+def contenders(n: int) -> dict[str, Call]:
+    ours, read = sine(n)
+    calls = {"bayestissue": ours, "reading the arrays once": read, "Kalman scan in JAX": kalman(n)}
+    for name, make in (
+        ("statsmodels", statsmodels),
+        ("tinygp", tinygp),
+        ("celerite2 (value only)", celerite2),
+    ):
+        try:
+            calls[name] = make(n)
+        except ImportError as error:
+            print(f"{name} is left out: {error}")
+    return calls
+
+
+def machine() -> str:
+    models = [
+        line.split(":")[1].strip()
+        for line in (Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else [])
+        if line.startswith("model name")
+    ]
+    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
+    return f"{models[0] if models else platform.processor()}, {cores()} cores, load {load:.1f} at the start"
+
+
+def main() -> None:
+    configure()
+    print(f"Machine: {machine()}.")
+    packages = ("jax", "statsmodels", "tinygp", "celerite2")
+    names = []
+    for package in packages:
+        try:
+            names.append(f"{package} {version(package)}")
+        except ImportError:
+            names.append(f"{package} absent")
+    print(f"Python {platform.python_version()}, {', '.join(names)}.\n")
+    results = {n: timed(contenders(n)) for n in SIZES}
+    print(f"Log likelihood and gradient of {IMPACTS} impacts; ms, and how many times ours.\n")
+    print("| | " + " | ".join(f"n = {n}" for n in SIZES) + " |")
+    print("|---|" + "---:|" * len(SIZES))
+    for name in results[SIZES[0]]:
+        cells = [f"{1e3 * r[name]:.3g} ({r[name] / r['bayestissue']:.3g})" for r in results.values()]
+        print(f"| {name} | " + " | ".join(cells) + " |")
+
+
+if __name__ == "__main__":
+    main()
