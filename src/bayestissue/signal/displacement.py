@@ -136,7 +136,7 @@ def _integrated(
     x = start.x[:, None] + start.v[:, None] * time - second
     stop = zero_velocity(d, v, x, inside, dt)
     flags = {
-        "no quiet part before contact, so no offset was removed": options.remove_offset & ~onset.quiet,
+        "no quiet part before contact: no offset was removed": options.remove_offset & ~onset.quiet,
         "velocity does not reach zero": ~stop.reached,
     }
     return _windowed(
@@ -163,7 +163,7 @@ def _recorded(
     velocity = np.where(np.isfinite(velocity), velocity, v[:, 0])
     x = part.value - at_contact[:, None]
     stop = slowest(v, x, part.inside, part.dt, velocity)
-    flags = {"velocity does not reach zero; the window ends where it is least": ~stop.reached}
+    flags = {"velocity does not reach zero: the window ends where it is least": ~stop.reached}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
     return _windowed(
         part, x, v, d, stop, flags, mass, velocity, since_contact, sd, at_contact, noise, options
