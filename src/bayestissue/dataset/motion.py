@@ -57,7 +57,8 @@ def motion(samples: Samples, quantity: Quantity) -> Motion:
     pulse = samples.count
     if quantity != "displacement":
         pulse = np.add.reduceat((slowing > 0.1 * greatest[owner]).astype(int), begin)
-        rest = _rest(samples, slowing)
+        # An offset can't add up to much over a recording that is hardly longer than the impact.
+        rest = np.where(2 * pulse < samples.count, _rest(samples, slowing), 0)
         step = np.append(np.diff(samples.time), 0)
         # The step from one recording to the next means nothing.
         step[end - 1] = 0
@@ -81,47 +82,36 @@ def motion(samples: Samples, quantity: Quantity) -> Motion:
 def flat_top(
     samples: Samples, moving: Motion, quantity: Quantity, least: int
 ) -> Iterator[tuple[int, int, int, float]]:
-    """Recordings cut off at one value: which, the first such sample, how many on end, and the value.
+    """Recordings cut off at one value: which, the first such sample, how many there are, and the value.
 
-    A recorder of few bits shows equal samples at the top of a smooth or noisy peak too, but there the
-    neighbours lie about one step of its scale away; at a recorder's limit they lie farther.
+    At a recorder's limit samples pile up: more stand there than the few steps of the recorder's scale below
+    it hold together. A smooth or noisy peak has its readings spread over these steps.
 
     Args:
         samples: all recordings.
         moving: their `Motion`.
         quantity: what was recorded; for a displacement only the peak counts.
-        least: how many equal samples on end are suspicious.
+        least: how many equal samples are suspicious.
     """
     begin, end, owner = samples.start[:-1], samples.start[1:], samples.owner
     greatest = np.maximum(np.abs(moving.high), np.abs(moving.low))
-    found = set()
     for limit in (moving.high,) if quantity == "displacement" else (moving.high, moving.low):
+        same = samples.value == limit[owner]
+        count = np.add.reduceat(same.astype(int), begin)
         extreme = (np.abs(limit) > 0.5 * greatest) & (moving.high > moving.low)
-        same = (samples.value == limit[owner]) & extreme[owner]
-        opens, closes = same.copy(), same.copy()
-        opens[1:] &= ~same[:-1]
-        closes[:-1] &= ~same[1:]
-        # Two recordings that meet at equal values are no run.
-        opens[begin] = same[begin]
-        closes[end - 1] = same[end - 1]
-        first, last = np.flatnonzero(opens), np.flatnonzero(closes)
-        long = last - first + 1 >= least
-        for at, until in zip(first[long], last[long], strict=True):
-            which = int(owner[at])
-            part = samples.value[begin[which] : end[which]]
-            if which not in found and _cut(part, at - begin[which], until + 1 - begin[which]):
-                found.add(which)
-                yield which, int(at), int(until + 1 - at), float(limit[which])
+        for which in np.flatnonzero(extreme & (count >= least)):
+            mine = slice(begin[which], end[which])
+            if count[which] > 3 * _just_inside(samples.value[mine], limit[which]) + 2:
+                first = begin[which] + int(np.argmax(same[mine]))
+                yield int(which), int(first), int(count[which]), float(limit[which])
 
 
-def _cut(values: np.ndarray, begin: int, end: int) -> bool:
-    level = values[begin]
-    beside = [abs(values[i] - level) for i in (begin - 1, end) if 0 <= i < values.size]
+def _just_inside(values: np.ndarray, limit: float) -> int:
     steps = np.diff(np.unique(values))
     # Equal readings may differ in their last digit once a scale has been applied.
     smallest = steps[steps > 1e-9 * (values.max() - values.min())].min()
-    # A smooth peak's neighbours lie one step away; noise of a few steps repeats a reading now and then.
-    return bool(beside) and min(beside) > (1.5 if end - begin >= 6 else 3.5) * smallest
+    away = np.abs(values - limit)
+    return int(np.count_nonzero((away > 0) & (away < 4.5 * smallest)))
 
 
 def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:

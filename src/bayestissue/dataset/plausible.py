@@ -19,11 +19,11 @@ def movement_problems(recordings: Recordings, moving: Motion) -> list[Problem]:
     """Recordings that can't be right.
 
     A channel that never changes; fewer than 8 samples above a tenth of the greatest deceleration; four or
-    more samples on end at one extreme value with a jump on either side (a recorder's limit). For
-    decelerations also: an impactor that gains speed (the sign is wrong), one that loses more than four times
-    the speed it came with (a unit is wrong), and a recording that ends before it has lost that speed, 5 %,
-    one sample and three standard deviations of gain, velocity and offset allowed for. For displacements: one
-    that goes down where it should go into the tissue.
+    more samples at one extreme value and hardly any just below it (a recorder's limit). For decelerations
+    also: an impactor that gains speed (the sign is wrong), one that loses more than three times the speed it
+    came with (a unit is wrong), and a recording that ends before it has lost that speed, 5 %, one sample and
+    three standard deviations of gain, velocity and offset allowed for. For displacements: one that goes down
+    where it should go into the tissue.
     """
     problems = [*_dead(recordings, moving), *_coarse(recordings, moving), *_clipped(recordings, moving)]
     particular = _wrong_way if recordings.quantity == "displacement" else _speeds
@@ -62,12 +62,12 @@ def _coarse(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
 
 def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     samples, quantity = recordings.samples, recordings.quantity
-    for which, at, length, top in flat_top(samples, moving, quantity, FLAT_SAMPLES):
+    for which, at, count, top in flat_top(samples, moving, quantity, FLAT_SAMPLES):
         yield recordings.problem(
             which,
             "a peak below the recorder's limit",
             "Record again with a wider range, or take the impact out: what lies above the limit is lost.",
-            value=f"{length} samples on end at {top:g}",
+            value=f"{count} samples at {top:g}",
             at=at,
         )
 
@@ -100,7 +100,7 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     allowed += (moving.step_loss + 3 * uncertainty.offset_sd * moving.duration) / velocity
     faster = known & (moving.gain > 0.5 * velocity) & (moving.gain > moving.loss)
     short = known & ~faster & (moving.loss < velocity * (1 - np.minimum(allowed, 0.9)))
-    absurd = known & ~faster & ~(moving.pulse_loss <= 4 * velocity)
+    absurd = known & ~faster & ~(moving.pulse_loss <= 3 * velocity)
     for which in np.flatnonzero(faster):
         yield recordings.problem(
             which,
@@ -126,7 +126,7 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
 
 def _fast(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     velocity = recordings.velocity
-    odd = (moving.loss > 2.5 * velocity) & (moving.pulse_loss <= 4 * velocity)
+    odd = (moving.loss > 2.5 * velocity) & (moving.pulse_loss <= 3 * velocity)
     for which in np.flatnonzero(odd):
         yield recordings.problem(
             which,
