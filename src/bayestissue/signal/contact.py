@@ -55,7 +55,7 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     automatic: the baseline is the mean of the quiet part, or 0 where the recording has none. Going back
     from the peak, the last sample less than five noise standard deviations above the baseline ends the
     search: the one after it is certain to be in contact, and contact lies after the last sample within three
-    standard deviations. Where the rise is so gentle that several samples lie between the two, as many
+    standard deviations. Where the rise is so gentle that several samples lie between the two, half as many
     again are allowed for before. threshold and time-zero: see `SignalOptions`.
     """
     deceleration = np.where(recordings.inside, recordings.value, -np.inf)
@@ -72,7 +72,7 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     quiet, baseline, sd = _quiet_part(recordings, first, sd, peak, baseline)
     # The second look has the mean and the scatter of the whole quiet part to go by.
     first = last_below(baseline + _CERTAIN * sd) + 1
-    last_quiet = _last_quiet(deceleration, first, baseline + _QUIET * sd)
+    last_quiet = _last_quiet(recordings, first, baseline, sd)
     quiet, offset, sd = _quiet_part(recordings, last_quiet, sd, peak, baseline)
     least, most = np.zeros(len(peak)), (first - last_quiet) * recordings.dt
     if options.contact == "threshold":
@@ -116,10 +116,15 @@ def _quiet_part(
     return quiet, np.where(quiet, mean, 0), np.where(measured, np.maximum(scatter, _ROUNDING * peak), sd)
 
 
-def _last_quiet(deceleration: np.ndarray, first: Index, level: Column) -> Index:
-    before = np.arange(deceleration.shape[1]) < first[:, None]
-    last = last_where((deceleration <= level[:, None]) & before)
-    return np.maximum(2 * last - first + 1, -1)
+def _last_quiet(recordings: Recordings, first: Index, baseline: Column, sd: Column) -> Index:
+    before = np.arange(recordings.value.shape[1]) < first[:, None]
+    last = last_where((recordings.value <= (baseline + _QUIET * sd)[:, None]) & before)
+    gap = first - last
+    # Where d jumps there is no foot: the sample before the jump is a quiet one that noise has lifted.
+    jump = at(recordings.value, first) - at(recordings.value, first - 1) > 2 * _CERTAIN * sd
+    last = np.where(jump & (gap > 1), first - 1, last)
+    gap = first - last
+    return np.maximum(last - np.where(gap > 1, np.ceil(1.5 * gap).astype(int), 0), -1)
 
 
 def _crossing(recordings: Recordings, level: Column, last_below: LastBelow) -> tuple[Index, Column]:
