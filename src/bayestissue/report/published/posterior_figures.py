@@ -45,8 +45,11 @@ def mass_figure(run: PublishedRun, quantity: str, line: tuple[float, float] | No
 
 
 def _lost_conditions(axes: Any, run: PublishedRun, quantity: str) -> None:
-    trials, lost = run.labels("trial"), run.groups["observed_data"]["averaged_trial"].to_numpy()
-    at = run.constant("mass_kg")[[trials.index(str(trial)) for trial in lost]]
+    trials = run.labels("trial")
+    lost = run.groups["observed_data"].get("averaged_trial", np.array([]))
+    if not len(lost):
+        return
+    at = run.constant("mass_kg")[[trials.index(str(trial)) for trial in np.asarray(lost)]]
     axes.errorbar(
         at,
         run.observed(f"{quantity}_average"),

@@ -50,9 +50,10 @@ def mass_plot(published: PublishedTables, quantity: Quantity) -> Markup:
             shown.impacts["mass_kg"], shown.impacts["value"], 12, color=POSTERIOR, alpha=0.5, label="impact"
         )
         axes.plot(kept["mass_kg"], kept["average"], "s", ms=5, color=PUBLISHED, label="average")
-        axes.plot(
-            lost["mass_kg"], lost["average"], "s", ms=5, mfc="white", color=PUBLISHED, label="rows lost"
-        )
+        if len(lost):
+            axes.plot(
+                lost["mass_kg"], lost["average"], "s", ms=5, mfc="white", color=PUBLISHED, label="rows lost"
+            )
         axes.plot(ends, shown.constant + shown.slope * ends, color=POSTERIOR, lw=1.2, label="refitted")
         axes.plot(
             ends,
