@@ -56,10 +56,13 @@ def run(
     data = read_dataset(dataset, skip_bad=skip_bad)
     table = estimate(data, method=method, options=options)
     varied = _varied(data, method, choices) if choices else None
+    centring = _centring() if method == "dds" else None
     with whole_folder(out, overwrite=overwrite) as staging:
         table.to_csv(staging / "estimates.csv", index=False)
         if varied is not None:
             varied.to_csv(staging / "vary.csv", index=False)
+        if centring is not None:
+            centring.to_csv(staging / "centring.csv", index=False)
         if data.left_out:
             _left_out(data).to_csv(staging / "left_out.csv", index=False)
         about = _about(data, method, options, model, started, perf_counter() - clock)
@@ -69,6 +72,13 @@ def run(
         typer.echo(table.to_json(orient="records", force_ascii=False))
     elif not quiet:
         _print(data, table, varied, out)
+
+
+def _centring() -> pd.DataFrame:
+    """What this fit makes of one tissue under several masses, so that its readers can judge their own."""
+    from bayestissue.simulation.centring import centring_table
+
+    return centring_table()
 
 
 def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOptions, ...]]) -> pd.DataFrame:

@@ -19,6 +19,7 @@ from bayestissue.inference.point_whiteness import whiteness
 from bayestissue.likelihood import SineTransforms, sine_transforms
 from bayestissue.likelihood.arma21 import LOG_2PI
 from bayestissue.likelihood.quadratic import log_determinant
+from bayestissue.likelihood.transforms import LANE
 from bayestissue.oscillator import arccos_branch, from_differences, peak_displacement, spring_damper
 from bayestissue.oscillator.entire import sinc_root
 
@@ -91,12 +92,13 @@ def fit_points(
     """
     if method not in ("exact", "dds"):
         raise ValueError(f'method is "exact" or "dds", not {method!r}')
-    n_samples = np.asarray(n_samples)
+    x, n_samples = np.asarray(x, float), np.asarray(n_samples)
     if n_samples.min(initial=8) < 8:
         raise ValueError("an ARMA(2,1) with standard errors needs at least eight samples")
+    x = np.pad(x, ((0, 0), (0, _width(x.shape[1]) - x.shape[1])))
     parts = []
     for rows in _batches(len(x)):
-        given = np.asarray(x, float)[rows], n_samples[rows]
+        given = x[rows], n_samples[rows]
         data = _prepared(*given, centred=method == "dds")
         fit, values = _fit_batch(data, np.asarray(dt, float)[rows], np.asarray(mass, float)[rows], method)
         p = whiteness(np.asarray(data.x), given[1], *(np.asarray(c) for c in (fit.c1, fit.c2, fit.theta1)))
@@ -111,6 +113,13 @@ def _batches(count: int) -> Iterator[np.ndarray]:
     size = -(-count // number)
     for begin in range(0, count, size):
         yield np.minimum(np.arange(begin, begin + size), count - 1)
+
+
+def _width(samples: int) -> int:
+    """A width not much above ``samples`` from a short list, so that few widths are ever compiled."""
+    blocks = max(1, -(-(samples - 2) // LANE))
+    step = max(1, 2 ** (blocks.bit_length() - 3))
+    return 2 + LANE * step * -(-blocks // step)
 
 
 def _prepared(x: np.ndarray, n_samples: np.ndarray, *, centred: bool) -> SineTransforms:

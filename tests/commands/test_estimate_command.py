@@ -1,0 +1,131 @@
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from bayestissue import cli
+from bayestissue.dataset import write_dataset
+from bayestissue.oscillator import impact_motion, spring_damper_inverse
+
+
+@pytest.fixture(scope="module")
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("lab") / "dataset"
+    mass = np.array([0.375, 0.666, 1.0, 1.333])
+    omega_n, zeta = (np.asarray(p) for p in spring_damper_inverse(3000.0, 25.0, mass))
+    time = np.arange(500) * 1e-4
+    since = time - 0.00303
+    motion = impact_motion(np.maximum(since, 0), omega_n[:, None], zeta[:, None], 1.5)
+    d = np.where(since >= 0, np.asarray(motion.deceleration), 0.0)
+    d += 0.1 * np.random.default_rng(0).normal(size=d.shape)
+    names = ["a", "b", "c", "d"]
+    impacts = pd.DataFrame(
+        {"impact": names, "subject": "s", "trial": ["1", "2", "3", "4"], "mass_kg": mass, "velocity_m_s": 1.5}
+    )
+    traces = pd.DataFrame(
+        {"impact": np.repeat(names, len(time)), "time_s": np.tile(time, 4), "value": d.ravel()}
+    )
+    settings = {"name": "four masses", "signal": {"quantity": "deceleration", "unit": "m/s^2"}}
+    write_dataset(folder, settings=settings, impacts=impacts, traces=traces)
+    return folder
+
+
+def bayestissue(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
+    monkeypatch.setattr(sys, "argv", ["bayestissue", *map(str, arguments)])
+    try:
+        cli.main()
+    except SystemExit as stop:
+        return int(stop.code or 0)
+    return 0
+
+
+def test_writes_a_whole_run(dataset: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    out = tmp_path / "run"
+    assert bayestissue(monkeypatch, "estimate", dataset, "--out", out, "--json") == 0
+    assert sorted(path.name for path in out.iterdir()) == ["estimates.csv", "report.html", "run.json"]
+    table = pd.read_csv(out / "estimates.csv")
+    # noise of a thousandth of the peak
+    np.testing.assert_allclose(table["K_N_per_m"], 3000, rtol=0.01)
+    np.testing.assert_allclose(table["C_N_s_per_m"], 25, rtol=0.01)
+    assert json.loads(capsys.readouterr().out)[0]["impact"] == "a"
+    about = json.loads((out / "run.json").read_text())
+    assert about["kind"] == "estimates"
+    assert about["method"] == "exact"
+    assert re.fullmatch("[0-9a-f]{64}", about["input_hash"])
+    assert about["model"]["signal"]["equilibrium"] == "rest"
+
+
+def test_conditional_run_shows_what_centring_does(dataset: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    out = tmp_path / "run"
+    assert bayestissue(monkeypatch, "estimate", dataset, "--out", out, "--method", "dds") == 0
+    assert "K (N/m)" in capsys.readouterr().out
+    centring = pd.read_csv(out / "centring.csv")
+    assert (centring["K_centred"] > 2 * centring["K_N_per_m"]).all()
+    np.testing.assert_allclose(centring["K_rest"], centring["K_N_per_m"], rtol=1e-3)
+    assert (pd.read_csv(out / "estimates.csv")["K_N_per_m"] > 6000).all()
+
+
+def test_varies_a_signal_choice(dataset: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+    out = tmp_path / "run"
+    code = bayestissue(monkeypatch, "estimate", dataset, "--out", out, "--vary", "window", "--vary", "filter")
+    assert code == 0
+    assert "K and C against each choice" in capsys.readouterr().out
+    varied = pd.read_csv(out / "vary.csv", dtype={"value": str}).set_index(["choice", "value"])
+    assert {("window", "peak"), ("window", "0.5"), ("filter", "600")} <= set(varied.index)
+    assert varied.loc[("window", "peak"), "K_N_per_m_median"] == pytest.approx(3000, rel=0.01)
+    assert varied.loc[("window", "peak"), "estimated"] == 4
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--vary", "mass"], "window"),
+        (["--model", "nowhere.toml"], "nowhere.toml"),
+    ],
+)
+def test_wrong_choices_end_with_status_2_and_nothing_written(
+    dataset: Path, tmp_path: Path, monkeypatch, capsys, arguments: list[str], says: str
+) -> None:
+    out = tmp_path / "run"
+    assert bayestissue(monkeypatch, "estimate", dataset, "--out", out, *arguments) == 2
+    assert says in capsys.readouterr().err
+    assert not out.exists()
+
+
+def test_bad_impacts_are_skipped_on_request_and_listed(
+    dataset: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    spoilt = tmp_path / "spoilt"
+    spoilt.mkdir()
+    for path in dataset.iterdir():
+        (spoilt / path.name).write_bytes(path.read_bytes())
+    table = pd.read_csv(spoilt / "impacts.csv", dtype=str)
+    table.loc[1, "mass_kg"] = "-1"
+    table.to_csv(spoilt / "impacts.csv", index=False)
+    out = tmp_path / "run"
+    assert bayestissue(monkeypatch, "estimate", spoilt, "--out", out) == 2
+    assert not out.exists()
+    assert bayestissue(monkeypatch, "estimate", spoilt, "--out", out, "--skip-bad", "--quiet") == 0
+    assert list(pd.read_csv(out / "estimates.csv")["impact"]) == ["a", "c", "d"]
+    left_out = pd.read_csv(out / "left_out.csv")
+    assert left_out["column"].tolist() == ["mass_kg"]
+    assert left_out["row"].tolist() == [3]
+
+
+def test_a_folder_that_is_not_empty_is_not_replaced(dataset: Path, tmp_path: Path, monkeypatch) -> None:
+    (tmp_path / "mine.txt").write_text("keep")
+    assert bayestissue(monkeypatch, "estimate", dataset, "--out", tmp_path) == 2
+    assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]
+
+
+def test_recorded_heel_strikes_have_estimates(heel_strikes: Path, tmp_path: Path, monkeypatch) -> None:
+    assert bayestissue(monkeypatch, "estimate", heel_strikes, "--out", tmp_path / "run", "--quiet") == 0
+    table = pd.read_csv(tmp_path / "run" / "estimates.csv")
+    assert len(table) == 216
+    assert (table["K_N_per_m"] > 0).mean() > 0.9

@@ -1,0 +1,123 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayestissue as bt
+from bayestissue.dataset.model import Dataset, Trace, Uncertainty
+from bayestissue.inference.estimates import default_options
+from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak
+from bayestissue.resources import shared
+from bayestissue.signal import SignalOptions, read_signal_options
+
+COLUMNS = [
+    *("impact", "subject", "trial", "mass_kg", "velocity_m_s", "n_samples", "sampling_interval_s"),
+    *("phi1", "phi2", "theta1", "sigma_a", "omega_n_rad_s", "zeta", "K_N_per_m", "C_N_s_per_m"),
+    *("peak_displacement_m", "time_to_peak_s", "flags"),
+]
+
+
+def recorded(
+    K: np.ndarray,
+    C: np.ndarray,
+    mass: np.ndarray,
+    rate: float,
+    *,
+    noise: float = 0.0,
+    uncertainty: Uncertainty | None = None,
+    **columns: object,
+) -> Dataset:
+    """Decelerations from before contact, which falls between two samples, to after zero velocity."""
+    omega_n, zeta = (np.asarray(p) for p in spring_damper_inverse(K, C, mass))
+    longest = float(np.max(time_to_peak(omega_n, zeta)))
+    time = np.arange(int(1.3 * longest * rate) + 40) / rate
+    since = time - 30.37 / rate
+    motion = impact_motion(np.maximum(since, 0), omega_n[:, None], zeta[:, None], 1.5)
+    d = np.where(since >= 0, np.asarray(motion.deceleration), 0.0)
+    d += noise * d.max(1, keepdims=True) * np.random.default_rng(0).normal(size=d.shape)
+    impacts = pd.DataFrame(
+        {
+            "impact": [f"i{i}" for i in range(len(K))],
+            "subject": "s",
+            "trial": "t",
+            "mass_kg": mass,
+            "velocity_m_s": 1.5,
+            **columns,
+        }
+    )
+    return Dataset(
+        name="made",
+        description="",
+        impacts=impacts,
+        traces=[Trace(time, row) for row in d],
+        quantity="deceleration",
+        uncertainty=uncertainty or Uncertainty(),
+        warnings=(),
+        left_out=(),
+        folder=Path(),
+        input_hash="",
+    )
+
+
+@pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
+def test_noise_free_decelerations_give_back_stiffness_and_damping(rate: float) -> None:
+    mass, zeta = (a.ravel() for a in np.meshgrid([0.1, 0.375, 1.0, 5.0], [0.02, 0.1, 0.5, 1.0, 1.5, 2.0]))
+    K = np.full(24, 3000.0)
+    C = 2 * zeta * np.sqrt(K * mass)
+    table = bt.estimate(recorded(K, C, mass, rate))
+    # the promise of the default: a tenth of a per cent
+    np.testing.assert_allclose(table["K_N_per_m"], K, rtol=1e-3)
+    np.testing.assert_allclose(table["C_N_s_per_m"], C, rtol=1e-3)
+
+
+def test_accelerometer_noise_of_half_a_per_cent_costs_less_than_one() -> None:
+    count = 90
+    mass = np.resize([0.375, 0.666, 1.0, 1.333], count)
+    table = bt.estimate(recorded(np.full(count, 3000.0), np.full(count, 25.0), mass, 1e4, noise=0.005))
+    assert np.median(np.abs(table["K_N_per_m"] / 3000 - 1)) < 0.01
+    assert np.median(np.abs(table["C_N_s_per_m"] / 25 - 1)) < 0.01
+
+
+def test_table_has_the_promised_columns_first() -> None:
+    table = bt.estimate(recorded(np.full(3, 3000.0), np.full(3, 25.0), np.full(3, 0.5), 1e4, noise=1e-3))
+    assert list(table.columns[: len(COLUMNS)]) == COLUMNS
+    assert {"K_se_N_per_m", "C_se_N_s_per_m"} <= set(table.columns)
+    np.testing.assert_allclose(table["K_N_per_m"], table["mass_kg"] * table["omega_n_rad_s"] ** 2)
+    assert (table["K_se_N_per_m"] > 0).all()
+
+
+def test_uncertainty_of_the_mass_widens_the_interval_of_stiffness() -> None:
+    given = {"K": np.full(3, 3000.0), "C": np.full(3, 25.0), "mass": np.full(3, 0.5), "rate": 1e4}
+    sure = bt.estimate(recorded(**given, noise=1e-3))
+    unsure = bt.estimate(recorded(**given, noise=1e-3, uncertainty=Uncertainty(relative_mass_sd=0.02)))
+    expected = np.hypot(sure["K_se_N_per_m"], 0.02 * sure["K_N_per_m"])
+    np.testing.assert_allclose(unsure["K_se_N_per_m"], expected, rtol=1e-12)
+
+
+def test_flags_say_what_to_doubt() -> None:
+    K, C, mass = np.full(3, 3000.0), np.full(3, 25.0), np.full(3, 0.5)
+    table = bt.estimate(recorded(K, C, mass, 1e4, noise=0.005, tissue_thickness_m=["0.1", "0.001", ""]))
+    flags = table["flags"]
+    assert "theta1 at its limit" in flags[0]
+    assert "residuals are not white" in flags[2]
+    assert ["deeper than the tissue is thick" in words for words in flags] == [False, True, False]
+    centred = bt.estimate(recorded(K, C, mass, 1e4, noise=0.005), method="dds")
+    assert "K and C imply another peak displacement than recorded" in centred["flags"][1]
+
+
+def test_a_window_too_short_to_fit_has_a_row_without_numbers() -> None:
+    K, C, mass = np.full(2, 3000.0), np.full(2, 25.0), np.array([0.05, 5.0])
+    options = SignalOptions(window=0.25)
+    table = bt.estimate(recorded(K, C, mass, 4e3, noise=1e-3), options=options)
+    assert table["n_samples"][0] < 8
+    assert np.isnan(table["K_N_per_m"][0])
+    assert "fewer than 8 samples" in table["flags"][0]
+    assert np.isfinite(table["K_N_per_m"][1])
+
+
+def test_default_options_are_those_of_the_model_files() -> None:
+    for method in ("exact", "dds"):
+        assert default_options(method) == read_signal_options(shared("models", f"{method}.toml"))
