@@ -132,6 +132,40 @@ def test_a_filter_leaves_the_displacement_nearly_alone(frequency_class):
     assert np.diff(filtered.deceleration[:, :shorter], axis=1).std() < rough / 1.5
 
 
+ODD = {
+    "zeros": np.zeros(100),
+    "a constant": np.full(100, 5.0),
+    "negative": -np.ones(50),
+    "two samples": np.array([1.0, 2.0]),
+    "five samples": np.array([0.0, 1.0, 2.0, 3.0, 1.0]),
+    "noise": np.random.default_rng(0).standard_normal(300),
+    "a spike": np.r_[np.zeros(50), 100.0, np.zeros(50)],
+    "a step": np.r_[np.zeros(50), np.full(50, 100.0)],
+    "huge": np.r_[np.zeros(20), 1e12 * np.hanning(50)],
+    "tiny": np.r_[np.zeros(20), 1e-9 * np.hanning(50)],
+    "stairs": 50 * np.repeat(np.random.default_rng(1).standard_normal(20), 10),
+}
+
+
+@pytest.mark.parametrize("quantity", ["deceleration", "acceleration", "displacement"])
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {},
+        {"contact": "threshold", "integration": "trapezoidal"},
+        {"contact": "time-zero", "filter": 180},
+        {"window": "rebound", "equilibrium": "sample-mean"},
+    ],
+)
+def test_odd_recordings_give_finite_numbers_and_no_warning(quantity, choices):
+    for value in (*([value] for value in ODD.values()), list(ODD.values())):
+        traces = [Recorded(np.arange(len(row)) * 1e-4, row) for row in value]
+        table = pd.DataFrame({"mass_kg": 1.0, "velocity_m_s": np.full(len(traces), 1.5)})
+        made = displacements(Lab(table, traces, quantity), SignalOptions(**choices))
+        for name in ("x", "v", "time_to_peak", "peak_displacement", "contact_time_s", "noise_sd"):
+            assert np.isfinite(getattr(made, name)).all(), name
+
+
 def recorded_displacements(rate: float, noise: float, seed: int = 0) -> Lab:
     random = np.random.default_rng(seed)
     time = np.arange(-0.02, 0.06, 1 / rate) + 0.3 / rate

@@ -93,6 +93,8 @@ def noise_sd(recordings: Recordings) -> Column:
     white noise by 1 + 9 + 9 + 1 = 20. Their median size, over the 0.6745 of a normal distribution, does
     not see the few differences that span the jump at contact.
     """
+    if recordings.value.shape[1] < 4:
+        return np.zeros(len(recordings.n))
     difference = np.abs(np.diff(recordings.value, n=3, axis=1))
     inside = recordings.inside[:, 3:]
     ordered = np.sort(np.where(inside, difference, np.inf), axis=1)
