@@ -27,12 +27,12 @@ def test_who_differs_is_who_has_an_interval_without_zero(run):
 def test_the_best_explanation_and_its_rivals_are_named(run):
     impact, trial = remarks.best_explanations(run.comparison)
     assert impact.startswith("Leave one impact out: “log mass” predicts best; no other comes within")
-    assert trial.endswith("1 of these 4 figures carry a warning.")
+    assert trial.endswith("Warnings stand on 1 of these 4 figures.")
     unsure = run.comparison.assign(se_difference=11.0)
     assert "within two standard errors of it: mass." in remarks.best_explanations(unsure)[0]
 
 
 def test_priors_that_matter_are_named(run):
-    assert "1 of the 3 posteriors need a look: sd_trial_K" in remarks.prior_remark(run.sensitivity)
+    assert "Worth a look, of 3 posteriors: sd_trial_K" in remarks.prior_remark(run.sensitivity)
     fine = pd.DataFrame({"variable": ["a"], "diagnosis": ["✓"]})
-    assert remarks.prior_remark(fine) == "None of the 1 posteriors is sensitive to its prior."
+    assert remarks.prior_remark(fine) == "No posterior is sensitive to its prior; looked at: 1."

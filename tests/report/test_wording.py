@@ -85,3 +85,17 @@ def test_words_for_probabilities_are_in_order():
     assert said[0] == "almost certainly"
     assert said[-1] == "almost certainly not"
     assert len(set(said)) == len(said)
+
+
+@pytest.mark.parametrize(
+    ("ratio", "expected"),
+    [
+        (0.063, "±6.3 %"),
+        (0.49, "±49 %"),
+        (1.71, "a factor of 2.7"),
+        (math.inf, "not known"),
+        (math.nan, "not known"),
+    ],
+)
+def test_a_wide_relative_spread_is_a_factor(ratio, expected):
+    assert wording.relative(ratio).replace("\N{NO-BREAK SPACE}", " ") == expected

@@ -50,6 +50,13 @@ def percent(ratio: float) -> str:
     return f"{number(value, 0 if abs(value) >= 9.95 else 1)}\N{NO-BREAK SPACE}%"
 
 
+def relative(ratio: float) -> str:
+    """A relative spread: "±6.3 %", or from a half on, where plus and minus differ, "a factor of 2.7"."""
+    if ratio < 0.5:
+        return f"±{percent(ratio)}"
+    return f"a factor of {significant(1 + ratio, 2)}" if math.isfinite(ratio) else "not known"
+
+
 def probability(value: float) -> str:
     """A probability estimated from a few thousand draws: nothing finer than a thousandth is claimed."""
     if not math.isfinite(value):

@@ -14,8 +14,8 @@ from bayestissue.report.wording import (
     interval,
     likelihood_words,
     number,
-    percent,
     probability,
+    relative,
     significant,
 )
 from bayestissue.reproduction.conditions import Quantity
@@ -117,9 +117,9 @@ def mass_conclusion(run: PublishedRun) -> str:
     fixed = hypothesis_probability(run, "K", FIXED)
     if constant > _SURE and constant_frequency_finding(run) is not None:
         omega = natural_frequencies(run)
-        same = percent(np.sqrt(omega.max() / omega.min()) - 1)
+        same = relative(np.sqrt(omega.max() / omega.min()) - 1)
         return (
-            f"Made by the method: ωₙ is the same to ±{same} at every mass, so K = Mωₙ² is only the mass "
+            f"Made by the method: ωₙ is the same to {same} at every mass, so K = Mωₙ² is only the mass "
             "rescaled. A constant ωₙ means that the fit carried no information on the tissue."
         )
     if constant > _SURE:
@@ -189,10 +189,10 @@ def sureness(run: PublishedRun) -> list[dict[str, str]]:
     return [
         {
             "quantity": quantity,
-            "typical": percent(typical(run, quantity).factor),
-            "new": percent(new_person(run, quantity).factor),
+            "typical": relative(typical(run, quantity).factor),
+            "new": relative(new_person(run, quantity).factor),
             **{
-                level: percent(np.expm1(np.median(run.draws(f"sd_{level}_{quantity}"))))
+                level: relative(np.expm1(np.median(run.draws(f"sd_{level}_{quantity}"))))
                 for level in ("subject", "trial", "impact")
                 if run.has(f"sd_{level}_{quantity}")
             },

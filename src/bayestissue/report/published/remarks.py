@@ -45,7 +45,7 @@ def _best(scheme: str, rows: pd.DataFrame) -> str:
         else "no other comes within two standard errors of it"
     )
     warnings = int((ordered["warning"] != "").sum())
-    doubt = f" {warnings} of these {len(ordered)} figures carry a warning." if warnings else ""
+    doubt = f" Warnings stand on {warnings} of these {len(ordered)} figures." if warnings else ""
     first = f"{scheme[:1].upper()}{scheme[1:]}"
     return f"{first}: “{ordered['model'].iloc[0]}” predicts best; {rivals}.{doubt}"
 
@@ -54,6 +54,6 @@ def prior_remark(sensitivity: pd.DataFrame) -> str:
     """Which posteriors the sensitivity analysis has something to say about."""
     told = sensitivity[~sensitivity["diagnosis"].isin(_FINE)]
     if told.empty:
-        return f"None of the {len(sensitivity)} posteriors is sensitive to its prior."
+        return f"No posterior is sensitive to its prior; looked at: {len(sensitivity)}."
     named = [f"{row['variable']} ({row['diagnosis']})" for row in told.to_dict("records")]
-    return f"{len(told)} of the {len(sensitivity)} posteriors need a look: {listed(named)}."
+    return f"Worth a look, of {len(sensitivity)} posteriors: {listed(named)}."
