@@ -49,6 +49,16 @@ def test_time_zero_is_contact_where_the_options_say_so():
     np.testing.assert_allclose(made.contact_time_s, 0, atol=1e-12)
     np.testing.assert_allclose(made.first_sample_s, 0.4e-4, rtol=1e-6)
     assert (made.contact_time_sd == 0).all()
+    assert made.flags == [[]] * 5
+
+
+@pytest.mark.parametrize("clock", [-0.004, 0.004])
+def test_time_zero_far_from_contact_is_flagged(clock):
+    lab = record([Impact(67.0, 0.28)], 1e4, before=0.02, noise=0.005)
+    lab.traces[0] = Recorded(lab.traces[0].time_s + clock, lab.traces[0].value)
+    made = displacements(lab, SignalOptions(contact="time-zero"))
+    assert "contact as chosen is more than 1 ms from where the trace shows it" in made.flags[0]
+    assert displacements(lab).flags == [[]]
 
 
 def test_a_threshold_is_passed_later_than_contact():

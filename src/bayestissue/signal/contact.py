@@ -28,6 +28,7 @@ _QUIET_DRIFT = 0.01
 # How many noise standard deviations a sample must rise to be in contact, and may rise and still be quiet.
 _CERTAIN = 5.0
 _QUIET = 3.0
+_DOUBTFUL_S = 1e-3
 # Recorded numbers are rounded; below this fraction of the peak a difference means nothing.
 _ROUNDING = 1e-6
 
@@ -38,7 +39,8 @@ class Onset:
 
     ``first`` is the first sample certain to be in contact; contact came between ``least`` and ``most``
     seconds before it. ``offset`` is the mean of the quiet part, 0 where ``quiet`` is false; ``noise_sd`` is
-    the standard deviation of the recorder's noise. Both have the unit of the recording.
+    the standard deviation of the recorder's noise. Both have the unit of the recording. ``doubtful`` says
+    that a chosen contact is more than 1 ms, and five samples, from where the trace itself shows it.
     """
 
     first: Index
@@ -47,6 +49,7 @@ class Onset:
     offset: Column
     noise_sd: Column
     quiet: Mask
+    doubtful: Mask
 
 
 def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
@@ -75,6 +78,7 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     last_quiet = _last_quiet(recordings, first, baseline, sd)
     quiet, offset, sd = _quiet_part(recordings, last_quiet, sd, peak, baseline)
     least, most = np.zeros(len(peak)), (first - last_quiet) * recordings.dt
+    shown, earliest = first, most
     if options.contact == "threshold":
         first, least = _crossing(recordings, offset + options.threshold * (peak - offset), last_below)
         most = least
@@ -82,7 +86,10 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
         first, least = from_time_zero(recordings)
         quiet, offset, sd = _quiet_part(recordings, first - 1, sd, peak, offset)
         most = least
-    return Onset(first, least, most, offset, sd, quiet)
+    later = (first - shown) * recordings.dt - least
+    tolerance = np.maximum(_DOUBTFUL_S, 5 * recordings.dt)
+    doubtful = (least == most) & ((later > tolerance) | (later < -earliest - tolerance))
+    return Onset(first, least, most, offset, sd, quiet, doubtful)
 
 
 def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:

@@ -138,6 +138,7 @@ def _integrated(
     flags = {
         "no quiet part before contact: no offset was removed": options.remove_offset & ~onset.quiet,
         "velocity does not reach zero": ~stop.reached,
+        "contact as chosen is more than 1 ms from where the trace shows it": onset.doubtful,
     }
     return _windowed(
         part, x, v, d, stop, flags, mass, velocity, start.since_contact, start.since_contact_sd, offset,
