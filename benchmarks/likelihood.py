@@ -15,6 +15,7 @@ from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -27,7 +28,7 @@ from bayestissue.runtime import configure, cores
 IMPACTS, SIZES, ROUNDS = 90, (256, 1024, 4096), 20
 # A contender slower than this a call is timed fewer times.
 SLOW = 0.5
-Call = Callable[[], object]
+Call = Callable[[], Any]
 
 
 def traces(n: int) -> tuple[np.ndarray, np.ndarray]:
@@ -139,7 +140,9 @@ def _seconds(call: Call) -> float:
 
 def contenders(n: int) -> dict[str, Call]:
     ours, read = sine(n)
-    calls = {"bayestissue": ours, "reading the arrays once": read, "Kalman scan in JAX": kalman(n)}
+    scan = kalman(n)
+    np.testing.assert_allclose(ours()[0], scan()[0], rtol=1e-9, err_msg="not the same density")
+    calls = {"bayestissue": ours, "reading the arrays once": read, "Kalman scan in JAX": scan}
     for name, make in (
         ("statsmodels", statsmodels),
         ("tinygp", tinygp),

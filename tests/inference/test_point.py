@@ -200,3 +200,10 @@ def test_too_short_or_an_unknown_method_is_refused() -> None:
         fit_points(x, np.array([7]), np.array([DT]), np.array([1.0]))
     with pytest.raises(ValueError, match="exact"):
         fit_points(np.ones((1, 9)), np.array([9]), np.array([DT]), np.array([1.0]), "best")  # type: ignore[arg-type]
+
+
+def test_no_impacts_and_no_motion_are_no_reason_to_fail() -> None:
+    none = fit_points(np.empty((0, 20)), np.empty(0, int), np.empty(0), np.empty(0))
+    assert none.K.shape == (0,)
+    still = fit_points(np.zeros((2, 20)), np.array([20, 12]), np.full(2, DT), np.ones(2))
+    assert np.isnan(still.K).all()

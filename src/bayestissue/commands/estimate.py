@@ -160,16 +160,16 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
 def _vary_table(varied: pd.DataFrame) -> Any:
     from rich.table import Table
 
-    shown = Table(title="K and C against each choice", title_justify="left")
-    for heading in ("choice", "value", "estimated", "K (N/m)", "5 to 95 %", "C (N s/m)", "5 to 95 %", "note"):
+    shown = Table(title="K and C against each choice: median (5 to 95 %)", title_justify="left")
+    for heading in ("choice", "value", "impacts", "K (N/m)", "C (N s/m)"):
         shown.add_column(heading)
     for row in varied.to_dict("records"):
-        cells = [row["choice"], row["value"]]
         if row["note"]:
-            shown.add_row(*cells, *([""] * 5), row["note"])
+            shown.add_row(row["choice"], row["value"], "", row["note"], "")
             continue
-        cells.append(f"{row['estimated']:.0f}")
-        for name in ("K_N_per_m", "C_N_s_per_m"):
-            cells += [f"{row[f'{name}_median']:.4g}", f"{row[f'{name}_5']:.4g} to {row[f'{name}_95']:.4g}"]
-        shown.add_row(*cells, "")
+        levels = (
+            f"{row[f'{name}_median']:.4g} ({row[f'{name}_5']:.4g} to {row[f'{name}_95']:.4g})"
+            for name in ("K_N_per_m", "C_N_s_per_m")
+        )
+        shown.add_row(row["choice"], row["value"], f"{row['estimated']:.0f}", *levels)
     return shown

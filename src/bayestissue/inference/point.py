@@ -87,6 +87,12 @@ def fit_points(
         method: "exact" maximises the exact likelihood with a free start about the zero of ``x``; "dds"
             is the thesis's conditional least squares on the deviations from the sample mean.
 
+    The standard errors hold when the noise is the one that the fit assumes: shocks that drive an
+    ARMA(2,1). White accelerometer noise, integrated twice, is no such noise: theta1 then runs to -1 and
+    the residuals are not white. The estimates stay good: with noise of 0.5 % of the peak deceleration, at
+    10 kHz and 0.67 kg, the median error of K and C was 0.06 % and 0.07 %, but 90 % intervals held the true
+    K 63 times and the true C 76 times in a hundred (2000 simulated impacts).
+
     Raises:
         ValueError: an impact has fewer than eight samples, or the method is neither word.
     """
@@ -95,6 +101,8 @@ def fit_points(
     x, n_samples = np.asarray(x, float), np.asarray(n_samples)
     if n_samples.min(initial=8) < 8:
         raise ValueError("an ARMA(2,1) with standard errors needs at least eight samples")
+    if len(x) == 0:
+        return PointFit(*(np.empty(0) for _ in PointFit._fields))
     x = np.pad(x, ((0, 0), (0, _width(x.shape[1]) - x.shape[1])))
     parts = []
     for rows in _batches(len(x)):
@@ -109,8 +117,7 @@ def fit_points(
 
 def _batches(count: int) -> Iterator[np.ndarray]:
     """Equal batches, so that one compilation serves all; the last is filled up with its last impact."""
-    number = max(1, -(-count // BATCH))
-    size = -(-count // number)
+    size = -(-count // -(-count // BATCH))
     for begin in range(0, count, size):
         yield np.minimum(np.arange(begin, begin + size), count - 1)
 

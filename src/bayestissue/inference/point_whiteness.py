@@ -34,7 +34,8 @@ def whiteness(x: Rows, n_samples: Count, c1: Column, c2: Column, theta1: Column)
     square = np.einsum("ti,ti->i", shocks, shocks)
     statistic = np.zeros_like(c1)
     for lag in range(1, min(LAGS, len(shocks) - 1) + 1):
-        r = np.einsum("ti,ti->i", shocks[lag:], shocks[:-lag]) / square
+        with np.errstate(invalid="ignore", divide="ignore"):
+            r = np.einsum("ti,ti->i", shocks[lag:], shocks[:-lag]) / square
         statistic += r**2 / np.maximum(size - lag, 1)
     return np.where(size >= 2 * LAGS, chdtrc(LAGS - 1, size * (size + 2) * statistic), np.nan)
 
