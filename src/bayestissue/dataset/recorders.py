@@ -14,6 +14,7 @@ import numpy as np
 from jaxtyping import Float64
 
 from bayestissue.dataset.files import read_bytes
+from bayestissue.dataset.mat5 import numeric_variables
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import TABLE_SUFFIXES, Numbers, header, read_table
 from bayestissue.errors import InputError, Problem
@@ -218,9 +219,7 @@ def _mat(data: bytes) -> tuple[dict[str, _Channel], int]:
     if data[512:520] == b"\x89HDF\r\n\x1a\n" or data[:8] == b"\x89HDF\r\n\x1a\n":
         content = _mat_hdf5(data)
     else:
-        from scipy.io import loadmat
-
-        content = loadmat(io.BytesIO(data), squeeze_me=True)
+        content = numeric_variables(data)
     return {
         name: _Channel(np.ravel(values).astype(np.float64))
         for name, values in content.items()

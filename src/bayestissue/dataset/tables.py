@@ -140,8 +140,18 @@ def _csv(
         return table, {name: Numbers(_floats(table[name])) for name in numbers}
     except pa.ArrowInvalid:
         # Some cell is no number: read the cells as text, to say which.
-        table = _parse(data, label, names, types | dict.fromkeys(numbers, pa.string()))
+        table = _as_text(data, label, names, types | dict.fromkeys(numbers, pa.string()))
         return table, {name: _sifted(table[name].combine_chunks()) for name in numbers}
+
+
+def _as_text(data: bytes, label: str, names: list[str], types: dict[str, pa.DataType]) -> pa.Table:
+    try:
+        return _parse(data, label, names, types)
+    except pa.ArrowInvalid as error:
+        remedy = "Export the file anew."
+        raise InputError(
+            Problem(label, "a header and rows of cells", remedy, value=_first_line(error))
+        ) from error
 
 
 def _parse(data: bytes, label: str, names: list[str], types: dict[str, pa.DataType]) -> pa.Table:
