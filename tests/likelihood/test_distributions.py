@@ -50,7 +50,8 @@ def test_stored_transforms_score_as_the_filter_does() -> None:
     np.testing.assert_allclose(event.log_prob(data.x), event.log_prob(data.x + 0.0), rtol=1e-10)
 
 
-def test_event_of_a_numpyro_model() -> None:
+def test_event_of_a_numpyro_model_reads_its_stored_transforms(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("bayestissue.likelihood.distributions.masked_log_likelihood")
     x = np.random.default_rng(0).normal(size=(3, 30)).cumsum(1)
     data = sine_transforms(x)
 
@@ -62,6 +63,9 @@ def test_event_of_a_numpyro_model() -> None:
     density = jax.jit(lambda t: log_density(model, (), {}, {"theta1": t})[0])(0.3)
     expected = ARMA21(0.1, 0.02, 0.3, 0.5, data=data).log_prob(data.x).sum() - np.log(2)
     assert float(density) == pytest.approx(float(expected), rel=1e-12)
+    mcmc = numpyro.infer.MCMC(numpyro.infer.NUTS(model), num_warmup=50, num_samples=50, progress_bar=False)
+    mcmc.run(jax.random.key(0))
+    assert np.isfinite(mcmc.get_samples()["theta1"]).all()
 
 
 def test_samples_end_with_the_impact_and_keep_its_first_values() -> None:
