@@ -27,7 +27,7 @@ def test_who_differs_is_who_has_an_interval_without_zero(run):
 def test_the_best_explanation_and_its_rivals_are_named(run):
     impact, trial = remarks.best_explanations(run.comparison)
     assert impact.startswith("Leave one impact out: “log mass” predicts best; no other comes within")
-    assert trial.endswith("Warnings stand on 1 of these 4 figures.")
+    assert trial.endswith("Warned: high Pareto k (1 of 4 models).")
     unsure = run.comparison.assign(se_difference=11.0)
     assert "within two standard errors of it: mass." in remarks.best_explanations(unsure)[0]
 

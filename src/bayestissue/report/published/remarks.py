@@ -31,7 +31,7 @@ def who_differs(run: PublishedRun, level: str) -> str:
 
 
 def best_explanations(comparison: pd.DataFrame) -> list[str]:
-    """For each scheme: the model that predicts best, those about as good, and how many warnings there are."""
+    """For each scheme: the model that predicts best, those about as good, and the warnings."""
     return [_best(str(scheme), rows) for scheme, rows in comparison.groupby("scheme", sort=False)]
 
 
@@ -44,8 +44,9 @@ def _best(scheme: str, rows: pd.DataFrame) -> str:
         if len(close)
         else "no other comes within two standard errors of it"
     )
-    warnings = int((ordered["warning"] != "").sum())
-    doubt = f" Warnings stand on {warnings} of these {len(ordered)} figures." if warnings else ""
+    warnings = ordered.loc[ordered["warning"] != "", "warning"].value_counts()
+    told = listed([f"{warning} ({count} of {len(ordered)} models)" for warning, count in warnings.items()])
+    doubt = f" Warned: {told}." if told else ""
     first = f"{scheme[:1].upper()}{scheme[1:]}"
     return f"{first}: “{ordered['model'].iloc[0]}” predicts best; {rivals}.{doubt}"
 
