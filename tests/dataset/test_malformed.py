@@ -417,3 +417,11 @@ def test_no_folder(name: str, tmp_path: Path, command: Callable[..., Outcome]) -
     outcome = command("check", tmp_path / name)
     assert outcome.status == 2
     assert name in outcome.err
+
+
+@pytest.mark.parametrize("name", ["unit of something else", "mass zero", "clipped", "broken .tdms"])
+def test_estimate_refuses_alike(name: str, lab: Lab, tmp_path: Path, command: Callable[..., Outcome]) -> None:
+    next(case for case in CASES if case.name == name).spoil(lab)
+    out = tmp_path / "estimates"
+    assert command("estimate", lab.folder, "--out", out) == command("check", lab.folder)
+    assert not out.exists()
