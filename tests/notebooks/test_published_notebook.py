@@ -5,8 +5,9 @@ from pathlib import Path
 
 import jupytext
 import pytest
-from make_published_run import make_published_run
 from nbclient import NotebookClient
+
+from make_published_run import make_published_run
 
 NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "published.py"
 
