@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
@@ -167,6 +168,8 @@ def _options(
 
 def main() -> None:
     """Run the command line; bad input is listed on standard error and ends with exit status 2."""
+    # A polite kill ends like Ctrl-C: what was begun is cleared away.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         app()
     except InputError as error:

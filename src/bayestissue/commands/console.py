@@ -1,0 +1,90 @@
+"""What a long command says while it works."""
+
+from __future__ import annotations
+
+import sys
+import time
+from types import TracebackType
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+
+class Stages:
+    """Called with a stage, how much of it is done and its total; shows one bar a stage.
+
+    Where standard error is no terminal, a line is printed when a stage begins and at most every ten
+    seconds while it lasts, so that a log tells what takes long. ``quiet`` says nothing.
+    """
+
+    interval_s = 10.0
+
+    def __init__(self, *, quiet: bool) -> None:
+        self._quiet = quiet
+        self._stage = ""
+        self._task: TaskID | None = None
+        self._began = self._spoke = time.monotonic()
+        console = Console(stderr=True)
+        self._bars = (
+            Progress(
+                TextColumn("{task.description:34}"),
+                BarColumn(),
+                MofNCompleteColumn(),
+                TimeElapsedColumn(),
+                TimeRemainingColumn(),
+                console=console,
+            )
+            if console.is_terminal and not quiet
+            else None
+        )
+
+    def __enter__(self) -> Stages:
+        if self._bars is not None:
+            self._bars.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if self._bars is not None:
+            self._finish_bar()
+            self._bars.stop()
+
+    def __call__(self, stage: str, done: int, total: int) -> None:
+        """Tell that ``done`` of ``total`` parts of ``stage`` are done."""
+        if self._quiet:
+            return
+        new = stage != self._stage
+        self._stage = stage
+        if self._bars is not None:
+            if new:
+                self._finish_bar()
+                self._task = self._bars.add_task(stage, total=total)
+            if self._task is not None:
+                self._bars.update(self._task, completed=done, total=total)
+            return
+        now = time.monotonic()
+        if new:
+            self._began = now
+        if new or now - self._spoke > self.interval_s:
+            self._spoke = now
+            count = f": {done} of {total}{self._remaining(now, done, total)}" if total > 1 else ""
+            print(f"{stage}{count}", file=sys.stderr, flush=True)  # noqa: T201
+
+    def _remaining(self, now: float, done: int, total: int) -> str:
+        if not done:
+            return ""
+        return f", about {(now - self._began) / done * (total - done):.0f} s left"
+
+    def _finish_bar(self) -> None:
+        if self._bars is not None and self._task is not None:
+            task = self._bars.tasks[self._task]
+            self._bars.update(self._task, completed=task.total)

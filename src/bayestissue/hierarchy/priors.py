@@ -1,0 +1,152 @@
+"""Prior distributions as they are written in a model file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Positive = Annotated[float, Field(gt=0)]
+
+
+class _Prior(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def numpyro(self) -> Any:
+        """The same distribution as a `numpyro.distributions.Distribution` of one number."""
+        raise NotImplementedError
+
+    def words(self) -> str:
+        """The distribution in words, for the report."""
+        raise NotImplementedError
+
+
+class Normal(_Prior):
+    """``{ distribution = "normal", mean = 0.5, sd = 1.0 }``: any real number."""
+
+    distribution: Literal["normal"]
+    mean: float
+    sd: Positive
+
+    def numpyro(self) -> Any:  # noqa: D102 - as declared above
+        import numpyro.distributions as dist
+
+        return dist.Normal(self.mean, self.sd)
+
+    def words(self) -> str:  # noqa: D102 - as declared above
+        return f"normal, mean {self.mean:g}, standard deviation {self.sd:g}"
+
+
+class HalfNormal(_Prior):
+    """``{ distribution = "half-normal", scale = 0.5 }``: a number above zero."""
+
+    distribution: Literal["half-normal"]
+    scale: Positive
+
+    def numpyro(self) -> Any:  # noqa: D102 - as declared above
+        import numpyro.distributions as dist
+
+        return dist.HalfNormal(self.scale)
+
+    def words(self) -> str:  # noqa: D102 - as declared above
+        return f"half-normal, scale {self.scale:g}"
+
+
+class HalfStudentT(_Prior):
+    """``{ distribution = "half-student-t", df = 3, scale = 0.5 }``: above zero, with a long tail."""
+
+    distribution: Literal["half-student-t"]
+    df: Positive
+    scale: Positive
+
+    def numpyro(self) -> Any:  # noqa: D102 - as declared above
+        import numpyro.distributions as dist
+
+        return dist.FoldedDistribution(dist.StudentT(self.df, 0.0, self.scale))
+
+    def words(self) -> str:  # noqa: D102 - as declared above
+        return f"half-Student-t, {self.df:g} degrees of freedom, scale {self.scale:g}"
+
+
+class Correlation(_Prior):
+    """``{ distribution = "lkj", concentration = 2 }``: a correlation r, density ∝ (1 − r²)^(2 − 1)."""
+
+    distribution: Literal["lkj"]
+    concentration: Positive
+
+    def numpyro(self) -> Any:  # noqa: D102 - as declared above
+        import numpyro.distributions as dist
+
+        # For two variables LKJ is this beta distribution stretched over (−1, 1).
+        beta = dist.Beta(self.concentration, self.concentration)
+        stretch = dist.transforms.AffineTransform(-1.0, 2.0, domain=dist.constraints.unit_interval)
+        return dist.TransformedDistribution(beta, stretch)
+
+    def words(self) -> str:  # noqa: D102 - as declared above
+        return f"LKJ, concentration {self.concentration:g}"
+
+
+Location = Normal
+Scale = Annotated[HalfNormal | HalfStudentT, Field(discriminator="distribution")]
+
+
+class PairOfLocations(BaseModel):
+    """One prior for log K and one for log C."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    K: Location
+    C: Location
+
+
+class PairOfScales(BaseModel):
+    """One prior for log K and one for log C."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    K: Scale
+    C: Scale
+
+
+def _normal(mean: float, sd: float) -> Normal:
+    return Normal(distribution="normal", mean=mean, sd=sd)
+
+
+def _half_normal(scale: float) -> HalfNormal:
+    return HalfNormal(distribution="half-normal", scale=scale)
+
+
+class Priors(BaseModel):
+    """Every prior of the hierarchy; each has a default that a model file may replace.
+
+    All are on the log scale of K (N/m) and C (N s/m): ``intercept`` is log K at the reference mass,
+    ``mass_exponent`` the slope of log K on log mass, ``covariate`` the change of log K for one standard
+    deviation of any other covariate, ``sd_*`` the spread between subjects, trials and impacts.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    intercept: PairOfLocations = PairOfLocations(K=_normal(5.0, 3.0), C=_normal(2.0, 3.0))
+    mass_exponent: PairOfLocations = PairOfLocations(K=_normal(0.5, 1.0), C=_normal(0.5, 1.0))
+    covariate: PairOfLocations = PairOfLocations(K=_normal(0.0, 0.5), C=_normal(0.0, 0.5))
+    sd_subject: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(0.5))
+    sd_trial: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(0.5))
+    sd_impact: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(1.0))
+    residual_correlation: Correlation = Correlation(distribution="lkj", concentration=2.0)
+
+    def log_densities(self, sites: Mapping[str, Any]) -> dict[str, Any]:
+        """Log prior density of each top-level parameter in ``sites``, elementwise.
+
+        Subject and trial effects are not among them: their distribution is part of the model, and scaling
+        a prior asks what the priors of its parameters do.
+        """
+        densities = {}
+        for field in type(self).model_fields:
+            prior = getattr(self, field)
+            if field == "residual_correlation":
+                if field in sites:
+                    densities[field] = prior.numpyro().log_prob(sites[field])
+                continue
+            for response in ("K", "C"):
+                name = f"{field}_{response}"
+                if name in sites:
+                    densities[name] = getattr(prior, response).numpyro().log_prob(sites[name])
+        return densities

@@ -1,0 +1,132 @@
+"""Can the draws be trusted? Each check has a limit, a meaning and a next step; together a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+R_HAT_LIMIT = 1.01
+ESS_LIMIT = 400
+BFMI_LIMIT = 0.3
+
+
+@dataclass(frozen=True)
+class Check:
+    """One diagnostic of a sampler's run."""
+
+    name: str
+    value: float
+    limit: str
+    passed: bool
+    meaning: str
+    next_step: str
+
+
+def diagnose(tree: xr.DataTree) -> dict[str, Any]:
+    """The verdict on a run, as it is written to ``diagnostics.json``.
+
+    R̂ and bulk and tail effective sample sizes are rank-normalised (Vehtari et al. 2021,
+    doi:10.1214/20-BA1221), the worst over every reported quantity; the energy fraction is Betancourt's.
+    """
+    import arviz as az
+
+    posterior = tree["posterior"].dataset
+    r_hat = az.rhat(posterior)
+    bulk = az.ess(posterior, method="bulk")
+    tail = az.ess(posterior, method="tail")
+    statistics = tree["sample_stats"].dataset
+    worst_r, worst_bulk, worst_tail = (
+        _extreme(r_hat, np.nanmax),
+        _extreme(bulk, np.nanmin),
+        _extreme(tail, np.nanmin),
+    )
+    divergences = int(statistics["diverging"].sum())
+    saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
+    bfmi = float(_bfmi(statistics["energy"].to_numpy()).min())
+    longer = "Raise sampler.warmup and sampler.draws in the model file."
+    checks = [
+        Check(
+            "R-hat",
+            worst_r[1],
+            f"below {R_HAT_LIMIT}",
+            worst_r[1] < R_HAT_LIMIT,
+            f"do the chains agree? The worst is {worst_r[0]}",
+            longer,
+        ),
+        Check(
+            "bulk effective sample size",
+            worst_bulk[1],
+            f"above {ESS_LIMIT}",
+            worst_bulk[1] > ESS_LIMIT,
+            f"is the middle of each posterior known? The worst is {worst_bulk[0]}",
+            longer,
+        ),
+        Check(
+            "tail effective sample size",
+            worst_tail[1],
+            f"above {ESS_LIMIT}",
+            worst_tail[1] > ESS_LIMIT,
+            f"are the ends of the intervals known? The worst is {worst_tail[0]}",
+            longer,
+        ),
+        Check(
+            "divergent transitions",
+            divergences,
+            "none",
+            divergences == 0,
+            "did the sampler meet a region that it could not follow? Then part of the posterior is missing",
+            "Raise sampler.target_accept towards 0.99, or give the standard deviations narrower priors.",
+        ),
+        Check(
+            "energy fraction of missing information",
+            bfmi,
+            f"above {BFMI_LIMIT}",
+            bfmi > BFMI_LIMIT,
+            "do the tails of the energy get explored?",
+            "Give heavy-tailed standard deviations a narrower prior, or raise sampler.warmup.",
+        ),
+        Check(
+            "trajectories cut at the deepest tree",
+            saturated,
+            "none",
+            saturated == 0,
+            "were steps ended early, which costs efficiency and not truth?",
+            "Raise sampler.max_tree_depth.",
+        ),
+    ]
+    return {
+        "passed": all(check.passed for check in checks),
+        "checks": [asdict(check) for check in checks],
+        "worst": {
+            "r_hat": {"variable": worst_r[0], "value": worst_r[1]},
+            "ess_bulk": {"variable": worst_bulk[0], "value": worst_bulk[1]},
+            "ess_tail": {"variable": worst_tail[0], "value": worst_tail[1]},
+        },
+    }
+
+
+def verdict_in_words(diagnostics: dict[str, Any]) -> str:
+    """One sentence on whether the run can be trusted."""
+    failed = [check["name"] for check in diagnostics["checks"] if not check["passed"]]
+    if not failed:
+        worst = diagnostics["worst"]
+        size = min(worst["ess_bulk"]["value"], worst["ess_tail"]["value"])
+        return (
+            f"R-hat at most {worst['r_hat']['value']:.4f}, effective sample sizes at least {size:.0f}, "
+            "no divergences."
+        )
+    return f"Failed: {', '.join(failed)}. Do not use these numbers yet."
+
+
+def _extreme(values: xr.Dataset, choose: Any) -> tuple[str, float]:
+    best = {str(name): float(choose(array.to_numpy())) for name, array in values.data_vars.items()}
+    name = (max if choose is np.nanmax else min)(best, key=lambda key: best[key])
+    return name, best[name]
+
+
+def _bfmi(energy: np.ndarray) -> np.ndarray:
+    """E[(E_t − E_{t−1})²] / Var(E) for each chain; ``energy`` [chain, draw]."""
+    return np.mean(np.diff(energy, axis=1) ** 2, axis=1) / np.var(energy, axis=1)

@@ -1,0 +1,84 @@
+"""Names, units and dimensions of posterior quantities, put on arrays at the edge."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+
+STIFFNESS, DAMPING = "N/m", "N s/m"
+_UNITS = {"K": STIFFNESS, "C": DAMPING}
+_MEANINGS = {
+    "{q}": "{name} of the impact",
+    "{q}_cell": "{name} of a person in a condition",
+    "{q}_subject": "{name} of a person at the reference mass",
+    "{q}_trial": "{name} of a typical person in a condition",
+    "{q}_new": "{name} of a new impact on a new person at the reference mass",
+    "{q}_observed": "published {name} of the impact",
+    "{q}_average": "published average of {name} over the people of a condition",
+    "{q}_sd": "published standard deviation of {name} over the people of a condition",
+    "linear_intercept_{q}": "constant of the straight line of the conditions' mean {name} against mass",
+}
+_NAMES = {"K": "stiffness K", "C": "damping C"}
+
+
+def _attributes() -> dict[str, dict[str, str]]:
+    table = {
+        pattern.format(q=q): {"unit": _UNITS[q], "long_name": meaning.format(name=_NAMES[q])}
+        for q in _UNITS
+        for pattern, meaning in _MEANINGS.items()
+    }
+    for q, unit in _UNITS.items():
+        name = _NAMES[q]
+        table |= {
+            f"linear_slope_{q}": {
+                "unit": f"{unit} / kg",
+                "long_name": f"slope of the straight line of the conditions' mean {name} against mass",
+            },
+            f"mass_exponent_{q}": {
+                "unit": "1",
+                "long_name": f"slope of log {name} on log mass, all else equal",
+            },
+            f"intercept_{q}": {"unit": "1", "long_name": f"log of {name} in {unit} at the reference mass"},
+        }
+        for group in ("subject", "trial"):
+            table[f"{group}_effect_{q}"] = {"unit": "1", "long_name": f"effect of the {group} on log {name}"}
+        for group in ("subject", "trial", "impact"):
+            table[f"sd_{group}_{q}"] = {
+                "unit": "1",
+                "long_name": f"standard deviation between {group}s of log {name}",
+            }
+    table["residual_correlation"] = {
+        "unit": "1",
+        "long_name": "correlation of the impact-to-impact deviations of log K and log C",
+    }
+    return table
+
+
+ATTRIBUTES = _attributes()
+
+
+def labelled(
+    arrays: Mapping[str, np.ndarray],
+    dimensions: Mapping[str, tuple[str, ...]],
+    coordinates: Mapping[str, list[str] | np.ndarray],
+    *,
+    sampled: bool = True,
+) -> xr.Dataset:
+    """``arrays`` [chain, draw, ...] as a Dataset with named dimensions, units and meanings.
+
+    ``dimensions`` gives what follows chain and draw; a name that it lacks is a scalar. With ``sampled``
+    false the arrays have no chain and draw.
+    """
+    leading = ("chain", "draw") if sampled else ()
+    variables = {}
+    for name, values in arrays.items():
+        dims = (*leading, *dimensions.get(name, ()))
+        variables[name] = xr.Variable(dims, np.asarray(values), ATTRIBUTES.get(name, {"unit": "1"}))
+    used = {dimension for variable in variables.values() for dimension in variable.dims}
+    coords = {name: list(values) for name, values in coordinates.items() if name in used}
+    for name in ("chain", "draw"):
+        if name in used:
+            coords[name] = list(range(next(v.sizes[name] for v in variables.values() if name in v.dims)))
+    return xr.Dataset(variables, coords)

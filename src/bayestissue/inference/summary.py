@@ -1,0 +1,59 @@
+"""One line for every number of a posterior."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+QUANTILES = {"eti50_low": 0.25, "eti50_high": 0.75, "eti90_low": 0.05, "eti90_high": 0.95, "median": 0.5}
+COLUMNS = [
+    "variable",
+    "label",
+    "unit",
+    "mean",
+    "sd",
+    "median",
+    "eti50_low",
+    "eti50_high",
+    "eti90_low",
+    "eti90_high",
+    "ess_bulk",
+    "ess_tail",
+    "r_hat",
+    "mcse_mean",
+]
+
+
+def summarise(posterior: xr.Dataset) -> pd.DataFrame:
+    """Moments, equal-tailed 50 % and 90 % intervals and reliability of every element of every variable.
+
+    ``label`` joins the coordinates of the element's dimensions, such as ``7, s03``; the unit is the
+    variable's attribute.
+    """
+    import arviz as az
+
+    over = ["chain", "draw"]
+    parts = {
+        "mean": posterior.mean(over),
+        "sd": posterior.std(over, ddof=1),
+        "ess_bulk": az.ess(posterior, method="bulk"),
+        "ess_tail": az.ess(posterior, method="tail"),
+        "r_hat": az.rhat(posterior),
+        "mcse_mean": az.mcse(posterior, method="mean"),
+    }
+    quantiles = posterior.quantile(list(QUANTILES.values()), over)
+    parts |= {name: quantiles.sel(quantile=level) for name, level in QUANTILES.items()}
+    tables = []
+    for name, array in posterior.data_vars.items():
+        dimensions = [dimension for dimension in array.dims if dimension not in over]
+        labels = [
+            ", ".join(map(str, key)) for key in itertools.product(*(array[d].to_numpy() for d in dimensions))
+        ]
+        columns = {column: np.ravel(part[name].to_numpy()) for column, part in parts.items()}
+        tables.append(
+            pd.DataFrame({"variable": name, "label": labels, "unit": array.attrs.get("unit", "")} | columns)
+        )
+    return pd.concat(tables, ignore_index=True)[COLUMNS]
