@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+from bayestissue.errors import InputError
+from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.specification import Formulas
+
+PLAIN = "log(mass_kg) + (1|subject) + (1|trial)"
+
+
+def rows(*, trials: int = 4, people: int = 3) -> pd.DataFrame:
+    """A crossed design of energy and velocity, mass following from both."""
+    energy = np.array([0.75, 0.75, 1.5, 1.5])[:trials]
+    velocity = np.array([1.25, 1.75, 1.25, 1.75])[:trials]
+    conditions = pd.DataFrame(
+        {
+            "trial": [f"{i}" for i in range(trials)],
+            "energy_J": energy,
+            "velocity_m_s": velocity,
+            "mass_kg": 2 * energy / velocity**2,
+        }
+    )
+    table = conditions.loc[conditions.index.repeat(people)].reset_index(drop=True)
+    return table.assign(subject=[f"s{i}" for i in np.tile(np.arange(people), trials)])
+
+
+def refusal(formula: str, table: pd.DataFrame) -> str:
+    with pytest.raises(InputError) as caught:
+        build_design(Formulas(K="1", C=formula), table, reference_mass_kg=None, source="m.toml")
+    (problem,) = caught.value.problems
+    assert problem.column == "formula.C"
+    assert problem.value == formula
+    return str(problem)
+
+
+def test_log_mass_is_zero_at_the_reference_mass_and_is_not_scaled() -> None:
+    table = rows()
+    design = build_design(Formulas(), table, reference_mass_kg=0.5, source="m.toml")
+    for response in "KC":
+        assert_allclose(design.responses[response].log_mass, np.log(table["mass_kg"] / 0.5), atol=1e-14)
+        assert design.responses[response].names == ()
+        assert design.responses[response].groups == ("subject", "trial")
+    assert design.subjects == ("s0", "s1", "s2")
+    assert design.trials == ("0", "1", "2", "3")
+    assert design.reference_mass_kg == 0.5
+
+
+def test_the_reference_mass_is_the_geometric_mean_unless_given() -> None:
+    table = rows()
+    design = build_design(Formulas(), table, reference_mass_kg=None, source="m.toml")
+    assert_allclose(design.reference_mass_kg, np.exp(np.log(table["mass_kg"]).mean()), rtol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("formula", "expected", "reference"),
+    [
+        ("mass_kg", lambda t: t["mass_kg"], 0.5),
+        ("{mass_kg ** 2}", lambda t: t["mass_kg"] ** 2, 0.25),
+        ("log(energy_J)", lambda t: np.log(t["energy_J"]), np.log(1.125)),
+    ],
+)
+def test_other_covariates_are_zero_at_the_reference_and_scaled(formula, expected, reference) -> None:
+    table = rows()
+    one = f"{formula} + (1|subject)"
+    part = build_design(Formulas(K=one, C=one), table, reference_mass_kg=0.5, source="m.toml").responses["K"]
+    values = np.asarray(expected(table), float)
+    assert part.log_mass is None
+    assert_allclose(part.scale, [values.std()], rtol=1e-13)
+    assert_allclose(part.covariates[:, 0] * part.scale, values - reference, atol=1e-13)
+
+
+def test_an_unknown_column_is_named_with_those_there_are() -> None:
+    said = refusal("log(temperature) + (1|subject)", rows())
+    assert "temperature" in said
+    assert "mass_kg" in said
+
+
+def test_mass_energy_and_velocity_together_are_refused() -> None:
+    said = refusal("energy_J + velocity_m_s + log(mass_kg) + (1|trial)", rows())
+    assert "E = ½MV²" in said
+
+
+def test_a_trial_effect_needs_several_impacts_of_a_trial() -> None:
+    table = rows(people=1).assign(subject=["s0", "s0", "s1", "s1"])
+    said = refusal("(1|trial)", table)
+    assert "several impacts for at least one trial" in said
+
+
+def test_a_group_effect_needs_several_groups() -> None:
+    assert "more than one trial" in refusal("energy_J + (1|trial)", rows().assign(trial="1"))
+
+
+def test_a_mass_that_does_not_vary_is_refused() -> None:
+    with pytest.raises(InputError) as caught:
+        build_design(
+            Formulas(K="1 + (1|subject)", C=PLAIN),
+            rows().assign(mass_kg=0.5),
+            reference_mass_kg=None,
+            source="m.toml",
+        )
+    assert "mass that varies" in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("formula", "words"),
+    [
+        ("log(mass_kg", "formula such as"),
+        ("log(mass_kg) + (mass_kg|subject)", "no other group effects"),
+        ("log(mass_kg) + subject", "group effect"),
+        ("0 + log(mass_kg) + (1|subject)", "intercept"),
+        ("exp(mass_kg) + (1|subject)", "log() and sqrt()"),
+        ("mass_kg + {2 * mass_kg} + (1|subject)", "m.toml"),
+        ("log(mass_kg - mass_kg)", "m.toml"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore:(divide by zero|invalid value):RuntimeWarning")
+def test_other_formulas_that_cannot_be_used_are_refused(formula: str, words: str) -> None:
+    assert words in refusal(formula, rows())
+
+
+def test_both_formulas_problems_are_reported_at_once() -> None:
+    with pytest.raises(InputError) as caught:
+        build_design(Formulas(K="a", C="b"), rows(), reference_mass_kg=None, source="m.toml")
+    assert [problem.column for problem in caught.value.problems] == ["formula.K", "formula.C"]

@@ -1,0 +1,66 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import stats
+
+from bayestissue.errors import InputError
+from bayestissue.hierarchy.priors import Correlation, HalfStudentT, Priors
+from bayestissue.hierarchy.specification import read_specification
+from bayestissue.resources import shared
+
+
+def test_the_model_file_that_comes_with_the_program_states_the_default_priors() -> None:
+    specification = read_specification(shared("models", "published.toml"))
+    assert specification.priors == Priors()
+    assert specification.likelihood == "published-estimates"
+    assert list(specification.comparison.formulas) == [
+        "log mass",
+        "mass",
+        "mass squared",
+        "energy",
+        "velocity",
+        "none",
+    ]
+
+
+def test_all_that_is_wrong_with_a_model_file_is_said_at_once(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text(
+        'name = "x"\nlikelihood = "guess"\n[sampler]\nchains = 1\n'
+        '[priors.sd_trial]\nK = { distribution = "half-normal", scale = -1.0 }\n'
+        'C = { distribution = "cauchy", scale = 1.0 }\n',
+        encoding="utf-8",
+    )
+    with pytest.raises(InputError) as caught:
+        read_specification(path)
+    said = str(caught.value)
+    for word in ("likelihood", "published-estimates", "chains", "priors.sd_trial.K", "half-student-t"):
+        assert word in said, word
+    assert len(caught.value.problems) >= 4
+
+
+def test_log_densities_are_those_of_the_stated_distributions() -> None:
+    sites = {
+        "mass_exponent_K": np.array([[0.2, -1.0]]),
+        "sd_impact_C": np.array([[0.1, 2.0]]),
+        "residual_correlation": np.array([[-0.5, 0.9]]),
+        "subject_effect_K": np.zeros((1, 2, 10)),
+    }
+    found = Priors().log_densities(sites)
+    assert set(found) == {"mass_exponent_K", "sd_impact_C", "residual_correlation"}
+    assert_allclose(found["mass_exponent_K"], stats.norm(0.5, 1).logpdf(sites["mass_exponent_K"]), rtol=1e-12)
+    assert_allclose(found["sd_impact_C"], stats.halfnorm(scale=1).logpdf(sites["sd_impact_C"]), rtol=1e-12)
+    r = sites["residual_correlation"]
+    assert_allclose(found["residual_correlation"], np.log(0.75 * (1 - r**2)), rtol=1e-12)
+
+
+def test_a_half_student_t_is_folded_and_a_flat_lkj_is_uniform() -> None:
+    x = np.array([0.1, 0.5, 4.0])
+    half = HalfStudentT(distribution="half-student-t", df=3, scale=0.5)
+    assert_allclose(half.numpyro().log_prob(x), np.log(2) + stats.t(3, scale=0.5).logpdf(x), rtol=1e-12)
+    flat = Correlation(distribution="lkj", concentration=1)
+    assert_allclose(flat.numpyro().log_prob(np.array([-0.9, 0.3])), np.log(0.5), rtol=1e-12)

@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from numpy.testing import assert_allclose
+from scipy.stats import norm
+
+from bayestissue.inference.comparison import BY_IMPACT, BY_TRIAL, COLUMNS, by_impact, by_trial
+
+
+def test_by_trial_figures_worked_by_hand() -> None:
+    table = by_trial({"worse": np.array([-2.0, -4.0, -3.0]), "better": np.array([-1.0, -2.0, -3.0])})
+    assert list(table.columns) == COLUMNS
+    assert list(table["model"]) == ["better", "worse"]
+    assert set(table["scheme"]) == {BY_TRIAL}
+    assert_allclose(table["elpd"], [-6, -9])
+    # Standard error of a sum of three: √(3 · 1), each sample variance being 1.
+    assert_allclose(table["se"], np.sqrt(3))
+    # Differences −1, −2, 0: sum −3, variance 1.
+    assert_allclose(table["elpd_difference"], [0, -3])
+    assert_allclose(table["se_difference"], [0, np.sqrt(3)])
+    assert table["warning"].str.contains("3 trials only").all()
+
+
+def test_thirty_trials_carry_no_warning() -> None:
+    assert not by_trial({"one": np.linspace(-2, -1, 30)})["warning"].any()
+
+
+def tree(log_likelihood: np.ndarray) -> xr.DataTree:
+    dims = ("chain", "draw", "impact")
+    return xr.DataTree.from_dict(
+        {
+            "posterior": xr.Dataset({"a": (dims[:2], np.zeros(log_likelihood.shape[:2]))}),
+            "log_likelihood": xr.Dataset({"estimates": (dims, log_likelihood)}),
+        }
+    )
+
+
+@pytest.fixture(scope="module")
+def normal_means() -> tuple[np.ndarray, np.ndarray]:
+    """Data y ~ N(0, 1), and draws of its mean under a flat prior."""
+    rng = np.random.default_rng(11)
+    y = rng.standard_normal(30)
+    return y, y.mean() + rng.standard_normal((4, 2000)) / np.sqrt(30)
+
+
+def test_leave_one_impact_out_agrees_with_the_exact_answer(normal_means) -> None:
+    y, mean = normal_means
+    right = norm(mean[..., None], 1).logpdf(y)
+    wrong = norm(mean[..., None] + 1.0, 1).logpdf(y)
+    table = by_impact({"wrong": tree(wrong), "right": tree(right)}, "estimates").set_index("model")
+    others = (y.sum() - y) / 29
+    exact = norm(others, np.sqrt(1 + 1 / 29)).logpdf(y).sum()
+    assert list(table.index) == ["right", "wrong"]
+    assert set(table["scheme"]) == {BY_IMPACT}
+    # Thirty importance-sampled terms, each with a standard error near 1/√8000.
+    assert_allclose(table.loc["right", "elpd"], exact, atol=4 * 30 / np.sqrt(8000) / 10)
+    assert 0.5 < table.loc["right", "p_effective"] < 1.5
+    assert table.loc["right", "weight"] > 0.95
+    assert_allclose(table["weight"].sum(), 1, atol=1e-6)
+    assert not table["warning"].any()
+
+
+def test_an_impact_that_drags_the_posterior_along_is_counted_in_the_warning(normal_means) -> None:
+    y, mean = normal_means
+    log_likelihood = norm(mean[..., None], 1).logpdf(y)
+    # A likelihood far narrower than the posterior draws: its inverse has no variance.
+    log_likelihood[..., 0] = norm(mean, 0.05).logpdf(0.8)
+    table = by_impact({"a": tree(log_likelihood), "b": tree(norm(mean[..., None], 1).logpdf(y))}, "estimates")
+    assert table.set_index("model").loc["a", "warning"].startswith("1 impacts with Pareto k above 0.7")

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from bayestissue.inference.diagnostics import diagnose, verdict_in_words
+
+CHAINS, DRAWS = 4, 1000
+
+
+def run(seed: int = 0) -> xr.DataTree:
+    """Independent draws, as a perfect sampler would make them."""
+    rng = np.random.default_rng(seed)
+    dims = ("chain", "draw")
+    shape = (CHAINS, DRAWS)
+    statistics = xr.Dataset(
+        {
+            "diverging": (dims, np.zeros(shape, bool)),
+            "tree_depth": (dims, np.full(shape, 3)),
+            "energy": (dims, rng.standard_normal(shape)),
+        },
+        attrs={"max_tree_depth": 10},
+    )
+    posterior = xr.Dataset(
+        {"good": (dims, rng.standard_normal(shape)), "planted": (dims, rng.standard_normal(shape))}
+    )
+    return xr.DataTree.from_dict({"posterior": posterior, "sample_stats": statistics})
+
+
+def failed(tree: xr.DataTree) -> list[str]:
+    found = diagnose(tree)
+    names = [check["name"] for check in found["checks"] if not check["passed"]]
+    assert found["passed"] == (not names)
+    assert all(name in verdict_in_words(found) for name in names)
+    return names
+
+
+def test_independent_draws_pass() -> None:
+    found = diagnose(run())
+    assert failed(run()) == []
+    assert "no divergences" in verdict_in_words(found)
+    assert {"r_hat", "ess_bulk", "ess_tail"} == set(found["worst"])
+
+
+def test_a_chain_elsewhere_is_named() -> None:
+    tree = run()
+    tree["posterior"].dataset["planted"].to_numpy()[0] += 3.0
+    assert "R-hat" in failed(tree)
+    found = diagnose(tree)
+    assert found["worst"]["r_hat"]["variable"] == "planted"
+    assert found["worst"]["ess_bulk"]["variable"] == "planted"
+    assert "Do not use these numbers" in verdict_in_words(found)
+
+
+def test_draws_that_hardly_move_have_a_small_effective_sample() -> None:
+    tree = run()
+    values = tree["posterior"].dataset["planted"].to_numpy()
+    values[:] = np.cumsum(values, axis=1)
+    assert {"R-hat", "bulk effective sample size"} <= set(failed(tree))
+
+
+@pytest.mark.parametrize(
+    ("statistic", "value", "name"),
+    [
+        ("diverging", True, "divergent transitions"),
+        ("tree_depth", 10, "trajectories cut at the deepest tree"),
+    ],
+)
+def test_one_bad_transition_is_enough(statistic: str, value: object, name: str) -> None:
+    tree = run()
+    tree["sample_stats"].dataset[statistic].to_numpy()[2, 17] = value
+    assert failed(tree) == [name]
+    (check,) = [check for check in diagnose(tree)["checks"] if check["name"] == name]
+    assert check["value"] == 1
+    assert check["next_step"]
+
+
+def test_an_energy_that_diffuses_slowly_fails() -> None:
+    tree = run()
+    energy = tree["sample_stats"].dataset["energy"].to_numpy()
+    energy[1] = np.cumsum(energy[1])
+    assert failed(tree) == ["energy fraction of missing information"]
