@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
@@ -50,8 +51,32 @@ def by_impact(trees: Mapping[str, xr.DataTree], variable: str) -> pd.DataFrame:
     return table
 
 
+@dataclass(frozen=True)
+class ImportanceScores:
+    """Pointwise expected log predictive densities, and the Pareto k̂ that tells which can be trusted."""
+
+    elpd: np.ndarray
+    pareto_k: np.ndarray
+
+
+def importance_scores(trees: Mapping[str, xr.DataTree], variable: str) -> dict[str, ImportanceScores]:
+    """Leave-one-out densities by Pareto-smoothed importance sampling, for each element of ``variable``."""
+    import arviz as az
+
+    scores = {}
+    with warnings.catch_warnings():
+        # The caller reads pareto_k, and refits where it is high.
+        warnings.simplefilter("ignore", UserWarning)
+        for name, tree in trees.items():
+            score = az.loo(tree, pointwise=True, var_name=variable)
+            scores[name] = ImportanceScores(
+                np.array(score.elpd_i.to_numpy().ravel()), score.pareto_k.to_numpy().ravel()
+            )
+    return scores
+
+
 def by_trial(pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:
-    """The same from log predictive densities of whole trials, each from a fit that had not seen it."""
+    """The same from the log predictive densities of whole trials, each given the other trials."""
     table = _table(BY_TRIAL, pointwise)
     few = len(next(iter(pointwise.values())))
     table["warning"] = f"{few} trials only: the standard errors are rough" if few < 30 else ""

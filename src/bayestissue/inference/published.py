@@ -38,9 +38,7 @@ from bayestissue.likelihood.averages import AveragesOfLognormals, average_and_sd
 
 Say = Callable[[str, int, int], None]
 PRIOR_DRAWS = 1000
-# Enough for a difference of predictive accuracies far below its standard error over nine trials.
-COMPARISON_SAMPLER = {"chains": 2, "warmup": 200, "draws": 300, "target_accept": 0.9}
-LANES = 15
+COMPARISON_SAMPLER = {"chains": 2, "warmup": 400, "draws": 500, "target_accept": 0.9}
 
 
 @dataclass(frozen=True)
@@ -274,41 +272,59 @@ def _comparison(
         return pd.DataFrame(columns=comparison.COLUMNS)
     settings = Sampler.model_validate(specification.sampler.model_dump() | COMPARISON_SAMPLER)
     any_design = next(iter(competing.values()))
-    sampler = PosteriorSampler(_model(any_design, specification), settings, lanes=LANES)
-    cases = [(name, held_out) for name in competing for held_out in (None, *any_design.trials)]
-    data_sets = [
-        (design_arrays(competing[name], room), observed_arrays(observations, held_out=held_out))
-        for name, held_out in cases
+    sampler = PosteriorSampler(_model(any_design, specification), settings)
+
+    def fit(cases: list[tuple[str, str | None]], stage: str) -> list[Draws]:
+        data_sets = [
+            (design_arrays(competing[name], room), observed_arrays(observations, held_out=held_out))
+            for name, held_out in cases
+        ]
+        return sampler.run(seed, data_sets, progress=partial(say, stage))
+
+    full = dict(
+        zip(competing, fit([(name, None) for name in competing], "comparing explanations"), strict=True)
+    )
+    trees = {name: _scored(competing[name], observations, draws) for name, draws in full.items()}
+    scores = comparison.importance_scores(trees, "trials")
+    cases = [
+        (name, trial)
+        for name, score in scores.items()
+        for trial in np.array(any_design.trials)[score.pareto_k > comparison.PARETO_LIMIT].tolist()
     ]
-    fits = sampler.run(seed, data_sets, progress=partial(say, "comparing explanations"))
-    trees: dict[str, xr.DataTree] = {}
-    by_trial: dict[str, list[float]] = {name: [] for name in competing}
-    for (name, held_out), draws in zip(cases, fits, strict=True):
-        design = competing[name]
-        if held_out is None:
-            estimates, _ = _distributions(design, observations, draws.sites)
-            log_likelihood = labelled(
-                {"estimates": np.asarray(estimates.log_prob(observations.log_estimates))},
-                DIMENSIONS,
-                _coordinates(design, observations),
-            )
-            parameters = labelled({"intercept_K": draws.sites["intercept_K"]}, {}, {})
-            trees[name] = xr.DataTree.from_dict({"posterior": parameters, "log_likelihood": log_likelihood})
-        else:
-            by_trial[name].append(_held_out_density(design, observations, draws, held_out))
+    if cases:
+        for (name, trial), draws in zip(cases, fit([*cases], "refitting without a trial"), strict=True):
+            density = _trial_density(competing[name], observations, draws, trial).ravel()
+            place = any_design.trials.index(trial)
+            scores[name].elpd[place] = float(logsumexp(density) - np.log(len(density)))
     return pd.concat(
         [
             comparison.by_impact(trees, "estimates"),
-            comparison.by_trial({name: np.array(values) for name, values in by_trial.items()}),
+            comparison.by_trial({name: score.elpd for name, score in scores.items()}),
         ],
         ignore_index=True,
     )
 
 
-def _held_out_density(
+def _scored(design: Design, observations: PublishedObservations, draws: Draws) -> xr.DataTree:
+    """The log predictive densities of single impacts and of whole trials, for cross-validation."""
+    estimates, _ = _distributions(design, observations, draws.sites)
+    trials = [_trial_density(design, observations, draws, trial) for trial in design.trials]
+    log_likelihood = labelled(
+        {
+            "estimates": np.asarray(estimates.log_prob(observations.log_estimates)),
+            "trials": np.stack(trials, axis=-1),
+        },
+        DIMENSIONS | {"trials": ("trial",)},
+        _coordinates(design, observations),
+    )
+    parameters = labelled({"intercept_K": draws.sites["intercept_K"]}, {}, {})
+    return xr.DataTree.from_dict({"posterior": parameters, "log_likelihood": log_likelihood})
+
+
+def _trial_density(
     design: Design, observations: PublishedObservations, draws: Draws, held_out: str
-) -> float:
-    """Log p(the trial's data | the other trials'), its trial effect integrated out in closed form."""
+) -> np.ndarray:
+    """Log density of a whole trial's data, its trial effect integrated out, [chain, draw]."""
     sites = draws.sites
     expected = np.stack(
         [
@@ -332,8 +348,7 @@ def _held_out_density(
         cells = observations.averaged_cells[number]
         density = partial(log_density_of_averages, averages=jnp.asarray(observations.averages[number]))
     flat = [x.reshape(-1, *x.shape[2:]) for x in (expected[..., cells, :], _scale(sites), sd_trial)]
-    values = np.asarray(jax.jit(jax.vmap(density))(*flat))
-    return float(logsumexp(values) - np.log(len(values)))
+    return np.asarray(jax.jit(jax.vmap(density))(*flat)).reshape(sd_trial.shape[:2])
 
 
 def _sensitivity(tree: xr.DataTree) -> pd.DataFrame:

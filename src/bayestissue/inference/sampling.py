@@ -38,11 +38,11 @@ class Draws:
 class PosteriorSampler:
     """One compiled chain that serves every data set of the same shapes.
 
-    A chain starts near the posterior's mode with the mode's inverse Hessian for its mass matrix: the
-    parameters' scales differ a hundredfold, and from a unit matrix the first adaptation window alone
-    walks through full trees. The model's arguments are traced rather than baked in, so refits without a
-    trial and competing formulas cost no compilation. Chains run in threads of one device: they share
-    nothing, while JAX's virtual devices wait for each other at every transfer.
+    A chain starts where an ascent of the density ends, with the inverse Hessian there for its first mass
+    matrix, which adaptation then replaces: the parameters' scales differ a hundredfold, and from a unit
+    matrix the first window alone walks through full trees. The model's arguments are traced rather than
+    baked in, so refits without a trial and competing formulas cost no compilation. Chains run in threads
+    of one device: they share nothing, while JAX's virtual devices wait for each other at every transfer.
     """
 
     def __init__(self, model: Callable[..., None], settings: Sampler, *, lanes: int = 1) -> None:
@@ -115,7 +115,7 @@ class PosteriorSampler:
         self._hessian = jax.jit(jax.hessian(potential))
 
     def _mode(self, arguments: tuple[Any, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """The unconstrained posterior mode and a positive definite inverse Hessian there."""
+        """A point of high unconstrained density and a positive definite inverse Hessian there."""
 
         def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
             value, gradient = self._value_and_gradient(flat, *arguments)
