@@ -154,11 +154,15 @@ def _table_in(annotation: Any) -> type[BaseModel] | None:
 
 
 def _existing(location: Sequence[str | int], schema: type[BaseModel]) -> tuple[str | int, ...]:
-    # For a choice of types pydantic appends the type it tried: that is no key of the file.
+    # For a choice of types pydantic appends the type it tried, and for a choice of tables it inserts
+    # the tag that chose: neither is a key of the file.
     kept: list[str | int] = []
-    for part in location:
+    for place, part in enumerate(location):
         node = _at(schema, kept)
         if kept and node is None and isinstance(part, str):
             break
+        last = place == len(location) - 1
+        if isinstance(part, str) and node is not None and part not in node.model_fields and not last:
+            continue
         kept.append(part)
     return tuple(kept)

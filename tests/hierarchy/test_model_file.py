@@ -64,3 +64,15 @@ def test_a_half_student_t_is_folded_and_a_flat_lkj_is_uniform() -> None:
     assert_allclose(half.numpyro().log_prob(x), np.log(2) + stats.t(3, scale=0.5).logpdf(x), rtol=1e-12)
     flat = Correlation(distribution="lkj", concentration=1)
     assert_allclose(flat.numpyro().log_prob(np.array([-0.9, 0.3])), np.log(0.5), rtol=1e-12)
+
+
+def test_a_wrong_prior_is_named_by_its_own_key(tmp_path: Path) -> None:
+    path = tmp_path / "model.toml"
+    path.write_text(
+        'name = "x"\nlikelihood = "published-estimates"\n'
+        '[priors.sd_trial]\nK = { distribution = "half-normal", scale = -1.0 }\n'
+        'C = { distribution = "half-normal", scale = 1.0 }\n'
+    )
+    with pytest.raises(InputError) as refused:
+        read_specification(path)
+    assert [problem.column for problem in refused.value.problems] == ["priors.sd_trial.K.scale"]

@@ -152,7 +152,8 @@ def _columns(
         raise place.refuse(
             "terms that can be evaluated: columns, +, :, {arithmetic}, log() and sqrt()", f"Mend it: {error}."
         ) from error
-    columns = common.design_matrix - at_reference_row.design_matrix
+    with np.errstate(invalid="ignore"):  # what is not finite is refused below
+        columns = common.design_matrix - at_reference_row.design_matrix
     names = [label for term in common.terms.values() for label in term.labels]
     if not np.isfinite(columns).all():
         bad = names[int(np.flatnonzero(~np.isfinite(columns).all(axis=0))[0])]

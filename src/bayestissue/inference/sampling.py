@@ -88,8 +88,12 @@ class PosteriorSampler:
         progress(0, len(jobs))
         with ThreadPoolExecutor(runtime.cores()) as pool:
             futures = [pool.submit(lambda x: jax.device_get(compiled(*x)), x) for x in inputs]
-            for done, _ in enumerate(as_completed(futures), start=1):
-                progress(min(done * lanes, len(jobs)), len(jobs))
+            try:
+                for done, _ in enumerate(as_completed(futures), start=1):
+                    progress(min(done * lanes, len(jobs)), len(jobs))
+            finally:
+                # An interrupted run waits for the chains under way, not for those that queue.
+                pool.shutdown(wait=False, cancel_futures=True)
         results = [future.result() for future in futures]
         sites, statistics = jax.tree.map(lambda *parts: np.concatenate(parts)[: len(jobs)], *results)
         own = [slice(number * chains, (number + 1) * chains) for number in range(len(data_sets))]
