@@ -5,6 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -34,10 +35,10 @@ def by_impact(trees: Mapping[str, xr.DataTree], variable: str) -> pd.DataFrame:
     """
     import arviz as az
 
+    scores = _leave_one_out(trees, variable)
     with warnings.catch_warnings():
         # A high Pareto k is reported in the table instead.
         warnings.simplefilter("ignore", UserWarning)
-        scores = {name: az.loo(tree, pointwise=True, var_name=variable) for name, tree in trees.items()}
         weights = az.compare(dict(scores), method="stacking", round_to="none")["weight"]
     pointwise = {name: score.elpd_i.to_numpy().ravel() for name, score in scores.items()}
     table = _table(BY_IMPACT, pointwise)
@@ -61,18 +62,19 @@ class ImportanceScores:
 
 def importance_scores(trees: Mapping[str, xr.DataTree], variable: str) -> dict[str, ImportanceScores]:
     """Leave-one-out densities by Pareto-smoothed importance sampling, for each element of ``variable``."""
+    return {
+        name: ImportanceScores(np.array(score.elpd_i.to_numpy().ravel()), score.pareto_k.to_numpy().ravel())
+        for name, score in _leave_one_out(trees, variable).items()
+    }
+
+
+def _leave_one_out(trees: Mapping[str, xr.DataTree], variable: str) -> dict[str, Any]:
     import arviz as az
 
-    scores = {}
     with warnings.catch_warnings():
-        # The caller reads pareto_k, and refits where it is high.
+        # Both callers read pareto_k themselves: one reports it, the other refits where it is high.
         warnings.simplefilter("ignore", UserWarning)
-        for name, tree in trees.items():
-            score = az.loo(tree, pointwise=True, var_name=variable)
-            scores[name] = ImportanceScores(
-                np.array(score.elpd_i.to_numpy().ravel()), score.pareto_k.to_numpy().ravel()
-            )
-    return scores
+        return {name: az.loo(tree, pointwise=True, var_name=variable) for name, tree in trees.items()}
 
 
 def by_trial(pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:
