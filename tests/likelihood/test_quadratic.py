@@ -32,6 +32,40 @@ def test_determinant_is_the_sum_of_even_powers(theta1: float, count: int) -> Non
     assert float(found) == pytest.approx(slope, rel=1e-8, abs=1e-12)
 
 
+@pytest.mark.parametrize("count", [1, 7, 4000])
+def test_slope_of_the_determinant_is_smooth_where_its_formulas_meet(count: int) -> None:
+    # series and closed form meet at (count + 1) |log|theta1|| = 1/2, inside and outside of 1
+    for edge in (np.exp(-0.5 / (count + 1)), 1.0, np.exp(0.5 / (count + 1))):
+        theta1 = edge + np.array([-3, -1, 1, 3]) * 1e-6 / count
+        powers = 2.0 * np.arange(count + 1)
+        weights = np.exp(powers * np.log(theta1)[:, None])
+        mean, size = (weights @ powers) / weights.sum(1), jnp.full(4, float(count))
+        slopes = jax.vmap(jax.grad(log_determinant))(jnp.asarray(theta1), size)
+        np.testing.assert_allclose(slopes, mean / theta1, rtol=1e-11)
+        bends = jax.vmap(jax.grad(jax.grad(log_determinant)))(jnp.asarray(theta1), size)
+        variance = (weights @ powers**2) / weights.sum(1) - mean**2
+        # the difference of two numbers of the order of count^2
+        np.testing.assert_allclose(bends, (variance - mean) / theta1**2, rtol=1e-9, atol=1e-11 * count**2)
+    assert float(jax.grad(jax.grad(log_determinant))(jnp.array(0.0), jnp.array(7.0))) == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize("theta1", [-1.0, -0.4, 0.0, 0.9])
+def test_second_derivatives_are_the_differences_of_the_first(theta1: float) -> None:
+    data, _, _ = made(impacts=1)
+    at = jnp.array([0.1, 0.02, theta1, 0.7])
+
+    def total(p: jax.Array) -> jax.Array:
+        return log_likelihood(data, *p).sum()
+
+    curvature = jax.hessian(total)(at)
+    slopes, step = jax.jit(jax.grad(total)), 1e-5
+    for k in range(4):
+        ahead, behind = (slopes(at.at[k].add(sign * step)) for sign in (1, -1))
+        # central differences: third derivatives by step squared, and rounding by 1e-16 / step
+        scale = np.abs(curvature[k]).max()
+        np.testing.assert_allclose(curvature[k], (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-6 * scale)
+
+
 def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
     data, _, _ = made()
     c1 = jnp.linspace(0.05, 0.15, 12).reshape(4, 3)

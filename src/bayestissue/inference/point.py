@@ -19,7 +19,7 @@ from bayestissue.inference.point_whiteness import whiteness
 from bayestissue.likelihood import SineTransforms, sine_transforms
 from bayestissue.likelihood.arma21 import LOG_2PI
 from bayestissue.likelihood.quadratic import log_determinant
-from bayestissue.likelihood.transforms import LANE
+from bayestissue.likelihood.transforms import FILLED
 from bayestissue.oscillator import arccos_branch, from_differences, peak_displacement, spring_damper
 from bayestissue.oscillator.entire import sinc_root
 
@@ -124,9 +124,9 @@ def _batches(count: int) -> Iterator[np.ndarray]:
 
 def _width(samples: int) -> int:
     """A width not much above ``samples`` from a short list, so that few widths are ever compiled."""
-    blocks = max(1, -(-(samples - 2) // LANE))
+    blocks = max(1, -(-(samples - 2) // FILLED))
     step = max(1, 2 ** (blocks.bit_length() - 3))
-    return 2 + LANE * step * -(-blocks // step)
+    return 2 + FILLED * step * -(-blocks // step)
 
 
 def _prepared(x: np.ndarray, n_samples: np.ndarray, *, centred: bool) -> SineTransforms:

@@ -13,9 +13,13 @@ from jax import Array
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Float
 
-from bayestissue.oscillator.entire import sinc_root
-
 Columns = tuple[Float[Array, "block #impact lane"], ...]
+
+# (t coth t - 1) / t^2 in powers of t^2: 2^(2k) B_2k / (2k)! with Bernoulli's numbers.
+_COTH = (
+    *(1 / 3, -1 / 45, 2 / 945, -1 / 4725, 2 / 93555, -1382 / 638512875, 4 / 18243225),
+    *(-3617 / 162820783125, 87734 / 38979295480125),
+)
 
 
 def eigenvalues(theta1: Array, spread: Array) -> Array:
@@ -37,7 +41,7 @@ def quadratic_form(
 ) -> Float[Array, " impact"]:
     """sum_j W_j^2 / l_j with W the sum of coefficient times column, and l the eigenvalues of T.
 
-    Value and first derivatives come from one pass over the data.
+    Value and first derivatives come from one pass over W / l and the columns.
 
     Args:
         coefficients: one per column, for each impact.
@@ -45,26 +49,29 @@ def quadratic_form(
         columns: transformed data in blocks of frequencies.
         spread: 2 - 2 cos(j pi / (N + 1)) in the same blocks.
     """
-
-    def block(total: Array, part: tuple[Columns, Array]) -> tuple[Array, None]:
-        w, _, over = _weighted(coefficients, theta1, *part)
-        return total + w * over, None
-
-    return jax.lax.scan(block, _zeros(theta1, columns), (columns, spread))[0].sum(-1)
+    over, eigen = _weighted(coefficients, theta1, columns, spread)
+    return _totals((over**2 * eigen,))[0]
 
 
 def _quadratic_form_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
     coefficients, theta1, columns, spread = primals
     d_coefficients, d_theta1, d_columns, d_spread = tangents
-    value, by_coefficient, by_theta1 = _form_and_slopes(*primals)
-    change = jnp.zeros_like(value)
-    for slope, d in zip((*by_coefficient, by_theta1), (*d_coefficients, d_theta1), strict=True):
-        change = change if isinstance(d, SymbolicZero) else change + slope * d
     if not isinstance(d_spread, SymbolicZero):
         raise TypeError("the frequencies are not something to differentiate by")
+    over, eigen = _weighted(coefficients, theta1, columns, spread)
+    square = over**2
+    terms, changes = [square * eigen], []
+    for column, d in zip(columns, d_coefficients, strict=True):
+        if not isinstance(d, SymbolicZero):
+            terms.append(over * column)
+            changes.append(2 * d)
+    if not isinstance(d_theta1, SymbolicZero):
+        terms.append(square * (2 * (1 - theta1)[:, None] - spread))
+        changes.append(d_theta1)
+    value, *slopes = _totals(tuple(terms))
+    change = sum((slope * d for slope, d in zip(slopes, changes, strict=True)), jnp.zeros_like(value))
     for coefficient, d in zip(coefficients, d_columns, strict=True):
         if not isinstance(d, SymbolicZero):
-            over = _weighted(coefficients, theta1, columns, spread)[2]
             change = change + 2 * coefficient * (over * d).sum((0, -1))
     return value, change
 
@@ -72,55 +79,85 @@ def _quadratic_form_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
 quadratic_form.defjvp(_quadratic_form_jvp, symbolic_zeros=True)
 
 
-def _form_and_slopes(
-    coefficients: tuple[Array, ...], theta1: Array, columns: Columns, spread: Array
-) -> tuple[Array, tuple[Array, ...], Array]:
-    def block(totals: Any, part: Any) -> Any:
-        w, s, over = _weighted(coefficients, theta1, *part)
-        bend = over**2 * (2 * (1 - theta1)[:, None] - s)
-        terms = (w * over, *(2 * over * column for column in part[0]), bend)
-        return tuple(total + term for total, term in zip(totals, terms, strict=True)), None
-
-    start = (_zeros(theta1, columns),) * (len(columns) + 2)
-    totals = jax.lax.scan(block, start, (columns, spread), unroll=2)[0]
-    value, *slopes, by_theta1 = (total.sum(-1) for total in totals)
-    return value, tuple(slopes), by_theta1
-
-
 def _weighted(
     coefficients: tuple[Array, ...], theta1: Array, columns: Columns, spread: Array
-) -> tuple[Array, Array, Array]:
-    """W, the spread and W / l, for one block or for all of them."""
+) -> tuple[Array, Array]:
+    """W / l and l."""
     w = sum(c[:, None] * column for c, column in zip(coefficients, columns, strict=True))
-    return w, spread, w / eigenvalues(theta1[:, None], spread)  # type: ignore[return-value]
+    eigen = eigenvalues(theta1[:, None], spread)
+    # A product is computed anew wherever it is used; a quotient would be stored and read back.
+    return w * (1 / eigen), eigen  # type: ignore[operator]
 
 
-def _zeros(theta1: Array, columns: Columns) -> Array:
-    return jnp.zeros((theta1.shape[0], columns[0].shape[-1]), columns[0].dtype)
+@jax.custom_jvp
+def _totals(terms: tuple[Array, ...]) -> tuple[Array, ...]:
+    """Sums over the frequencies, all terms in one pass over what they share.
+
+    The blocks are summed first, lane by lane: that loop is short enough to be unrolled, and then runs over
+    the lanes in vector registers. One reduction of several operands is one loop, several are several.
+    """
+    if len(terms) == 1:
+        blocks = [terms[0][block] for block in range(terms[0].shape[0])]
+        # The two sums would otherwise be made one again, which runs over scalars.
+        return (jax.lax.optimization_barrier(sum(blocks[1:], blocks[0])).sum(-1),)
+    zeros = (jnp.zeros((), terms[0].dtype),) * len(terms)
+    lanes = tuple(jax.lax.reduce(terms, zeros, _plus, (0,)))
+    return tuple(jax.lax.reduce(lanes, zeros, _plus, (1,)))
 
 
+def _plus(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
+    return tuple(one + other for one, other in zip(a, b, strict=True))
+
+
+@_totals.defjvp
+def _totals_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    # JAX's own derivative of a reduction of several operands is far slower than that of plain sums.
+    return _totals(*primals), tuple(d.sum((0, -1)) for d in tangents[0])
+
+
+@jax.custom_jvp
 def log_determinant(theta1: Array, count: Array) -> Array:
     """Log det T = log(1 + theta1^2 + theta1^4 + ... + theta1^(2 N)) for N = count values.
 
     The geometric sum (1 - theta1^(2N+2)) / (1 - theta1^2) with its value and derivatives kept at
-    |theta1| = 1, and right beyond it. Arguments broadcast.
+    |theta1| = 1, and right beyond it. Arguments broadcast; only theta1 is one to differentiate by.
     """
-    square = theta1**2
-    small = square < 0.25
-    little = jnp.where(small, square, 0.0)
-    log_square = jnp.log(jnp.where(small, 1.0, square))
-    near = (
-        count * log_square / 2
-        + jnp.log(count + 1.0)
-        + _log_sinhc((count + 1) * log_square / 2)
-        - _log_sinhc(log_square / 2)
-    )
-    return jnp.where(small, jnp.log1p(-(little ** (count + 1))) - jnp.log1p(-little), near)
+    size = jnp.abs(theta1)
+    # The ratio is N + 1 where both of its parts vanish.
+    decay = jnp.maximum(jnp.abs(jnp.log(size)), 1e-200)
+    ratio = jnp.expm1(-2 * (count + 1) * decay) / jnp.expm1(-2 * decay)
+    return 2 * count * jnp.log(jnp.maximum(size, 1.0)) + jnp.log(ratio)
 
 
-def _log_sinhc(y: Array) -> Array:
-    """log(sinh(y) / y), even and smooth at 0."""
-    small = jnp.abs(y) < 0.99
-    size = jnp.where(small, 1.0, jnp.abs(y))
-    away = size + jnp.log1p(-jnp.exp(-2 * size)) - jnp.log(2 * size)
-    return jnp.where(small, jnp.log(sinc_root(-(jnp.where(small, y, 0.0) ** 2))), away)
+@log_determinant.defjvp
+def _log_determinant_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
+    return log_determinant(*primals), _log_determinant_slope(*primals) * tangents[0]
+
+
+def _log_determinant_slope(theta1: Array, count: Array) -> Array:
+    """The derivative by theta1: the sum of 2k theta1^(2k-1) over that of theta1^(2k), k = 0 ... N.
+
+    With a = -log|theta1| it is (N - (N+1) coth((N+1) a) + coth a) / theta1, by series near a = 0. Beyond 1
+    it follows from the sums being the same read backwards.
+    """
+    terms, size = count + 1, jnp.abs(theta1)
+    beyond = size > 1
+    inner = jnp.where(beyond, 1 / jnp.where(beyond, size, 1.0), size)
+    decay = -jnp.log(jnp.where(inner > 0, inner, 1e-300))
+    near = terms * decay < 0.5
+    little = jnp.where(near, decay, 0.0)
+    bend = terms**2 * _coth_series((terms * little) ** 2) - _coth_series(little**2)
+    by_log = count - little * bend
+    far = jnp.where(near, 0.5, inner)
+    last = jnp.exp(-2 * count * jnp.where(near, 1.0, decay))
+    over_square = 2 / ((1 - far) * (1 + far)) - 2 * terms * last / (1 - last * far**2)
+    by_log_outside = 2 * count - jnp.where(near, by_log, far**2 * over_square)
+    divided = jnp.where(beyond, by_log_outside, by_log) / jnp.where(near | beyond, theta1, 1.0)
+    return jnp.where(near | beyond, divided, theta1 * over_square)
+
+
+def _coth_series(square: Array) -> Array:
+    total = jnp.full_like(square, _COTH[-1])
+    for coefficient in _COTH[-2::-1]:
+        total = total * square + coefficient
+    return total

@@ -15,8 +15,10 @@ from jax import Array
 from jaxtyping import Float, Num
 from scipy import fft
 
-# Reductions run over blocks of this many frequencies, which fill whole vector registers.
-LANE = 64
+# Sums over frequencies run over this many blocks first: a loop short enough to be unrolled by the compiler,
+# whose body then runs over the lanes in vector registers. The lanes come in whole registers.
+BLOCKS = 8
+FILLED = 8 * BLOCKS
 
 
 class SineTransforms(NamedTuple):
@@ -57,11 +59,11 @@ def sine_transforms(
     lengths = np.broadcast_to(x.shape[1] if n_samples is None else np.asarray(n_samples, int), len(x))
     if lengths.size and not 3 <= lengths.min() <= lengths.max() <= x.shape[1]:
         raise ValueError(f"every impact needs 3 to {x.shape[1]} samples")
-    blocks = -(-(x.shape[1] - 2) // LANE)
-    columns = np.zeros((3, len(x), blocks * LANE))
+    width = FILLED * -(-(x.shape[1] - 2) // FILLED)
+    columns = np.zeros((3, len(x), width))
     sizes = np.unique(lengths)
     # padded frequencies count as an eigenvalue of 1 + theta1^2, never zero
-    spread = np.full((1 if len(sizes) == 1 else len(x), blocks * LANE), 2.0)
+    spread = np.full((1 if len(sizes) == 1 else len(x), width), 2.0)
     for n in sizes:
         rows = np.flatnonzero(lengths == n)
         part, slope = x[rows, :n], np.diff(x[rows, :n], axis=1)
@@ -85,8 +87,8 @@ def spread_of(count: int) -> Float[np.ndarray, " frequency"]:
 
 
 def in_blocks(rows: Float[np.ndarray, "row frequency"]) -> Float[Array, "block row lane"]:
-    """Cut the frequencies, a multiple of `LANE`, into blocks, and put these first."""
-    blocks = rows.reshape(len(rows), -1, LANE).swapaxes(0, 1)
+    """Cut the frequencies, a multiple of `FILLED`, into `BLOCKS` blocks, and put these first."""
+    blocks = rows.reshape(len(rows), BLOCKS, -1).swapaxes(0, 1)
     return jnp.asarray(np.ascontiguousarray(blocks))
 
 
