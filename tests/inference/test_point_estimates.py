@@ -27,14 +27,16 @@ def recorded(
     rate: float,
     *,
     noise: float = 0.0,
+    before: float = 30.37,
+    after: float = 0.3,
     uncertainty: Uncertainty | None = None,
     **columns: object,
 ) -> Dataset:
-    """Decelerations from before contact, which falls between two samples, to after zero velocity."""
+    """Decelerations from ``before`` intervals before contact to ``after`` times to peak past the peak."""
     omega_n, zeta = (np.asarray(p) for p in spring_damper_inverse(K, C, mass))
     longest = float(np.max(time_to_peak(omega_n, zeta)))
-    time = np.arange(int(1.3 * longest * rate) + 40) / rate
-    since = time - 30.37 / rate
+    time = np.arange(int((1 + after) * longest * rate + before) + 3) / rate
+    since = time - before / rate
     motion = impact_motion(np.maximum(since, 0), omega_n[:, None], zeta[:, None], 1.5)
     d = np.where(since >= 0, np.asarray(motion.deceleration), 0.0)
     d += noise * d.max(1, keepdims=True) * np.random.default_rng(0).normal(size=d.shape)
@@ -63,11 +65,18 @@ def recorded(
 
 
 @pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
-def test_noise_free_decelerations_give_back_stiffness_and_damping(rate: float) -> None:
-    mass, zeta = (a.ravel() for a in np.meshgrid([0.1, 0.375, 1.0, 5.0], [0.02, 0.1, 0.5, 1.0, 1.5, 2.0]))
-    K = np.full(24, 3000.0)
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [(30.0, 0.3), (30.2, 0.3), (30.37, 0.3), (30.6, 0.3), (30.95, 0.3), (30.37, 0.0), (0.0, 0.0)],
+)
+def test_noise_free_decelerations_give_back_stiffness_and_damping(
+    rate: float, before: float, after: float
+) -> None:
+    masses, ratios = [0.1, 0.375, 1.0, 5.0], [0.02, 0.05, 0.2, 0.5, 0.75, 1.0, 1.5, 2.0]
+    mass, zeta = (a.ravel() for a in np.meshgrid(masses, ratios))
+    K = np.full(len(mass), 3000.0)
     C = 2 * zeta * np.sqrt(K * mass)
-    table = bt.estimate(recorded(K, C, mass, rate))
+    table = bt.estimate(recorded(K, C, mass, rate, before=before, after=after))
     # the promise of the default: a tenth of a per cent
     np.testing.assert_allclose(table["K_N_per_m"], K, rtol=1e-3)
     np.testing.assert_allclose(table["C_N_s_per_m"], C, rtol=1e-3)

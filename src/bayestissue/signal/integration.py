@@ -13,9 +13,11 @@ type Rule = Literal["trapezoidal", "quintic"]
 
 # The integral over one interval of the quintic through six even samples, three on either side, times 1440.
 _WEIGHTS = np.array([11.0, -93.0, 802.0, 802.0, -93.0, 11.0]) / 1440
-# The same quintic one and two intervals before the first of its six samples.
-_ONE_BEYOND = np.array([6.0, -15.0, 20.0, -15.0, 6.0, -1.0])
-_TWO_BEYOND = np.array([21.0, -70.0, 105.0, -84.0, 35.0, -6.0])
+# The polynomial through the nearest eight, or six, samples at one and two intervals beyond the first of them.
+_BEYOND = {
+    8: np.array([[8, -28, 56, -70, 56, -28, 8, -1], [36, -168, 378, -504, 420, -216, 63, -8]], float),
+    6: np.array([[6, -15, 20, -15, 6, -1], [21, -70, 105, -84, 35, -6]], float),
+}
 
 
 def cumulative(recordings: Recordings, rule: Rule) -> Rows:
@@ -23,9 +25,11 @@ def cumulative(recordings: Recordings, rule: Rule) -> Rows:
 
     trapezoidal: (Δ/2)(y_j + y_{j+1}); its relative error for e^{μt} is (μΔ)²/12.
     quintic: (Δ/1440)(11 y_{j−2} − 93 y_{j−1} + 802 y_j + 802 y_{j+1} − 93 y_{j+2} + 11 y_{j+3}), exact for
-    quintics; its relative error is 191(μΔ)⁶/60480. Beyond either end the quintic through the six samples
-    nearest to that end takes the place of the missing ones. Rows of fewer than six samples get the
-    trapezoidal rule. What stands past a row's end is meaningless.
+    quintics; its relative error is 191(μΔ)⁶/60480. Beyond either end the polynomial through the eight samples
+    nearest to that end takes the place of the missing ones: a quintic's error there is several times the
+    central one, and an error in the first intervals moves all later values. Rows of six or seven samples
+    make do with the quintic at their ends, and shorter ones get the trapezoidal rule. What stands past a
+    row's end is meaningless.
     """
     y, dt = recordings.value, recordings.dt[:, None]
     steps = (y[:, 1:] + y[:, :-1]) / 2
@@ -39,9 +43,11 @@ def cumulative(recordings: Recordings, rule: Rule) -> Rows:
 def _extended(recordings: Recordings) -> Rows:
     y, n = recordings.value, recordings.n
     rows = np.arange(len(y))
-    begin = y[:, :6]
-    end = np.stack([y[rows, np.maximum(n - 1 - lag, 0)] for lag in range(6)], axis=1)
     padded = np.pad(y, ((0, 0), (2, 2)))
-    padded[:, 1], padded[:, 0] = begin @ _ONE_BEYOND, begin @ _TWO_BEYOND
-    padded[rows, n + 2], padded[rows, n + 3] = end @ _ONE_BEYOND, end @ _TWO_BEYOND
+    for points, chosen in ((6, rows[n < 8]), (8, rows[n >= 8])):
+        first, last = np.arange(points), n[chosen, None] - 1 - np.arange(points)
+        before = _BEYOND[points] @ y[chosen[:, None], first].T
+        after = _BEYOND[points] @ y[chosen[:, None], np.maximum(last, 0)].T
+        padded[chosen, 1], padded[chosen, 0] = before
+        padded[chosen, n[chosen] + 2], padded[chosen, n[chosen] + 3] = after
     return padded
