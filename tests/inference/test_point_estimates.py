@@ -93,7 +93,10 @@ def test_accelerometer_noise_of_half_a_per_cent_costs_less_than_one() -> None:
 def test_table_has_the_promised_columns_first() -> None:
     table = bt.estimate(recorded(np.full(3, 3000.0), np.full(3, 25.0), np.full(3, 0.5), 1e4, noise=1e-3))
     assert list(table.columns[: len(COLUMNS)]) == COLUMNS
-    assert {"K_se_N_per_m", "C_se_N_s_per_m"} <= set(table.columns)
+    for ends in ("K_{}_N_per_m", "C_{}_N_s_per_m"):
+        error, low, high = (table[ends.format(end)] for end in ("se", "low", "high"))
+        # Student's t with some 200 degrees of freedom
+        np.testing.assert_allclose((high - low) / (2 * error), 1.653, atol=0.01)
     np.testing.assert_allclose(table["K_N_per_m"], table["mass_kg"] * table["omega_n_rad_s"] ** 2)
     assert (table["K_se_N_per_m"] > 0).all()
 

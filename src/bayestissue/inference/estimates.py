@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
+from scipy.special import stdtrit
 
-from bayestissue.inference.point import Method, PointFit, fit_points
+from bayestissue.inference.point import Column, Method, PointFit, fit_points
 from bayestissue.signal import Displacements, SignalOptions, displacements
 
 if TYPE_CHECKING:
@@ -43,8 +44,8 @@ def estimate(
 
     Returns:
         One row per impact with the columns of `estimates.csv`: the ARMA(2,1) coefficients, omega_n, zeta,
-        K and C, their standard errors from the trace alone (that of K also carries the dataset's relative
-        standard deviation of the mass), and flags, joined by "; ".
+        K and C, and flags, joined by "; "; then the standard errors and 90 % intervals (`interval`) of K
+        and C, from the trace and the dataset's relative standard deviation of the mass alone.
 
     Raises:
         InputError: the options ask for what the recordings can't give.
@@ -68,6 +69,12 @@ def estimates_table(dataset: Dataset, signal: Displacements, method: Method) -> 
     )
     whole = PointFit(*(_spread(column, long_enough) for column in fit))
     mass_sd = dataset.uncertainty.relative_mass_sd
+    K_se, C_se = (
+        np.hypot(whole.K_se, whole.K_signed * mass_sd),
+        np.hypot(whole.C_se, whole.C_signed * mass_sd),
+    )
+    K_low, K_high = interval(whole.K_signed, K_se, signal.n_samples)
+    C_low, C_high = interval(whole.C_signed, C_se, signal.n_samples)
     table = dataset.impacts[["impact", "subject", "trial", "mass_kg"]].assign(
         velocity_m_s=signal.velocity,
         n_samples=signal.n_samples,
@@ -83,8 +90,12 @@ def estimates_table(dataset: Dataset, signal: Displacements, method: Method) -> 
         peak_displacement_m=signal.peak_displacement,
         time_to_peak_s=signal.time_to_peak,
         flags=["; ".join(row) for row in _flags(dataset, signal, whole)],
-        K_se_N_per_m=np.hypot(whole.K_se, whole.K * mass_sd),
-        C_se_N_s_per_m=np.hypot(whole.C_se, whole.C * mass_sd),
+        K_se_N_per_m=K_se,
+        K_low_N_per_m=K_low,
+        K_high_N_per_m=K_high,
+        C_se_N_s_per_m=C_se,
+        C_low_N_s_per_m=C_low,
+        C_high_N_s_per_m=C_high,
         omega_n_se_rad_s=whole.omega_n_se,
         zeta_se=whole.zeta_se,
         theta1_se=whole.theta1_se,
@@ -92,6 +103,27 @@ def estimates_table(dataset: Dataset, signal: Displacements, method: Method) -> 
         whiteness_p=whole.whiteness_p,
     )
     return table.reset_index(drop=True)
+
+
+def interval(
+    estimate: Column, error: Column, n_samples: np.ndarray, probability: float = 0.9
+) -> tuple[Column, Column]:
+    """The interval that should hold the truth with this probability, by Student's t with n - 5 degrees.
+
+    K and C are all but linear in phi1 and phi2, in which the residuals are exactly linear: so the interval
+    is laid symmetrically around the estimate, also one below zero, and what lies below zero is cut off.
+
+    Args:
+        estimate: `PointFit.K_signed` or `PointFit.C_signed`.
+        error: its standard error.
+        n_samples: samples of each impact; two of them are given, and phi1, phi2 and theta1 are fitted.
+        probability: of holding the truth, when the noise is as the fit assumes.
+
+    Returns:
+        Lower and upper end, NaN where there is no standard error.
+    """
+    reach = stdtrit(np.maximum(n_samples - 5, 1), (1 + probability) / 2) * error
+    return np.maximum(estimate - reach, 0), np.maximum(estimate + reach, 0)
 
 
 def _spread(column: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -38,6 +38,8 @@ class PointFit(NamedTuple):
         zeta: damping ratio.
         K: stiffness [N/m].
         C: damping [N s/m].
+        K_signed, C_signed: the same, and the numbers below zero that continue them where noise leaves
+            coefficients that no oscillator has: what an interval is laid around.
         omega_n_se, zeta_se, theta1_se, K_se, C_se: standard errors, in the same units; NaN where the
             noise is at the level of rounding errors, and for theta1 on its boundary.
         log_likelihood: exact log likelihood of the fit given the first two samples; for "dds" the
@@ -57,6 +59,8 @@ class PointFit(NamedTuple):
     zeta: Column
     K: Column
     C: Column
+    K_signed: Column
+    C_signed: Column
     omega_n_se: Column
     zeta_se: Column
     theta1_se: Column
@@ -175,17 +179,29 @@ def _physical(fit: Profile, dt: Array, mass: Array) -> dict[str, Array]:
     omega_n, zeta = from_differences(fit.c1, fit.c2, None, dt)
     K, C = spring_damper(omega_n, zeta, mass)
     peak = peak_displacement(omega_n, zeta, 1.0)
-    return {"omega_n": omega_n, "zeta": zeta, "K": K, "C": C, "unit_peak": peak}
+    decay, square = _decay_and_square(fit)
+    signed = {"K_signed": mass * square / dt**2, "C_signed": 2 * mass * decay / dt}
+    return {"omega_n": omega_n, "zeta": zeta, "K": K, "C": C, "unit_peak": peak, **signed}
+
+
+def _decay_and_square(fit: Profile) -> tuple[Array, Array]:
+    """Zeta omega_n dt and (omega_n dt)^2, the product of the logarithms of the two roots, below zero too."""
+    below = fit.c2 < 0
+    c1, c2 = jnp.where(below, fit.c1, 1.0), jnp.where(below, fit.c2, 0.0)
+    larger = (c1 + jnp.sqrt(c1**2 - 4 * c2)) / 2
+    product = jnp.log1p(-larger) * jnp.log1p(-c2 / larger)
+    omega_n, _ = from_differences(fit.c1, fit.c2, None, 1.0)
+    return -jnp.log1p(fit.c2 - fit.c1) / 2, jnp.where(below, product, omega_n**2)
 
 
 def _standard_errors(fit: Profile, covariance: Covariance, dt: Array, mass: Array) -> dict[str, Array]:
     """Delta method: with a = zeta omega_n dt and 4 sin^2(b/2) = c2 e^a - 4 sinh^2(a/2), b = omega_d dt."""
-    omega_n, zeta = from_differences(fit.c1, fit.c2, None, 1.0)
-    a = zeta * omega_n
+    a, omega_squared = _decay_and_square(fit)
+    omega_n, zeta = jnp.sqrt(omega_squared), a / jnp.sqrt(omega_squared)
     growth = jnp.exp(a)
     a_by_c1 = 1 / (2 * (1 + fit.c2 - fit.c1))
     bend = (fit.c2 * growth - 2 * jnp.sinh(a)) * a_by_c1
-    by_bend = 1 / sinc_root(omega_n**2 * (1 - zeta) * (1 + zeta))
+    by_bend = 1 / sinc_root(omega_squared - a**2)
     square = (2 * a * a_by_c1 + bend * by_bend, -2 * a * a_by_c1 + (growth - bend) * by_bend)
     decay = (a_by_c1, -a_by_c1)
     angle = tuple(slope / (2 * omega_n) for slope in square)

@@ -86,7 +86,7 @@ def _weighted(
     w = sum(c[:, None] * column for c, column in zip(coefficients, columns, strict=True))
     eigen = eigenvalues(theta1[:, None], spread)
     # A product is computed anew wherever it is used; a quotient would be stored and read back.
-    return w * (1 / eigen), eigen  # type: ignore[operator]
+    return w * (1 / eigen), eigen
 
 
 @jax.custom_jvp
