@@ -21,7 +21,6 @@ from bayestissue.likelihood.arma21 import LOG_2PI
 from bayestissue.likelihood.quadratic import log_determinant
 from bayestissue.likelihood.transforms import FILLED
 from bayestissue.oscillator import arccos_branch, from_differences, peak_displacement, spring_damper
-from bayestissue.oscillator.entire import sinc_root
 
 Method = Literal["exact", "dds"]
 Column = Float[np.ndarray, " impact"]
@@ -160,9 +159,8 @@ def _fit_batch(
         "phi2": phi2,
         "theta1": fit.theta1,
         "sigma_a": sigma_a,
-        **_physical(fit, dt, mass),
         "theta1_se": jnp.sqrt(covariance.theta1),
-        **_standard_errors(fit, covariance, dt, mass),
+        **_physical(fit, covariance, dt, mass),
         "log_likelihood": -(data.size * (LOG_2PI + 2 * jnp.log(sigma_a) + 1) + log_scale) / 2,
         "branch": arccos_branch(phi1, phi2, fit.theta1),
         "noiseless": noiseless,
@@ -174,47 +172,57 @@ def _fit_batch(
     return fit, values
 
 
-def _physical(fit: Profile, dt: Array, mass: Array) -> dict[str, Array]:
+def _physical(fit: Profile, covariance: Covariance, dt: Array, mass: Array) -> dict[str, Array]:
+    """What the coefficients say of the oscillator, and the standard errors of that."""
     # n samples that do not turn back are less than half a period, so the main value of arccos is right
-    omega_n, zeta = from_differences(fit.c1, fit.c2, None, dt)
-    K, C = spring_damper(omega_n, zeta, mass)
-    peak = peak_displacement(omega_n, zeta, 1.0)
-    decay, square = _decay_and_square(fit)
-    signed = {"K_signed": mass * square / dt**2, "C_signed": 2 * mass * decay / dt}
-    return {"omega_n": omega_n, "zeta": zeta, "K": K, "C": C, "unit_peak": peak, **signed}
-
-
-def _decay_and_square(fit: Profile) -> tuple[Array, Array]:
-    """Zeta omega_n dt and (omega_n dt)^2, the product of the logarithms of the two roots, below zero too."""
-    below = fit.c2 < 0
-    c1, c2 = jnp.where(below, fit.c1, 1.0), jnp.where(below, fit.c2, 0.0)
-    larger = (c1 + jnp.sqrt(c1**2 - 4 * c2)) / 2
-    product = jnp.log1p(-larger) * jnp.log1p(-c2 / larger)
-    omega_n, _ = from_differences(fit.c1, fit.c2, None, 1.0)
-    return -jnp.log1p(fit.c2 - fit.c1) / 2, jnp.where(below, product, omega_n**2)
-
-
-def _standard_errors(fit: Profile, covariance: Covariance, dt: Array, mass: Array) -> dict[str, Array]:
-    """Delta method: with a = zeta omega_n dt and 4 sin^2(b/2) = c2 e^a - 4 sinh^2(a/2), b = omega_d dt."""
-    a, omega_squared = _decay_and_square(fit)
-    omega_n, zeta = jnp.sqrt(omega_squared), a / jnp.sqrt(omega_squared)
-    growth = jnp.exp(a)
-    a_by_c1 = 1 / (2 * (1 + fit.c2 - fit.c1))
-    bend = (fit.c2 * growth - 2 * jnp.sinh(a)) * a_by_c1
-    by_bend = 1 / sinc_root(omega_squared - a**2)
-    square = (2 * a * a_by_c1 + bend * by_bend, -2 * a * a_by_c1 + (growth - bend) * by_bend)
-    decay = (a_by_c1, -a_by_c1)
-    angle = tuple(slope / (2 * omega_n) for slope in square)
-    damping = tuple((d - zeta * w) / omega_n for d, w in zip(decay, angle, strict=True))
-
-    def error(slopes: tuple[Array, ...]) -> Array:
-        s1, s2 = slopes
-        variance = s1**2 * covariance.c1_c1 + 2 * s1 * s2 * covariance.c1_c2 + s2**2 * covariance.c2_c2
-        return jnp.sqrt(variance)
-
+    w, zeta = from_differences(fit.c1, fit.c2, None, 1.0)
+    K, C = spring_damper(w / dt, zeta, mass)
+    decay, square = -jnp.log1p(fit.c2 - fit.c1) / 2, jnp.where(fit.c2 < 0, _negative_square(fit), w**2)
+    errors = _relative_to_samples(fit, covariance, decay, square)
     return {
-        "omega_n_se": error(angle) / dt,
-        "zeta_se": error(damping),
-        "K_se": error(square) * mass / dt**2,
-        "C_se": error(decay) * 2 * mass / dt,
+        "omega_n": w / dt,
+        "zeta": zeta,
+        "K": K,
+        "C": C,
+        "K_signed": mass * square / dt**2,
+        "C_signed": 2 * mass * decay / dt,
+        "unit_peak": peak_displacement(w / dt, zeta, 1.0),
+        "omega_n_se": errors["angle"] / dt,
+        "zeta_se": errors["damping"],
+        "K_se": errors["square"] * mass / dt**2,
+        "C_se": errors["decay"] * 2 * mass / dt,
+    }
+
+
+def _negative_square(fit: Profile) -> Array:
+    """(omega_n dt)^2 where no oscillator has the coefficients: the product of the logarithms of the roots."""
+    c1, c2 = jnp.where(fit.c2 < 0, fit.c1, 1.0), jnp.minimum(fit.c2, 0.0)
+    larger = (c1 + jnp.sqrt(c1**2 - 4 * c2)) / 2
+    return jnp.log1p(-larger) * jnp.log1p(-c2 / larger)
+
+
+def _relative_to_samples(
+    fit: Profile, covariance: Covariance, decay: Array, square: Array
+) -> dict[str, Array]:
+    """Standard errors of a = zeta omega_n dt, (omega_n dt)^2, its root and zeta, by the delta method.
+
+    4 sin^2(b/2) = c2 e^a - 4 sinh^2(a/2) =: h with b = omega_d dt, so that d(b^2)/dh = 2 b / (2 sin b) and
+    sin^2 b = h (4 - h) / 4, above critical damping too. All else follows from e^(-2a) = 1 + c2 - c1.
+    """
+    shrunk = jnp.sqrt(1 + fit.c2 - fit.c1)
+    lost = (fit.c1 - fit.c2) / (1 + shrunk)
+    h, b_squared = (fit.c2 - lost**2) / shrunk, square - decay**2
+    by_h = 1 / jnp.sqrt(jnp.where(b_squared == 0, 1.0, h / b_squared) * (1 - h / 4))
+    a_by_c1 = 1 / (2 * shrunk**2)
+    h_by_a = (fit.c2 - (fit.c1 - fit.c2)) / shrunk
+    by_c1 = a_by_c1 * (2 * decay + h_by_a * by_h)
+    slopes = {"decay": (a_by_c1, -a_by_c1), "square": (by_c1, by_h / shrunk - by_c1)}
+    w = jnp.sqrt(square)
+    slopes["angle"] = tuple(slope / (2 * w) for slope in slopes["square"])
+    slopes["damping"] = tuple(
+        (a - decay / w * angle) / w for a, angle in zip(slopes["decay"], slopes["angle"], strict=True)
+    )
+    return {
+        name: jnp.sqrt(s1**2 * covariance.c1_c1 + 2 * s1 * s2 * covariance.c1_c2 + s2**2 * covariance.c2_c2)
+        for name, (s1, s2) in slopes.items()
     }

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 
-import jax
 import jax.numpy as jnp
 from jax import Array
 
@@ -16,7 +15,7 @@ from bayestissue.inference.point_profile import (
     invert,
     profile_fit,
 )
-from bayestissue.likelihood.quadratic import eigenvalues, log_determinant
+from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
 from bayestissue.likelihood.transforms import SineTransforms
 
 
@@ -39,34 +38,23 @@ def fit_exact(data: SineTransforms) -> tuple[Profile, Covariance]:
 
 
 def _moments(columns: Columns, theta1: Array, *, spread: Array) -> Moments:
-    def block(totals: Moments, part: tuple[Columns, Array]) -> tuple[Moments, None]:
-        (y0, y1, y2), s = part
-        over = 1 / eigenvalues(theta1[:, None], s)
-        z0, z1 = y0 * over, y1 * over
-        terms = Moments(y0 * z0, y1 * z0, y2 * z0, y1 * z1, y2 * z1, y2 * y2 * over)
-        return Moments(*(total + term for total, term in zip(totals, terms, strict=True))), None
-
-    start = Moments(*(jnp.zeros(columns[0].shape[1:], columns[0].dtype),) * 6)
-    totals, _ = jax.lax.scan(block, start, (columns, spread))
-    return Moments(*(total.sum(-1) for total in totals))
+    y0, y1, y2 = columns
+    over = 1 / eigenvalues(theta1[:, None], spread)
+    z0, z1 = y0 * over, y1 * over
+    return Moments(*sums_over_frequencies((y0 * z0, y1 * z0, y2 * z0, y1 * z1, y2 * z1, y2 * y2 * over)))
 
 
 def _covariance(fit: Profile, columns: Columns, data: SineTransforms) -> Covariance:
     """Second derivatives of (form / sigma_a^2 + log det) / 2, summed over frequencies in one pass."""
+    y0, y1, y2 = columns
     edge = 1 - fit.theta1[:, None]
-
-    def block(totals: Array, part: tuple[Columns, Array]) -> tuple[Array, None]:
-        (y0, y1, y2), s = part
-        ell = eigenvalues(1 - edge, s)
-        w = (y0 + fit.c1[:, None] * y1 + fit.c2[:, None] * y2) / ell
-        slope = s - 2 * edge
-        bend = slope / ell
-        log_det = 2 / ell - bend**2
-        terms = (y1 * y1 / ell, y1 * y2 / ell, y2 * y2 / ell, w * y1 * bend, w * y2 * bend, w**2 * slope)
-        return totals + jnp.stack([*terms, w**2 * (slope * bend - 1), log_det]), None
-
-    start = jnp.zeros((8, *columns[0].shape[1:]), columns[0].dtype)
-    totals = jax.lax.scan(block, start, (columns, data.spread))[0].sum(-1)
+    over = 1 / eigenvalues(1 - edge, data.spread)
+    w = (y0 + fit.c1[:, None] * y1 + fit.c2[:, None] * y2) * over
+    slope = data.spread - 2 * edge
+    bend = slope * over
+    terms = (y1 * y1 * over, y1 * y2 * over, y2 * y2 * over, w * y1 * bend, w * y2 * bend, w**2 * slope)
+    log_det = jnp.broadcast_to(2 * over - bend**2, y0.shape)
+    totals = sums_over_frequencies((*terms, w**2 * (slope * bend - 1), log_det))
     m11, m12, m22, x1, x2, form_slope, form_bend, log_det_bend = totals
     # Frequencies that only fill up a block count as a spread of 2.
     filling = columns[0].shape[0] * columns[0].shape[2] - data.size

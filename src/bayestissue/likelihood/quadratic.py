@@ -28,6 +28,35 @@ def eigenvalues(theta1: Array, spread: Array) -> Array:
 
 
 @jax.custom_jvp
+def sums_over_frequencies(terms: tuple[Array, ...]) -> tuple[Array, ...]:
+    """The sum over block and lane of every term, all in one pass over what they share.
+
+    The blocks are summed first, lane by lane: that loop is short enough to be unrolled, and then runs over
+    the lanes in vector registers. One reduction of several operands is one loop, several are several.
+
+    Args:
+        terms: each [block, impact, lane].
+    """
+    if len(terms) == 1:
+        blocks = [terms[0][block] for block in range(terms[0].shape[0])]
+        # The two sums would otherwise be made one again, which runs over scalars.
+        return (jax.lax.optimization_barrier(sum(blocks[1:], blocks[0])).sum(-1),)
+    zeros = (jnp.zeros((), terms[0].dtype),) * len(terms)
+    lanes = tuple(jax.lax.reduce(terms, zeros, _plus, (0,)))
+    return tuple(jax.lax.reduce(lanes, zeros, _plus, (1,)))
+
+
+def _plus(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
+    return tuple(one + other for one, other in zip(a, b, strict=True))
+
+
+@sums_over_frequencies.defjvp
+def _sums_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
+    # JAX's own derivative of a reduction of several operands is far slower than that of plain sums.
+    return sums_over_frequencies(*primals), tuple(d.sum((0, -1)) for d in tangents[0])
+
+
+@jax.custom_jvp
 def quadratic_form(
     coefficients: tuple[Float[Array, " impact"], ...],
     theta1: Float[Array, " impact"],
@@ -50,7 +79,7 @@ def quadratic_form(
         spread: 2 - 2 cos(j pi / (N + 1)) in the same blocks.
     """
     over, eigen = _weighted(coefficients, theta1, columns, spread)
-    return _totals((over**2 * eigen,))[0]
+    return sums_over_frequencies((over**2 * eigen,))[0]
 
 
 def _quadratic_form_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
@@ -68,7 +97,7 @@ def _quadratic_form_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
     if not isinstance(d_theta1, SymbolicZero):
         terms.append(square * (2 * (1 - theta1)[:, None] - spread))
         changes.append(d_theta1)
-    value, *slopes = _totals(tuple(terms))
+    value, *slopes = sums_over_frequencies(tuple(terms))
     change = sum((slope * d for slope, d in zip(slopes, changes, strict=True)), jnp.zeros_like(value))
     for coefficient, d in zip(coefficients, d_columns, strict=True):
         if not isinstance(d, SymbolicZero):
@@ -87,32 +116,6 @@ def _weighted(
     eigen = eigenvalues(theta1[:, None], spread)
     # A product is computed anew wherever it is used; a quotient would be stored and read back.
     return w * (1 / eigen), eigen
-
-
-@jax.custom_jvp
-def _totals(terms: tuple[Array, ...]) -> tuple[Array, ...]:
-    """Sums over the frequencies, all terms in one pass over what they share.
-
-    The blocks are summed first, lane by lane: that loop is short enough to be unrolled, and then runs over
-    the lanes in vector registers. One reduction of several operands is one loop, several are several.
-    """
-    if len(terms) == 1:
-        blocks = [terms[0][block] for block in range(terms[0].shape[0])]
-        # The two sums would otherwise be made one again, which runs over scalars.
-        return (jax.lax.optimization_barrier(sum(blocks[1:], blocks[0])).sum(-1),)
-    zeros = (jnp.zeros((), terms[0].dtype),) * len(terms)
-    lanes = tuple(jax.lax.reduce(terms, zeros, _plus, (0,)))
-    return tuple(jax.lax.reduce(lanes, zeros, _plus, (1,)))
-
-
-def _plus(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
-    return tuple(one + other for one, other in zip(a, b, strict=True))
-
-
-@_totals.defjvp
-def _totals_jvp(primals: Any, tangents: Any) -> tuple[Any, Any]:
-    # JAX's own derivative of a reduction of several operands is far slower than that of plain sums.
-    return _totals(*primals), tuple(d.sum((0, -1)) for d in tangents[0])
 
 
 @jax.custom_jvp

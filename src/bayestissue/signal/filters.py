@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt
 
 from bayestissue.errors import InputError, Problem
 from bayestissue.signal.traces import Column, Rows
@@ -29,6 +28,9 @@ def low_pass(values: Rows, dt: Column, frequency_class: int) -> Rows:
 
     Source: SAE J211-1, appendix C; ISO 6487.
     """
+    # A third of a second to import, which only those who filter should wait for.
+    from scipy.signal import butter, sosfiltfilt
+
     rates = np.round(1 / dt, 3)
     too_slow = rates <= 2 * _DESIGN_CORNER * frequency_class
     if too_slow.any():

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import savgol_filter
 
 from bayestissue.signal.contact import from_time_zero
 from bayestissue.signal.options import SignalOptions
@@ -48,6 +47,9 @@ class Derivatives:
 
 def derivatives(recordings: Recordings) -> Derivatives:
     """Slope and minus curvature of parabolas fitted over 5 ms (at least five samples) around each sample."""
+    # A third of a second to import, which recordings of the deceleration need not wait for.
+    from scipy.signal import savgol_filter
+
     dt = np.median(recordings.dt)
     width = max(5, 2 * round(_SMOOTHING_S / dt / 2) + 1)
     width = min(width, recordings.value.shape[1] - 1 + recordings.value.shape[1] % 2)
