@@ -206,22 +206,24 @@ def _relative_to_samples(
 ) -> dict[str, Array]:
     """Standard errors of a = zeta omega_n dt, (omega_n dt)^2, its root and zeta, by the delta method.
 
-    4 sin^2(b/2) = c2 e^a - 4 sinh^2(a/2) =: h with b = omega_d dt, so that d(b^2)/dh = 2 b / (2 sin b) and
-    sin^2 b = h (4 - h) / 4, above critical damping too. All else follows from e^(-2a) = 1 + c2 - c1.
+    4 sin^2(b/2) = c2 e^a - 4 sinh^2(a/2) =: h with b = omega_d dt, so that d(b^2)/dh = b / sin b and
+    sin^2 b = h (4 - h) / 4, above critical damping too; b^2 / h is 1 + h/12 + h^2/90 + h^3/560 + ... All
+    else follows from e^(-2a) = 1 + c2 - c1.
     """
     shrunk = jnp.sqrt(1 + fit.c2 - fit.c1)
     lost = (fit.c1 - fit.c2) / (1 + shrunk)
-    h, b_squared = (fit.c2 - lost**2) / shrunk, square - decay**2
-    by_h = 1 / jnp.sqrt(jnp.where(b_squared == 0, 1.0, h / b_squared) * (1 - h / 4))
+    h = (fit.c2 - lost**2) / shrunk
+    near = jnp.abs(h) < 1e-3
+    ratio = (square - decay**2) / jnp.where(near, 1.0, h)
+    by_h = jnp.sqrt(jnp.where(near, 1 + h * (1 / 12 + h * (1 / 90 + h / 560)), ratio) / (1 - h / 4))
     a_by_c1 = 1 / (2 * shrunk**2)
     h_by_a = (fit.c2 - (fit.c1 - fit.c2)) / shrunk
     by_c1 = a_by_c1 * (2 * decay + h_by_a * by_h)
-    slopes = {"decay": (a_by_c1, -a_by_c1), "square": (by_c1, by_h / shrunk - by_c1)}
+    by_c2 = by_h / shrunk - by_c1
     w = jnp.sqrt(square)
-    slopes["angle"] = tuple(slope / (2 * w) for slope in slopes["square"])
-    slopes["damping"] = tuple(
-        (a - decay / w * angle) / w for a, angle in zip(slopes["decay"], slopes["angle"], strict=True)
-    )
+    angle = by_c1 / (2 * w), by_c2 / (2 * w)
+    damping = (a_by_c1 - decay / w * angle[0]) / w, (-a_by_c1 - decay / w * angle[1]) / w
+    slopes = {"decay": (a_by_c1, -a_by_c1), "square": (by_c1, by_c2), "angle": angle, "damping": damping}
     return {
         name: jnp.sqrt(s1**2 * covariance.c1_c1 + 2 * s1 * s2 * covariance.c1_c2 + s2**2 * covariance.c2_c2)
         for name, (s1, s2) in slopes.items()
