@@ -120,7 +120,10 @@ class Priors(BaseModel):
 
     All are on the log scale of K (N/m) and C (N s/m): ``intercept`` is log K at the reference mass,
     ``mass_exponent`` the slope of log K on log mass, ``covariate`` the change of log K for one standard
-    deviation of any other covariate, ``sd_*`` the spread between subjects, trials and impacts.
+    deviation of any other covariate, ``sd_*`` the spread between subjects, trials and impacts. For traces,
+    ``noise`` is the mean over impacts of the log of the noise's standard deviation as a fraction of the
+    trace's peak, ``atanh_theta1`` that of artanh theta1, and ``sd_noise`` and ``sd_atanh_theta1`` their
+    spread.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -131,6 +134,10 @@ class Priors(BaseModel):
     sd_trial: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(0.5))
     sd_impact: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(1.0))
     residual_correlation: Correlation = Correlation(distribution="lkj", concentration=2.0)
+    noise: Location = _normal(-10.0, 5.0)
+    sd_noise: Scale = _half_normal(1.0)
+    atanh_theta1: Location = _normal(0.0, 2.0)
+    sd_atanh_theta1: Scale = _half_normal(1.0)
 
     def log_densities(self, sites: Mapping[str, Any]) -> dict[str, Any]:
         """Log prior density of each top-level parameter in ``sites``, elementwise.
@@ -141,9 +148,10 @@ class Priors(BaseModel):
         densities = {}
         for field in type(self).model_fields:
             prior = getattr(self, field)
-            if field == "residual_correlation":
-                if field in sites:
-                    densities[field] = prior.numpyro().log_prob(sites[field])
+            if not isinstance(prior, PairOfLocations | PairOfScales):
+                name = f"{field}_mean" if isinstance(prior, Normal) else field
+                if name in sites:
+                    densities[name] = prior.numpyro().log_prob(sites[name])
                 continue
             for response in ("K", "C"):
                 name = f"{field}_{response}"

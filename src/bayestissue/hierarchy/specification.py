@@ -8,9 +8,13 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from bayestissue.hierarchy.priors import Priors
+from bayestissue.signal import SignalOptions
 from bayestissue.settings import checked, parse_toml, read_text
 
 DEFAULT_FORMULA = "log(mass_kg) + (1|subject) + (1|trial)"
+
+
+Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
 
 
 class _Table(BaseModel):
@@ -38,6 +42,12 @@ class Sampler(_Table):
     draws: Annotated[int, Field(ge=100)] = 1000
     target_accept: Annotated[float, Field(gt=0.5, lt=1)] = 0.9
     max_tree_depth: Annotated[int, Field(ge=3, le=15)] = 10
+    path: Literal["automatic", "exact", "summary"] = Field(
+        default="automatic",
+        description="exact: every trace in every step. summary: each trace summarised once, then the "
+        "hierarchy, then a correction by importance sampling. automatic: exact up to 400 impacts. Only for "
+        "traces.",
+    )
 
 
 class Comparison(_Table):
@@ -51,7 +61,8 @@ class ModelSpecification(_Table):
 
     name: Annotated[str, Field(min_length=1)]
     description: str = ""
-    likelihood: Literal["published-estimates"]
+    likelihood: Likelihood
+    signal: SignalOptions = SignalOptions()
     reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
     formula: Formulas = Formulas()
     residual_correlation: bool = True

@@ -38,8 +38,8 @@ class Onset:
     """What surrounds contact, per impact.
 
     ``first`` is the first sample certain to be in contact; contact came between ``least`` and ``most``
-    seconds before it. ``offset`` is the mean of the quiet part, 0 where ``quiet`` is false; ``noise_sd`` is
-    the standard deviation of the recorder's noise. Both have the unit of the recording. ``doubtful`` says
+    seconds before it. ``offset`` is the mean of the quiet part, 0 where ``quiet`` is false; it has
+    ``quiet_samples``. ``noise_sd`` is the standard deviation of the recorder's noise. Both have the unit of the recording. ``doubtful`` says
     that a chosen contact is more than 1 ms, and five samples, from where the trace itself shows it.
     """
 
@@ -49,6 +49,7 @@ class Onset:
     offset: Column
     noise_sd: Column
     quiet: Mask
+    quiet_samples: Index
     doubtful: Mask
 
 
@@ -78,18 +79,19 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     last_quiet = _last_quiet(recordings, first, baseline, sd)
     quiet, offset, sd = _quiet_part(recordings, last_quiet, sd, peak, baseline)
     least, most = np.zeros(len(peak)), (first - last_quiet) * recordings.dt
-    shown, earliest = first, most
+    shown, earliest, end = first, most, last_quiet
     if options.contact == "threshold":
         first, least = _crossing(recordings, offset + options.threshold * (peak - offset), last_below)
         most = least
     elif options.contact == "time-zero":
         first, least = from_time_zero(recordings)
-        quiet, offset, sd = _quiet_part(recordings, first - 1, sd, peak, offset)
+        end = first - 1
+        quiet, offset, sd = _quiet_part(recordings, end, sd, peak, offset)
         most = least
     later = (first - shown) * recordings.dt - least
     tolerance = np.maximum(_DOUBTFUL_S, 5 * recordings.dt)
     doubtful = (least == most) & ((later > tolerance) | (later < -earliest - tolerance))
-    return Onset(first, least, most, offset, sd, quiet, doubtful)
+    return Onset(first, least, most, offset, sd, quiet, np.where(quiet, end, 0), doubtful)
 
 
 def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:

@@ -69,6 +69,8 @@ class Displacements:
         time_to_peak: [impact], from contact to zero velocity, s.
         peak_displacement: [impact], at zero velocity, since contact, m.
         offset: [impact], what was subtracted from the recording, in its own SI unit.
+        offset_sd: [impact], standard error of that, from the noise of the quiet part; NaN where nothing was
+            subtracted.
         noise_sd: [impact], standard deviation of the recording's white noise, same unit.
         flags: per impact, what a reader should know about it.
     """
@@ -87,6 +89,7 @@ class Displacements:
     time_to_peak: Column
     peak_displacement: Column
     offset: Column
+    offset_sd: Column
     noise_sd: Column
     flags: list[list[str]]
 
@@ -122,6 +125,8 @@ def _integrated(
 ) -> Displacements:
     onset = find_onset(recordings, options)
     offset = onset.offset if options.remove_offset else np.zeros_like(onset.offset)
+    removed = onset.quiet & options.remove_offset
+    offset_sd = np.where(removed, onset.noise_sd / np.sqrt(np.maximum(onset.quiet_samples, 1)), np.nan)
     part = from_sample(recordings, onset.first)
     part = replace(part, value=part.value - offset[:, None])
     if options.filter != "none":
@@ -142,7 +147,7 @@ def _integrated(
     }
     return _windowed(
         part, x, v, d, stop, flags, mass, velocity, start.since_contact, start.since_contact_sd, offset,
-        onset.noise_sd, options,
+        offset_sd, onset.noise_sd, options,
     )  # fmt: skip
 
 
@@ -167,7 +172,7 @@ def _recorded(
     flags = {"velocity does not reach zero: the window ends where it is least": ~stop.reached}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
     return _windowed(
-        part, x, v, d, stop, flags, mass, velocity, since_contact, sd, at_contact, noise, options
+        part, x, v, d, stop, flags, mass, velocity, since_contact, sd, at_contact, np.full_like(sd, np.nan), noise, options
     )  # fmt: skip
 
 
@@ -183,6 +188,7 @@ def _windowed(
     since_contact: Column,
     since_contact_sd: Column,
     offset: Column,
+    offset_sd: Column,
     noise: Column,
     options: SignalOptions,
 ) -> Displacements:
@@ -210,6 +216,7 @@ def _windowed(
         time_to_peak=since_contact + stop.time,
         peak_displacement=stop.x,
         offset=offset,
+        offset_sd=offset_sd,
         noise_sd=noise,
         flags=[[text for text, up in zip(flags, row, strict=True) if up] for row in raised.tolist()],
     )

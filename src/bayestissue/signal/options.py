@@ -47,10 +47,11 @@ class SignalOptions(BaseModel):
         description="peak: from contact to zero velocity, as in the thesis; a number between 0 and 1: that "
         "fraction of the time to zero velocity; rebound: until the tissue no longer pushes.",
     )
-    equilibrium: Literal["rest", "sample-mean"] = Field(
+    equilibrium: Literal["rest", "sample-mean", "estimated"] = Field(
         default="rest",
         description="What x is measured from: the position at contact, where the tissue is at rest, or, as "
-        "in section 2.3 of the thesis, its own mean over the window.",
+        "in section 2.3 of the thesis, its own mean over the window. estimated: from contact, and a fit lets "
+        "the rest position lie anywhere within the trace's reach of it; a point estimate takes it as rest.",
     )
 
 

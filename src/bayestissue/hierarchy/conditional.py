@@ -1,0 +1,190 @@
+"""Normal conditionals of the hierarchy, given a normal summary of what each trace says.
+
+Each trace's likelihood L(u) is summarised by exp(g (u - m) - (u - m)' P (u - m) / 2). With it and the
+standard deviations given, b and every u are jointly normal: both can be integrated out in closed form, and
+drawn back by an affine map of standard normals. The map is exact whatever the summaries are; only its
+whitening power depends on them, and the ratio of likelihood to summary puts things right.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.scipy.linalg import solve_triangular
+from jaxtyping import Float
+
+from bayestissue.hierarchy.population import PopulationDesign, Spread
+from bayestissue.likelihood import small
+
+
+class Summaries(NamedTuple):
+    """Second-order expansion of each trace's log likelihood.
+
+    Attributes:
+        centre: m, where it was made.
+        slope: g.
+        precision: P, positive definite.
+        log_likelihood: log L(m).
+    """
+
+    centre: Float[Array, "impact parameter"]
+    slope: Float[Array, "impact parameter"]
+    precision: Float[Array, "impact parameter parameter"]
+    log_likelihood: Float[Array, " impact"]
+
+    def log_summary(self, u: list[Array]) -> Float[Array, " impact"]:
+        """Log of the summary at ``u``, whose value at the centre is log L(m)."""
+        away = [u[a] - self.centre[:, a] for a in range(len(u))]
+        bent = small.times(small.entries(self.precision), away)
+        change = sum(d * (self.slope[:, a] - bent[a] / 2) for a, d in enumerate(away))
+        return self.log_likelihood + change
+
+
+class Conditional(NamedTuple):
+    """What is left once the standard deviations are given.
+
+    Attributes:
+        log_evidence: log density of all summaries, b and every u integrated out.
+        mean: of b.
+        factor: lower Cholesky factor of b's precision.
+        parts: per impact, what `impact_parameters` and `impact_log_evidence` need.
+    """
+
+    log_evidence: Float[Array, ""]
+    mean: Float[Array, " location"]
+    factor: Float[Array, "location location"]
+    parts: _Impacts
+
+
+class _Impacts(NamedTuple):
+    prior: list[list[Array]]
+    factor: list[list[Array]]
+    weight: list[list[Array]]
+    pull: list[Array]
+    constant: Array
+
+
+def condition(
+    design: PopulationDesign,
+    spread: Spread,
+    mean: Float[Array, " location"],
+    summaries: Summaries,
+) -> Conditional:
+    """Integrate b and every u out, the standard deviations given.
+
+    ``mean`` is b's prior mean.
+    """
+    impacts = _impacts(spread, summaries)
+    size = summaries.centre.shape[1]
+    begins = [0]
+    for matrix in design.columns:
+        begins.append(begins[-1] + matrix.shape[1])
+    middle = [summaries.centre[:, a] for a in range(size)]
+    # Everything is measured from X mean, which keeps the sums of squares small.
+    prior_mean = [
+        (jnp.asarray(m) @ mean[begins[a] : begins[a + 1]])[design.cell]
+        for a, m in enumerate(design.columns)
+    ]
+    away = [prior_mean[a] - middle[a] for a in range(size)]
+    weighted = small.times(impacts.weight, away)
+    toward = [impacts.pull[a] - weighted[a] for a in range(size)]
+    constant = impacts.constant + sum(
+        away[a] * (impacts.pull[a] - weighted[a] / 2) for a in range(size)
+    )
+    precision = jnp.block(
+        [
+            [
+                design.columns[a].T @ (_cells(design, impacts.weight[a][b])[:, None] * design.columns[b])
+                for b in range(size)
+            ]
+            for a in range(size)
+        ]
+    )
+    precision = precision + jnp.diag(spread.locations**-2.0)
+    right = jnp.concatenate([design.columns[a].T @ _cells(design, toward[a]) for a in range(size)])
+    factor = jnp.linalg.cholesky(precision)
+    half = solve_triangular(factor, right, lower=True)
+    log_evidence = (
+        constant.sum()
+        - jnp.log(spread.locations).sum()
+        - jnp.log(jnp.diagonal(factor)).sum()
+        + (half**2).sum() / 2
+    )
+    shift = solve_triangular(factor, half, lower=True, trans=1)
+    return Conditional(log_evidence, mean + shift, factor, impacts)
+
+
+def locations(conditional: Conditional, standard: Float[Array, " location"]) -> Float[Array, " location"]:
+    """B from standard normals."""
+    return conditional.mean + solve_triangular(conditional.factor, standard, lower=True, trans=1)
+
+
+def impact_parameters(
+    conditional: Conditional,
+    summaries: Summaries,
+    about: list[Float[Array, " impact"]],
+    standard: Float[Array, "impact parameter"],
+) -> list[Float[Array, " impact"]]:
+    """Each impact's u from standard normals, given ``about`` = X b."""
+    parts, size = conditional.parts, len(about)
+    away = [about[a] - summaries.centre[:, a] for a in range(size)]
+    pulled = small.times(parts.prior, away)
+    right = [summaries.slope[:, a] + pulled[a] for a in range(size)]
+    half = small.forward_solve(parts.factor, right)
+    whole = small.backward_solve(parts.factor, [half[a] + standard[:, a] for a in range(size)])
+    return [summaries.centre[:, a] + whole[a] for a in range(size)]
+
+
+def impact_log_evidence(
+    conditional: Conditional, summaries: Summaries, about: list[Float[Array, " impact"]]
+) -> Float[Array, " impact"]:
+    """Log density of each trace's summary given X b, its u integrated out."""
+    parts, size = conditional.parts, len(about)
+    away = [about[a] - summaries.centre[:, a] for a in range(size)]
+    weighted = small.times(parts.weight, away)
+    return parts.constant + sum(away[a] * (parts.pull[a] - weighted[a] / 2) for a in range(size))
+
+
+def _impacts(spread: Spread, summaries: Summaries) -> _Impacts:
+    """With D the prior precision and V = (P + D)^-1: W = D - D V D and D V g, and the constant."""
+    size = summaries.centre.shape[1]
+    kk, kc, cc = spread.own
+    determinant = kk * cc - kc**2
+    zero = jnp.zeros_like(kk)
+    prior = [[zero] * size for _ in range(size)]
+    prior[0][0], prior[0][1] = cc / determinant, -kc / determinant
+    prior[1][0], prior[1][1] = prior[0][1], kk / determinant
+    log_prior = -jnp.log(determinant) / 2
+    for a, sd in enumerate(spread.nuisance, start=2):
+        prior[a][a] = sd**-2.0
+        log_prior = log_prior - jnp.log(sd)
+    own = small.entries(summaries.precision)
+    factor = small.cholesky([[own[a][b] + prior[a][b] for b in range(size)] for a in range(size)])
+    # Columns of L^-1 D: W = D - (L^-1 D)' (L^-1 D).
+    columns = [
+        small.forward_solve(factor, [prior[a][c] + jnp.zeros_like(own[0][0]) for a in range(size)])
+        for c in range(size)
+    ]
+    slope = small.forward_solve(factor, [summaries.slope[:, a] for a in range(size)])
+    weight = [
+        [prior[a][b] - sum(columns[a][k] * columns[b][k] for k in range(size)) for b in range(size)]
+        for a in range(size)
+    ]
+    pull = [sum(columns[a][k] * slope[k] for k in range(size)) for a in range(size)]
+    constant = (
+        summaries.log_likelihood
+        + log_prior
+        - small.log_diagonal(factor)
+        + sum(value**2 for value in slope) / 2
+    )
+    return _Impacts(prior, factor, weight, pull, constant)
+
+
+def _cells(design: PopulationDesign, values: Float[Array, " impact"]) -> Float[Array, " cell"]:
+    cells = design.columns[0].shape[0]
+    if cells == values.shape[0]:
+        return values
+    return jax.ops.segment_sum(values, design.cell, cells)

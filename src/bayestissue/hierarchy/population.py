@@ -1,0 +1,156 @@
+"""The hierarchy over impacts as matrices: what b, all location parameters together, says of each impact.
+
+An impact's own parameters are u = (log K, log C, log noise[, artanh theta1]), K and C at the recorded mass.
+Given b and the standard deviations, u is normal about X b; b is normal too. Subject and trial effects,
+intercepts, mass exponents and covariates are all parts of b, so everything linear is one vector.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float, Int
+
+from bayestissue.hierarchy.design import GROUPS, Design, ResponseDesign
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.priors import Priors
+
+
+
+@dataclass(frozen=True)
+class Locations:
+    """Names and places of the parts of b.
+
+    ``parts`` has the slice of each part, such as ``intercept_K`` or ``subject_effect_C``; ``mean`` and
+    ``sd`` [location] are the prior's, with NaN for the sd of an effect whose spread is itself unknown,
+    named in ``spread`` [location].
+    """
+
+    parts: dict[str, slice]
+    mean: np.ndarray
+    sd: np.ndarray
+    spread: tuple[str, ...]
+
+    @property
+    def size(self) -> int:
+        """Number of elements of b."""
+        return len(self.mean)
+
+
+class PopulationDesign(NamedTuple):
+    """Design matrices over cells, the distinct rows of the design, and the cell of every impact.
+
+    Attributes:
+        columns: one matrix per parameter of an impact, [cell, that parameter's part of b].
+        cell: of each impact.
+    """
+
+    columns: tuple[Float[np.ndarray, "cell part"], ...]
+    cell: Int[np.ndarray, " impact"]
+
+
+def population_design(
+    design: Design, priors: Priors, nuisance: tuple[str, ...]
+) -> tuple[Locations, PopulationDesign]:
+    """Arrange a design: b is (all of log K's, all of log C's, then one mean per nuisance parameter)."""
+    rows, parts, mean, sd, spread = [], {}, [], [], []
+    for response in RESPONSES:
+        matrix, pieces = _response(design, design.responses[response], response, priors)
+        for name, width, prior_mean, prior_sd, unknown in pieces:
+            parts[name] = slice(len(mean), len(mean) + width)
+            mean += [prior_mean] * width
+            sd += [prior_sd] * width
+            spread += [unknown] * width
+        rows.append(matrix)
+    for name in nuisance:
+        prior = getattr(priors, name)
+        parts[f"{name}_mean"] = slice(len(mean), len(mean) + 1)
+        mean.append(prior.mean)
+        sd.append(prior.sd)
+        spread.append("")
+        rows.append(np.ones((len(design.subject), 1)))
+    whole = np.concatenate(rows, axis=1)
+    _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
+    if len(first) == len(whole):
+        first = cell = np.arange(len(whole))
+    columns = tuple(matrix[first] for matrix in rows)
+    return (
+        Locations(parts, np.array(mean, float), np.array(sd, float), tuple(spread)),
+        PopulationDesign(columns, cell.reshape(-1)),
+    )
+
+
+def _response(
+    design: Design, part: ResponseDesign, response: str, priors: Priors
+) -> tuple[np.ndarray, list[tuple[str, int, float, float, str]]]:
+    count = len(design.subject)
+    matrices = [np.ones((count, 1))]
+    intercept = getattr(priors.intercept, response)
+    pieces = [(f"intercept_{response}", 1, intercept.mean, intercept.sd, "")]
+    if part.log_mass is not None:
+        exponent = getattr(priors.mass_exponent, response)
+        matrices.append(part.log_mass[:, None])
+        pieces.append((f"mass_exponent_{response}", 1, exponent.mean, exponent.sd, ""))
+    if part.names:
+        covariate = getattr(priors.covariate, response)
+        matrices.append(part.covariates)
+        pieces.append(
+            (f"covariate_effect_{response}", len(part.names), covariate.mean, covariate.sd, "")
+        )
+    for group in GROUPS:
+        if group in part.groups:
+            codes = getattr(design, group)
+            levels = len(getattr(design, f"{group}s"))
+            matrices.append((codes[:, None] == np.arange(levels)).astype(float))
+            pieces.append((f"{group}_effect_{response}", levels, 0.0, np.nan, f"sd_{group}_{response}"))
+    return np.concatenate(matrices, axis=1), pieces
+
+
+class Spread(NamedTuple):
+    """Covariance of an impact's parameters about X b, and the standard deviations of b's elements.
+
+    Attributes:
+        own: of (log K, log C) at the recorded mass, as (KK, KC, CC).
+        nuisance: standard deviation of each nuisance parameter between impacts.
+        locations: prior standard deviation of each element of b.
+    """
+
+    own: tuple[Array, Array, Array]
+    nuisance: tuple[Array, ...]
+    locations: Float[Array, " location"]
+
+
+def spread_of_population(
+    locations: Locations, sites: dict[str, Array], log_mass_sd: float, nuisance: tuple[str, ...]
+) -> Spread:
+    """The covariances that the sampled standard deviations imply.
+
+    An error of the log mass, with standard deviation ``log_mass_sd``, moves log K and log C alike; being
+    part of how u scatters about X b, it needs no parameter of its own.
+    """
+    sd_K, sd_C = sites["sd_impact_K"], sites["sd_impact_C"]
+    correlation = sites.get("residual_correlation", jnp.zeros_like(sd_K))
+    error = log_mass_sd**2
+    own = (sd_K**2 + error, correlation * sd_K * sd_C + error, sd_C**2 + error)
+    known = jnp.asarray(np.nan_to_num(locations.sd, nan=1.0))
+    sd = known
+    for name in sorted({name for name in locations.spread if name}):
+        chosen = np.array([each == name for each in locations.spread])
+        sd = jnp.where(chosen, sites[name], sd)
+    return Spread(own, tuple(sites[f"sd_{name}"] for name in nuisance), sd)
+
+
+def expected(
+    design: PopulationDesign, locations: Locations, b: Float[Array, " location"]
+) -> list[Float[Array, " impact"]]:
+    """X b: the expectation of each of an impact's parameters."""
+    values, begin = [], 0
+    for matrix in design.columns:
+        end = begin + matrix.shape[1]
+        values.append((jnp.asarray(matrix) @ b[begin:end])[design.cell])
+        begin = end
+    return values

@@ -1,0 +1,169 @@
+"""From a dataset and a model file to the arrays and the model of a fit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+
+from bayestissue.errors import InputError, Problem
+from bayestissue.hierarchy.design import Design, build_design
+from bayestissue.hierarchy.population import population_design
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.traces import NUISANCE, Kind, TraceData, TraceModel
+from bayestissue.likelihood.deceleration import DecelerationRecord
+from bayestissue.likelihood.displacement import displacement_record
+from bayestissue.signal import Displacements, displacements
+from bayestissue.signal.displacement import RecordedImpacts
+
+FEWEST_SAMPLES = 8
+KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
+
+
+class ChainUncertainty(Protocol):
+    """Standard deviations of the measuring chain: see `bayestissue.dataset.model.Uncertainty`."""
+
+    relative_mass_sd: float
+    velocity_sd_m_s: float
+    relative_gain_sd: float
+    offset_sd: float
+
+
+class MeasuredImpacts(RecordedImpacts, Protocol):
+    """Recorded impacts with the uncertainty of what recorded them: see `bayestissue.dataset.Dataset`."""
+
+    @property
+    def uncertainty(self) -> ChainUncertainty:
+        """Standard deviations of the measuring chain."""
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A fit ready to start."""
+
+    model: TraceModel
+    data: TraceData
+    design: Design
+    signal: Displacements
+    impacts: pd.DataFrame
+
+
+def prepare(dataset: MeasuredImpacts, specification: ModelSpecification, *, source: str) -> Prepared:
+    """Integrate the traces, evaluate the formulas and arrange everything for the model.
+
+    Raises:
+        InputError: the model's likelihood is not one of traces, its formulas ask for what this design can't
+            identify, or a trace has too few samples in its window; ``source`` is the model file's name.
+    """
+    problems = _unsuited(dataset, specification, source)
+    if problems:
+        raise InputError(problems)
+    design = build_design(
+        specification.formula,
+        dataset.impacts,
+        reference_mass_kg=specification.reference_mass_kg,
+        source=source,
+    )
+    signal = displacements(dataset, specification.signal)
+    short = np.flatnonzero(signal.n_samples < FEWEST_SAMPLES)
+    if len(short):
+        raise InputError(
+            [
+                Problem(
+                    "traces",
+                    f"at least {FEWEST_SAMPLES} samples between contact and the end of the window",
+                    "Record faster, widen signal.window in the model, or leave the impact out (--skip-bad).",
+                    impact=str(dataset.impacts["impact"].iloc[i]),
+                    value=int(signal.n_samples[i]),
+                )
+                for i in short
+            ]
+        )
+    return assemble(dataset, specification, design, signal)
+
+
+def assemble(
+    dataset: MeasuredImpacts, specification: ModelSpecification, design: Design, signal: Displacements
+) -> Prepared:
+    """Model and data of a fit whose design and displacements are made."""
+    kind: Kind = specification.likelihood  # type: ignore[assignment]
+    found, columns = population_design(design, specification.priors, NUISANCE[kind])
+    model = TraceModel(
+        kind,
+        found,
+        specification.priors,
+        specification.residual_correlation,
+        float(dataset.uncertainty.relative_mass_sd),
+    )
+    record, peak = _record(dataset, specification, signal)
+    data = TraceData(
+        record,
+        type(columns)(tuple(jnp.asarray(c) for c in columns.columns), jnp.asarray(columns.cell)),
+        jnp.asarray(found.mean),
+        jnp.log(jnp.asarray(signal.mass)),
+        jnp.log(jnp.asarray(peak)),
+    )
+    return Prepared(model, data, design, signal, dataset.impacts)
+
+
+def _unsuited(
+    dataset: MeasuredImpacts, specification: ModelSpecification, source: str
+) -> list[Problem]:
+    problems = []
+    if specification.likelihood not in KINDS:
+        problems.append(
+            Problem(
+                source,
+                f"one of {', '.join(KINDS)}",
+                "Choose a model of traces, such as models/arma.toml; published estimates go through "
+                "`bayestissue reproduce`.",
+                column="likelihood",
+                value=specification.likelihood,
+            )
+        )
+    if specification.likelihood == "impact" and dataset.quantity == "displacement":
+        problems.append(
+            Problem(
+                source,
+                '"arma" or "a2", since this dataset holds displacements',
+                "Use models/arma.toml: the impact likelihood reads recorded decelerations.",
+                column="likelihood",
+                value="impact",
+            )
+        )
+    if specification.likelihood == "impact" and specification.signal.filter != "none":
+        problems.append(
+            Problem(
+                source,
+                '"none", since a filtered trace has no white noise',
+                "Take signal.filter out: the likelihood itself tells impact from noise.",
+                column="signal.filter",
+                value=specification.signal.filter,
+            )
+        )
+    return problems
+
+
+def _record(dataset: MeasuredImpacts, specification: ModelSpecification, signal: Displacements):  # noqa: ANN202
+    """The traces with the standard deviations of their linear errors, and each trace's peak."""
+    chain, recorded = dataset.uncertainty, dataset.quantity == "displacement"
+    velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)
+    # What a quiet part before contact tells of the offset replaces what was declared of it.
+    offset_sd = np.where(np.isfinite(signal.offset_sd), signal.offset_sd, chain.offset_sd)
+    start = (signal.n_samples, signal.first_sample_s, signal.dt)
+    if specification.likelihood == "impact":
+        errors = np.stack([velocity_sd, offset_sd, signal.contact_time_sd], axis=1)
+        peak = np.abs(signal.deceleration).max(axis=1)
+        return DecelerationRecord.of(signal.deceleration, *start, signal.velocity, errors), peak
+    level_sd = signal.velocity * signal.contact_time_sd
+    if recorded:
+        level_sd = np.hypot(level_sd, chain.offset_sd)
+        velocity_sd, offset_sd = np.zeros_like(velocity_sd), np.zeros_like(offset_sd)
+    peak = signal.peak_displacement
+    if specification.signal.equilibrium == "estimated":
+        level_sd = np.hypot(level_sd, peak)
+    errors = np.stack([level_sd, velocity_sd, offset_sd], axis=1)
+    return displacement_record(signal.x, *start, errors), peak

@@ -1,0 +1,210 @@
+"""The hierarchy over recorded traces: every impact's likelihood under one population of people and trials.
+
+Written twice. `plain_model` says what is believed, top down. `sampled_model` is the same density in
+coordinates made for sampling: b and every impact's parameters are affine maps of standard normals, made by
+`bayestissue.hierarchy.conditional` to undo whatever the data and the standard deviations correlate.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import jax.numpy as jnp
+import numpyro
+import numpyro.distributions as dist
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.hierarchy.conditional import (
+    Conditional,
+    Summaries,
+    condition,
+    impact_parameters,
+    locations,
+)
+from bayestissue.hierarchy.population import (
+    Locations,
+    PopulationDesign,
+    Spread,
+    expected,
+    spread_of_population,
+)
+from bayestissue.hierarchy.priors import Priors
+from bayestissue.likelihood.deceleration import DecelerationRecord, MeasuredDeceleration
+from bayestissue.likelihood.displacement import DisplacementRecord, MeasuredDisplacement
+
+Kind = Literal["arma", "a2", "impact"]
+NUISANCE: dict[str, tuple[str, ...]] = {
+    "arma": ("noise", "atanh_theta1"),
+    "a2": ("noise",),
+    "impact": ("noise",),
+}
+LOG_2 = 0.6931471805599453
+
+
+class TraceData(NamedTuple):
+    """What the model reads of a dataset, all of it arrays.
+
+    Attributes:
+        record: the traces.
+        design: of the population.
+        location_mean: prior mean of b.
+        log_mass: log of the recorded mass in kg.
+        log_peak: log of the greatest displacement [m], or deceleration [m/s^2], of the trace: the unit of
+            its noise.
+    """
+
+    record: DisplacementRecord | DecelerationRecord
+    design: PopulationDesign
+    location_mean: Float[Array, " location"]
+    log_mass: Float[Array, " impact"]
+    log_peak: Float[Array, " impact"]
+
+
+@dataclass(frozen=True, eq=False)
+class TraceModel:
+    """What is assumed: the likelihood, the parts of b, the priors, and the error of the recorded mass."""
+
+    kind: Kind
+    locations: Locations
+    priors: Priors
+    correlated: bool
+    log_mass_sd: float
+
+    @property
+    def nuisance(self) -> tuple[str, ...]:
+        """Names of an impact's parameters besides log K and log C."""
+        return NUISANCE[self.kind]
+
+    @property
+    def spreads(self) -> tuple[str, ...]:
+        """Names of the standard deviations and correlations: all that is sampled but standard normals."""
+        groups = sorted({name for name in self.locations.spread if name})
+        own = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
+        return (*groups, *own, *(f"sd_{name}" for name in self.nuisance))
+
+    def prior_of(self, name: str) -> dist.Distribution:
+        """The prior of one of `spreads`."""
+        if name.endswith(("_K", "_C")):
+            return getattr(getattr(self.priors, name[:-2]), name[-1]).numpyro()
+        return getattr(self.priors, name).numpyro()
+
+
+class Physical(NamedTuple):
+    """An impact's parameters as the likelihood takes them, each [impact]."""
+
+    omega_n: Array
+    zeta: Array
+    theta1: Array | None
+    log_sigma: Array
+
+
+def physical(model: TraceModel, data: TraceData, u: list[Array]) -> Physical:
+    """omega_n = sqrt(K / M), zeta = C / (2 omega_n M), theta1 and the noise.
+
+    For "arma" the noise parameter is log s with s^2 = sigma_a^2 (1 + theta1^2), the variance of
+    a_t - theta1 a_{t-1}, which the data tell whatever theta1 is; sigma_a alone would follow theta1.
+    """
+    omega_n = jnp.exp((u[0] - data.log_mass) / 2)
+    zeta = jnp.exp(u[1] - data.log_mass - LOG_2) / omega_n
+    log_s = u[2] + data.log_peak
+    if model.kind != "arma":
+        return Physical(omega_n, zeta, None, log_s)
+    theta1 = jnp.tanh(u[3])
+    return Physical(omega_n, zeta, theta1, log_s - jnp.log1p(theta1**2) / 2)
+
+
+def trace_distribution(
+    model: TraceModel, data: TraceData, u: list[Array]
+) -> MeasuredDisplacement | MeasuredDeceleration:
+    """The distribution of every impact's trace."""
+    at = physical(model, data, u)
+    if isinstance(data.record, DecelerationRecord):
+        return MeasuredDeceleration(at.omega_n, at.zeta, at.log_sigma, data.record)
+    return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, data.record)
+
+
+def observed(data: TraceData) -> Array:
+    """The traces themselves, [impact, sample]."""
+    return data.record.d if isinstance(data.record, DecelerationRecord) else data.record.x
+
+
+def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[Array, " impact"]:
+    """Log density of each trace given its own parameters, the chain's errors integrated out."""
+    return trace_distribution(model, data, u).log_prob(observed(data))
+
+
+def sample_spreads(model: TraceModel) -> dict[str, Array]:
+    """Sample all standard deviations and the correlation from their priors."""
+    return {name: numpyro.sample(name, model.prior_of(name)) for name in model.spreads}
+
+
+def population(model: TraceModel, sites: dict[str, Array]) -> Spread:
+    """See `spread_of_population`."""
+    return spread_of_population(model.locations, sites, model.log_mass_sd, model.nuisance)
+
+
+def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True) -> None:
+    """The model from the top down: standard deviations, b, each impact's parameters, its trace."""
+    spread = population(model, sample_spreads(model))
+    b = numpyro.sample("locations", dist.Normal(data.location_mean, spread.locations).to_event(1))
+    about = expected(data.design, model.locations, b)
+    kk, kc, cc = spread.own
+    own = jnp.stack([jnp.stack([kk, kc]), jnp.stack([kc, cc])])
+    with numpyro.plate("impact", data.log_mass.shape[0]):
+        pair = dist.MultivariateNormal(jnp.stack(about[:2], axis=-1), own)
+        logs = numpyro.sample("log_K_and_C", pair)
+        rest = [
+            numpyro.sample(name, dist.Normal(mean, sd))
+            for name, mean, sd in zip(model.nuisance, about[2:], spread.nuisance, strict=True)
+        ]
+        u = [logs[..., 0], logs[..., 1], *rest]
+        seen = observed(data) if conditioned else None
+        numpyro.sample("trace", trace_distribution(model, data, u), obs=seen)
+
+
+def sampled_model(model: TraceModel, data: TraceData, summaries: Summaries) -> None:
+    """The same density over standard normals; `from_standard` gives b and u back.
+
+    The factor is log p(b, u) + log |d(b, u) / d(standard normals)| less the standard normals' own density.
+    """
+    sites = sample_spreads(model)
+    number, size = summaries.centre.shape
+    z_b = numpyro.sample("standard_locations", _standard(model.locations.size))
+    z_u = numpyro.sample("standard_impacts", _standard(number, size))
+    found = from_standard(model, data, summaries, sites, z_b, z_u)
+    density = found.conditional.log_evidence - summaries.log_summary(found.u).sum()
+    numpyro.factor("change_of_variables", density)
+    with numpyro.plate("impact", number):
+        numpyro.sample("trace", trace_distribution(model, data, found.u), obs=observed(data))
+
+
+def _standard(*shape: int) -> dist.Distribution:
+    return dist.Normal().expand(list(shape)).to_event(len(shape))
+
+
+class Drawn(NamedTuple):
+    """b, each impact's parameters and their expectation X b, from standard normals."""
+
+    b: Array
+    u: list[Array]
+    about: list[Array]
+    conditional: Conditional
+
+
+def from_standard(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    sites: dict[str, Array],
+    z_b: Float[Array, " location"],
+    z_u: Float[Array, "impact parameter"],
+) -> Drawn:
+    """The affine maps of `bayestissue.hierarchy.conditional`, the standard deviations given."""
+    spread = population(model, sites)
+    conditional = condition(data.design, spread, data.location_mean, summaries)
+    b = locations(conditional, z_b)
+    about = expected(data.design, model.locations, b)
+    u = impact_parameters(conditional, summaries, about, z_u)
+    return Drawn(b, u, about, conditional)

@@ -1,0 +1,141 @@
+"""What a fit of traces needs before its chains: first guesses, summaries, and the spreads' posterior mode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+from jax import Array
+from jax.flatten_util import ravel_pytree
+from jaxtyping import Float
+from numpyro.infer.util import initialize_model
+from scipy.optimize import minimize
+
+from bayestissue.hierarchy.conditional import Summaries, condition
+from bayestissue.hierarchy.population import expected
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import TraceData, TraceModel, population, sample_spreads
+from bayestissue.inference.point import PointFit, fit_points
+from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
+
+PASSES = 2
+_NEAREST = 0.99
+_STEP = 1e-4
+
+
+@dataclass(frozen=True)
+class Spreads:
+    """The standard deviations' posterior given the summaries, to second order, unconstrained.
+
+    ``mode`` has each site's value, ``covariance`` the inverse of the curvature there.
+    """
+
+    mode: Mapping[str, np.ndarray]
+    covariance: np.ndarray
+
+
+def spreads_model(model: TraceModel, data: TraceData, summaries: Summaries) -> None:
+    """The numpyro model of the standard deviations alone, everything else integrated out."""
+    spread = population(model, sample_spreads(model))
+    numpyro.factor("summaries", condition(data.design, spread, data.location_mean, summaries).log_evidence)
+
+
+def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
+    """Each impact's parameters from its point estimate, or from its time to peak where that has none."""
+    signal, kind = prepared.signal, prepared.model.kind
+    fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass)
+    omega_n = np.pi / 2 / signal.time_to_peak
+    stiffness = np.where(np.isfinite(fit.K) & (fit.K > 0), fit.K, signal.mass * omega_n**2)
+    lightly = 0.1 * np.sqrt(stiffness * signal.mass)
+    damping = np.where(np.isfinite(fit.C) & (fit.C > 0.02 * lightly), fit.C, lightly)
+    columns = [np.log(stiffness), np.log(damping), _noise(prepared, fit)]
+    if kind == "arma":
+        # artanh has no value at -1 and 1, where point estimates like to lie.
+        columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))
+    return np.stack(columns, axis=1)
+
+
+def _noise(prepared: Prepared, fit: PointFit) -> np.ndarray:
+    log_peak = np.asarray(prepared.data.log_peak)
+    if prepared.model.kind == "impact":
+        return np.log(np.maximum(prepared.signal.noise_sd, 1e-12)) - log_peak
+    spectral = np.sqrt(1 + fit.theta1**2) if prepared.model.kind == "arma" else 1.0
+    return np.log(np.maximum(fit.sigma_a, 1e-300) * spectral) - log_peak
+
+
+def summarise(prepared: Prepared) -> tuple[Summaries, Spreads]:
+    """Summaries of the traces, each made where the whole data set says that its parameters are.
+
+    The first pass expands every likelihood at its own maximum; the next ones at the maximum under the
+    population that the last one implies, which matters where a trace says little.
+    """
+    model, data = prepared.model, prepared.data
+    start = first_guess(prepared)
+    summaries = summarise_traces(model, data, jnp.asarray(start), loose_anchor(start))
+    mode = None
+    finder = _SpreadsFinder(model, data, summaries)
+    for _ in range(PASSES - 1):
+        mode = finder.mode(summaries, mode)
+        anchor = _anchor(model, data, summaries, finder.constrained(mode, summaries))
+        summaries = summarise_traces(model, data, summaries.centre, anchor)
+    mode = finder.mode(summaries, mode)
+    return summaries, finder.spreads(summaries, mode)
+
+
+class _SpreadsFinder:
+    """Posterior mode of the standard deviations, compiled once for all passes."""
+
+    def __init__(self, model: TraceModel, data: TraceData, summaries: Summaries) -> None:
+        whole = partial(spreads_model, model)
+        info = initialize_model(
+            jax.random.key(0), whole, model_args=(data, summaries), dynamic_args=True
+        )
+        self._flat, self._unravel = ravel_pytree(info.param_info.z)
+        potential_of, self._post = info.potential_fn, info.postprocess_fn
+        self._data = data
+
+        def potential(flat: Array, data: TraceData, summaries: Summaries) -> Array:
+            return potential_of(data, summaries)(self._unravel(flat))
+
+        self._value_and_gradient = jax.jit(jax.value_and_grad(potential))
+
+    def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
+        def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
+            value, gradient = self._value_and_gradient(flat, self._data, summaries)
+            return float(value), np.asarray(gradient)
+
+        begin = np.full(self._flat.shape, -1.5) if start is None else start
+        return minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=[(-9, 5)] * len(begin)).x
+
+    def constrained(self, flat: np.ndarray, summaries: Summaries) -> dict[str, Array]:
+        return self._post(self._data, summaries)(self._unravel(jnp.asarray(flat)))
+
+    def spreads(self, summaries: Summaries, flat: np.ndarray) -> Spreads:
+        steps = _STEP * np.eye(len(flat))
+        slopes = [
+            [np.asarray(self._value_and_gradient(flat + side * step, self._data, summaries)[1]) for step in steps]
+            for side in (1, -1)
+        ]
+        curvature, axes = np.linalg.eigh(np.subtract(*map(np.array, slopes)) / (2 * _STEP))
+        # A direction that the mode leaves flat, as the log of a small spread is, gets unit scale.
+        covariance = (axes / np.maximum(curvature, 1.0)) @ axes.T
+        values = {name: np.asarray(value) for name, value in self._unravel(jnp.asarray(flat)).items()}
+        return Spreads(values, covariance)
+
+
+@partial(jax.jit, static_argnames="model")
+def _anchor(model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any]) -> Anchor:
+    spread = population(model, sites)
+    conditional = condition(data.design, spread, data.location_mean, summaries)
+    about = expected(data.design, model.locations, conditional.mean)
+    size = len(about)
+    prior = conditional.parts.prior
+    precision = jnp.stack([jnp.stack([jnp.asarray(prior[a][b]) for b in range(size)]) for a in range(size)])
+    mean = jnp.stack(about, axis=1)
+    return Anchor(mean, jnp.broadcast_to(precision, (*mean.shape, size)))
