@@ -89,7 +89,7 @@ def main() -> None:
     white = {"noise_relative_to_peak": 0.005}
     cases = [
         ("shocks as assumed, of 0.5 % of the peak", shocks_as_assumed(None)),
-        ("the same, the first 500", shocks_as_assumed(None, IMPACTS)),
+        ("the same, 500 impacts", shocks_as_assumed(None, IMPACTS)),
         ("shocks as assumed, 0.2 µm", shocks_as_assumed(2e-7)),
         ("shocks as assumed, 2 µm", shocks_as_assumed(2e-6)),
         ("shocks as assumed, 5 µm", shocks_as_assumed(5e-6)),
