@@ -7,7 +7,7 @@ import pytest
 from bayestissue import runtime
 
 # The tests are an entry point of their own: float64, and two devices for chains side by side.
-runtime.configure(devices=2)
+runtime.configure()
 
 
 @pytest.fixture(scope="session")

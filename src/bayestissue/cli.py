@@ -121,6 +121,32 @@ def estimate(
 
 
 @app.command()
+def fit(
+    dataset: Dataset,
+    out: Out,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", help="What is believed and sampled; models/arma.toml unless given."),
+    ] = None,
+    seed: Seed = 0,
+    skip_bad: SkipBad = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """The posterior of K and C from the traces themselves: every impact, person, condition, and the exponents.
+
+    An interrupted fit goes on where it stopped when the same command is given again.
+    """
+    from bayestissue.commands import fit
+
+    passed = fit.run(
+        dataset, out=out, model=model, seed=seed, skip_bad=skip_bad, overwrite=overwrite, quiet=quiet
+    )
+    if not passed:
+        raise typer.Exit(3)
+
+
+@app.command()
 def reproduce(
     out: Out,
     model: Annotated[

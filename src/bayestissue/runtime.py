@@ -12,16 +12,27 @@ from pathlib import Path
 LIBRARIES = ("bayestissue", "numpy", "scipy", "jax", "numpyro", "arviz", "pandas", "xarray")
 
 
-def configure(devices: int = 1) -> None:
-    """Use float64, and offer JAX ``devices`` CPU devices so that chains can run side by side.
-
-    Must be called before JAX computes anything: the number of devices is fixed by then.
-    """
+def configure() -> None:
+    """Use float64; must be called before JAX computes anything."""
     import jax
-    import numpyro
 
-    numpyro.set_host_device_count(devices)
     jax.config.update("jax_enable_x64", True)
+
+
+def settle(places: str) -> None:
+    """Set up a worker process: bind it to a core that no other worker in ``places`` has taken, then as above.
+
+    ``places`` is an existing folder; a file in it marks a core as taken.
+    """
+    if hasattr(os, "sched_setaffinity"):
+        for core in sorted(os.sched_getaffinity(0)):
+            try:
+                os.close(os.open(f"{places}/core-{core}", os.O_CREAT | os.O_EXCL))
+            except FileExistsError:
+                continue
+            os.sched_setaffinity(0, {core})
+            break
+    configure()
 
 
 def cores() -> int:

@@ -85,15 +85,12 @@ def condition(
     middle = [summaries.centre[:, a] for a in range(size)]
     # Everything is measured from X mean, which keeps the sums of squares small.
     prior_mean = [
-        (jnp.asarray(m) @ mean[begins[a] : begins[a + 1]])[design.cell]
-        for a, m in enumerate(design.columns)
+        (jnp.asarray(m) @ mean[begins[a] : begins[a + 1]])[design.cell] for a, m in enumerate(design.columns)
     ]
     away = [prior_mean[a] - middle[a] for a in range(size)]
     weighted = small.times(impacts.weight, away)
     toward = [impacts.pull[a] - weighted[a] for a in range(size)]
-    constant = impacts.constant + sum(
-        away[a] * (impacts.pull[a] - weighted[a] / 2) for a in range(size)
-    )
+    constant = impacts.constant + sum(away[a] * (impacts.pull[a] - weighted[a] / 2) for a in range(size))
     precision = jnp.block(
         [
             [

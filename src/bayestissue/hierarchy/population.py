@@ -1,6 +1,6 @@
 """The hierarchy over impacts as matrices: what b, all location parameters together, says of each impact.
 
-An impact's own parameters are u = (log K, log C, log noise[, artanh theta1]), K and C at the recorded mass.
+An impact's own parameters are u = (log K, log C, log noise[, theta1 / sqrt(1 - theta1^2)]), K and C at the recorded mass.
 Given b and the standard deviations, u is normal about X b; b is normal too. Subject and trial effects,
 intercepts, mass exponents and covariates are all parts of b, so everything linear is one vector.
 """
@@ -18,7 +18,6 @@ from jaxtyping import Float, Int
 from bayestissue.hierarchy.design import GROUPS, Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.priors import Priors
-
 
 
 @dataclass(frozen=True)
@@ -98,9 +97,7 @@ def _response(
     if part.names:
         covariate = getattr(priors.covariate, response)
         matrices.append(part.covariates)
-        pieces.append(
-            (f"covariate_effect_{response}", len(part.names), covariate.mean, covariate.sd, "")
-        )
+        pieces.append((f"covariate_effect_{response}", len(part.names), covariate.mean, covariate.sd, ""))
     for group in GROUPS:
         if group in part.groups:
             codes = getattr(design, group)

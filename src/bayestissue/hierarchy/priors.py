@@ -136,8 +136,8 @@ class Priors(BaseModel):
     residual_correlation: Correlation = Correlation(distribution="lkj", concentration=2.0)
     noise: Location = _normal(-10.0, 5.0)
     sd_noise: Scale = _half_normal(1.0)
-    atanh_theta1: Location = _normal(0.0, 2.0)
-    sd_atanh_theta1: Scale = _half_normal(1.0)
+    atanh_theta1: Location = _normal(0.0, 1.5)
+    sd_atanh_theta1: Scale = _half_normal(0.5)
 
     def log_densities(self, sites: Mapping[str, Any]) -> dict[str, Any]:
         """Log prior density of each top-level parameter in ``sites``, elementwise.

@@ -109,9 +109,7 @@ def assemble(
     return Prepared(model, data, design, signal, dataset.impacts)
 
 
-def _unsuited(
-    dataset: MeasuredImpacts, specification: ModelSpecification, source: str
-) -> list[Problem]:
+def _unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source: str) -> list[Problem]:
     problems = []
     if specification.likelihood not in KINDS:
         problems.append(

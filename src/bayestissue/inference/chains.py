@@ -6,12 +6,11 @@ chain's whole state can be written down; a later run reads them and continues wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import partial
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import wait
+from dataclasses import dataclass, replace
 from pathlib import Path
-from threading import Event, Lock
 from typing import Any
 
 import jax
@@ -53,11 +52,12 @@ def run_chains(
     *,
     progress: Progress = silent,
     checkpoints: Path | None = None,
+    processes: bool = True,
 ) -> Draws:
     """Draw from the posterior of a numpyro ``model``; sites come back unconstrained, [chain, draw, ...].
 
-    Chains run in threads of one device, as many as there are cores, or side by side in one call on an
-    accelerator. The draws depend on ``seed`` alone, and not on cores nor on interruptions.
+    Chains run in worker processes, one bound to each core, or side by side in one call on an accelerator.
+    The draws depend on ``seed`` alone, and not on cores nor on interruptions.
 
     Args:
         model: a numpyro model.
@@ -68,51 +68,94 @@ def run_chains(
         progress: told after every segment how many transitions of all chains are done.
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
+        processes: false runs one chain after the other in this process.
     """
-    chains = _Chains(model, arguments, start, settings)
-    keys = [jax.random.PRNGKey(0)] * settings.chains
-    keys = [jax.random.fold_in(jax.random.PRNGKey(seed), chain) for chain in range(settings.chains)]
+    job = _Job(model, arguments, start, settings, seed)
     total = settings.chains * (settings.warmup + settings.draws)
-    lock, stop, done = Lock(), Event(), 0
-
-    def advanced(count: int) -> None:
-        nonlocal done
-        with lock:
-            done += count
-            progress(done, total)
-
     progress(0, total)
-    if jax.default_backend() == "cpu":
-        with ThreadPoolExecutor(runtime.cores()) as pool:
-            jobs = [
-                pool.submit(
-                    chains.run, key[None], partial(_segment_file, checkpoints, number), stop, advanced
-                )
-                for number, key in enumerate(keys)
-            ]
-            try:
-                parts = [job.result() for job in jobs]
-            finally:
-                # An interrupted run waits for the segments under way, and no longer.
-                stop.set()
-                pool.shutdown(wait=True, cancel_futures=True)
+    if jax.default_backend() != "cpu":
+        parts = [_run(job, range(settings.chains), checkpoints, lambda done: progress(done, total))]
+    elif runtime.cores() == 1 or not processes:
+        parts, done = [], 0
+        chains = _Chains(job)
+        for number in range(settings.chains):
+            parts.append(
+                chains.run([number], checkpoints, lambda n, before=done: progress(before + n, total))
+            )
+            done += total // settings.chains
     else:
-        parts = [chains.run(jnp.stack(keys), partial(_segment_file, checkpoints, 0), stop, advanced)]
+        parts = _in_processes(job, checkpoints, progress, total)
     sites, statistics = jax.tree.map(lambda *rows: np.concatenate(rows), *parts)
     return Draws(sites, statistics, settings.max_tree_depth)
+
+
+@dataclass(frozen=True)
+class _Job:
+    """All that determines the chains."""
+
+    model: Callable[..., None]
+    arguments: tuple[Any, ...]
+    start: Start
+    settings: Sampler
+    seed: int
+
+
+def _run(
+    job: _Job, numbers: Sequence[int], checkpoints: Path | None, advanced: Callable[[int], None]
+) -> tuple[Arrays, Arrays]:
+    return _Chains(job).run(numbers, checkpoints, advanced)
+
+
+def _in_processes(
+    job: _Job, checkpoints: Path | None, progress: Progress, total: int
+) -> list[tuple[Arrays, Arrays]]:
+    """One worker process a core, each bound to its own.
+
+    A compiled call hands its pieces from thread to thread. Bound to one core it keeps them; two calls on
+    two free cores wake each other's threads and were measured to take eight times as long a step.
+    """
+    from loky import ProcessPoolExecutor
+
+    chains = job.settings.chains
+    workers = min(runtime.cores(), chains)
+    job = replace(job, arguments=jax.device_get(job.arguments))
+    with tempfile.TemporaryDirectory() as told:
+        counts = [Path(told) / f"{number}" for number in range(chains)]
+        pool = ProcessPoolExecutor(workers, initializer=runtime.settle, initargs=(told,))
+        try:
+            futures = [
+                pool.submit(_worker, job, number, checkpoints, counts[number]) for number in range(chains)
+            ]
+            while wait(futures, timeout=0.5).not_done:
+                progress(sum(int(count.read_text() or 0) for count in counts if count.is_file()), total)
+                if any(future.done() and future.exception() for future in futures):
+                    break
+            parts = [future.result() for future in futures]
+        finally:
+            # What a worker has not finished is lost; what it has is in the checkpoints.
+            pool.shutdown(wait=True, kill_workers=True)
+    progress(total, total)
+    return parts
+
+
+def _worker(job: _Job, number: int, checkpoints: Path | None, count: Path) -> tuple[Arrays, Arrays]:
+    def advanced(done: int) -> None:
+        with whole_file(count) as staging:
+            staging.write_text(str(done))
+
+    return _run(job, [number], checkpoints, advanced)
 
 
 class _Chains:
     """Compiled functions of one model and data set: begin, and advance by a segment."""
 
-    def __init__(
-        self, model: Callable[..., None], arguments: tuple[Any, ...], start: Start, settings: Sampler
-    ) -> None:
-        self._settings, self._start = settings, start
+    def __init__(self, job: _Job) -> None:
+        start, settings = job.start, job.settings
+        self._settings, self._seed = settings, job.seed
         others = tuple(sorted(set(start.centre) - set(start.dense)))
         size = sum(np.size(start.centre[name]) for name in others)
         kernel = NUTS(
-            model,
+            job.model,
             target_accept_prob=settings.target_accept,
             max_tree_depth=settings.max_tree_depth,
             dense_mass=[start.dense],
@@ -122,8 +165,7 @@ class _Chains:
             },
             adapt_mass_matrix=True,
         )
-        self._lock = Lock()
-        self._arguments = arguments
+        self._arguments = job.arguments
         self._many = jax.vmap if jax.default_backend() != "cpu" else _single
         scale = np.linalg.cholesky(start.inverse_mass)
 
@@ -149,45 +191,41 @@ class _Chains:
 
             return jax.lax.scan(step, state, None, length=SEGMENT)
 
-        self._begin = jax.jit(self._many(begin))
-        self._advance = jax.jit(self._many(advance))
-        self._compiled: Any = None
+        self._begin = jax.jit(self._many(begin, in_axes=(0, None)))
+        self._advance = jax.jit(self._many(advance, in_axes=(0, None)))
 
     def run(
-        self,
-        keys: jax.Array,
-        file: Callable[[int], Path | None],
-        stop: Event,
-        advanced: Callable[[int], None],
+        self, numbers: Sequence[int], checkpoints: Path | None, advanced: Callable[[int], None]
     ) -> tuple[Arrays, Arrays]:
-        """All segments of the chains of ``keys``: sites and statistics, [chain, draw, ...]."""
-        settings = self._settings
+        """All segments of the chains with these numbers: sites and statistics, [chain, draw, ...].
+
+        ``advanced`` is told the transitions done so far.
+        """
+        settings, done = self._settings, 0
         length = settings.warmup + settings.draws
-        with self._lock:
-            state = self._begin(keys, self._arguments)
-            if self._compiled is None:
-                self._compiled = self._advance.lower(state, self._arguments).compile()
+        key = jax.random.PRNGKey(self._seed)
+        keys = jnp.stack([jax.random.fold_in(key, number) for number in numbers])
+        state = self._begin(keys, self._arguments)
         structure = jax.tree.structure(state)
         collected = []
         for number in range(-(-length // SEGMENT)):
-            if stop.is_set():
-                raise KeyboardInterrupt
-            path = file(number)
+            path = _segment_file(checkpoints, numbers[0], number)
             if path is not None and path.is_file():
                 leaves, draws = _read(path)
                 state = jax.tree.unflatten(structure, [jnp.asarray(leaf) for leaf in leaves])
             else:
-                state, drawn = self._compiled(state, self._arguments)
+                state, drawn = self._advance(state, self._arguments)
                 leaves, draws = jax.device_get((jax.tree.leaves(state), drawn))
                 if path is not None:
                     _write(path, leaves, draws)
             keep = slice(max(0, settings.warmup - number * SEGMENT), length - number * SEGMENT)
             collected.append(jax.tree.map(lambda rows: rows[:, keep], draws))  # noqa: B023
-            advanced(len(keys) * min(SEGMENT, length - number * SEGMENT))
+            done += len(numbers) * min(SEGMENT, length - number * SEGMENT)
+            advanced(done)
         return jax.tree.map(lambda *rows: np.concatenate(rows, axis=1), *collected)
 
 
-def _single(function: Callable[..., Any]) -> Callable[..., Any]:
+def _single(function: Callable[..., Any], in_axes: Any) -> Callable[..., Any]:
     """As `jax.vmap` over a first axis of length one, without what vectorising costs."""
 
     def lifted(first: Any, arguments: Any) -> Any:
@@ -203,7 +241,11 @@ def _segment_file(folder: Path | None, chain: int, segment: int) -> Path | None:
 
 def _write(path: Path, leaves: list[np.ndarray], draws: tuple[Arrays, Arrays]) -> None:
     arrays = {f"state {i}": leaf for i, leaf in enumerate(leaves)}
-    arrays |= {f"{kind} {name}": v for kind, part in zip(("site", "statistic"), draws, strict=True) for name, v in part.items()}
+    arrays |= {
+        f"{kind} {name}": v
+        for kind, part in zip(("site", "statistic"), draws, strict=True)
+        for name, v in part.items()
+    }
     with whole_file(path) as staging, staging.open("wb") as stream:
         np.savez(stream, **arrays)
 

@@ -23,6 +23,39 @@ _MEANINGS = {
 _NAMES = {"K": "stiffness K", "C": "damping C"}
 
 
+_TRACE_ATTRIBUTES = {
+    name: {"unit": unit, "long_name": meaning}
+    for name, unit, meaning in (
+        ("omega_n", "rad/s", "natural frequency of the impact"),
+        ("zeta", "1", "damping ratio of the impact"),
+        ("theta1", "1", "moving-average coefficient of the displacement"),
+        ("sigma_a", "m", "standard deviation of the shocks"),
+        ("sigma_d", "m/s^2", "standard deviation of the accelerometer's noise"),
+        ("mass", "kg", "mass of the impactor"),
+        ("noise_mean", "1", "mean over impacts of the log of the noise relative to the trace's peak"),
+        ("sd_noise", "1", "standard deviation between impacts of the log noise"),
+        ("atanh_theta1_mean", "1", "mean over impacts of artanh theta1"),
+        ("sd_atanh_theta1", "1", "standard deviation between impacts of artanh theta1"),
+        ("displacement", "m", "displacement into the tissue"),
+        ("deceleration", "m/s^2", "deceleration of the impactor"),
+        ("time", "s", "time since contact"),
+        ("trace", "1", "log density of the impact's trace, its own parameters integrated out"),
+        ("traces_of_subject", "1", "log density of a subject's traces, the subject's effects integrated out"),
+        ("traces_of_trial", "1", "log density of a trial's traces, the trial's effects integrated out"),
+        ("level_error", "m", "error of the displacement at contact"),
+        ("ramp_error", "m/s", "error of the displacement's slope: of velocity and gain"),
+        ("velocity_error", "m/s", "error of velocity and gain, as a velocity"),
+        ("offset_error", "m/s^2", "error of the recorder's zero"),
+        ("contact_time_error", "s", "error of the contact time"),
+        ("mass_kg", "kg", "recorded mass"),
+        ("velocity_m_s", "m/s", "recorded velocity at contact"),
+        ("n_samples", "1", "samples in the window"),
+        ("sampling_interval_s", "s", "sampling interval"),
+        ("first_sample_s", "s", "time from contact to the first sample"),
+    )
+}
+
+
 def _attributes() -> dict[str, dict[str, str]]:
     table = {
         pattern.format(q=q): {"unit": _UNITS[q], "long_name": meaning.format(name=_NAMES[q])}
@@ -53,7 +86,7 @@ def _attributes() -> dict[str, dict[str, str]]:
         "unit": "1",
         "long_name": "correlation of the impact-to-impact deviations of log K and log C",
     }
-    return table
+    return table | _TRACE_ATTRIBUTES
 
 
 ATTRIBUTES = _attributes()

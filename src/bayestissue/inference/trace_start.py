@@ -93,9 +93,7 @@ class _SpreadsFinder:
 
     def __init__(self, model: TraceModel, data: TraceData, summaries: Summaries) -> None:
         whole = partial(spreads_model, model)
-        info = initialize_model(
-            jax.random.key(0), whole, model_args=(data, summaries), dynamic_args=True
-        )
+        info = initialize_model(jax.random.key(0), whole, model_args=(data, summaries), dynamic_args=True)
         self._flat, self._unravel = ravel_pytree(info.param_info.z)
         potential_of, self._post = info.potential_fn, info.postprocess_fn
         self._data = data
@@ -119,7 +117,10 @@ class _SpreadsFinder:
     def spreads(self, summaries: Summaries, flat: np.ndarray) -> Spreads:
         steps = _STEP * np.eye(len(flat))
         slopes = [
-            [np.asarray(self._value_and_gradient(flat + side * step, self._data, summaries)[1]) for step in steps]
+            [
+                np.asarray(self._value_and_gradient(flat + side * step, self._data, summaries)[1])
+                for step in steps
+            ]
             for side in (1, -1)
         ]
         curvature, axes = np.linalg.eigh(np.subtract(*map(np.array, slopes)) / (2 * _STEP))

@@ -94,9 +94,7 @@ def displacement_record(
     )
 
 
-def displacement_products(
-    record: DisplacementRecord, c1: Array, c2: Array, theta1: Array
-) -> Products:
+def displacement_products(record: DisplacementRecord, c1: Array, c2: Array, theta1: Array) -> Products:
     """Products of w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2} and of what the errors' columns become.
 
     The constant becomes c2, the ramp c1 dt + c2 t, half the parabola
@@ -183,9 +181,7 @@ class MeasuredDisplacement(dist.Distribution):
         key_of_x, key_of_errors = jax.random.split(key)
         record = self.record
         c1, c2, theta1 = self.differences()
-        errors = record.error_sd * jax.random.normal(
-            key_of_errors, (*sample_shape, *self.batch_shape, 3)
-        )
+        errors = record.error_sd * jax.random.normal(key_of_errors, (*sample_shape, *self.batch_shape, 3))
         time = record.first_time[:, None] + jnp.arange(record.x.shape[1]) * record.dt[:, None]
         e0, e1, e2 = (errors[..., i, None] for i in range(3))
         added = e0 + e1 * time + e2 * time**2 / 2

@@ -1,0 +1,45 @@
+"""How well a fit predicts impacts, people and conditions that it has not seen; and what its priors did."""
+
+from __future__ import annotations
+
+import pandas as pd
+import xarray as xr
+
+from bayestissue.inference.comparison import PARETO_LIMIT, importance_scores
+
+SCHEMES = {
+    "impact": ("leave one impact out", "log_likelihood", "trace"),
+    "subject": ("leave one subject out", "log_likelihood_of_groups", "traces_of_subject"),
+    "trial": ("leave one trial out", "log_likelihood_of_groups", "traces_of_trial"),
+}
+COLUMNS = ["scheme", "label", "elpd", "pareto_k", "warning"]
+
+
+def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
+    """Expected log predictive density of each impact, subject and trial, given all the others.
+
+    By Pareto-smoothed importance sampling (Vehtari, Gelman and Gabry 2017), what is left out having its own
+    parameters and effects integrated out in closed form; ``warning`` where Pareto k is above 0.7.
+    """
+    rows = []
+    for dimension, (scheme, group, variable) in SCHEMES.items():
+        densities = tree[group].dataset[[variable]]
+        if densities.sizes[dimension] < 2:
+            continue
+        only = xr.DataTree.from_dict({"posterior": tree["posterior"].dataset, "log_likelihood": densities})
+        score = importance_scores({"fit": only}, variable)["fit"]
+        labels = densities[dimension].to_numpy()
+        for element, elpd, k in zip(labels, score.elpd, score.pareto_k, strict=True):
+            warning = f"Pareto k above {PARETO_LIMIT}" if k > PARETO_LIMIT else ""
+            rows.append((scheme, str(element), float(elpd), float(k), warning))
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def prior_sensitivity(tree: xr.DataTree) -> pd.DataFrame:
+    """Power-scaling sensitivity of the population's quantities to priors and data (Kallioinen et al. 2024)."""
+    import arviz as az
+
+    posterior = tree["posterior"].dataset
+    names = [name for name, array in posterior.data_vars.items() if array.ndim == 2]
+    table = az.psense_summary(tree, var_names=names, round_to=4)
+    return table.rename_axis("variable").reset_index()[["variable", "prior", "likelihood", "diagnosis"]]

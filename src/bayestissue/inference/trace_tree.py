@@ -1,0 +1,219 @@
+"""A fit's draws as one labelled tree, with what the model predicts and what it was given."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import xarray as xr
+from numpyro.infer import Predictive
+
+from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.design import GROUPS
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import plain_model, physical, trace_distribution
+from bayestissue.inference.labels import labelled
+from bayestissue.inference.sampling import Draws
+from bayestissue.inference.trace_draws import Unfolded, thinned
+from bayestissue.oscillator import impact_motion
+
+RESPONSES = derived.RESPONSES
+PREDICTIVE_DRAWS = 100
+PRIOR_DRAWS = 1000
+ERRORS = {
+    "impact": ("velocity_error", "offset_error", "contact_time_error"),
+    "displacement": ("level_error", "ramp_error", "offset_error"),
+}
+PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass")
+
+
+def posterior_tree(
+    prepared: Prepared,
+    specification: ModelSpecification,
+    draws: Draws,
+    unfolded: Unfolded,
+    seed: int,
+) -> xr.DataTree:
+    """All groups of a finished fit; see `bayestissue.inference.labels` for units and meanings."""
+    rng = np.random.default_rng(seed)
+    put = partial(labelled, dimensions=_dimensions(), coordinates=_coordinates(prepared))
+    quantities = _quantities(prepared, unfolded.sites, unfolded.impacts, rng)
+    priors = specification.priors.log_densities(unfolded.sites)
+    log_likelihood = unfolded.log_likelihood
+    groups = {
+        "posterior": put(quantities),
+        "sample_stats": _statistics(draws),
+        "log_likelihood": put({"trace": log_likelihood["trace"]}),
+        "log_likelihood_of_groups": put({k: v for k, v in log_likelihood.items() if k != "trace"}),
+        "log_prior": put({name: np.asarray(v) for name, v in priors.items() if name in quantities}),
+        "posterior_predictive": put(_predicted(prepared, unfolded, seed)),
+        "observed_data": put(_observed(prepared), sampled=False),
+        "constant_data": put(_constants(prepared), sampled=False),
+        **_prior_groups(prepared, put, seed, rng),
+    }
+    return xr.DataTree.from_dict(groups)
+
+
+def _coordinates(prepared: Prepared) -> dict[str, Any]:
+    design = prepared.design
+    return {
+        "impact": prepared.impacts["impact"].astype(str).tolist(),
+        "subject": list(design.subjects),
+        "trial": list(design.trials),
+    }
+
+
+def _dimensions() -> dict[str, tuple[str, ...]]:
+    errors = {name for names in ERRORS.values() for name in names}
+    return {
+        **dict.fromkeys((*PER_IMPACT, *errors, "trace"), ("impact",)),
+        **{f"{q}_{group}": (group,) for q in RESPONSES for group in GROUPS},
+        **{f"{group}_effect_{q}": (group,) for q in RESPONSES for group in GROUPS},
+        **{f"traces_of_{group}": (group,) for group in GROUPS},
+        **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "sample")),
+        **dict.fromkeys(("mass_kg", "velocity_m_s", "n_samples"), ("impact",)),
+        **dict.fromkeys(("sampling_interval_s", "first_sample_s"), ("impact",)),
+        **dict.fromkeys(("impact_subject", "impact_trial"), ("impact",)),
+    }
+
+
+def _quantities(
+    prepared: Prepared,
+    sites: dict[str, np.ndarray],
+    impacts: dict[str, np.ndarray],
+    rng: np.random.Generator,
+) -> dict[str, np.ndarray]:
+    design = prepared.design
+    values = derived.reported_sites(design, sites)
+    for name in prepared.model.nuisance:
+        values |= {f"{name}_mean": sites[f"{name}_mean"], f"sd_{name}": sites[f"sd_{name}"]}
+    made = derived.stiffness_and_damping(design, sites)
+    values |= {f"{q}_{group}": made[f"{q}_{group}"] for q in RESPONSES for group in GROUPS}
+    values |= {name: impacts[name] for name in PER_IMPACT if name in impacts}
+    if "chain_error" in impacts:
+        names = ERRORS["impact" if prepared.model.kind == "impact" else "displacement"]
+        known = np.asarray(prepared.data.record.error_sd).any(axis=0)
+        values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(names) if known[i]}
+    return values | derived.new_impact(design, sites, rng)
+
+
+def _statistics(draws: Draws) -> xr.Dataset:
+    statistics = labelled(
+        {
+            "diverging": draws.statistics["diverging"],
+            "n_steps": draws.statistics["num_steps"],
+            "tree_depth": np.ceil(np.log2(draws.statistics["num_steps"] + 1)).astype(int),
+            "acceptance_rate": draws.statistics["accept_prob"],
+            "energy": draws.statistics["energy"],
+            "lp": -draws.statistics["potential_energy"],
+        },
+        {},
+        {},
+    )
+    statistics.attrs["max_tree_depth"] = draws.max_tree_depth
+    return statistics
+
+
+def _predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, np.ndarray]:
+    some = thinned({"u": unfolded.impacts["parameters"]}, PREDICTIVE_DRAWS)["u"]
+    flat = jnp.asarray(some.reshape(-1, *some.shape[2:]))
+    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), len(flat))
+    made = jax.jit(lambda u, keys: jax.lax.map(lambda part: _replicate(prepared, *part), (u, keys)))(
+        flat, keys
+    )
+    return {
+        name: np.asarray(v, np.float32).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()
+    }
+
+
+def _replicate(prepared: Prepared, u: jax.Array, key: jax.Array) -> dict[str, jax.Array]:
+    """One replicate of every trace, as displacement and as deceleration."""
+    model, data = prepared.model, prepared.data
+    columns = [u[:, a] for a in range(u.shape[1])]
+    trace = trace_distribution(model, data, columns).sample(key)
+    record = data.record
+    inside = jnp.arange(trace.shape[1]) < record.n_samples[:, None]
+    time = record.first_time[:, None] + jnp.arange(trace.shape[1]) * record.dt[:, None]
+    at = physical(model, data, columns)
+    if model.kind == "impact":
+        velocity = jnp.asarray(prepared.signal.velocity)[:, None]
+        x = impact_motion(time, at.omega_n[:, None], at.zeta[:, None], velocity).displacement
+        return {
+            "deceleration": jnp.where(inside, trace, jnp.nan),
+            "displacement": jnp.where(inside, x, jnp.nan),
+        }
+    bend = -jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
+    edges = jnp.pad(bend, ((0, 0), (1, 1)), constant_values=jnp.nan)
+    middle = jnp.arange(trace.shape[1]) < record.n_samples[:, None] - 1
+    return {
+        "displacement": jnp.where(inside, trace, jnp.nan),
+        "deceleration": jnp.where(middle, edges, jnp.nan),
+    }
+
+
+def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
+    signal = prepared.signal
+    inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    return {
+        "displacement": np.where(inside, signal.x, np.nan),
+        "deceleration": np.where(inside, signal.deceleration, np.nan),
+    }
+
+
+def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
+    signal, impacts = prepared.signal, prepared.impacts
+    time = signal.first_sample_s[:, None] + np.arange(signal.x.shape[1]) * signal.dt[:, None]
+    inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    return {
+        "time": np.where(inside, time, np.nan),
+        "mass_kg": signal.mass,
+        "velocity_m_s": signal.velocity,
+        "n_samples": signal.n_samples,
+        "sampling_interval_s": signal.dt,
+        "first_sample_s": signal.first_sample_s,
+        "impact_subject": impacts["subject"].astype(str).to_numpy(),
+        "impact_trial": impacts["trial"].astype(str).to_numpy(),
+    }
+
+
+def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Generator) -> dict[str, xr.Dataset]:
+    model, data = prepared.model, prepared.data
+    key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
+    bare = Predictive(
+        lambda: plain_model(model, data, conditioned=False),
+        num_samples=PRIOR_DRAWS,
+        return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance],
+    )
+    drawn = {name: np.asarray(values)[None] for name, values in bare(key).items()}
+    sites = {name: drawn[name] for name in model.spreads}
+    for name, part in model.locations.parts.items():
+        values = drawn["locations"][..., part]
+        grouped = name.startswith(("subject_", "trial_", "covariate_"))
+        sites[name] = values if grouped else values[..., 0]
+    for response in RESPONSES:
+        for group in GROUPS:
+            count = len(getattr(prepared.design, f"{group}s"))
+            sites.setdefault(f"{group}_effect_{response}", np.zeros((1, PRIOR_DRAWS, count)))
+            sites.setdefault(f"sd_{group}_{response}", np.zeros((1, PRIOR_DRAWS)))
+    u = np.concatenate([drawn["log_K_and_C"], *(drawn[name][..., None] for name in model.nuisance)], axis=-1)
+    at = physical(model, data, [jnp.asarray(u[..., a]) for a in range(u.shape[-1])])
+    error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
+    impacts = {
+        "K": np.exp(u[..., 0] + error),
+        "C": np.exp(u[..., 1] + error),
+        "omega_n": np.asarray(at.omega_n),
+        "zeta": np.asarray(at.zeta),
+    }
+    some = jnp.asarray(u[0, :PREDICTIVE_DRAWS])
+    keys = jax.random.split(key, len(some))
+    made = jax.jit(lambda u, keys: jax.lax.map(lambda part: _replicate(prepared, *part), (u, keys)))(
+        some, keys
+    )
+    return {
+        "prior": put(_quantities(prepared, sites, impacts, rng)),
+        "prior_predictive": put({name: np.asarray(v, np.float32)[None] for name, v in made.items()}),
+    }
