@@ -56,10 +56,10 @@ class Conditional(NamedTuple):
     log_evidence: Float[Array, ""]
     mean: Float[Array, " location"]
     factor: Float[Array, "location location"]
-    parts: _Impacts
+    parts: ImpactParts
 
 
-class _Impacts(NamedTuple):
+class ImpactParts(NamedTuple):
     prior: list[list[Array]]
     factor: list[list[Array]]
     weight: list[list[Array]]
@@ -77,7 +77,7 @@ def condition(
 
     ``mean`` is b's prior mean.
     """
-    impacts = _impacts(spread, summaries)
+    impacts = impact_parts(spread, summaries)
     size = summaries.centre.shape[1]
     begins = [0]
     for matrix in design.columns:
@@ -139,13 +139,20 @@ def impact_log_evidence(
     conditional: Conditional, summaries: Summaries, about: list[Float[Array, " impact"]]
 ) -> Float[Array, " impact"]:
     """Log density of each trace's summary given X b, its u integrated out."""
-    parts, size = conditional.parts, len(about)
+    return log_evidence_of(conditional.parts, summaries, about)
+
+
+def log_evidence_of(
+    parts: ImpactParts, summaries: Summaries, about: list[Float[Array, " impact"]]
+) -> Float[Array, " impact"]:
+    """The same from the impacts' parts alone."""
+    size = len(about)
     away = [about[a] - summaries.centre[:, a] for a in range(size)]
     weighted = small.times(parts.weight, away)
     return parts.constant + sum(away[a] * (parts.pull[a] - weighted[a] / 2) for a in range(size))
 
 
-def _impacts(spread: Spread, summaries: Summaries) -> _Impacts:
+def impact_parts(spread: Spread, summaries: Summaries) -> ImpactParts:
     """With D the prior precision and V = (P + D)^-1: W = D - D V D and D V g, and the constant."""
     size = summaries.centre.shape[1]
     kk, kc, cc = spread.own
@@ -177,7 +184,7 @@ def _impacts(spread: Spread, summaries: Summaries) -> _Impacts:
         - small.log_diagonal(factor)
         + sum(value**2 for value in slope) / 2
     )
-    return _Impacts(prior, factor, weight, pull, constant)
+    return ImpactParts(prior, factor, weight, pull, constant)
 
 
 def _cells(design: PopulationDesign, values: Float[Array, " impact"]) -> Float[Array, " cell"]:
