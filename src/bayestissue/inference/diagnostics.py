@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -25,11 +26,12 @@ class Check:
     next_step: str
 
 
-def diagnose(tree: xr.DataTree) -> dict[str, Any]:
+def diagnose(tree: xr.DataTree, further: Sequence[Check] = ()) -> dict[str, Any]:
     """The verdict on a run, as it is written to ``diagnostics.json``.
 
     R̂ and bulk and tail effective sample sizes are rank-normalised (Vehtari et al. 2021,
     doi:10.1214/20-BA1221), the worst over every reported quantity; the energy fraction is Betancourt's.
+    ``further`` checks are added to them.
     """
     import arviz as az
 
@@ -96,6 +98,7 @@ def diagnose(tree: xr.DataTree) -> dict[str, Any]:
             "were steps ended early, which costs efficiency and not truth?",
             "Raise sampler.max_tree_depth.",
         ),
+        *further,
     ]
     return {
         "passed": all(check.passed for check in checks),

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -22,11 +22,16 @@ from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, population, sample_spreads
 from bayestissue.inference.point import PointFit, fit_points
+from bayestissue.inference.trace_correction import Points, compare, refine, standard_points
 from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
 
-PASSES = 2
+REFINEMENTS = 2
 _NEAREST = 0.99
 _STEP = 1e-4
+
+
+def _silent(done: int, total: int) -> None:
+    """Say nothing."""
 
 
 @dataclass(frozen=True)
@@ -69,23 +74,45 @@ def _noise(prepared: Prepared, fit: PointFit) -> np.ndarray:
     return np.log(np.maximum(fit.sigma_a, 1e-300) * spectral) - log_peak
 
 
-def summarise(prepared: Prepared) -> tuple[Summaries, Spreads]:
+@dataclass(frozen=True)
+class Summarised:
+    """All that the sampler needs to know of the traces beforehand.
+
+    ``points`` compare likelihood and summary; see `bayestissue.inference.trace_correction`.
+    """
+
+    summaries: Summaries
+    spreads: Spreads
+    points: Points
+
+
+def summarise(prepared: Prepared, *, say: Callable[[int, int], None] = _silent) -> Summarised:
     """Summaries of the traces, each made where the whole data set says that its parameters are.
 
-    The first pass expands every likelihood at its own maximum; the next ones at the maximum under the
-    population that the last one implies, which matters where a trace says little.
+    First every likelihood is expanded at its own maximum, then at the maximum under the population that
+    this implies, which matters where a trace says little; then moments replace the expansions. ``say`` is
+    told how many of these passes are done, and of how many.
     """
     model, data = prepared.model, prepared.data
     start = first_guess(prepared)
+    passes = 2 + REFINEMENTS
     summaries = summarise_traces(model, data, jnp.asarray(start), loose_anchor(start))
-    mode = None
+    say(1, passes)
     finder = _SpreadsFinder(model, data, summaries)
-    for _ in range(PASSES - 1):
+    mode = finder.mode(summaries, None)
+    anchor = _anchor(model, data, summaries, finder.constrained(mode, summaries))
+    summaries = summarise_traces(model, data, summaries.centre, anchor)
+    say(2, passes)
+    standard = jnp.asarray(standard_points(start.shape[1]))
+    for number in range(REFINEMENTS):
         mode = finder.mode(summaries, mode)
-        anchor = _anchor(model, data, summaries, finder.constrained(mode, summaries))
-        summaries = summarise_traces(model, data, summaries.centre, anchor)
+        sites = finder.constrained(mode, summaries)
+        points = compare(model, data, summaries, sites, standard)
+        summaries = refine(model, data, summaries, sites, points)
+        say(3 + number, passes)
     mode = finder.mode(summaries, mode)
-    return summaries, finder.spreads(summaries, mode)
+    points = compare(model, data, summaries, finder.constrained(mode, summaries), standard)
+    return Summarised(summaries, finder.spreads(summaries, mode), points)
 
 
 class _SpreadsFinder:

@@ -22,9 +22,10 @@ from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.diagnostics import diagnose
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.summary import summarise as summary_table
+from bayestissue.inference.summary_path import Correction, summary_draws
 from bayestissue.inference.trace_draws import unfold
 from bayestissue.inference.trace_scores import cross_validation, prior_sensitivity
-from bayestissue.inference.trace_start import Spreads, summarise
+from bayestissue.inference.trace_start import Summarised, summarise
 from bayestissue.inference.trace_tree import posterior_tree
 
 Say = Callable[[str, int, int], None]
@@ -58,27 +59,43 @@ def fit_traces(
         seed: of all draws.
         say: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
+
+    By the summary path the population is sampled with each trace's summary in its place, and the draws are
+    then corrected; "automatic" goes on to the exact path, every trace in every step, where the Pareto k of
+    the correction says that it can't be trusted.
     """
-    say("summarising each trace", 0, 1)
-    summaries, spreads = summarise(prepared)
-    draws = run_chains(
-        partial(sampled_model, prepared.model),
-        (prepared.data, summaries),
-        start_of(prepared, summaries, spreads),
-        specification.sampler,
-        seed,
-        progress=partial(say, "sampling the posterior"),
-        checkpoints=checkpoints,
-    )
-    return label(prepared, specification, summaries, draws, seed, say)
+    done = partial(say, "summarising each trace")
+    done(0, 1)
+    summarised = summarise(prepared, say=done)
+    path, settings = specification.sampler.path, specification.sampler
+    correction = None
+    if path != "exact":
+        draws, correction = summary_draws(
+            prepared, summarised, settings, seed, progress=partial(say, "sampling the population")
+        )
+        if path == "automatic" and not correction.trusted:
+            path = "exact"
+    if path == "exact":
+        draws = run_chains(
+            partial(sampled_model, prepared.model),
+            (prepared.data, summarised.summaries),
+            start_of(prepared, summarised),
+            settings,
+            seed,
+            progress=partial(say, "sampling the posterior"),
+            checkpoints=checkpoints,
+        )
+        correction = None
+    return label(prepared, specification, summarised.summaries, draws, seed, say, correction)
 
 
-def start_of(prepared: Prepared, summaries: Summaries, spreads: Spreads) -> Start:
+def start_of(prepared: Prepared, summarised: Summarised) -> Start:
     """Chains begin at the spreads' mode given the summaries, and at the middle of all standard normals."""
     middle = {
         "standard_locations": np.zeros(prepared.model.locations.size),
-        "standard_impacts": np.zeros(summaries.centre.shape),
+        "standard_impacts": np.zeros(summarised.summaries.centre.shape),
     }
+    spreads = summarised.spreads
     return Start({**spreads.mode, **middle}, tuple(sorted(spreads.mode)), spreads.covariance)
 
 
@@ -89,6 +106,7 @@ def label(
     draws: Draws,
     seed: int,
     say: Say,
+    correction: Correction | None = None,
 ) -> TraceAnalysis:
     """Everything that follows from the draws."""
     say("predicting", 0, 1)
@@ -104,7 +122,7 @@ def label(
     return TraceAnalysis(
         tree,
         summary_table(posterior),
-        diagnose(tree),
+        diagnose(tree, () if correction is None else (correction.check(),)),
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         cross_validation(tree),
         prior_sensitivity(tree),

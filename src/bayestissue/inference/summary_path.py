@@ -1,0 +1,176 @@
+"""The second path: each trace summarised once, then the population, then a correction.
+
+With its summary in each trace's place, everything but the standard deviations integrates out, and a chain
+moves through a dozen dimensions whatever the number of impacts. Its draws are weighted by how much the
+traces' true evidence differs from their summaries', and each impact's parameters are drawn from their
+true conditional.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from numpyro.distributions import biject_to
+
+from bayestissue.hierarchy.conditional import Summaries, condition, impact_parameters, locations
+from bayestissue.hierarchy.population import expected
+from bayestissue.hierarchy.specification import Sampler
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, population
+from bayestissue.inference.chains import Start, run_chains
+from bayestissue.inference.diagnostics import Check
+from bayestissue.inference.sampling import Draws, Progress, silent
+from bayestissue.inference.trace_correction import Points, log_corrections
+from bayestissue.inference.trace_start import Summarised, spreads_model
+
+CANDIDATES = 4
+PARETO_LIMIT = 0.7
+
+
+@dataclass(frozen=True)
+class Correction:
+    """How the draws were corrected.
+
+    Attributes:
+        pareto_k: of the importance weights; above 0.7 they can't be trusted.
+        effective: effective number of weighted draws over their number.
+    """
+
+    pareto_k: float
+    effective: float
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the corrected draws can be used."""
+        return self.pareto_k < PARETO_LIMIT
+
+    def check(self) -> Check:
+        """As one of a run's diagnostics."""
+        return Check(
+            "Pareto k of the correction",
+            self.pareto_k,
+            f"below {PARETO_LIMIT}",
+            self.trusted,
+            "do the traces' summaries stand for the traces themselves? "
+            f"The correction leaves {self.effective:.0%} of the draws' worth",
+            'Set sampler.path = "exact" in the model file.',
+        )
+
+
+def summary_draws(
+    prepared: Prepared,
+    summarised: Summarised,
+    settings: Sampler,
+    seed: int,
+    *,
+    progress: Progress = silent,
+) -> tuple[Draws, Correction]:
+    """Draws of the same sites as `sampled_model` has, corrected to the same posterior."""
+    from arviz_stats.base import array_stats
+
+    model, summaries, spreads = prepared.model, summarised.summaries, summarised.spreads
+    # The record stays behind: the population asks only for the summaries.
+    data = prepared.data._replace(record=None)  # type: ignore[arg-type]
+    start = Start(spreads.mode, tuple(sorted(spreads.mode)), spreads.covariance)
+    found = run_chains(
+        partial(spreads_model, model),
+        (data, summaries),
+        start,
+        settings,
+        seed,
+        progress=progress,
+        processes=False,
+    )
+    shape = (settings.chains, settings.draws)
+    raw = {name: jnp.asarray(values.reshape(-1)) for name, values in found.sites.items()}
+    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 3)
+    z_b = jax.random.normal(keys[0], (shape[0] * shape[1], model.locations.size))
+    log_weight = np.asarray(_log_weights(model, data, summaries, summarised.points, raw, z_b))
+    smoothed, k = array_stats.psislw(log_weight)
+    weight = np.exp(np.asarray(smoothed).reshape(shape))
+    chosen = _resample(weight, np.random.default_rng([seed, 21]))
+    raw = {name: values[chosen] for name, values in raw.items()}
+    z_b = z_b[chosen]
+    z_u = _standard_impacts(
+        model, prepared.data, summaries, raw, z_b, jax.random.split(keys[2], len(chosen))
+    )
+    sites = {**raw, "standard_locations": z_b, "standard_impacts": z_u}
+    draws = Draws(
+        {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
+        found.statistics,
+        found.max_tree_depth,
+    )
+    effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
+    return draws, Correction(float(k), float(effective))
+
+
+def _constrained(model: TraceModel, raw: dict[str, Array]) -> dict[str, Array]:
+    return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.spreads}
+
+
+@partial(jax.jit, static_argnames="model")
+def _log_weights(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    points: Points,
+    raw: dict[str, Array],
+    z_b: Array,
+) -> Array:
+    """Log of the true evidence over the summaries', for each draw of the population."""
+
+    def one(draw: tuple[dict[str, Array], Array]) -> Array:
+        spread = population(model, _constrained(model, draw[0]))
+        found = condition(data.design, spread, data.location_mean, summaries)
+        about = expected(data.design, model.locations, locations(found, draw[1]))
+        return log_corrections(points, summaries, found.parts, about).sum()
+
+    return jax.lax.map(one, (raw, z_b))
+
+
+def _resample(weight: np.ndarray, rng: np.random.Generator) -> np.ndarray:
+    """Indices of draws, each chain's own, as often as their weights say (systematic resampling)."""
+    chains, length = weight.shape
+    share = weight / weight.sum(axis=1, keepdims=True)
+    chosen = []
+    for chain in range(chains):
+        position = (np.arange(length) + rng.uniform()) / length
+        index = np.searchsorted(np.cumsum(share[chain]), position)
+        chosen.append(chain * length + np.minimum(index, length - 1))
+    return np.concatenate(chosen)
+
+
+@partial(jax.jit, static_argnames="model")
+def _standard_impacts(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    raw: dict[str, Array],
+    z_b: Array,
+    keys: Array,
+) -> Array:
+    """Standard normals of every impact, one of a few candidates each, chosen by likelihood over summary."""
+    shape = summaries.centre.shape
+
+    def one(draw: tuple[dict[str, Array], Array, Array]) -> Array:
+        own, z, key = draw
+        spread = population(model, _constrained(model, own))
+        found = condition(data.design, spread, data.location_mean, summaries)
+        about = expected(data.design, model.locations, locations(found, z))
+        of_candidates, of_choice = jax.random.split(key)
+        candidates = jax.random.normal(of_candidates, (CANDIDATES, *shape))
+
+        def ratio(candidate: Array) -> Array:
+            u = impact_parameters(found, summaries, about, candidate)
+            return log_likelihood(model, data, u) - summaries.log_summary(u)
+
+        ratios = jax.lax.map(ratio, candidates)
+        choice = jax.random.categorical(of_choice, jnp.nan_to_num(ratios, nan=-jnp.inf), axis=0)
+        return jnp.take_along_axis(candidates, choice[None, :, None], axis=0)[0]
+
+    return jax.lax.map(one, (raw, z_b, keys))

@@ -1,0 +1,147 @@
+"""What the normal summaries leave out, put back by importance sampling.
+
+Each trace's likelihood is compared with its summary at a few points drawn where the whole data set says
+that its parameters are. From these points alone follow better summaries, and, for any population, the
+factor by which the trace's true evidence differs from its summary's.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+from scipy.stats import norm, qmc
+
+from bayestissue.hierarchy.conditional import (
+    ImpactParts,
+    Summaries,
+    condition,
+    impact_parameters,
+    impact_parts,
+    log_evidence_of,
+)
+from bayestissue.hierarchy.population import Spread, expected
+from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, population
+from bayestissue.likelihood import small
+
+POINTS = 64
+
+
+class Points(NamedTuple):
+    """Points at which likelihood and summary were compared.
+
+    Attributes:
+        u: the points.
+        log_density: log density of the normal distribution that they were drawn from, up to a constant.
+        log_ratio: log of likelihood over summary.
+    """
+
+    u: Float[Array, "point impact parameter"]
+    log_density: Float[Array, "point impact"]
+    log_ratio: Float[Array, "point impact"]
+
+
+def standard_points(size: int, number: int = POINTS) -> Float[np.ndarray, "point parameter"]:
+    """Normal points that fill the space evenly: Sobol's sequence and its mirror image."""
+    uniform = qmc.Sobol(size, seed=20).random(number // 2)
+    half = norm.ppf(np.clip(uniform, 1e-9, 1 - 1e-9))
+    return np.concatenate([half, -half])
+
+
+@partial(jax.jit, static_argnames="model")
+def compare(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    sites: dict[str, Any],
+    standard: Float[Array, "point parameter"],
+) -> Points:
+    """Compare where the population with these spreads, and the summaries, put each impact's parameters."""
+    spread = population(model, sites)
+    conditional = condition(data.design, spread, data.location_mean, summaries)
+    about = expected(data.design, model.locations, conditional.mean)
+    count = summaries.centre.shape[0]
+
+    def one(z: Array) -> tuple[Array, Array]:
+        u = impact_parameters(conditional, summaries, about, jnp.broadcast_to(z, (count, z.shape[0])))
+        found = log_likelihood(model, data, u) - summaries.log_summary(u)
+        return jnp.stack(u, axis=-1), jnp.where(jnp.isfinite(found), found, -jnp.inf)
+
+    u, log_ratio = jax.lax.map(one, standard)
+    log_density = jnp.broadcast_to(-(standard**2).sum(-1)[:, None] / 2, log_ratio.shape)
+    return Points(u, log_density, log_ratio)
+
+
+@partial(jax.jit, static_argnames="model")
+def refine(
+    model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any], points: Points
+) -> Summaries:
+    """Summaries whose product with the population's expectation has the mean and covariance of the truth.
+
+    One step of expectation propagation (Minka 2001), the moments taken over the compared points; where a
+    moment leaves no positive precision to the trace, its old summary stays.
+    """
+    spread = population(model, sites)
+    conditional = condition(data.design, spread, data.location_mean, summaries)
+    about = jnp.stack(expected(data.design, model.locations, conditional.mean), axis=-1)
+    weight = jax.nn.softmax(points.log_ratio, axis=0)
+    mean = jnp.einsum("pi,pia->ia", weight, points.u)
+    away = points.u - mean
+    covariance = jnp.einsum("pi,pia,pib->iab", weight, away, away)
+    # The same points give the same error where the moments are known: those of the normal itself.
+    plain = points.u - points.u.mean(0)
+    own = jnp.einsum("pia,pib->iab", plain, plain) / plain.shape[0]
+    size = points.u.shape[-1]
+    prior = jnp.stack(
+        [jnp.stack([conditional.parts.prior[a][b] + jnp.zeros(()) for b in range(size)]) for a in range(size)]
+    )
+    exact = jnp.linalg.inv(summaries.precision + prior)
+    covariance = covariance + exact - own
+    whole = jnp.linalg.inv(covariance)
+    precision = whole - prior
+    values = jnp.linalg.eigvalsh(precision)
+    enough = 1 / jnp.square(weight).sum(0) > points.u.shape[0] / 4
+    usable = (values[:, 0] > 0) & jnp.isfinite(values).all(1) & enough
+    slope = (mean - about) @ prior
+    found = Summaries(mean, slope, precision, jnp.zeros_like(summaries.log_likelihood))
+    mean_ratio = jax.nn.logsumexp(points.log_ratio, axis=0) - jnp.log(points.u.shape[0])
+    # Equal evidence under this population, old and new: the level follows.
+    level = mean_ratio + _evidence(spread, summaries, about) - _evidence(spread, found, about)
+    kept = (
+        jnp.where(usable.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+        for new, old in zip(found._replace(log_likelihood=level), summaries, strict=True)
+    )
+    return Summaries(*kept)
+
+
+def _evidence(spread: Spread, summaries: Summaries, about: Array) -> Array:
+    columns = [about[:, a] for a in range(about.shape[1])]
+    return log_evidence_of(impact_parts(spread, summaries), summaries, columns)
+
+
+def log_corrections(
+    points: Points,
+    summaries: Summaries,
+    parts: ImpactParts,
+    about: list[Array],
+) -> Float[Array, " impact"]:
+    """Log of each trace's true evidence over its summary's, given X b and the spreads.
+
+    The mean of likelihood over summary under the normal conditional of u, by reweighting the points.
+    """
+    size = len(about)
+    away = [about[a] - summaries.centre[:, a] for a in range(size)]
+    pulled = small.times(parts.prior, away)
+    right = small.forward_solve(parts.factor, [summaries.slope[:, a] + pulled[a] for a in range(size)])
+    # L' (u - m) less L^-1 of the pull is standard normal under the conditional.
+    moved = [points.u[..., a] - summaries.centre[:, a] for a in range(size)]
+    standard = [
+        sum(parts.factor[b][a] * moved[b] for b in range(a, size)) - right[a] for a in range(size)
+    ]
+    log_weight = -sum(z**2 for z in standard) / 2 - points.log_density
+    return jax.nn.logsumexp(log_weight + points.log_ratio, axis=0) - jax.nn.logsumexp(log_weight, axis=0)
