@@ -1,6 +1,6 @@
 """The hierarchy over impacts as matrices: what b, all location parameters together, says of each impact.
 
-An impact's own parameters are u = (log K, log C, log noise[, theta1 / sqrt(1 - theta1^2)]), K and C at the recorded mass.
+An impact's own parameters are u = (log K, log C, log noise[, artanh theta1]), K and C at the recorded mass.
 Given b and the standard deviations, u is normal about X b; b is normal too. Subject and trial effects,
 intercepts, mass exponents and covariates are all parts of b, so everything linear is one vector.
 """

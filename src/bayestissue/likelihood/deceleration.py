@@ -17,8 +17,7 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.distributions import constraints
 
-from bayestissue.likelihood.displacement import _gram
-from bayestissue.likelihood.linear_errors import Products, marginal_log_likelihood
+from bayestissue.likelihood.linear_errors import Products, gram, marginal_log_likelihood
 from bayestissue.oscillator import impact_motion
 
 
@@ -81,12 +80,12 @@ class MeasuredDeceleration(dist.Distribution):
         super().__init__(omega_n.shape, record.d.shape[1:], validate_args=validate_args)
 
     def products(self, value: Array | None = None) -> Products:
-        """Products of the residual at ``value``, the record's own unless given, and of the errors' columns."""
+        """Products of the residual at ``value`` (the record's own unless given) and the errors' columns."""
         value = self.record.d if value is None else value
         expected, columns, inside = self._columns()
         parts = (jnp.where(inside, value - expected, 0.0), *columns)
         count = self.record.n_samples + 0.0
-        return Products(_gram(parts, jnp.ones(())), jnp.zeros_like(count), count)
+        return Products(gram(parts, jnp.ones(())), jnp.zeros_like(count), count)
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors integrated out."""

@@ -19,7 +19,7 @@ from numpyro.distributions import constraints
 
 from bayestissue.likelihood.distributions import ARMA21
 from bayestissue.likelihood.innovations import innovations
-from bayestissue.likelihood.linear_errors import Products, marginal_log_likelihood
+from bayestissue.likelihood.linear_errors import Products, gram, marginal_log_likelihood
 from bayestissue.likelihood.quadratic import eigenvalues, log_determinant
 from bayestissue.likelihood.transforms import spread_of
 from bayestissue.oscillator import to_differences
@@ -116,14 +116,7 @@ def displacement_products(record: DisplacementRecord, c1: Array, c2: Array, thet
     )
     weight = 1 / eigenvalues(theta1[:, None], record.spread)
     count = record.n_samples - 2.0
-    return Products(_gram(parts, weight), log_determinant(theta1, count), count)
-
-
-def _gram(parts: tuple[Array, ...], weight: Array) -> tuple[tuple[Array, ...], ...]:
-    size = len(parts)
-    over = [part * weight for part in parts]
-    lower = [[(over[a] * parts[b]).sum(-1) for b in range(a + 1)] for a in range(size)]
-    return tuple(tuple(lower[max(a, b)][min(a, b)] for b in range(size)) for a in range(size))
+    return Products(gram(parts, weight), log_determinant(theta1, count), count)
 
 
 class MeasuredDisplacement(dist.Distribution):
@@ -205,12 +198,9 @@ class MeasuredDisplacement(dist.Distribution):
         time = record.first_time[:, None] + jnp.arange(value.shape[-1]) * record.dt[:, None]
         count = record.n_samples - 2.0
         valid = jnp.arange(value.shape[-1] - 2) < count[:, None]
-        series = (value, jnp.ones_like(time), time, time**2 / 2)
-        errors, spreads = [], None
-        for x in series:
-            slope = jnp.diff(x, axis=-1)
-            w = jnp.diff(slope, axis=-1) + c1[:, None] * slope[:, :-1] + c2[:, None] * x[:, :-2]
-            v, spreads = innovations(jnp.where(valid, w, 0.0), theta1, valid)
-            errors.append(v)
-        assert spreads is not None
-        return Products(_gram(tuple(errors), 1 / spreads), jnp.log(spreads).sum(-1), count)
+        series = jnp.stack(jnp.broadcast_arrays(value, jnp.ones_like(time), time, time**2 / 2))
+        slope = jnp.diff(series, axis=-1)
+        w = jnp.diff(slope, axis=-1) + c1[:, None] * slope[..., :-1] + c2[:, None] * series[..., :-2]
+        valid = jnp.broadcast_to(valid, w.shape)
+        errors, spreads = innovations(jnp.where(valid, w, 0.0), jnp.broadcast_to(theta1, w.shape[:-1]), valid)
+        return Products(gram(tuple(errors), 1 / spreads[0]), jnp.log(spreads[0]).sum(-1), count)

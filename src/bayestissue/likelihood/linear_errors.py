@@ -33,6 +33,19 @@ class Products(NamedTuple):
     count: Float[Array, " impact"]
 
 
+def gram(parts: tuple[Array, ...], weight: Array) -> tuple[tuple[Array, ...], ...]:
+    """The sums of part a times part b times weight over the last axis, as rows of entries.
+
+    Args:
+        parts: residual and error columns, each [impact, value], 0 where a trace has no value.
+        weight: 1 over the eigenvalue of T that belongs to each value; broadcasts with the parts.
+    """
+    size = len(parts)
+    over = [part * weight for part in parts]
+    lower = [[(over[a] * parts[b]).sum(-1) for b in range(a + 1)] for a in range(size)]
+    return tuple(tuple(lower[max(a, b)][min(a, b)] for b in range(size)) for a in range(size))
+
+
 def marginal_log_likelihood(
     products: Products, log_sigma: Float[Array, " impact"], error_sd: Float[Array, "impact error"]
 ) -> Float[Array, " impact"]:
@@ -71,11 +84,11 @@ def _system(
     products: Products, log_sigma: Array, error_sd: Array
 ) -> tuple[list[list[Array]], list[Array], Array]:
     precision = jnp.exp(-2 * log_sigma)
-    gram, number = products.gram, error_sd.shape[-1]
+    entries, number = products.gram, error_sd.shape[-1]
     scale = [error_sd[..., a] for a in range(number)]
     matrix = [
-        [scale[a] * scale[b] * gram[a + 1][b + 1] * precision + float(a == b) for b in range(number)]
+        [scale[a] * scale[b] * entries[a + 1][b + 1] * precision + float(a == b) for b in range(number)]
         for a in range(number)
     ]
-    right = [scale[a] * gram[a + 1][0] * precision for a in range(number)]
+    right = [scale[a] * entries[a + 1][0] * precision for a in range(number)]
     return small.cholesky(matrix), right, precision

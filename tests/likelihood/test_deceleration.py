@@ -1,0 +1,142 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
+
+from bayestissue.likelihood.deceleration import DecelerationRecord, MeasuredDeceleration
+from bayestissue.oscillator import impact_motion
+
+RNG = np.random.default_rng(11)
+LENGTHS = np.array([50, 3, 31, 22, 40])
+DT = np.array([5e-4, 2e-3, 1e-3, 1e-3, 4e-4])
+FIRST = np.array([0.0, 3e-4, 9e-4, 2e-4, 1e-4])
+VELOCITY = np.array([1.5, 1.2, 2.0, 0.7, 1.0])
+# Complex roots, equal roots, real ones far apart.
+OMEGA_N = np.array([60.0, 150.0, 90.0, 120.0, 80.0])
+ZETA = np.array([0.3, 1.0, 2.5, 0.999, 0.0])
+LOG_SIGMA = np.log(np.array([0.5, 1.0, 0.2, 2.0, 1.0]))
+ERROR_SD = np.array(
+    [[0.02, 0.5, 1e-4], [0.05, 0.0, 2e-4], [0.0, 0.0, 0.0], [0.01, 1.0, 0.0], [0.1, 0.2, 1e-5]]
+)
+WIDTH = 50
+
+
+def expected(i: int, omega_n: float, zeta: float) -> tuple[np.ndarray, np.ndarray]:
+    """The trace, and what velocity, offset and contact time in error by one add to it, [error, sample]."""
+    time = FIRST[i] + np.arange(LENGTHS[i]) * DT[i]
+
+    def deceleration(t: np.ndarray, velocity: float) -> np.ndarray:
+        return np.asarray(impact_motion(t, omega_n, zeta, velocity).deceleration)
+
+    # The motion's formulas hold before contact too, where a step back may end.
+    step = 1e-4 / omega_n
+    later, earlier = deceleration(time + 2 * step, VELOCITY[i]), deceleration(time + step, VELOCITY[i])
+    now = deceleration(time, VELOCITY[i])
+    jerk = (-later + 4 * earlier - 3 * now) / (2 * step)
+    return now, np.stack([deceleration(time, 1.0), np.ones_like(time), -jerk])
+
+
+def record() -> DecelerationRecord:
+    d = RNG.normal(size=(5, WIDTH))
+    for i in range(5):
+        d[i, : LENGTHS[i]] += expected(i, OMEGA_N[i], ZETA[i])[0]
+    return DecelerationRecord.of(d, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD)
+
+
+RECORD = record()
+
+
+def measured(data: DecelerationRecord = RECORD) -> MeasuredDeceleration:
+    return MeasuredDeceleration(*map(jnp.asarray, (OMEGA_N, ZETA, LOG_SIGMA)), data)
+
+
+def dense_log_density(value: np.ndarray) -> list[float]:
+    found = []
+    for i in range(5):
+        mean, columns = expected(i, OMEGA_N[i], ZETA[i])
+        covariance = np.exp(2 * LOG_SIGMA[i]) * np.eye(LENGTHS[i])
+        covariance += columns.T @ np.diag(ERROR_SD[i] ** 2) @ columns
+        found.append(multivariate_normal(mean, covariance).logpdf(value[i, : LENGTHS[i]]))
+    return found
+
+
+def test_density_is_that_of_the_dense_normal() -> None:
+    # The oracle's jerk is a one-sided difference, right to the square of its step, 1e-8.
+    assert_allclose(measured().log_prob(RECORD.d), dense_log_density(np.asarray(RECORD.d)), rtol=1e-6)
+    other = 1.1 * np.asarray(RECORD.d)
+    assert_allclose(measured().log_prob(jnp.asarray(other)), dense_log_density(other), rtol=1e-6)
+
+
+def test_density_by_the_motion_itself() -> None:
+    exact = measured()
+    motion = impact_motion(
+        FIRST[:, None] + np.arange(WIDTH) * DT[:, None], OMEGA_N[:, None], ZETA[:, None], VELOCITY[:, None]
+    )
+    d, v = np.asarray(motion.deceleration), np.asarray(motion.velocity)
+    jerk = OMEGA_N[:, None] ** 2 * v - 2 * (ZETA * OMEGA_N)[:, None] * d
+    for i in range(5):
+        inside = slice(LENGTHS[i])
+        columns = np.stack([d[i, inside] / VELOCITY[i], np.ones(LENGTHS[i]), -jerk[i, inside]])
+        covariance = np.exp(2 * LOG_SIGMA[i]) * np.eye(LENGTHS[i])
+        covariance += columns.T @ np.diag(ERROR_SD[i] ** 2) @ columns
+        direct = multivariate_normal(d[i, inside], covariance).logpdf(np.asarray(RECORD.d)[i, inside])
+        # Rounding alone: exp, sin and cos of up to some tens of radians.
+        assert_allclose(exact.log_prob(RECORD.d)[i], direct, rtol=1e-11)
+
+
+def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
+    inside = np.arange(WIDTH) < LENGTHS[:, None]
+    value = jnp.where(inside, RECORD.d, 7.0)
+    assert_allclose(measured().log_prob(value), measured().log_prob(RECORD.d), rtol=1e-12)
+    messy = DecelerationRecord.of(np.asarray(value), LENGTHS, FIRST, DT, VELOCITY, ERROR_SD)
+    assert_allclose(messy.d, RECORD.d, atol=0)
+
+
+@jax.jit
+def densities(*parts: jax.Array) -> jax.Array:
+    return MeasuredDeceleration(*parts, RECORD).log_prob(RECORD.d)
+
+
+def test_slopes_are_central_differences() -> None:
+    at = [jnp.asarray(p) for p in (OMEGA_N, ZETA, LOG_SIGMA)]
+    slopes = jax.grad(lambda *parts: densities(*parts).sum(), argnums=(0, 1, 2))(*at)
+    forward = jax.jvp(densities, tuple(at), tuple(map(jnp.ones_like, at)))[1]
+    assert_allclose(forward, sum(slopes), rtol=1e-9, atol=1e-8)
+    for k, slope in enumerate(slopes):
+        step = 1e-5 * np.maximum(np.abs(at[k]), 0.1)
+        ahead, behind = (
+            np.asarray(densities(*[p + sign * step if a == k else p for a, p in enumerate(at)]))
+            for sign in (1, -1)
+        )
+        # Third derivatives times step squared, and rounding of a density of some hundreds over the step.
+        assert_allclose(slope, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-13 * 500 / step.min())
+
+
+def test_curvature_is_the_difference_of_slopes() -> None:
+    at = jnp.stack([jnp.asarray(p) for p in (OMEGA_N, ZETA, LOG_SIGMA)])
+    total = lambda p: densities(*p).sum()  # noqa: E731
+    curvature, slopes = jax.jit(jax.hessian(total))(at), jax.jit(jax.grad(total))
+    for k in range(3):
+        for i in range(5):
+            step = 1e-5 * max(abs(float(at[k, i])), 0.1)
+            found = (slopes(at.at[k, i].add(step)) - slopes(at.at[k, i].add(-step))) / (2 * step)
+            scale = np.abs(curvature[k, i]).max()
+            assert_allclose(curvature[k, i], found, rtol=1e-5, atol=1e-6 * scale)
+
+
+def test_samples_have_the_dense_mean_and_covariance() -> None:
+    number = 4000
+    d = np.asarray(jax.jit(lambda key: measured().sample(key, (number,)))(jax.random.key(5)))
+    for i in range(5):
+        mean, columns = expected(i, OMEGA_N[i], ZETA[i])
+        covariance = np.exp(2 * LOG_SIGMA[i]) * np.eye(LENGTHS[i])
+        covariance += columns.T @ np.diag(ERROR_SD[i] ** 2) @ columns
+        drawn, sd = d[:, i, : LENGTHS[i]], np.sqrt(np.diag(covariance))
+        # Standard errors of means and of covariances; 5 of them for some thousand numbers.
+        assert (np.abs(drawn.mean(0) - mean) < 5 * sd / np.sqrt(number)).all()
+        error = np.sqrt((np.outer(sd, sd) ** 2 + covariance**2) / number)
+        assert (np.abs(np.cov(drawn.T) - covariance) < 5 * error).all()
+        assert not d[:, i, LENGTHS[i] :].any()

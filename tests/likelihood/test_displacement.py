@@ -1,0 +1,114 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.linalg import toeplitz
+from scipy.stats import multivariate_normal
+
+from bayestissue.likelihood.displacement import DisplacementRecord, MeasuredDisplacement, displacement_record
+from bayestissue.oscillator import to_differences
+
+RNG = np.random.default_rng(7)
+LENGTHS = np.array([3, 40, 12, 30, 23])
+DT = np.array([1e-3, 1e-3, 2e-3, 5e-4, 1e-3])
+FIRST = np.array([0.0, 3e-4, 1e-3, 2e-4, 5e-4])
+# Real roots, equal roots and complex ones.
+OMEGA_N = np.array([80.0, 60.0, 150.0, 90.0, 40.0])
+ZETA = np.array([0.3, 1.0, 2.5, 0.05, 0.7])
+THETA1 = np.array([-1.0, 0.9, -1.0, 0.2, -0.97])
+LOG_SIGMA = np.log(np.array([2e-5, 1e-5, 3e-5, 1e-5, 2e-5]))
+ERROR_SD = np.array(
+    [[1e-4, 0.02, 0.5], [1e-3, 0.0, 0.3], [0.0, 0.0, 0.0], [2e-4, 0.01, 2.0], [0.0, 0.03, 0.0]]
+)
+
+
+def record(error_sd: np.ndarray = ERROR_SD) -> DisplacementRecord:
+    x = 1e-3 * np.sin(np.arange(40) / 12) + 1e-5 * RNG.normal(size=(5, 40)).cumsum(1)
+    return displacement_record(x, LENGTHS, FIRST, DT, error_sd)
+
+
+RECORD = record()
+
+
+def parameters(theta1: np.ndarray | None = THETA1) -> tuple[jax.Array | None, ...]:
+    return tuple(None if p is None else jnp.asarray(p) for p in (OMEGA_N, ZETA, theta1, LOG_SIGMA))
+
+
+def measured(theta1: np.ndarray | None = THETA1, data: DisplacementRecord = RECORD) -> MeasuredDisplacement:
+    return MeasuredDisplacement(*parameters(theta1), data)  # type: ignore[arg-type]
+
+
+def filtered(x: np.ndarray, i: int) -> np.ndarray:
+    """x_t - phi1 x_{t-1} - phi2 x_{t-2} from the textbook's coefficients."""
+    c1, c2, _ = (float(c) for c in to_differences(OMEGA_N[i], ZETA[i], DT[i]))
+    phi1, phi2 = 2 - c1, c1 - c2 - 1
+    return x[..., 2:] - phi1 * x[..., 1:-1] - phi2 * x[..., :-2]
+
+
+def dense(i: int, theta1: float, error_sd: np.ndarray = ERROR_SD) -> tuple[np.ndarray, np.ndarray]:
+    """The covariance of w and what the chain's errors add to w, [error, value]."""
+    n, time = LENGTHS[i], FIRST[i] + np.arange(LENGTHS[i]) * DT[i]
+    band = np.zeros(n - 2)
+    band[0] = 1 + theta1**2
+    band[1:2] = -theta1
+    columns = filtered(np.stack([np.ones(n), time, time**2 / 2]), i)
+    noise = np.exp(2 * LOG_SIGMA[i]) * toeplitz(band)
+    return noise + columns.T @ np.diag(error_sd[i] ** 2) @ columns, columns
+
+
+def dense_log_density(x: np.ndarray, theta1: np.ndarray) -> list[float]:
+    rows = [filtered(x[i, : LENGTHS[i]], i) for i in range(5)]
+    return [multivariate_normal(cov=dense(i, theta1[i])[0]).logpdf(rows[i]) for i in range(5)]
+
+
+def test_density_is_that_of_the_dense_normal() -> None:
+    # The dense oracle's coefficients near 2 and 1 lose (omega_n dt)^2 of their digits.
+    assert_allclose(measured().log_prob(RECORD.x), dense_log_density(np.asarray(RECORD.x), THETA1), rtol=1e-8)
+
+
+def test_sampled_a2_takes_theta1_from_the_oscillator() -> None:
+    theta1 = np.asarray(to_differences(OMEGA_N, ZETA, DT).theta1)
+    assert_allclose(measured(None).log_prob(RECORD.x), measured(theta1).log_prob(RECORD.x), rtol=1e-13)
+    assert_allclose(
+        measured(None).log_prob(RECORD.x), dense_log_density(np.asarray(RECORD.x), theta1), rtol=1e-8
+    )
+
+
+def test_any_other_value_goes_through_a_filter() -> None:
+    value = RECORD.x + 0.0
+    assert value is not RECORD.x
+    # Both paths sum a few hundred numbers after the same differences of x.
+    assert_allclose(measured().log_prob(value), measured().log_prob(RECORD.x), rtol=1e-9)
+    other = np.asarray(RECORD.x) * 1.1
+    assert_allclose(measured().log_prob(jnp.asarray(other)), dense_log_density(other, THETA1), rtol=1e-8)
+
+
+def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
+    value = jnp.where(jnp.arange(40) < LENGTHS[:, None], RECORD.x, 7.0)
+    assert_allclose(measured().log_prob(value), measured().log_prob(RECORD.x), rtol=1e-9)
+
+
+@pytest.mark.parametrize("theta1", [None, THETA1])
+def test_slopes_are_central_differences(theta1: np.ndarray | None) -> None:
+    at = [p for p in parameters(theta1) if p is not None]
+
+    @jax.jit
+    def densities(*parts: jax.Array) -> jax.Array:
+        middle = parts[2] if theta1 is not None else None
+        return MeasuredDisplacement(parts[0], parts[1], middle, parts[-1], RECORD).log_prob(RECORD.x)
+
+    slopes = jax.grad(lambda *parts: densities(*parts).sum(), argnums=tuple(range(len(at))))(*at)
+    forward = jax.jvp(densities, tuple(at), tuple(map(jnp.ones_like, at)))[1]
+    # Each impact's density follows its own parameters only.
+    assert_allclose(forward, sum(slopes), rtol=1e-9, atol=1e-6)
+    for k, slope in enumerate(slopes):
+        step = 1e-5 * np.maximum(np.abs(at[k]), 0.1)
+        ahead, behind = (
+            np.asarray(densities(*[p + sign * step if a == k else p for a, p in enumerate(at)]))
+            for sign in (1, -1)
+        )
+        # Third derivatives times step squared, and rounding of a density of some hundreds over the step.
+        assert_allclose(slope, (ahead - behind) / (2 * step), rtol=2e-6, atol=1e-13 * 500 / step.min())

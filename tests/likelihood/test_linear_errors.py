@@ -1,0 +1,58 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
+
+from bayestissue.likelihood.linear_errors import Products, draw_errors, gram, marginal_log_likelihood
+
+RNG = np.random.default_rng(1)
+IMPACTS, COUNT, ERRORS = 3, 9, 3
+RESIDUAL = RNG.normal(size=(IMPACTS, COUNT))
+COLUMNS = RNG.normal(size=(ERRORS, IMPACTS, COUNT))
+WEIGHT = RNG.uniform(0.5, 2.0, size=(IMPACTS, COUNT))
+LOG_SIGMA = np.array([-0.5, 0.3, 0.0])
+ERROR_SD = np.array([[0.7, 1.2, 0.3], [0.0, 0.5, 0.0], [0.0, 0.0, 0.0]])
+
+
+def products() -> Products:
+    parts = (jnp.asarray(RESIDUAL), *map(jnp.asarray, COLUMNS))
+    logs = -jnp.log(jnp.asarray(WEIGHT)).sum(1)
+    return Products(gram(parts, jnp.asarray(WEIGHT)), logs, jnp.full(IMPACTS, float(COUNT)))
+
+
+def dense(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The errors' covariance, their columns, and the trace's covariance."""
+    errors, columns = np.diag(ERROR_SD[i] ** 2), COLUMNS[:, i].T
+    return errors, columns, np.exp(2 * LOG_SIGMA[i]) * np.diag(1 / WEIGHT[i]) + columns @ errors @ columns.T
+
+
+def test_density_is_that_of_the_dense_normal() -> None:
+    ours = marginal_log_likelihood(products(), jnp.asarray(LOG_SIGMA), jnp.asarray(ERROR_SD))
+    direct = [multivariate_normal(cov=dense(i)[2]).logpdf(RESIDUAL[i]) for i in range(IMPACTS)]
+    assert_allclose(ours, direct, rtol=1e-12)
+
+
+def test_errors_are_drawn_from_their_dense_conditional() -> None:
+    number = 20_000
+    keys = jax.random.split(jax.random.key(4), number)
+    arguments = (products(), jnp.asarray(LOG_SIGMA), jnp.asarray(ERROR_SD))
+    drawn = np.asarray(jax.vmap(lambda key: draw_errors(key, *arguments))(keys))
+    for i in range(IMPACTS):
+        errors, columns, covariance = dense(i)
+        gain = errors @ columns.T @ np.linalg.inv(covariance)
+        mean, left = gain @ RESIDUAL[i], errors - gain @ columns @ errors
+        sd = np.sqrt(np.maximum(np.diag(left), 0))
+        # Standard errors of a mean, sd / sqrt(n), and of a covariance, at most sqrt(2) sd sd / sqrt(n).
+        assert (np.abs(drawn[:, i].mean(0) - mean) <= 4.5 * sd / np.sqrt(number)).all()
+        scatter = np.cov(drawn[:, i].T)
+        assert (np.abs(scatter - left) <= 4.5 * np.sqrt(2 / number) * np.outer(sd, sd) + 1e-15).all()
+
+
+def test_products_are_symmetric_and_weighted() -> None:
+    made = products().gram
+    parts = np.concatenate([RESIDUAL[None], COLUMNS])
+    direct = np.einsum("ain,in,bin->abi", parts, WEIGHT, parts)
+    assert_allclose(np.array(made), direct, rtol=1e-12, atol=1e-12)
