@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bayestissue.report import posterior
+from bayestissue.report.posterior import Spread
 from bayestissue.report.published import answers
-from bayestissue.report.published.answers import Spread
 from bayestissue.report.published.posterior_figures import kept_share
 from bayestissue.report.published.run import read_published_run
 from bayestissue.report.run_folder import read_about
@@ -34,12 +35,12 @@ def run(published_run_folder):
     ],
 )
 def test_an_interval_is_said_to_hold_what_it_holds(low, high, said):
-    assert said in answers.exponent_words("K", Spread((low + high) / 2, low, high))
+    assert said in posterior.exponent_words("K", Spread((low + high) / 2, low, high))
 
 
 def test_the_spread_is_that_of_the_draws():
     draws = np.random.default_rng(0).normal(10, 2, 40_000)
-    found = answers.spread(draws)
+    found = posterior.spread(draws)
     # The standard error of a 5 % quantile of n normal draws is sd √(0.05·0.95/n)/0.103 = 0.021 here.
     assert found.median == pytest.approx(10, abs=4 * 2 * np.sqrt(np.pi / 2 / 40_000))
     assert found.low == pytest.approx(10 - 1.6449 * 2, abs=4 * 0.021)
@@ -48,7 +49,7 @@ def test_the_spread_is_that_of_the_draws():
 
 def test_the_typical_person_is_the_exponential_of_the_intercept(run):
     low, median, high = np.percentile(np.exp(run.draws("intercept_K")), [5, 50, 95])
-    assert answers.typical(run, "K") == Spread(median, low, high)
+    assert posterior.typical(run, "K") == Spread(median, low, high)
 
 
 def test_a_constant_frequency_that_the_audit_confirms_is_called_made_by_the_method(run):
@@ -78,8 +79,8 @@ def test_other_exponents_lead_to_other_words(tmp_path, exponent, said):
 
 
 def test_a_wide_interval_decides_nothing(run):
-    posterior = run.groups["posterior"]
-    wide = posterior.assign(mass_exponent_K=0.5 + 20 * (posterior["mass_exponent_K"] - 0.97))
+    drawn = run.groups["posterior"]
+    wide = drawn.assign(mass_exponent_K=0.5 + 20 * (drawn["mass_exponent_K"] - 0.97))
     rows = run.hypotheses.assign(probability=0.1)
     vague = replace(run, groups=run.groups | {"posterior": wide}, hypotheses=rows)
     assert "do not decide" in answers.mass_conclusion(vague)
@@ -89,7 +90,7 @@ def test_a_model_without_mass_says_so(run):
     groups = dict(run.groups)
     groups["posterior"] = groups["posterior"].drop_vars(["mass_exponent_K", "mass_exponent_C"])
     without = replace(run, groups=groups)
-    assert answers.exponent_rows(without) == []
+    assert posterior.exponent_rows(without) == []
     assert "no mass exponent" in answers.mass_conclusion(without)
 
 
@@ -107,6 +108,6 @@ def test_natural_frequencies_are_those_of_the_typical_person(run):
 def test_a_posterior_that_ignores_the_data_keeps_nothing_and_one_that_repeats_them_keeps_all(run):
     # The made-up posterior does not know the made-up data: what it keeps is noise of the 300 draws' median.
     assert abs(kept_share(run, "K")) < 0.1
-    posterior = run.groups["posterior"]
-    repeated = posterior.assign(K=0 * posterior["K"] + run.observed("K_observed"))
+    drawn = run.groups["posterior"]
+    repeated = drawn.assign(K=0 * drawn["K"] + run.observed("K_observed"))
     assert kept_share(replace(run, groups=run.groups | {"posterior": repeated}), "K") == pytest.approx(1)

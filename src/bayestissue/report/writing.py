@@ -36,12 +36,16 @@ def _page(run_dir: Path, about: dict) -> str:
         from bayestissue.report.estimates_page import estimates_page
 
         return estimates_page(run_dir, about)
+    if about["kind"] == "fit":
+        from bayestissue.report.fit.page import fit_page
+
+        return fit_page(run_dir, about)
     raise InputError(
         Problem(
             str(run_dir / "run.json"),
             column="kind",
             value=about["kind"],
-            expected='"published" or "estimates"',
+            expected='"published", "estimates" or "fit"',
             remedy="Make the run anew with this version of the program.",
         )
     )

@@ -7,7 +7,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from bayestissue.report.page import figure
-from bayestissue.report.published.posterior_figures import NAMES
+from bayestissue.report.posterior_figures import NAMES
 from bayestissue.report.published.run import PublishedRun
 from bayestissue.report.style import POSTERIOR, PUBLISHED, REFERENCE, new_figure, style
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from bayestissue.report.published.run import PublishedRun
-from bayestissue.report.tables import Row, Table, columns, lines, tag
+from bayestissue.report.tables import Row, Table, columns, lines
 from bayestissue.report.wording import (
     interval,
     number,
@@ -43,17 +43,6 @@ def comparison_table(run: PublishedRun) -> Table:
     return Table(columns(*titles, "warning", number=titles[2:], words=("warning",)), rows)
 
 
-def sensitivity_table(run: PublishedRun) -> Table:
-    """`sensitivity.csv`: how much each posterior moves when prior or likelihood is weighted up or down."""
-    rows = [
-        Row((line.variable, number(line.prior, 3), number(line.likelihood, 3), line.diagnosis))
-        for line in lines(run.sensitivity)
-    ]
-    return Table(
-        columns("variable", "prior", "likelihood", "diagnosis", number=("prior", "likelihood")), rows
-    )
-
-
 def checks_table(run: PublishedRun) -> Table:
     """`predictive_checks.csv`: statistics of the published numbers beside what the model predicts."""
     rows = [
@@ -72,31 +61,3 @@ def checks_table(run: PublishedRun) -> Table:
     ]
     titles = ("statistic", "quantity", "observed", "predicted", "90 %", "p")
     return Table(columns(*titles, number=titles[2:]), rows)
-
-
-def diagnostics_table(run: PublishedRun) -> Table:
-    """Every check of the sampler: value, limit, verdict, meaning and next step."""
-    rows = [
-        Row(
-            (
-                check["name"],
-                _plain(check["value"]),
-                _plain(check["limit"]),
-                tag("yes", "passed") if check["passed"] else tag("no", "FAILED"),
-                check["meaning"],
-                check["next_step"] or "",
-            ),
-            "" if check["passed"] else "failed",
-        )
-        for check in run.diagnostics["checks"]
-    ]
-    titles = columns(
-        *("check", "value", "limit", "verdict", "what it means", "next step"),
-        number=("value", "limit"),
-        words=("what it means", "next step"),
-    )
-    return Table(titles, rows)
-
-
-def _plain(value: object) -> str:
-    return significant(value, 4) if isinstance(value, float) else "" if value is None else str(value)

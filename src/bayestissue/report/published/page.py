@@ -6,19 +6,18 @@ from pathlib import Path
 from typing import Any
 
 from bayestissue.dataset.published import PublishedTables, read_published
+from bayestissue.report import model_words, posterior, remarks
+from bayestissue.report import posterior_tables as shared_tables
 from bayestissue.report.page import render_page
+from bayestissue.report.posterior_figures import effects_figure, exponent_figure
 from bayestissue.report.published import (
     answers,
     check_tables,
-    model,
     posterior_tables,
-    remarks,
     thesis_tables,
 )
 from bayestissue.report.published.check_figures import comparison_figure, inside_share, predictive_figure
 from bayestissue.report.published.posterior_figures import (
-    effects_figure,
-    exponent_figure,
     kept_share,
     mass_figure,
     shrinkage_figure,
@@ -49,7 +48,7 @@ _LEVELS = {"subject": "people", "trial": "conditions"}
 _POPULATION = tuple(
     f"{stem}_{quantity}"
     for stem in ("intercept", "mass_exponent", "sd_subject", "sd_trial", "sd_impact")
-    for quantity in answers.QUANTITIES
+    for quantity in posterior.QUANTITIES
 )
 
 
@@ -63,7 +62,7 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
     # A run of other tables than the thesis's own carries them along.
     own_tables = folder / "published"
     published = read_published(own_tables if own_tables.is_dir() else None)
-    lines = {quantity: thesis_line(published, quantity) for quantity in answers.QUANTITIES}
+    lines = {quantity: thesis_line(published, quantity) for quantity in posterior.QUANTITIES}
     return render_page(
         "published.html",
         title="Published K and C, re-analysed",
@@ -96,9 +95,9 @@ def _first_screen(run: PublishedRun) -> dict[str, Any]:
     finding = answers.constant_frequency_finding(run)
     return {
         "reference_mass": f"{run.reference_mass:.3g}",
-        "levels": answers.level_rows(run),
-        "sureness": answers.sureness(run),
-        "exponents": answers.exponent_rows(run),
+        "levels": posterior.level_rows(run),
+        "sureness": posterior.sureness(run),
+        "exponents": posterior.exponent_rows(run),
         "conclusion": answers.mass_conclusion(run),
         "frequency": answers.frequency_sentence(run),
         "constant_frequency": None if finding is None else f"finding-{finding + 1}",
@@ -110,29 +109,29 @@ def _first_screen(run: PublishedRun) -> dict[str, Any]:
 
 
 def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
-    kept = {quantity: kept_share(run, quantity) for quantity in answers.QUANTITIES}
+    kept = {quantity: kept_share(run, quantity) for quantity in posterior.QUANTITIES}
     return {
-        "shrinkage_plots": [shrinkage_figure(run, quantity) for quantity in answers.QUANTITIES],
+        "shrinkage_plots": [shrinkage_figure(run, quantity) for quantity in posterior.QUANTITIES],
         "kept": posterior_tables.shares(run, kept),
         "estimates_table": posterior_tables.estimates_table(run),
-        "mass_plots": [mass_figure(run, quantity, lines[quantity]) for quantity in answers.QUANTITIES],
+        "mass_plots": [mass_figure(run, quantity, lines[quantity]) for quantity in posterior.QUANTITIES],
         "lines_table": posterior_tables.lines_table(run, lines),
         "exponent_plots": [
             exponent_figure(run, quantity)
-            for quantity in answers.QUANTITIES
+            for quantity in posterior.QUANTITIES
             if run.has(f"mass_exponent_{quantity}")
         ],
-        "hypotheses_table": posterior_tables.hypotheses_table(run),
+        "hypotheses_table": shared_tables.hypotheses_table(run.hypotheses),
         "effects_plots": {
             words: [
                 effects_figure(run, quantity, level)
-                for quantity in answers.QUANTITIES
+                for quantity in posterior.QUANTITIES
                 if run.has(f"{level}_effect_{quantity}")
             ]
             for level, words in _LEVELS.items()
         },
         "differs": {words: remarks.who_differs(run, level) for level, words in _LEVELS.items()},
-        "population_table": posterior_tables.summary_table(run, (*_POPULATION, "residual_correlation")),
+        "population_table": shared_tables.summary_table(run.summary, (*_POPULATION, "residual_correlation")),
     }
 
 
@@ -143,11 +142,11 @@ def _model_checks(run: PublishedRun) -> dict[str, Any]:
         "comparison_table": check_tables.comparison_table(run),
         "best": remarks.best_explanations(run.comparison),
         "prior_remark": remarks.prior_remark(run.sensitivity),
-        "sensitivity_table": check_tables.sensitivity_table(run),
-        "predictive_plots": [predictive_figure(run, quantity) for quantity in answers.QUANTITIES],
-        "inside": {quantity: inside_share(run, quantity) for quantity in answers.QUANTITIES},
+        "sensitivity_table": shared_tables.sensitivity_table(run.sensitivity),
+        "predictive_plots": [predictive_figure(run, quantity) for quantity in posterior.QUANTITIES],
+        "inside": {quantity: inside_share(run, quantity) for quantity in posterior.QUANTITIES},
         "checks_table": check_tables.checks_table(run),
-        "diagnostics_table": check_tables.diagnostics_table(run),
+        "diagnostics_table": shared_tables.diagnostics_table(run.diagnostics),
     }
 
 
@@ -156,9 +155,9 @@ def _published(run: PublishedRun, published: PublishedTables) -> dict[str, Any]:
         "correlation_plots": [
             correlations_plot(published, quantity, averages=averages)
             for averages in (False, True)
-            for quantity in answers.QUANTITIES
+            for quantity in posterior.QUANTITIES
         ],
-        "mass_plots_thesis": [mass_plot(published, quantity) for quantity in answers.QUANTITIES],
+        "mass_plots_thesis": [mass_plot(published, quantity) for quantity in posterior.QUANTITIES],
         "reproduction_table": thesis_tables.reproduction_table(run),
         "findings": thesis_tables.findings_by_severity(run),
     }
@@ -167,8 +166,8 @@ def _published(run: PublishedRun, published: PublishedTables) -> dict[str, Any]:
 def _provenance(run: PublishedRun) -> dict[str, Any]:
     described = run.about.get("model", {})
     return {
-        "formulas": model.formulas(described),
-        "priors_table": model.priors_table(described),
-        "settings_table": settings_table(described, model.TOLD_ELSEWHERE),
+        "formulas": model_words.formulas(described),
+        "priors_table": model_words.priors_table(described),
+        "settings_table": settings_table(described, model_words.TOLD_ELSEWHERE),
         "versions": run.about.get("versions", {}),
     }

@@ -8,11 +8,11 @@ import numpy as np
 from markupsafe import Markup
 
 from bayestissue.report.page import figure
+from bayestissue.report.posterior_figures import NAMES
 from bayestissue.report.published.run import PublishedRun
 from bayestissue.report.style import MUTED, POSTERIOR, PUBLISHED, REFERENCE, new_figure, style
 from bayestissue.report.wording import UNITS
 
-NAMES = {"K": "stiffness K", "C": "damping C"}
 _GRID = 80
 
 
@@ -122,55 +122,4 @@ def shrinkage_figure(run: PublishedRun, quantity: str) -> Markup:
             f"Posterior deviation of {NAMES[quantity]} from its condition's typical value, with 90 % "
             "intervals, over the published deviation of the same impact. Points on the dashed line keep the "
             "published value; points on the level line give it up.",
-        )
-
-
-def exponent_figure(run: PublishedRun, quantity: str) -> Markup:
-    """The posterior of a mass exponent, with the regions that count as 0 and as 1 in practice."""
-    draws = run.draws(f"mass_exponent_{quantity}")
-    rows = run.hypotheses.loc[
-        (run.hypotheses["quantity"] == quantity) & run.hypotheses["value"].notna(), ["rope_low", "rope_high"]
-    ]
-    with style():
-        fig, axes = new_figure((4.8, 2.7))
-        for low, high in rows.to_numpy():
-            axes.axvspan(low, high, color=MUTED, alpha=0.25, lw=0)
-        bins = min(60, max(15, int(np.sqrt(draws.size))))
-        axes.hist(draws, bins=bins, density=True, color=POSTERIOR, alpha=0.85)
-        for value in (0, 1):
-            axes.axvline(value, color=REFERENCE, ls="--", lw=1.2)
-        axes.set(
-            xlabel=f"mass exponent of {quantity} (no unit)",
-            yticks=[],
-            xlim=(min(-0.25, draws.min() - 0.05), max(1.25, draws.max() + 0.05)),
-        )
-        axes.spines["left"].set_visible(False)
-        return figure(
-            fig,
-            f"Histogram of the posterior draws of the mass exponent of {quantity}; dashed lines at 0, which "
-            "is a fixed value, and at 1, which is proportion to mass; grey bands mark what counts as equal "
-            "to them.",
-        )
-
-
-def effects_figure(run: PublishedRun, quantity: str, level: str) -> Markup:
-    """Each person's (``level`` "subject") or condition's ("trial") effect on K or C, in % of the typical."""
-    effects = 100 * np.expm1(run.draws(f"{level}_effect_{quantity}"))
-    low, quarter, median, three_quarters, high = np.percentile(effects, [5, 25, 50, 75, 95], axis=0)
-    labels, kind = run.labels(level), {"subject": "person", "trial": "condition"}[level]
-    height = np.arange(len(labels))[::-1]
-    with style():
-        fig, axes = new_figure((4.8, 0.8 + 0.24 * len(labels)))
-        axes.hlines(height, low, high, color=POSTERIOR, lw=1.2)
-        axes.hlines(height, quarter, three_quarters, color=POSTERIOR, lw=3.6)
-        axes.plot(median, height, "o", ms=5, mfc="white", color=POSTERIOR)
-        axes.axvline(0, color=REFERENCE, ls="--", lw=1)
-        axes.set(
-            xlabel=f"{quantity} off the typical {kind} (%)", yticks=height, yticklabels=labels, ylabel=kind
-        )
-        axes.grid(visible=False, axis="y")
-        return figure(
-            fig,
-            f"Effect of each {kind} on {NAMES[quantity]} in percent of the typical {kind}: "
-            "posterior median, 50 % and 90 % interval.",
         )

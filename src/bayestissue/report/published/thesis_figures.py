@@ -7,7 +7,7 @@ from markupsafe import Markup
 
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.report.page import figure
-from bayestissue.report.published.posterior_figures import NAMES
+from bayestissue.report.posterior_figures import NAMES
 from bayestissue.report.style import POSTERIOR, PUBLISHED, REFERENCE, new_figure, style
 from bayestissue.report.wording import UNITS
 from bayestissue.reproduction import correlation_figure, mass_figure

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from bayestissue.report.published import remarks
+from bayestissue.report import remarks
 from bayestissue.report.published.run import read_published_run
 from bayestissue.report.run_folder import read_about
 

@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bayestissue.report.published.answers import QUANTITIES
-from bayestissue.report.published.run import PublishedRun
+from bayestissue.report.posterior import QUANTITIES, PosteriorRun
 from bayestissue.report.wording import listed
 
 _FINE = ("✓", "")
 _WORDS = {"subject": ("person", "people"), "trial": ("condition", "conditions")}
 
 
-def who_differs(run: PublishedRun, level: str) -> str:
+def who_differs(run: PosteriorRun, level: str) -> str:
     """Whose effect on K or C has a 90 % interval without zero (``level``: "subject" or "trial")."""
     parts = []
     for quantity in QUANTITIES:

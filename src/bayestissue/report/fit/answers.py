@@ -1,0 +1,108 @@
+"""What the first screen says of a fit, in words that follow from the numbers."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+
+from bayestissue.report.fit.estimates import (
+    apparent_exponent,
+    dds_ratio,
+    held_by_intervals,
+    mass_varies,
+)
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.posterior import (
+    CONSTANT,
+    FIXED,
+    QUANTITIES,
+    SURE,
+    exponent,
+    hypothesis_probability,
+)
+from bayestissue.report.wording import likelihood_words, listed, relative, significant
+
+# A slope of the point estimates this far off zero is spoken of, if its interval excludes zero too.
+_WORTH_A_WORD = 0.1
+
+
+def impact_sureness(run: FitRun, quantity: str) -> str:
+    """How closely the median impact's own K (or C) is known, as "±0.8 %": half its 90 % interval."""
+    table = run.of_impacts(quantity)
+    return relative(float(np.sqrt(table["eti90_high"] / table["eti90_low"]).median() - 1))
+
+
+def held_sentence(run: FitRun) -> str:
+    """For simulated data, how many 90 % intervals hold the truth; empty otherwise."""
+    parts = []
+    for quantity in QUANTITIES:
+        for each in held_by_intervals(run, quantity):
+            if each.level == 90:
+                parts.append(f"{each.held} of {each.impacts} for {quantity}")
+    return f"Simulated data: the 90 % intervals hold the true value in {listed(parts)}." if parts else ""
+
+
+def method_sentence(run: FitRun) -> str:
+    """How the thesis's point estimates compare in size with the posterior."""
+    ratios = [f"{significant(dds_ratio(run, quantity), 2)} times this {quantity}" for quantity in QUANTITIES]
+    return f"The thesis's method gives {listed(ratios)} on the same traces (median impact)."
+
+
+def mass_conclusion(run: FitRun) -> str:
+    """Whether K and C depend on the mass, by the probabilities of the hypotheses."""
+    if not mass_varies(run):
+        return "The mass of the impactor never varies here, so nothing can be said of its part."
+    if exponent(run, "K") is None and exponent(run, "C") is None:
+        return "This model has no mass exponent, so it can't tell whether K and C depend on the mass."
+    fixed = {q: hypothesis_probability(run, q, FIXED) for q in QUANTITIES if exponent(run, q) is not None}
+    if min(fixed.values()) > SURE and len(fixed) > 1:
+        word = likelihood_words(min(fixed.values()))
+        return f"Not real: {word} neither K nor C depends on the mass in practice."
+    return " ".join(_one_conclusion(run, quantity) for quantity in fixed)
+
+
+def _one_conclusion(run: FitRun, quantity: str) -> str:
+    beta = exponent(run, quantity)
+    fixed = hypothesis_probability(run, quantity, FIXED)
+    constant = hypothesis_probability(run, quantity, CONSTANT)
+    if beta is None:
+        return ""
+    if fixed > SURE:
+        return f"{quantity} {likelihood_words(fixed)} does not depend on the mass in practice."
+    if constant > SURE:
+        return (
+            f"{quantity} {likelihood_words(constant)} grows in proportion to the mass: what a method gives whose "
+            "ωₙ carries no information on the tissue."
+        )
+    if beta.holds(0):
+        also = " or from proportion to the mass" if beta.holds(1) else ""
+        return f"{quantity}: not told from no dependence on the mass{also}."
+    return f"{quantity} {'grows' if beta.low > 0 else 'falls'} with the mass."
+
+
+def contrast_sentence(run: FitRun) -> Markup:
+    """What the thesis's point estimates of the same traces show, and where that is the method's making."""
+    found = {quantity: apparent_exponent(run, quantity) for quantity in QUANTITIES}
+    shown = [
+        Markup("{} ∝ M<sup>{}</sup> ({})").format(quantity, each.slope.value, each.slope.range)
+        for quantity, each in found.items()
+        if each
+    ]
+    if not shown:
+        return Markup()
+    made = [quantity for quantity in QUANTITIES if _made_by_method(run, quantity)]
+    blame = f": the trend of {listed(made)} is made by the method" if made else ""
+    return Markup("Thesis's method on the same traces: {}{}.").format(Markup(", ").join(shown), blame)
+
+
+def _made_by_method(run: FitRun, quantity: str) -> bool:
+    apparent, beta = apparent_exponent(run, quantity), exponent(run, quantity)
+    if apparent is None or beta is None:
+        return False
+    slope = apparent.slope
+    return (
+        hypothesis_probability(run, quantity, FIXED) > SURE
+        and not slope.holds(0)
+        and abs(slope.median) > _WORTH_A_WORD
+        and (slope.low > beta.high or slope.high < beta.low)
+    )

@@ -1,0 +1,74 @@
+"""Posterior, point estimates and truth of every impact, drawn."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayestissue.report.fit.estimates import side_by_side
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.page import figure
+from bayestissue.report.posterior_figures import NAMES
+from bayestissue.report.style import PALETTE, POSTERIOR, REFERENCE, new_figure, style
+from bayestissue.report.wording import UNITS
+
+_EXACT, _DDS = PALETTE[1], PALETTE[3]
+
+
+def estimates_figure(run: FitRun, quantity: str) -> Markup:
+    """All impacts in the order of their posterior median: the values, and how far each is off the posterior.
+
+    Above, on a log scale, both methods' estimates; below, in percent of the posterior median, its 50 % and
+    90 % intervals with what lies near them.
+    """
+    table = side_by_side(run, quantity).sort_values("median", kind="stable")
+    place = np.arange(len(table))
+    with style():
+        fig, (above, below) = new_figure((9.6, 5.6), 2, 1, sharex=True)
+        above.semilogy(
+            place, table["dds"], "D", ms=3.2, mfc="none", color=_DDS, label="thesis's method (dds)"
+        )
+        above.semilogy(place, table["exact"], "^", ms=3.6, color=_EXACT, label="exact point estimate")
+        above.semilogy(place, table["median"], "o", ms=3, color=POSTERIOR, label="posterior median")
+        above.set(ylabel=f"{quantity} ({UNITS[quantity]})")
+        above.yaxis.set_major_formatter("{x:g}")
+        above.yaxis.set_minor_formatter("{x:g}")
+        above.tick_params(axis="y", which="minor", labelsize=7.5)
+        off_scale = _deviations(below, table, place)
+        below.set(
+            xlabel=f"impacts, in the order of their posterior {quantity}",
+            ylabel=f"off the posterior\nmedian of {quantity} (%)",
+            xlim=(-1, len(table)),
+        )
+        handles = {
+            label: handle
+            for axes in (above, below)
+            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
+        fig.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=4)
+        note = f" {off_scale} estimates lie off the lower scale." if off_scale else ""
+        return figure(
+            fig,
+            f"{NAMES[quantity]} of every impact by posterior, by both point estimates and, where known, the "
+            f"truth: values above, deviations from the posterior median below.{note}",
+            raster=True,
+        )
+
+
+def _deviations(axes: Any, table: pd.DataFrame, place: np.ndarray) -> int:
+    """Draw the lower panel; how many point estimates lie off its scale."""
+    off = 100 * (table.div(table["median"], axis=0) - 1)
+    axes.vlines(place, off["eti90_low"], off["eti90_high"], color=POSTERIOR, lw=1, label="90 %")
+    axes.vlines(place, off["eti50_low"], off["eti50_high"], color=POSTERIOR, lw=2.6, label="50 %")
+    axes.plot(place, off["exact"], "^", ms=3.6, color=_EXACT)
+    axes.plot(place, off["dds"], "D", ms=3.2, mfc="none", color=_DDS)
+    if off["truth"].notna().any():
+        axes.plot(place, off["truth"], "x", ms=4, mew=1.2, color=REFERENCE, label="truth")
+    near = np.nanpercentile(off[["eti90_low", "eti90_high", "truth"]].abs(), 99)
+    limit = 1.6 * max(near, 1e-3)
+    axes.axhline(0, color=POSTERIOR, lw=0.6)
+    axes.set_ylim(-limit, limit)
+    return int((off[["exact", "dds"]].abs() > limit).sum().sum())

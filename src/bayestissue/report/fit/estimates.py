@@ -1,0 +1,121 @@
+"""Every impact's posterior beside its point estimates and, where it is known, the truth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import statsmodels.api as sm
+
+from bayestissue.report.fit.run import COLUMN, FitRun
+from bayestissue.report.posterior import QUANTITIES, Spread
+from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.wording import UNITS, significant
+
+METHODS = {"exact": "estimates_exact", "dds": "estimates_dds"}
+_MASS_MUST_VARY = 1.01
+
+
+def side_by_side(run: FitRun, quantity: str) -> pd.DataFrame:
+    """One row an impact: posterior ``median``, ``eti50_*`` and ``eti90_*``, ``exact``, ``dds``, ``truth``.
+
+    In N/m (K) or N s/m (C), indexed by impact; what an impact lacks is NaN, ``truth`` for measured data.
+    """
+    names = ["median", "eti50_low", "eti50_high", "eti90_low", "eti90_high"]
+    table = run.of_impacts(quantity)[names].copy()
+    for method, source in METHODS.items():
+        found = getattr(run, source).set_index("impact")[COLUMN[quantity]]
+        table[method] = found.reindex(table.index)
+    known = None if run.truth is None else run.truth.set_index("impact")[COLUMN[quantity]]
+    table["truth"] = np.nan if known is None else known.reindex(table.index)
+    return table
+
+
+@dataclass(frozen=True)
+class Held:
+    """How many of ``impacts`` with a known truth have it inside their ``level`` interval."""
+
+    level: int
+    held: int
+    impacts: int
+
+
+def held_by_intervals(run: FitRun, quantity: str) -> list[Held]:
+    """For the 50 % and the 90 % intervals; empty for data whose truth isn't known."""
+    table = side_by_side(run, quantity).dropna(subset="truth")
+    if table.empty:
+        return []
+    return [
+        Held(
+            level,
+            int(table["truth"].between(table[f"eti{level}_low"], table[f"eti{level}_high"]).sum()),
+            len(table),
+        )
+        for level in (50, 90)
+    ]
+
+
+def dds_ratio(run: FitRun, quantity: str) -> float:
+    """Median over impacts of the thesis's estimate divided by the posterior's median."""
+    table = side_by_side(run, quantity)
+    return float((table["dds"] / table["median"]).median())
+
+
+def mass_varies(run: FitRun) -> bool:
+    """Whether the impactors' masses differ by more than a hundredth."""
+    mass = run.constant("mass_kg")
+    return bool(mass.max() > _MASS_MUST_VARY * mass.min())
+
+
+@dataclass(frozen=True)
+class ApparentExponent:
+    """A straight line through log estimates over log M/M_ref: ``slope`` with its 90 % interval."""
+
+    intercept: float
+    slope: Spread
+
+
+def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
+    """The mass exponent that the thesis's point estimates show by least squares; None if mass is constant.
+
+    The interval takes impacts for independent, which those of one person are not: it is too narrow.
+    """
+    table = run.estimates_dds[["mass_kg", COLUMN[quantity]]].dropna()
+    table = table[(table > 0).all(axis=1)]
+    mass = table["mass_kg"].to_numpy()
+    if len(table) < 3 or mass.max() <= _MASS_MUST_VARY * mass.min():
+        return None
+    line = sm.OLS(
+        np.log(table[COLUMN[quantity]].to_numpy()), sm.add_constant(np.log(mass / run.reference_mass))
+    )
+    fitted = line.fit()
+    low, high = fitted.conf_int(alpha=0.1)[1]
+    return ApparentExponent(float(fitted.params[0]), Spread(float(fitted.params[1]), float(low), float(high)))
+
+
+def estimates_table(run: FitRun) -> Table:
+    """Each impact's posterior beside the point estimates of both methods and, where known, the truth."""
+    tables = {quantity: side_by_side(run, quantity) for quantity in QUANTITIES}
+    known = run.truth is not None
+    titles = ["impact", "person", "condition", "M (kg)"]
+    cells: list[list[str]] = [
+        run.impacts,
+        [str(name) for name in run.constant("impact_subject")],
+        [str(name) for name in run.constant("impact_trial")],
+        [f"{mass:.3f}" for mass in run.constant("mass_kg")],
+    ]
+    for quantity, table in tables.items():
+        spreads = [Spread(*row) for row in table[["median", "eti90_low", "eti90_high"]].to_numpy()]
+        titles += [
+            f"{quantity} ({UNITS[quantity]})",
+            f"{quantity}, 90 %",
+            f"{quantity} exact",
+            f"{quantity} dds",
+        ]
+        cells += [[one.value for one in spreads], [one.range for one in spreads]]
+        cells += [[significant(value, 4) for value in table[method]] for method in METHODS]
+        if known:
+            titles.append(f"true {quantity}")
+            cells.append([significant(value, 4) for value in table["truth"]])
+    return Table(columns(*titles, number=titles[3:]), [Row(row) for row in zip(*cells, strict=True)])

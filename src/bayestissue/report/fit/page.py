@@ -1,0 +1,156 @@
+"""The whole page of a fit of recorded traces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from bayestissue.report import model_words, posterior, posterior_tables, remarks
+from bayestissue.report.fit import answers, estimates, predictions, tables, words
+from bayestissue.report.fit.estimate_figures import estimates_figure
+from bayestissue.report.fit.population_figures import mass_figure, ranked_figure, spreads_figure
+from bayestissue.report.fit.prediction_figures import lag_one_figure, traces_figure, whiteness_figure
+from bayestissue.report.fit.run import FitRun, read_fit_run
+from bayestissue.report.page import render_page
+from bayestissue.report.posterior_figures import exponent_figure
+from bayestissue.report.settings import settings_table
+from bayestissue.report.tables import Row, Table, columns
+
+_CONTENTS = (
+    ("estimates", "Impacts"),
+    ("predictions", "Predictions"),
+    ("residuals", "Residuals"),
+    ("people", "People and conditions"),
+    ("mass", "Mass"),
+    ("population", "Population"),
+    ("chain", "Measuring chain"),
+    ("left-out", "Leaving out"),
+    ("priors", "Priors"),
+    ("limits", "Limits"),
+    ("diagnostics", "Diagnostics"),
+    ("model", "Model"),
+    ("provenance", "Provenance"),
+)
+_LEVELS = {"subject": "people", "trial": "conditions"}
+
+
+def fit_page(folder: Path, about: dict[str, Any]) -> str:
+    """The HTML of the report of the `fit` run in ``folder``.
+
+    Raises:
+        InputError: a file of the run lacks or isn't what a run writes.
+    """
+    run = read_fit_run(folder, about)
+    return render_page(
+        "fit.html",
+        title=f"K and C from the traces of {about.get('dataset') or folder.name}",
+        subtitle=_subtitle(run),
+        contents=_CONTENTS,
+        about=about,
+        **_first_screen(run),
+        **_impacts(run),
+        **_predictions(run),
+        **_population(run),
+        **_checks(run),
+        **_provenance(run),
+    )
+
+
+def _subtitle(run: FitRun) -> str:
+    counts = (len(run.impacts), len(run.labels("subject")), len(run.labels("trial")))
+    name = run.about.get("model", {}).get("name", "")
+    return f"{counts[0]} impacts, {counts[1]} people, {counts[2]} conditions; model “{name}”"
+
+
+def _first_screen(run: FitRun) -> dict[str, Any]:
+    return {
+        "reference_mass": f"{run.reference_mass:.3g}",
+        "levels": posterior.level_rows(run),
+        "method": answers.method_sentence(run),
+        "sureness": [
+            {**row, "one": answers.impact_sureness(run, row["quantity"])} for row in posterior.sureness(run)
+        ],
+        "held": answers.held_sentence(run),
+        "exponents": posterior.exponent_rows(run),
+        "conclusion": answers.mass_conclusion(run),
+        "contrast": answers.contrast_sentence(run),
+    }
+
+
+def _impacts(run: FitRun) -> dict[str, Any]:
+    held = {quantity: estimates.held_by_intervals(run, quantity) for quantity in posterior.QUANTITIES}
+    return {
+        "simulated": run.truth is not None,
+        "estimate_plots": [estimates_figure(run, quantity) for quantity in posterior.QUANTITIES],
+        "estimates_table": estimates.estimates_table(run),
+        "held_table": tables.held_table(held),
+    }
+
+
+def _predictions(run: FitRun) -> dict[str, Any]:
+    chosen, left = predictions.chosen_impacts(run), predictions.residuals(run)
+    one_step = predictions.one_step_p(run)
+    return {
+        "recorded": run.shown,
+        "chosen": len(chosen),
+        "traces_plot": traces_figure(run, chosen),
+        "residual_words": words.residual_words(left, one_step),
+        "residual_plots": [whiteness_figure(left.whiteness_p, one_step), lag_one_figure(left)],
+        "tested": len(left.which),
+        "total": len(run.impacts),
+    }
+
+
+def _population(run: FitRun) -> dict[str, Any]:
+    return {
+        "ranked_plots": {
+            name: [
+                ranked_figure(run, quantity, level)
+                for quantity in posterior.QUANTITIES
+                if run.has(f"{level}_effect_{quantity}")
+            ]
+            for level, name in _LEVELS.items()
+        },
+        "differs": {name: remarks.who_differs(run, level) for level, name in _LEVELS.items()},
+        "mass_plots": [mass_figure(run, quantity) for quantity in posterior.QUANTITIES]
+        if estimates.mass_varies(run)
+        else [],
+        "exponent_plots": [
+            exponent_figure(run, quantity)
+            for quantity in posterior.QUANTITIES
+            if run.has(f"mass_exponent_{quantity}")
+        ],
+        "hypotheses_table": posterior_tables.hypotheses_table(run.hypotheses),
+        "spreads_plot": spreads_figure(run),
+        "population_table": posterior_tables.summary_table(run.summary, tables.population_names(run)),
+    }
+
+
+def _checks(run: FitRun) -> dict[str, Any]:
+    return {
+        "declared": tables.declared_words(run),
+        "chain_table": tables.chain_table(run),
+        "left_out_summary": tables.left_out_summary(run),
+        "left_out_table": tables.left_out_table(run),
+        "prior_remark": remarks.prior_remark(run.sensitivity),
+        "sensitivity_table": posterior_tables.sensitivity_table(run.sensitivity),
+        "limits": words.limits(run),
+        "coverage_table": words.coverage_table(run),
+        "diagnostics_table": posterior_tables.diagnostics_table(run.diagnostics),
+    }
+
+
+def _provenance(run: FitRun) -> dict[str, Any]:
+    described = run.about.get("model", {})
+    left_out = [str(problem) for problem in run.about.get("left_out", [])]
+    return {
+        "likelihood_words": words.likelihood_words(run),
+        "signal_words": words.signal_words(run),
+        "formulas": model_words.formulas(described),
+        "priors_table": model_words.priors_table(described),
+        "settings_table": settings_table(described, model_words.TOLD_ELSEWHERE),
+        "excluded": Table(
+            columns("impact and reason", words=("impact and reason",)), [Row([each]) for each in left_out]
+        ),
+        "versions": run.about.get("versions", {}),
+    }

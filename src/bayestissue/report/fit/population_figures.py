@@ -1,0 +1,140 @@
+"""People, conditions, mass and the spreads between them, drawn."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayestissue.report.fit.estimates import apparent_exponent, side_by_side
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.page import figure
+from bayestissue.report.posterior import QUANTITIES, Quantity
+from bayestissue.report.posterior_figures import NAMES
+from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, PUBLISHED, REFERENCE, new_figure, style
+from bayestissue.report.wording import UNITS
+
+GROUPS = {"subject": "person", "trial": "condition", "impact": "impact"}
+_GRID = 60
+_MOST_ROWS = 60
+
+
+def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
+    """K (or C) of every person (``level`` "subject") or condition ("trial"), the greatest on top.
+
+    Of more than 60 the 30 greatest and the 30 least.
+    """
+    drawn = run.draws(f"{quantity}_{level}")
+    order = np.argsort(np.median(drawn, axis=0), kind="stable")
+    if order.size > _MOST_ROWS:
+        order = np.r_[order[: _MOST_ROWS // 2], order[-_MOST_ROWS // 2 :]]
+    low, quarter, median, three_quarters, high = np.percentile(drawn[:, order], [5, 25, 50, 75, 95], axis=0)
+    names = run.labels(level)
+    height = np.arange(order.size)
+    with style():
+        fig, axes = new_figure((4.8, 0.8 + 0.24 * order.size))
+        axes.hlines(height, low, high, color=POSTERIOR, lw=1.2)
+        axes.hlines(height, quarter, three_quarters, color=POSTERIOR, lw=3.6)
+        axes.plot(median, height, "o", ms=5, mfc="white", color=POSTERIOR)
+        axes.set(
+            xlabel=f"{NAMES[quantity]} ({UNITS[quantity]})",
+            yticks=height,
+            yticklabels=[names[place] for place in order],
+            ylabel=GROUPS[level],
+        )
+        axes.grid(visible=False, axis="y")
+        return figure(
+            fig,
+            f"{NAMES[quantity]} of each {GROUPS[level]}, ranked: posterior median, 50 % and 90 % interval.",
+        )
+
+
+def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
+    """K (or C) over mass on log scales: impacts, conditions, the posterior line, exponents 0 and 1."""
+    mass = run.constant("mass_kg")
+    grid = np.geomspace(0.93 * mass.min(), 1.07 * mass.max(), _GRID)
+    ratio = np.log(grid / run.reference_mass)
+    table = side_by_side(run, quantity)
+    apparent = apparent_exponent(run, quantity)
+    level = float(np.median(np.exp(run.draws(f"intercept_{quantity}"))))
+    with style():
+        fig, axes = new_figure((4.8, 4.2))
+        axes.plot(
+            mass, table["dds"], "D", ms=3, mfc="none", mew=0.7, color=PUBLISHED, label="thesis's method (dds)"
+        )
+        if apparent:
+            line = np.exp(apparent.intercept + apparent.slope.median * ratio)
+            axes.plot(grid, line, color=PUBLISHED, lw=1.2)
+        axes.plot(mass, table["median"], ".", ms=3.5, color=MUTED, label="impact, posterior median")
+        at, drawn = _conditions(run, quantity)
+        low, median, high = np.percentile(drawn, [5, 50, 95], axis=0)
+        axes.errorbar(
+            at, median, [median - low, high - median], fmt="s", ms=4.5, mfc="white", lw=1.2, color=POSTERIOR,
+            label="condition, typical person, 90 %",
+        )  # fmt: skip
+        if run.has(f"mass_exponent_{quantity}"):
+            slope = run.draws(f"mass_exponent_{quantity}")[:, None] * ratio
+            curve = np.exp(run.draws(f"intercept_{quantity}")[:, None] + slope)
+            low, middle, high = np.percentile(curve, [5, 50, 95], axis=0)
+            axes.fill_between(grid, low, high, color=POSTERIOR, alpha=0.2, lw=0)
+            axes.plot(grid, middle, color=POSTERIOR, label="posterior, 90 % band")
+        axes.plot(grid, level + 0 * grid, color=REFERENCE, ls="--", lw=1, label="exponent 0")
+        axes.plot(
+            grid, level * grid / run.reference_mass, color=REFERENCE, ls=":", lw=1.2, label="exponent 1"
+        )
+        axes.set(
+            xscale="log",
+            yscale="log",
+            xlabel="mass of the impactor, M (kg)",
+            ylabel=f"{NAMES[quantity]} ({UNITS[quantity]})",
+        )
+        for axis in (axes.xaxis, axes.yaxis):
+            axis.set_major_formatter("{x:g}")
+            axis.set_minor_formatter("{x:g}")
+        axes.tick_params(which="minor", labelsize=7)
+        fig.legend(loc="outside upper left", ncols=2, fontsize=7.5)
+        return figure(
+            fig,
+            f"{NAMES[quantity]} over the mass of the impactor on log scales: posterior of conditions and impacts "
+            "with the fitted line, the thesis's point estimates, and lines for exponents 0 and 1.",
+        )
+
+
+def _conditions(run: FitRun, quantity: str) -> tuple[np.ndarray, np.ndarray]:
+    """Geometric mean mass of each condition and the draws of its typical K or C, [draw, trial]."""
+    frame = pd.DataFrame(
+        {"trial": run.constant("impact_trial").astype(str), "log_mass": np.log(run.constant("mass_kg"))}
+    )
+    mass = np.exp(frame.groupby("trial")["log_mass"].mean()).reindex(run.labels("trial"))
+    return mass.to_numpy(), run.draws(f"{quantity}_trial")
+
+
+def spreads_figure(run: FitRun) -> Markup:
+    """The population's standard deviations of log K and log C, in percent, with 50 % and 90 % intervals."""
+    names = [level for level in GROUPS if any(run.has(f"sd_{level}_{quantity}") for quantity in QUANTITIES)]
+    with style():
+        fig, axes = new_figure((4.8, 1.1 + 0.55 * len(names)))
+        for shift, colour, mark, quantity in zip((0.14, -0.14), PALETTE, "os", QUANTITIES, strict=False):
+            present = [level for level in names if run.has(f"sd_{level}_{quantity}")]
+            height = np.array([len(names) - 1 - names.index(level) for level in present]) + shift
+            drawn = 100 * np.expm1(
+                np.stack([run.draws(f"sd_{level}_{quantity}") for level in present], axis=1)
+            )
+            low, quarter, median, three_quarters, high = np.percentile(drawn, [5, 25, 50, 75, 95], axis=0)
+            axes.hlines(height, low, high, color=colour, lw=1.2)
+            axes.hlines(height, quarter, three_quarters, color=colour, lw=3.6)
+            axes.plot(median, height, mark, ms=5, mfc="white", color=colour, label=NAMES[quantity])
+        axes.set(
+            xlabel="standard deviation (% of K or C)",
+            yticks=np.arange(len(names))[::-1],
+            yticklabels=[{"subject": "people", "trial": "conditions", "impact": "impacts"}[n] for n in names],
+            ylim=(-0.6, len(names) - 0.4),
+            xlim=(0, None),
+        )
+        axes.grid(visible=False, axis="y")
+        fig.legend(loc="outside upper left", ncols=2)
+        return figure(
+            fig,
+            "Posterior of the standard deviations of K and C between people, conditions and impacts, in percent: "
+            "median, 50 % and 90 % interval.",
+        )

@@ -1,0 +1,97 @@
+"""What the model predicts of each trace, and what the measured trace leaves over."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Bool, Float
+from statsmodels.stats.diagnostic import acorr_ljungbox
+
+from bayestissue.report.fit.run import FitRun
+
+PANELS = 9
+LAGS = 10
+STRUCTURED = 0.01
+_FEWEST = 2 * LAGS
+_MOST_TESTED = 400
+
+
+@dataclass(frozen=True)
+class Residuals:
+    """Measured traces, and replicates of them, less the median of the replicates, NaN past a row's end.
+
+    Attributes:
+        measured: [impact, sample], in m/s² (or m where displacement was recorded).
+        replicated: [draw, impact, sample].
+        which: the rows of the run's impacts that they belong to.
+    """
+
+    measured: Float[np.ndarray, "impact sample"]
+    replicated: Float[np.ndarray, "draw impact sample"]
+    which: np.ndarray
+
+    @cached_property
+    def used(self) -> Bool[np.ndarray, "impact sample"]:
+        """Where both are known."""
+        return np.isfinite(self.measured) & np.isfinite(self.replicated[0])
+
+    @cached_property
+    def lag_one(self) -> pd.DataFrame:
+        """Lag-1 autocorrelation: ``measured``, and the replicates' 5 % and 95 % points ``low`` and ``high``."""
+        replicated = _lag_one(self.replicated, self.used)
+        low, high = np.percentile(replicated, [5, 95], axis=0)
+        return pd.DataFrame({"measured": _lag_one(self.measured, self.used), "low": low, "high": high})
+
+    @cached_property
+    def whiteness_p(self) -> Float[np.ndarray, " impact"]:
+        """p-values of Ljung and Box's test over ten lags; NaN for a row of fewer than 20 samples."""
+        values = [row[used] for row, used in zip(self.measured, self.used, strict=True)]
+        return np.array(
+            [
+                acorr_ljungbox(row, lags=[LAGS])["lb_pvalue"].iloc[0] if row.size >= _FEWEST else np.nan
+                for row in values
+            ]
+        )
+
+
+def _lag_one(
+    residuals: Float[np.ndarray, "*draw impact sample"], used: Bool[np.ndarray, "impact sample"]
+) -> Float[np.ndarray, "*draw impact"]:
+    values = np.where(used, residuals, 0)
+    values = np.where(used, values - values.sum(-1, keepdims=True) / used.sum(-1, keepdims=True), 0)
+    return (values[..., 1:] * values[..., :-1]).sum(-1) / (values**2).sum(-1)
+
+
+def residuals(run: FitRun) -> Residuals:
+    """The residuals of every impact, or of 400 evenly spaced ones if there are more."""
+    count = len(run.impacts)
+    which = np.unique(np.linspace(0, count - 1, min(count, _MOST_TESTED)).round().astype(int))
+    replicates = run.draws(run.shown, "posterior_predictive")[:, which].astype(float)
+    middle = np.median(replicates, axis=0)
+    measured = run.groups["observed_data"][run.shown].to_numpy()[which]
+    return Residuals(measured - middle, replicates - middle, which)
+
+
+def inside_band(left: Residuals) -> float:
+    """The share of all measured samples inside the replicates' 90 % band."""
+    low, high = np.percentile(left.replicated, [5, 95], axis=0)
+    inside = (left.measured >= low) & (left.measured <= high)
+    return float(inside[left.used].mean())
+
+
+def chosen_impacts(run: FitRun) -> list[int]:
+    """Nine impacts at even steps of rank from the softest to the stiffest, by posterior median of K."""
+    order = np.argsort(run.of_impacts("K")["median"].to_numpy(), kind="stable")
+    steps = np.linspace(0, len(order) - 1, min(PANELS, len(order))).round().astype(int)
+    return [int(order[step]) for step in np.unique(steps)]
+
+
+def one_step_p(run: FitRun) -> np.ndarray:
+    """Ljung-Box p-values of the exact ARMA(2,1) fits' one-step residuals; empty if they aren't there."""
+    table = run.estimates_exact
+    if "whiteness_p" not in table:
+        return np.array([])
+    return pd.to_numeric(table["whiteness_p"], errors="coerce").dropna().to_numpy()

@@ -1,0 +1,168 @@
+"""A finished `fit`, read whole."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bayestissue.errors import InputError, Problem
+from bayestissue.report.run_folder import TableFile, read_json, read_tables, require_files
+
+COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+_INTERVALS = ("median", "eti50_low", "eti50_high", "eti90_low", "eti90_high")
+_ESTIMATES = (("impact", "subject", "trial", "flags"), ("mass_kg", *COLUMN.values()))
+_TABLES = (
+    TableFile(
+        "summary",
+        ("variable", "label", "unit"),
+        ("mean", "sd", *_INTERVALS, "ess_bulk", "ess_tail", "r_hat", "mcse_mean"),
+    ),
+    TableFile("hypotheses", ("quantity", "hypothesis"), ("value", "rope_low", "rope_high", "probability")),
+    TableFile("cross_validation", ("scheme", "label", "warning"), ("elpd", "pareto_k")),
+    TableFile("sensitivity", ("variable", "diagnosis"), ("prior", "likelihood")),
+    TableFile("estimates_exact", *_ESTIMATES),
+    TableFile("estimates_dds", *_ESTIMATES),
+)
+_TRUTH = TableFile("truth", ("impact",), tuple(COLUMN.values()))
+_TRACES = ("displacement", "deceleration")
+# What the page can't do without, by group of `posterior.nc`.
+_NEEDED = {
+    "posterior": ("K", "C", "K_new", "C_new", "intercept_K", "intercept_C"),
+    "posterior_predictive": _TRACES,
+    "observed_data": _TRACES,
+    "constant_data": ("time", "mass_kg", "velocity_m_s", "impact_subject", "impact_trial"),
+}
+_AGAIN = "Make the run anew with `bayestissue fit`."
+
+
+@dataclass(frozen=True)
+class FitRun:
+    """What the files of a `fit` say.
+
+    ``groups`` holds the data sets of `posterior.nc` that the report shows, draws of single impacts left
+    out: their medians and intervals stand in ``summary``. The tables keep their column names, text as it
+    was written and numbers as float64; ``truth`` is None unless the data were simulated.
+    """
+
+    about: dict[str, Any]
+    diagnostics: dict[str, Any]
+    groups: dict[str, xr.Dataset]
+    summary: pd.DataFrame
+    hypotheses: pd.DataFrame
+    cross_validation: pd.DataFrame
+    sensitivity: pd.DataFrame
+    estimates_exact: pd.DataFrame
+    estimates_dds: pd.DataFrame
+    truth: pd.DataFrame | None
+
+    def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
+        """All draws of ``variable``, [draw, ...]: chains one after the other."""
+        array = self.groups[group][variable].transpose("chain", "draw", ...)
+        return array.to_numpy().reshape(-1, *array.shape[2:])
+
+    def has(self, variable: str, group: str = "posterior") -> bool:
+        """Whether the model has ``variable``; one without mass, say, has no mass exponent."""
+        return variable in self.groups[group]
+
+    def labels(self, dimension: str) -> list[str]:
+        """The labels along ``dimension``."""
+        return [str(label) for label in self.groups["posterior"][dimension].to_numpy()]
+
+    def constant(self, name: str) -> np.ndarray:
+        """One of the numbers that the model was given, such as ``mass_kg`` [impact]."""
+        return self.groups["constant_data"][name].to_numpy()
+
+    def of_impacts(self, variable: str) -> pd.DataFrame:
+        """The rows of ``summary`` for an impact's ``variable``, by impact; empty if the model has none."""
+        chosen = self.summary[self.summary["variable"] == variable].set_index("label")
+        return chosen if chosen.empty else chosen.reindex(self.impacts)
+
+    @property
+    def impacts(self) -> list[str]:
+        """The names of the impacts."""
+        return [str(label) for label in self.groups["constant_data"]["impact"].to_numpy()]
+
+    @property
+    def reference_mass(self) -> float:
+        """The mass in kg at which people are reported."""
+        given = self.about.get("model", {}).get("reference_mass_kg")
+        return float(np.exp(np.log(self.constant("mass_kg")).mean()) if given is None else given)
+
+    @property
+    def likelihood(self) -> str:
+        """``"arma"``, ``"a2"`` or ``"impact"``."""
+        return str(self.about.get("model", {}).get("likelihood", ""))
+
+    @property
+    def shown(self) -> str:
+        """Which of ``"deceleration"`` and ``"displacement"`` was recorded, and so is drawn."""
+        return "displacement" if self.about.get("quantity") == "displacement" else "deceleration"
+
+
+def read_fit_run(folder: Path, about: dict[str, Any]) -> FitRun:
+    """Read every file of the run in ``folder``, whose ``run.json`` holds ``about``.
+
+    Raises:
+        InputError: a file lacks or isn't what a run writes; all such files are named at once.
+    """
+    names = [f"{layout.name}.csv" for layout in _TABLES]
+    require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
+    layouts = (*_TABLES, _TRUTH) if (folder / "truth.csv").is_file() else _TABLES
+    problems: list[Problem] = []
+    tables = _or(problems, lambda: dict(read_tables(folder, layouts)))
+    groups = _or(problems, lambda: _read_groups(folder / "posterior.nc"))
+    diagnostics = _or(problems, lambda: _read_diagnostics(folder / "diagnostics.json"))
+    if tables is None or groups is None or diagnostics is None:
+        raise InputError(problems)
+    truth = tables.pop("truth", None)
+    return FitRun(about=about, diagnostics=diagnostics, groups=groups, truth=truth, **tables)
+
+
+def _or[Found](problems: list[Problem], read: Callable[[], Found]) -> Found | None:
+    try:
+        return read()
+    except InputError as error:
+        problems += error.problems
+        return None
+
+
+def _read_diagnostics(path: Path) -> dict[str, Any]:
+    content = read_json(path)
+    if "checks" not in content:
+        raise InputError(Problem(str(path), expected='the key "checks"', remedy=_AGAIN))
+    return content
+
+
+def _read_groups(path: Path) -> dict[str, xr.Dataset]:
+    try:
+        with xr.open_datatree(path, engine="h5netcdf") as tree:
+            problems = [
+                Problem(
+                    f"{path}", expected=f"{name} in group {group}", remedy=_AGAIN, value="no such variable"
+                )
+                for group, names in _NEEDED.items()
+                for name in names
+                if group not in tree.children or name not in tree[group].data_vars
+            ]
+            if problems:
+                raise InputError(problems)
+            groups = {group: tree[group].to_dataset() for group in _NEEDED}
+            groups["posterior"] = groups["posterior"].drop_dims("impact")
+            return {name: data.load() for name, data in groups.items()}
+    except (OSError, KeyError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            Problem(
+                str(path),
+                expected="a DataTree with the groups " + ", ".join(_NEEDED),
+                remedy=_AGAIN,
+                value=str(error),
+            )
+        ) from error

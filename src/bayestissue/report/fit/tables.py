@@ -1,0 +1,153 @@
+"""Tables of a fit: the measuring chain, what was left out and predicted, and the measured coverage."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.report.fit.estimates import Held
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.posterior import QUANTITIES
+from bayestissue.report.tables import Row, Table, columns, lines
+from bayestissue.report.wording import listed, number, percent, significant
+
+_ERRORS = {
+    "mass": ("mass of the impactor", "kg"),
+    "velocity_error": ("velocity at contact and gain together", "m/s"),
+    "ramp_error": ("velocity at contact and gain together", "m/s"),
+    "offset_error": ("zero of the recorder", "m/s²"),
+    "contact_time_error": ("time of contact", "s"),
+    "level_error": ("displacement at contact, from the time of contact", "m"),
+}
+_DECLARED = {
+    "relative_mass_sd": "mass, relative",
+    "velocity_sd_m_s": "velocity at contact, m/s",
+    "relative_gain_sd": "gain, relative",
+    "offset_sd": "zero of the recorder, in the signal's unit",
+}
+_FROM_TRACE = "read off each trace"
+
+
+def declared_sd(run: FitRun, error: str) -> np.ndarray | None:
+    """Prior standard deviation of an error for every impact, or None where each trace itself gave it."""
+    if f"{error}_sd" in run.groups["constant_data"]:
+        return run.constant(f"{error}_sd")
+    given = {name: float(run.about.get("uncertainty", {}).get(name) or 0) for name in _DECLARED}
+    if error == "mass":
+        return given["relative_mass_sd"] * run.constant("mass_kg")
+    if error in ("velocity_error", "ramp_error"):
+        return np.hypot(given["velocity_sd_m_s"], given["relative_gain_sd"] * run.constant("velocity_m_s"))
+    return None
+
+
+def chain_table(run: FitRun) -> Table:
+    """How far each error of the measuring chain was known before, and is known after, the fit."""
+    rows = []
+    for error, (words, unit) in _ERRORS.items():
+        found = run.of_impacts(error)
+        if found.empty or not (found["sd"] > 0).any():
+            continue
+        before, after = declared_sd(run, error), found["sd"].to_numpy()
+        known = before is not None and bool((before > 0).all())
+        moved = found["median"] - (run.constant("mass_kg") if error == "mass" else 0)
+        rows.append(
+            Row(
+                (
+                    words,
+                    unit,
+                    significant(float(np.median(before)), 2) if known else _FROM_TRACE,
+                    significant(float(np.median(after)), 2),
+                    percent(float(np.median(after / before))) if known else "",
+                    significant(float(moved.abs().max()), 2),
+                )
+            )
+        )
+    titles = ("error of", "unit", "sd before", "sd after", "after / before", "greatest correction")
+    return Table(columns(*titles, number=titles[2:], words=titles[:1]), rows)
+
+
+def declared_words(run: FitRun) -> str:
+    """The standard deviations that the dataset declares of its measuring chain."""
+    given = run.about.get("uncertainty", {})
+    parts = [
+        f"{words}: {significant(float(given[name]), 2)}"
+        for name, words in _DECLARED.items()
+        if given.get(name)
+    ]
+    return f"Declared standard deviations: {'; '.join(parts)}." if parts else (
+        "The dataset declares no uncertainty of its measuring chain, so mass, velocity, gain and zero are taken "
+        "as exact: the intervals of K and C are narrower than the truth if they are not."
+    )  # fmt: skip
+
+
+def left_out_summary(run: FitRun) -> Table:
+    """Per scheme of leaving out: summed log predictive density, its standard error, and Pareto k."""
+    rows = []
+    for scheme, part in run.cross_validation.groupby("scheme", sort=False):
+        high = part.loc[part["warning"] != "", "label"]
+        error = np.sqrt(len(part)) * part["elpd"].std(ddof=1)
+        rows.append(
+            Row(
+                (
+                    str(scheme),
+                    str(len(part)),
+                    number(part["elpd"].sum(), 0),
+                    number(error, 0),
+                    number(part["pareto_k"].max(), 2),
+                    str(len(high)),
+                    listed([str(label) for label in high[:12]]) + (" and others" if len(high) > 12 else ""),
+                ),
+                "disagrees" if len(high) else "",
+            )
+        )
+    titles = ("scheme", "parts", "elpd (nats)", "se", "largest Pareto k", "k above 0.7", "which")
+    return Table(columns(*titles, number=titles[1:6], words=("which",)), rows)
+
+
+def left_out_table(run: FitRun) -> Table:
+    """Every part left out, those of the highest Pareto k first within each scheme."""
+    ordered = pd.concat(
+        [
+            part.sort_values("pareto_k", ascending=False, kind="stable")
+            for _, part in run.cross_validation.groupby("scheme", sort=False)
+        ]
+        or [run.cross_validation]
+    )
+    rows = [
+        Row(
+            (line.scheme, line.label, number(line.elpd, 1), number(line.pareto_k, 2), line.warning),
+            "disagrees" if line.warning else "",
+        )
+        for line in lines(ordered)
+    ]
+    titles = ("scheme", "left out", "elpd (nats)", "Pareto k", "warning")
+    return Table(columns(*titles, number=titles[2:4]), rows)
+
+
+def held_table(held: dict[str, list[Held]]) -> Table:
+    """How many intervals hold the known truth."""
+    rows = [
+        Row(
+            (quantity, f"{each.level} %", f"{each.held} of {each.impacts}", percent(each.held / each.impacts))
+        )
+        for quantity, found in held.items()
+        for each in found
+    ]
+    titles = ("quantity", "interval", "hold the truth", "share")
+    return Table(columns(*titles, number=titles[1:]), rows)
+
+
+def population_names(run: FitRun) -> tuple[str, ...]:
+    """The parameters of the population, covariates' effects among them, in the order of `summary.csv`."""
+    own = tuple(
+        f"{stem}_{quantity}"
+        for stem in ("intercept", "mass_exponent", "sd_subject", "sd_trial", "sd_impact")
+        for quantity in QUANTITIES
+    )
+    others = ("residual_correlation", "noise_mean", "sd_noise", "atanh_theta1_mean", "sd_atanh_theta1")
+    covariates = [
+        str(name)
+        for name in dict.fromkeys(run.summary["variable"])
+        if str(name).startswith(("effect_of_", "covariate_effect_"))
+    ]
+    return (*own, *covariates, *others)

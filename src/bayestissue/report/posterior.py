@@ -1,0 +1,174 @@
+"""What a posterior of K and C says, in numbers and in words, whatever data it came from."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.report.wording import (
+    UNITS,
+    decimals_of,
+    interval,
+    likelihood_words,
+    number,
+    probability,
+    relative,
+)
+
+Quantity = Literal["K", "C"]
+QUANTITIES: tuple[Quantity, ...] = ("K", "C")
+FIXED, CONSTANT = "fixed stiffness", "constant natural frequency"
+# Above this a hypothesis is spoken of as what the data say; below one minus this, as what they rule out.
+SURE = 0.9
+
+
+class PosteriorRun(Protocol):
+    """A finished run with a posterior of K and C."""
+
+    @property
+    def hypotheses(self) -> pd.DataFrame:
+        """The table `hypotheses.csv`."""
+
+    def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
+        """All draws of ``variable``, [draw, ...]."""
+
+    def has(self, variable: str, group: str = "posterior") -> bool:
+        """Whether the model has ``variable``."""
+
+    def labels(self, dimension: str) -> list[str]:
+        """The labels along ``dimension``."""
+
+
+@dataclass(frozen=True)
+class Spread:
+    """A median with its 90 % equal-tailed interval, and the draws they come from."""
+
+    median: float
+    low: float
+    high: float
+
+    @property
+    def decimals(self) -> int:
+        """The decimals at which the interval shows two digits of its width."""
+        return decimals_of(self.high - self.low)
+
+    @property
+    def value(self) -> str:
+        """The median in words."""
+        return number(self.median, self.decimals)
+
+    @property
+    def range(self) -> str:
+        """The interval in words."""
+        return interval(self.low, self.high, self.decimals)
+
+    @property
+    def factor(self) -> float:
+        """Half the interval's width on the log scale, as a ratio: 0.1 says "to within 10 %"."""
+        return float(np.sqrt(self.high / self.low) - 1)
+
+    def holds(self, value: float) -> bool:
+        """Whether ``value`` lies in the interval."""
+        return self.low <= value <= self.high
+
+
+def spread(draws: np.ndarray) -> Spread:
+    """Median and 90 % equal-tailed interval of ``draws`` [draw]."""
+    low, median, high = np.percentile(draws, [5, 50, 95])
+    return Spread(float(median), float(low), float(high))
+
+
+def typical(run: PosteriorRun, quantity: str) -> Spread:
+    """``exp(intercept)``: K or C of a typical person at the reference mass, in N/m or N s/m."""
+    return spread(np.exp(run.draws(f"intercept_{quantity}")))
+
+
+def new_person(run: PosteriorRun, quantity: str) -> Spread:
+    """K or C of a new impact on a new person at the reference mass, in N/m or N s/m."""
+    return spread(run.draws(f"{quantity}_new"))
+
+
+def exponent(run: PosteriorRun, quantity: str) -> Spread | None:
+    """The slope of log K (or log C) on log mass, or None if the model has none."""
+    name = f"mass_exponent_{quantity}"
+    return spread(run.draws(name)) if run.has(name) else None
+
+
+def hypothesis_probability(run: PosteriorRun, quantity: str, hypothesis: str) -> float:
+    """The posterior probability of one row of `hypotheses.csv`; NaN if it has no such row."""
+    table = run.hypotheses
+    chosen = table.loc[(table["quantity"] == quantity) & (table["hypothesis"] == hypothesis), "probability"]
+    return float(chosen.iloc[0]) if len(chosen) else float("nan")
+
+
+def exponent_words(quantity: str, beta: Spread) -> str:
+    """Where the interval of a mass exponent lies among 0 (fixed) and 1 (constant natural frequency)."""
+    fixed = "0 (fixed stiffness)" if quantity == "K" else "0 (fixed damping)"
+    constant = "1 (constant natural frequency)" if quantity == "K" else "1 (in proportion to mass)"
+    holds_fixed, holds_constant = beta.holds(0), beta.holds(1)
+    if holds_fixed and holds_constant:
+        return f"includes both {fixed} and {constant}"
+    if holds_fixed:
+        return f"includes {fixed} and excludes {constant}"
+    if holds_constant:
+        return f"excludes {fixed} and includes {constant}"
+    where = "below both" if beta.high < 0 else "above both" if beta.low > 1 else "between"
+    return f"excludes {fixed} and {constant}: it lies {where}"
+
+
+def level_rows(run: PosteriorRun) -> list[dict[str, str]]:
+    """For K and for C: the typical person's value and interval, and a new person's, as text."""
+    return [
+        {
+            "quantity": quantity,
+            "unit": UNITS[quantity],
+            "value": typical(run, quantity).value,
+            "range": typical(run, quantity).range,
+            "new_value": new_person(run, quantity).value,
+            "new_range": new_person(run, quantity).range,
+        }
+        for quantity in QUANTITIES
+    ]
+
+
+def sureness(run: PosteriorRun) -> list[dict[str, str]]:
+    """For K and for C: the relative half-widths of the intervals and the spreads, as text."""
+    return [
+        {
+            "quantity": quantity,
+            "typical": relative(typical(run, quantity).factor),
+            "new": relative(new_person(run, quantity).factor),
+            **{
+                level: relative(np.expm1(np.median(run.draws(f"sd_{level}_{quantity}"))))
+                for level in ("subject", "trial", "impact")
+                if run.has(f"sd_{level}_{quantity}")
+            },
+        }
+        for quantity in QUANTITIES
+    ]
+
+
+def exponent_rows(run: PosteriorRun) -> list[dict[str, str]]:
+    """For K and for C: the mass exponent, its interval and what the interval holds, as text."""
+    rows = []
+    for quantity in QUANTITIES:
+        beta = exponent(run, quantity)
+        if beta is not None:
+            fixed = hypothesis_probability(run, quantity, FIXED)
+            constant = hypothesis_probability(run, quantity, CONSTANT)
+            rows.append(
+                {
+                    "quantity": quantity,
+                    "value": beta.value,
+                    "range": beta.range,
+                    "words": exponent_words(quantity, beta),
+                    "fixed": probability(fixed),
+                    "constant": probability(constant),
+                    "fixed_words": likelihood_words(fixed),
+                    "constant_words": likelihood_words(constant),
+                }
+            )
+    return rows
