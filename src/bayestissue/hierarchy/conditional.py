@@ -60,6 +60,16 @@ class Conditional(NamedTuple):
 
 
 class ImpactParts(NamedTuple):
+    """What the closed forms need of each impact, its precision D about X b and V = (P + D)^-1 given.
+
+    Attributes:
+        prior: D, as rows of entries.
+        factor: lower Cholesky factor of P + D.
+        weight: W = D - D V D, the precision with which the trace tells X b.
+        pull: D V g, the slope of the log evidence where X b is the summary's centre.
+        constant: the log evidence there.
+    """
+
     prior: list[list[Array]]
     factor: list[list[Array]]
     weight: list[list[Array]]
@@ -75,7 +85,11 @@ def condition(
 ) -> Conditional:
     """Integrate b and every u out, the standard deviations given.
 
-    ``mean`` is b's prior mean.
+    Args:
+        design: X over cells.
+        spread: the standard deviations.
+        mean: b's prior mean.
+        summaries: of the traces.
     """
     impacts = impact_parts(spread, summaries)
     size = summaries.centre.shape[1]
@@ -115,7 +129,7 @@ def condition(
 
 
 def locations(conditional: Conditional, standard: Float[Array, " location"]) -> Float[Array, " location"]:
-    """B from standard normals."""
+    """All location parameters b from standard normals."""
     return conditional.mean + solve_triangular(conditional.factor, standard, lower=True, trans=1)
 
 
@@ -174,15 +188,15 @@ def impact_parts(spread: Spread, summaries: Summaries) -> ImpactParts:
     ]
     slope = small.forward_solve(factor, [summaries.slope[:, a] for a in range(size)])
     weight = [
-        [prior[a][b] - sum(columns[a][k] * columns[b][k] for k in range(size)) for b in range(size)]
+        [prior[a][b] - sum((columns[a][k] * columns[b][k] for k in range(size)), zero) for b in range(size)]
         for a in range(size)
     ]
-    pull = [sum(columns[a][k] * slope[k] for k in range(size)) for a in range(size)]
+    pull = [sum((columns[a][k] * slope[k] for k in range(size)), zero) for a in range(size)]
     constant = (
         summaries.log_likelihood
         + log_prior
         - small.log_diagonal(factor)
-        + sum(value**2 for value in slope) / 2
+        + sum((value**2 for value in slope), jnp.zeros(())) / 2
     )
     return ImpactParts(prior, factor, weight, pull, constant)
 

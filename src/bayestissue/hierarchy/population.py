@@ -48,15 +48,28 @@ class PopulationDesign(NamedTuple):
         cell: of each impact.
     """
 
-    columns: tuple[Float[np.ndarray, "cell part"], ...]
-    cell: Int[np.ndarray, " impact"]
+    columns: tuple[Float[np.ndarray | Array, "cell part"], ...]
+    cell: Int[np.ndarray | Array, " impact"]
 
 
 def population_design(
     design: Design, priors: Priors, nuisance: tuple[str, ...]
 ) -> tuple[Locations, PopulationDesign]:
-    """Arrange a design: b is (all of log K's, all of log C's, then one mean per nuisance parameter)."""
-    rows, parts, mean, sd, spread = [], {}, [], [], []
+    """Arrange a design: b is (all of log K's, all of log C's, then one mean per nuisance parameter).
+
+    Args:
+        design: the formulas evaluated over the impacts.
+        priors: of which those of the parts of b are read.
+        nuisance: names of an impact's parameters besides log K and log C.
+
+    Returns:
+        What the elements of b are, and the matrices X with rows that repeat kept once.
+    """
+    parts: dict[str, slice] = {}
+    rows: list[np.ndarray] = []
+    mean: list[float] = []
+    sd: list[float] = []
+    spread: list[str] = []
     for response in RESPONSES:
         matrix, pieces = _response(design, design.responses[response], response, priors)
         for name, width, prior_mean, prior_sd, unknown in pieces:
@@ -128,6 +141,12 @@ def spread_of_population(
 
     An error of the log mass, with standard deviation ``log_mass_sd``, moves log K and log C alike; being
     part of how u scatters about X b, it needs no parameter of its own.
+
+    Args:
+        locations: what the elements of b are.
+        sites: the sampled standard deviations, and ``residual_correlation`` where it is not 0.
+        log_mass_sd: standard deviation of the error of log mass.
+        nuisance: names of an impact's parameters besides log K and log C.
     """
     sd_K, sd_C = sites["sd_impact_K"], sites["sd_impact_C"]
     correlation = sites.get("residual_correlation", jnp.zeros_like(sd_K))
@@ -144,7 +163,13 @@ def spread_of_population(
 def expected(
     design: PopulationDesign, locations: Locations, b: Float[Array, " location"]
 ) -> list[Float[Array, " impact"]]:
-    """X b: the expectation of each of an impact's parameters."""
+    """X b: the expectation of each of an impact's parameters.
+
+    Args:
+        design: X over cells.
+        locations: what the elements of b are.
+        b: all location parameters.
+    """
     values, begin = [], 0
     for matrix in design.columns:
         end = begin + matrix.shape[1]

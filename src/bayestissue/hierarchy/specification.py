@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from bayestissue.hierarchy.priors import Priors
-from bayestissue.signal import SignalOptions
 from bayestissue.settings import checked, parse_toml, read_text
+from bayestissue.signal import SignalOptions
 
 DEFAULT_FORMULA = "log(mass_kg) + (1|subject) + (1|trial)"
 

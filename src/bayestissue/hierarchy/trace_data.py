@@ -15,11 +15,10 @@ from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.traces import NUISANCE, Kind, TraceData, TraceModel
 from bayestissue.likelihood.deceleration import DecelerationRecord
-from bayestissue.likelihood.displacement import displacement_record
+from bayestissue.likelihood.displacement import DisplacementRecord, displacement_record
 from bayestissue.signal import Displacements, displacements
-from bayestissue.signal.displacement import RecordedImpacts
+from bayestissue.signal.displacement import FEWEST_SAMPLES, RecordedImpacts
 
-FEWEST_SAMPLES = 8
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
 
@@ -73,9 +72,10 @@ def prepare(dataset: MeasuredImpacts, specification: ModelSpecification, *, sour
         raise InputError(
             [
                 Problem(
-                    "traces",
+                    source,
                     f"at least {FEWEST_SAMPLES} samples between contact and the end of the window",
                     "Record faster, widen signal.window in the model, or leave the impact out (--skip-bad).",
+                    column="signal.window",
                     impact=str(dataset.impacts["impact"].iloc[i]),
                     value=int(signal.n_samples[i]),
                 )
@@ -145,7 +145,9 @@ def _unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, sourc
     return problems
 
 
-def _record(dataset: MeasuredImpacts, specification: ModelSpecification, signal: Displacements):  # noqa: ANN202
+def _record(
+    dataset: MeasuredImpacts, specification: ModelSpecification, signal: Displacements
+) -> tuple[DisplacementRecord | DecelerationRecord, np.ndarray]:
     """The traces with the standard deviations of their linear errors, and each trace's peak."""
     chain, recorded = dataset.uncertainty, dataset.quantity == "displacement"
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)

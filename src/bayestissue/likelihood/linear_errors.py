@@ -25,12 +25,12 @@ class Products(NamedTuple):
     Attributes:
         gram: products of column a with column b under T^-1, as rows of entries [impact].
         log_determinant: log det T.
-        count: number of values of each trace.
+        n_values: number of values of each trace.
     """
 
     gram: tuple[tuple[Array, ...], ...]
     log_determinant: Float[Array, " impact"]
-    count: Float[Array, " impact"]
+    n_values: Float[Array, " impact"]
 
 
 def gram(parts: tuple[Array, ...], weight: Array) -> tuple[tuple[Array, ...], ...]:
@@ -62,7 +62,7 @@ def marginal_log_likelihood(
     """
     factor, right, precision = _system(products, log_sigma, error_sd)
     explained = sum(value**2 for value in small.forward_solve(factor, right))
-    scale = products.count * (LOG_2PI + 2 * log_sigma) + products.log_determinant
+    scale = products.n_values * (LOG_2PI + 2 * log_sigma) + products.log_determinant
     return -(scale + products.gram[0][0] * precision - explained) / 2 - small.log_diagonal(factor)
 
 

@@ -1,0 +1,168 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
+
+from bayestissue.hierarchy.conditional import (
+    Conditional,
+    Summaries,
+    condition,
+    impact_log_evidence,
+    impact_parameters,
+    locations,
+)
+from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.population import PopulationDesign, Spread, expected, population_design
+from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.specification import Formulas
+
+SIZE = 4
+OWN = np.array([[0.2, -0.05], [-0.05, 0.3]])
+NUISANCE_SD = (0.6, 0.4)
+
+
+class Dense:
+    """Everything as one normal over (b, all u), and summaries as observations m + P^-1 g of u."""
+
+    def __init__(self, repeats: int) -> None:
+        self.rng = np.random.default_rng(repeats)
+        rows = pd.DataFrame(
+            {
+                "subject": np.tile(np.repeat(["a", "b", "c"], 2), repeats),
+                "trial": np.tile(["x", "y"], 3 * repeats),
+                "mass_kg": np.tile([0.5, 1.2], 3 * repeats),
+            }
+        )
+        made = build_design(Formulas(), rows, reference_mass_kg=0.8, source="m.toml")
+        self.named, columns = population_design(made, Priors(), ("noise", "atanh_theta1"))
+        self.design = PopulationDesign(tuple(map(jnp.asarray, columns.columns)), jnp.asarray(columns.cell))
+        self.number = len(rows)
+        self.mean = self.named.mean
+        self.sd = np.where(np.isfinite(self.named.sd), self.named.sd, 0.7)
+        self.spread = Spread(
+            tuple(map(jnp.asarray, (OWN[0, 0], OWN[0, 1], OWN[1, 1]))),
+            tuple(map(jnp.asarray, NUISANCE_SD)),
+            jnp.asarray(self.sd),
+        )
+        self.covariance = np.zeros((SIZE, SIZE))
+        self.covariance[:2, :2] = OWN
+        self.covariance[2:, 2:] = np.diag(NUISANCE_SD) ** 2
+        self.summaries = self._summaries()
+        self.X = self._matrix()
+
+    def _summaries(self) -> Summaries:
+        root = self.rng.normal(size=(self.number, SIZE, SIZE))
+        precision = root @ root.swapaxes(1, 2) + 0.2 * np.eye(SIZE)
+        centre = np.array([5.0, 2.0, -9.0, 0.0]) + self.rng.normal(size=(self.number, SIZE))
+        slope, value = self.rng.normal(size=(self.number, SIZE)), 10 * self.rng.normal(size=self.number)
+        return Summaries(*map(jnp.asarray, (centre, slope, precision, value)))
+
+    def _matrix(self) -> np.ndarray:
+        """X with rows in the order (impact, parameter), one column of b at a time."""
+        unit = np.eye(len(self.mean))
+        columns = [np.stack(expected(self.design, self.named, jnp.asarray(e)), axis=1).ravel() for e in unit]
+        return np.stack(columns, axis=1)
+
+    @property
+    def inverses(self) -> np.ndarray:
+        return np.linalg.inv(np.asarray(self.summaries.precision))
+
+    @property
+    def seen(self) -> np.ndarray:
+        return np.asarray(self.summaries.centre) + np.einsum(
+            "iab,ib->ia", self.inverses, np.asarray(self.summaries.slope)
+        )
+
+    @property
+    def constants(self) -> np.ndarray:
+        """A summary is its constant times a normal density at what was seen."""
+        slope, inverse = np.asarray(self.summaries.slope), self.inverses
+        bend = np.einsum("ia,iab,ib->i", slope, inverse, slope) / 2
+        size = (SIZE * np.log(2 * np.pi) + np.linalg.slogdet(inverse)[1]) / 2
+        return np.asarray(self.summaries.log_likelihood) + bend + size
+
+    def blocks(self, matrices: np.ndarray) -> np.ndarray:
+        whole = np.zeros((self.number * SIZE, self.number * SIZE))
+        for i in range(self.number):
+            part = slice(i * SIZE, (i + 1) * SIZE)
+            whole[part, part] = matrices[i]
+        return whole
+
+    def conditional(self) -> Conditional:
+        return condition(self.design, self.spread, jnp.asarray(self.mean), self.summaries)
+
+
+@pytest.fixture(params=[1, 2], ids=["one impact a cell", "two impacts a cell"])
+def dense(request: pytest.FixtureRequest) -> Dense:
+    return Dense(request.param)
+
+
+def test_evidence_is_the_dense_integral(dense: Dense) -> None:
+    noise = dense.blocks(dense.inverses + dense.covariance)
+    whole = noise + dense.X @ np.diag(dense.sd**2) @ dense.X.T
+    direct = multivariate_normal(dense.X @ dense.mean, whole).logpdf(dense.seen.ravel())
+    assert_allclose(dense.conditional().log_evidence, direct + dense.constants.sum(), rtol=1e-10)
+
+
+def test_b_has_its_dense_conditional_mean_and_covariance(dense: Dense) -> None:
+    noise = np.linalg.inv(dense.blocks(dense.inverses + dense.covariance))
+    precision = dense.X.T @ noise @ dense.X + np.diag(dense.sd**-2.0)
+    mean = dense.mean + np.linalg.solve(
+        precision, dense.X.T @ noise @ (dense.seen.ravel() - dense.X @ dense.mean)
+    )
+    found = dense.conditional()
+    size = len(mean)
+    assert_allclose(locations(found, jnp.zeros(size)), mean, rtol=1e-9, atol=1e-10)
+    # The map is affine: its slope times its transpose is the covariance.
+    root = np.asarray(jax.jacfwd(lambda z: locations(found, z))(jnp.zeros(size)))
+    assert_allclose(root @ root.T, np.linalg.inv(precision), rtol=1e-8, atol=1e-10)
+
+
+def test_each_impacts_parameters_have_their_dense_conditional(dense: Dense) -> None:
+    found = dense.conditional()
+    b = dense.mean + dense.sd * dense.rng.normal(size=len(dense.mean))
+    about = expected(dense.design, dense.named, jnp.asarray(b))
+    prior = np.linalg.inv(dense.covariance)
+    precision = np.asarray(dense.summaries.precision)
+    left = np.linalg.inv(precision + prior)
+    pulled = np.einsum("iab,ib->ia", precision, dense.seen) + np.stack(about, axis=1) @ prior
+    mean = np.einsum("iab,ib->ia", left, pulled)
+
+    def parameters(z: jax.Array) -> jax.Array:
+        return jnp.stack(impact_parameters(found, dense.summaries, about, z), axis=1)
+
+    start = jnp.zeros((dense.number, SIZE))
+    assert_allclose(parameters(start), mean, rtol=1e-9, atol=1e-10)
+    root = np.asarray(jax.jacfwd(parameters)(start)).reshape(dense.number * SIZE, -1)
+    assert_allclose(root @ root.T, dense.blocks(left), rtol=1e-8, atol=1e-10)
+
+
+def test_each_traces_evidence_is_the_dense_integral(dense: Dense) -> None:
+    b = dense.mean + dense.sd * dense.rng.normal(size=len(dense.mean))
+    about = expected(dense.design, dense.named, jnp.asarray(b))
+    direct = [
+        multivariate_normal(np.stack(about, axis=1)[i], dense.inverses[i] + dense.covariance).logpdf(
+            dense.seen[i]
+        )
+        for i in range(dense.number)
+    ]
+    found = impact_log_evidence(dense.conditional(), dense.summaries, about)
+    assert_allclose(found, direct + dense.constants, rtol=1e-10)
+
+
+def test_a_summary_is_a_parabola_about_its_centre(dense: Dense) -> None:
+    away = dense.rng.normal(size=(dense.number, SIZE))
+    u = np.asarray(dense.summaries.centre) + away
+    direct = (
+        np.asarray(dense.summaries.log_likelihood)
+        + (away * np.asarray(dense.summaries.slope)).sum(1)
+        - np.einsum("ia,iab,ib->i", away, np.asarray(dense.summaries.precision), away) / 2
+    )
+    assert_allclose(
+        dense.summaries.log_summary([jnp.asarray(u[:, a]) for a in range(SIZE)]), direct, rtol=1e-11
+    )

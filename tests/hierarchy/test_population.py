@@ -1,0 +1,87 @@
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from numpy.testing import assert_allclose
+
+from bayestissue.hierarchy.design import Design, build_design
+from bayestissue.hierarchy.population import expected, population_design, spread_of_population
+from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.specification import Formulas
+
+NUISANCE = ("noise", "atanh_theta1")
+WHOLE = "log(mass_kg) + age + (1|subject) + (1|trial)"
+
+
+def design(repeats: int, formulas: Formulas | None = None) -> Design:
+    """Three people in two conditions, each of them ``repeats`` times."""
+    people, conditions = np.arange(3).repeat(2), np.tile(np.arange(2), 3)
+    rows = pd.DataFrame(
+        {
+            "subject": [f"s{p}" for p in people],
+            "trial": [f"t{c}" for c in conditions],
+            "mass_kg": np.where(conditions == 0, 0.5, 1.2),
+            "age": 20.0 + 7 * people**2,
+        }
+    )
+    rows = rows.loc[np.tile(np.arange(6), repeats)].reset_index(drop=True)
+    formulas = formulas or Formulas(K=WHOLE, C=WHOLE)
+    return build_design(formulas, rows, reference_mass_kg=0.8, source="m.toml")
+
+
+def test_the_parts_of_b_have_their_names_places_and_priors() -> None:
+    priors = Priors()
+    locations, columns = population_design(design(2), priors, NUISANCE)
+    own = ["intercept", "mass_exponent", "covariate_effect", "subject_effect", "trial_effect"]
+    names = [f"{name}_{q}" for q in "KC" for name in own]
+    assert list(locations.parts) == [*names, "noise_mean", "atanh_theta1_mean"]
+    assert locations.size == 2 * (1 + 1 + 1 + 3 + 2) + 2
+    assert [m.shape[1] for m in columns.columns] == [8, 8, 1, 1]
+    assert locations.mean[locations.parts["intercept_C"]] == priors.intercept.C.mean
+    assert locations.sd[locations.parts["noise_mean"]] == priors.noise.sd
+    effect = locations.parts["trial_effect_K"]
+    assert np.isnan(locations.sd[effect]).all()
+    assert set(locations.spread[effect]) == {"sd_trial_K"}
+
+
+def test_impacts_of_one_cell_share_its_row() -> None:
+    _, columns = population_design(design(4), Priors(), NUISANCE)
+    assert {len(matrix) for matrix in columns.columns} == {6}
+    assert sorted(np.bincount(columns.cell)) == [4] * 6
+    _, one_each = population_design(design(1), Priors(), NUISANCE)
+    assert list(one_each.cell) == list(range(6))
+
+
+def test_expectations_are_the_sums_of_the_formula() -> None:
+    made = design(3, Formulas(K=WHOLE, C="1 + (1|subject)"))
+    locations, columns = population_design(made, Priors(), NUISANCE)
+    b = np.random.default_rng(0).normal(size=locations.size)
+    part = {name: b[place] for name, place in locations.parts.items()}
+    K = made.responses["K"]
+    log_K = (
+        part["intercept_K"] + part["mass_exponent_K"] * K.log_mass + K.covariates @ part["covariate_effect_K"]
+    )
+    log_K = log_K + part["subject_effect_K"][made.subject] + part["trial_effect_K"][made.trial]
+    log_C = part["intercept_C"] + part["subject_effect_C"][made.subject]
+    found = expected(columns, locations, jnp.asarray(b))
+    assert_allclose(found[0], log_K, rtol=1e-13)
+    assert_allclose(found[1], log_C, rtol=1e-13)
+    assert_allclose(found[3], np.broadcast_to(part["atanh_theta1_mean"], 18), rtol=1e-13)
+
+
+def test_an_error_of_mass_moves_both_logs_alike() -> None:
+    locations, _ = population_design(design(2), Priors(), NUISANCE)
+    sites = {name: jnp.asarray(0.1 * (1 + k)) for k, name in enumerate(sorted(set(locations.spread) - {""}))}
+    sites |= {"sd_impact_K": jnp.asarray(0.3), "sd_impact_C": jnp.asarray(0.5)}
+    sites |= {"residual_correlation": jnp.asarray(-0.4), "sd_noise": jnp.asarray(0.7)}
+    sites |= {"sd_atanh_theta1": jnp.asarray(0.2)}
+    spread = spread_of_population(locations, sites, 0.05, NUISANCE)
+    assert_allclose(spread.own, [0.09 + 0.0025, -0.06 + 0.0025, 0.25 + 0.0025], rtol=1e-12)
+    assert_allclose(spread.nuisance, [0.7, 0.2])
+    for name, place in locations.parts.items():
+        known = locations.sd[place]
+        wanted = known if np.isfinite(known).all() else sites[locations.spread[place.start]]
+        assert_allclose(spread.locations[place], wanted, err_msg=name)
+    without = {name: value for name, value in sites.items() if name != "residual_correlation"}
+    assert_allclose(spread_of_population(locations, without, 0.0, NUISANCE).own[1], 0.0)

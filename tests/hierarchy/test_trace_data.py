@@ -1,0 +1,155 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+from bayestissue.dataset import Dataset, Trace, Uncertainty
+from bayestissue.errors import InputError, Problem
+from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import Kind
+from bayestissue.oscillator import impact_motion
+from bayestissue.signal import SignalOptions
+
+MASS = np.tile([0.5, 1.2], 3)
+PLAIN = Formulas(K="log(mass_kg) + (1|subject)", C="log(mass_kg) + (1|subject)")
+CHAIN = Uncertainty(relative_mass_sd=0.01, velocity_sd_m_s=0.02, relative_gain_sd=0.03, offset_sd=0.4)
+
+
+def dataset(rate: float = 5000.0, **changes: Any) -> Dataset:
+    """Three people in two conditions, with a quiet part before contact and a little noise."""
+    rows = pd.DataFrame(
+        {
+            "impact": [f"i{i}" for i in range(6)],
+            "subject": np.repeat(["a", "b", "c"], 2),
+            "trial": np.tile(["x", "y"], 3),
+            "mass_kg": MASS,
+            "velocity_m_s": 1.5,
+        }
+    )
+    omega_n, zeta = np.sqrt(3000 / MASS), 25 / (2 * np.sqrt(3000 * MASS))
+    time = np.arange(-0.01, 0.06, 1 / rate) + 0.3 / rate
+    motion = impact_motion(np.maximum(time, 0), omega_n[:, None], zeta[:, None], 1.5)
+    part = motion.displacement if changes.get("quantity") == "displacement" else motion.deceleration
+    values = np.where(time >= 0, np.asarray(part), 0.0)
+    values += 1e-4 * values.max() * np.random.default_rng(1).normal(size=values.shape)
+    made = Dataset(
+        name="made",
+        description="",
+        impacts=rows,
+        traces=[Trace(time, row) for row in values],
+        quantity="deceleration",
+        uncertainty=CHAIN,
+        warnings=(),
+        left_out=(),
+        folder=Path(),
+        input_hash="",
+    )
+    return replace(made, **changes)
+
+
+def specification(likelihood: str, **changes: Any) -> ModelSpecification:
+    return ModelSpecification(name="m", likelihood=likelihood, **({"formula": PLAIN} | changes))  # type: ignore[arg-type]
+
+
+def prepared(kind: Kind, data: Dataset | None = None, **changes: Any) -> Prepared:
+    return prepare(data or dataset(), specification(kind, **changes), source="m.toml")
+
+
+def refused(data: Dataset, model: ModelSpecification) -> tuple[Problem, ...]:
+    with pytest.raises(InputError) as caught:
+        prepare(data, model, source="m.toml")
+    for problem in caught.value.problems:
+        assert problem.file
+        assert problem.expected
+        assert problem.remedy.endswith((".", ")"))
+        assert problem.column
+    return caught.value.problems
+
+
+def test_a_model_of_published_estimates_is_sent_elsewhere() -> None:
+    (problem,) = refused(dataset(), specification("published-estimates"))
+    assert (problem.file, problem.column, problem.value) == ("m.toml", "likelihood", "published-estimates")
+    assert "bayestissue reproduce" in problem.remedy
+
+
+def test_the_impact_likelihood_reads_decelerations_without_a_filter() -> None:
+    filtered = SignalOptions(filter=600)  # type: ignore[arg-type]
+    problems = refused(dataset(quantity="displacement"), specification("impact", signal=filtered))
+    assert [(p.file, p.column) for p in problems] == [("m.toml", "likelihood"), ("m.toml", "signal.filter")]
+    assert "models/arma.toml" in problems[0].remedy
+    assert problems[1].value == 600
+
+
+def test_too_few_samples_name_every_impact() -> None:
+    problems = refused(dataset(rate=200.0), specification("arma"))
+    # A time to peak of 20 and 30 ms holds 4 and 6 samples of 5 ms.
+    assert [problem.impact for problem in problems] == [f"i{i}" for i in range(6)]
+    assert {(problem.file, problem.column) for problem in problems} == {("m.toml", "signal.window")}
+    assert all(isinstance(problem.value, int) and problem.value < 8 for problem in problems)
+
+
+def test_formulas_that_this_design_can_not_tell_are_refused() -> None:
+    wrong = Formulas(K="log(mass_kg) + (1|subject)", C="energy_J + (1|trial)")
+    (problem,) = refused(dataset(), specification("arma", formula=wrong))
+    assert (problem.file, problem.column) == ("m.toml", "formula.C")
+    one_mass = dataset()
+    (first, second) = refused(
+        replace(one_mass, impacts=one_mass.impacts.assign(mass_kg=0.5)), specification("arma")
+    )
+    assert (first.column, second.column) == ("formula.K", "formula.C")
+    assert "log(mass_kg)" in first.remedy
+
+
+def test_the_chains_errors_reach_the_displacement() -> None:
+    made = prepared("arma")
+    level, ramp, parabola = np.asarray(made.data.record.error_sd).T
+    assert_allclose(ramp, np.hypot(0.02, 0.03 * 1.5))
+    # The quiet part tells the offset better than what was declared of it.
+    assert_allclose(parabola, made.signal.offset_sd)
+    assert (parabola < CHAIN.offset_sd).all()
+    assert_allclose(level, 1.5 * made.signal.contact_time_sd)
+    assert made.model.log_mass_sd == CHAIN.relative_mass_sd
+    assert_allclose(np.exp(made.data.log_peak), made.signal.peak_displacement)
+
+
+def test_an_offset_that_was_not_subtracted_is_as_large_as_declared() -> None:
+    made = prepared("a2", signal=SignalOptions(remove_offset=False))
+    assert_allclose(np.asarray(made.data.record.error_sd)[:, 2], CHAIN.offset_sd)
+
+
+def test_an_estimated_equilibrium_is_a_level_of_the_size_of_the_peak() -> None:
+    rest = prepared("arma")
+    made = prepared("arma", signal=SignalOptions(equilibrium="estimated"))
+    level = np.hypot(np.asarray(rest.data.record.error_sd)[:, 0], made.signal.peak_displacement)
+    assert_allclose(np.asarray(made.data.record.error_sd)[:, 0], level)
+
+
+def test_recorded_displacements_have_an_offset_but_no_velocity_to_be_wrong() -> None:
+    made = prepared("arma", dataset(quantity="displacement", uncertainty=Uncertainty(offset_sd=1e-4)))
+    level, ramp, parabola = np.asarray(made.data.record.error_sd).T
+    assert (level >= 1e-4).all()
+    assert not ramp.any()
+    assert not parabola.any()
+
+
+def test_recorded_displacements_need_no_recorded_velocity() -> None:
+    made = dataset(quantity="displacement")
+    made = replace(made, impacts=made.impacts.assign(velocity_m_s=np.nan))
+    assert np.isfinite(prepared("a2", made).data.record.error_sd).all()
+
+
+def test_the_impact_likelihood_reads_the_deceleration_itself() -> None:
+    made = prepared("impact")
+    gain, offset, contact = np.asarray(made.data.record.error_sd).T
+    assert_allclose(gain, np.hypot(0.02, 0.03 * 1.5))
+    assert_allclose(offset, made.signal.offset_sd)
+    assert_allclose(contact, made.signal.contact_time_sd)
+    assert_allclose(np.exp(made.data.log_peak), np.abs(made.signal.deceleration).max(1))
+    assert made.data.record.d.shape == made.signal.deceleration.shape

@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from jax.flatten_util import ravel_pytree
+from numpy.testing import assert_allclose
+from numpyro.infer.util import log_density
+
+from bayestissue.hierarchy.conditional import Summaries
+from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.population import PopulationDesign, population_design
+from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.specification import Formulas
+from bayestissue.hierarchy.traces import (
+    NUISANCE,
+    Kind,
+    TraceData,
+    TraceModel,
+    from_standard,
+    log_likelihood,
+    observed,
+    physical,
+    plain_model,
+    sampled_model,
+    trace_distribution,
+)
+from bayestissue.likelihood.deceleration import DecelerationRecord
+from bayestissue.likelihood.displacement import displacement_record
+from bayestissue.oscillator import spring_damper
+
+RNG = np.random.default_rng(6)
+NUMBER, SAMPLES = 6, 12
+KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
+
+
+def made(kind: Kind) -> tuple[TraceModel, TraceData, Summaries]:
+    """Three people in two conditions, traces of a dozen samples, and summaries of anything."""
+    rows = pd.DataFrame(
+        {
+            "subject": np.repeat(["a", "b", "c"], 2),
+            "trial": np.tile(["x", "y"], 3),
+            "mass_kg": np.tile([0.5, 1.2], 3),
+        }
+    )
+    design = build_design(Formulas(), rows, reference_mass_kg=0.8, source="m.toml")
+    locations, columns = population_design(design, Priors(), NUISANCE[kind])
+    model = TraceModel(kind, locations, Priors(), correlated=True, log_mass_sd=0.02)
+    start = (np.full(NUMBER, SAMPLES), np.full(NUMBER, 5e-4), np.full(NUMBER, 2e-3))
+    errors = np.tile([1e-4, 0.02, 0.5], (NUMBER, 1))
+    if kind == "impact":
+        d = 50 + RNG.normal(size=(NUMBER, SAMPLES))
+        record = DecelerationRecord.of(d, *start, np.full(NUMBER, 1.5), errors)
+        peak = 50.0
+    else:
+        x = 0.02 * np.sin(np.arange(SAMPLES) / 9) + 1e-4 * RNG.normal(size=(NUMBER, SAMPLES))
+        record, peak = displacement_record(x, *start, errors), 0.02
+    data = TraceData(
+        record,
+        PopulationDesign(tuple(map(jnp.asarray, columns.columns)), jnp.asarray(columns.cell)),
+        jnp.asarray(locations.mean),
+        jnp.log(jnp.asarray(rows["mass_kg"].to_numpy())),
+        jnp.full(NUMBER, np.log(peak)),
+    )
+    size = 2 + len(model.nuisance)
+    root = RNG.normal(size=(NUMBER, size, size))
+    centre = np.array([8.0, 3.0, -3.0, 0.3])[:size] + 0.1 * RNG.normal(size=(NUMBER, size))
+    summaries = Summaries(
+        jnp.asarray(centre),
+        jnp.asarray(RNG.normal(size=(NUMBER, size))),
+        jnp.asarray(root @ root.swapaxes(1, 2) + np.eye(size)),
+        jnp.asarray(RNG.normal(size=NUMBER)),
+    )
+    return model, data, summaries
+
+
+def point(model: TraceModel) -> tuple[dict[str, jax.Array], jax.Array, jax.Array]:
+    sites = {name: jnp.asarray(RNG.uniform(0.2, 0.6)) for name in model.spreads}
+    z_b = jnp.asarray(RNG.normal(size=model.locations.size))
+    return sites, z_b, jnp.asarray(RNG.normal(size=(NUMBER, 2 + len(model.nuisance))))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_both_models_are_one_density_in_two_coordinates(kind: Kind) -> None:
+    model, data, summaries = made(kind)
+    for _ in range(2):
+        sites, z_b, z_u = point(model)
+
+        flat, unravel = ravel_pytree((z_b, z_u))
+
+        def mapped(flat: jax.Array, sites: dict[str, jax.Array] = sites, unravel: Any = unravel) -> jax.Array:
+            found = from_standard(model, data, summaries, sites, *unravel(flat))
+            return jnp.concatenate([found.b, jnp.stack(found.u, axis=1).ravel()])
+
+        _, log_jacobian = np.linalg.slogdet(jax.jit(jax.jacfwd(mapped))(flat))
+        found = from_standard(model, data, summaries, sites, z_b, z_u)
+        plain = {
+            **sites,
+            "locations": found.b,
+            "log_K_and_C": jnp.stack(found.u[:2], axis=1),
+            **dict(zip(model.nuisance, found.u[2:], strict=True)),
+        }
+        sampled = {**sites, "standard_locations": z_b, "standard_impacts": z_u}
+        above, _ = log_density(plain_model, (model, data), {}, plain)
+        below, _ = log_density(sampled_model, (model, data, summaries), {}, sampled)
+        # No constant is left over. The terms are sums of some thousands in size.
+        assert float(below) == pytest.approx(float(above) + log_jacobian, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_parameters_become_those_of_the_likelihood_and_back(kind: Kind) -> None:
+    model, data, summaries = made(kind)
+    u = [summaries.centre[:, a] for a in range(summaries.centre.shape[1])]
+    at = physical(model, data, u)
+    K, C = spring_damper(at.omega_n, at.zeta, jnp.exp(data.log_mass))
+    assert_allclose(jnp.log(K), u[0], rtol=1e-12)
+    assert_allclose(jnp.log(C), u[1], rtol=1e-12)
+    if kind == "arma":
+        assert at.theta1 is not None
+        assert_allclose(jnp.arctanh(at.theta1), u[3], rtol=1e-12)
+        noise = at.log_sigma + jnp.log(1 + at.theta1**2) / 2
+        assert_allclose(noise, u[2] + data.log_peak, rtol=1e-12)
+    else:
+        assert at.theta1 is None
+        assert_allclose(at.log_sigma, u[2] + data.log_peak, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_likelihood_is_one_event_an_impact(kind: Kind) -> None:
+    model, data, summaries = made(kind)
+    u = [summaries.centre[:, a] for a in range(summaries.centre.shape[1])]
+    distribution = trace_distribution(model, data, u)
+    assert distribution.batch_shape == (NUMBER,)
+    assert distribution.event_shape == (SAMPLES,)
+    scores = log_likelihood(model, data, u)
+    assert_allclose(scores, distribution.log_prob(observed(data) + 0.0), rtol=1e-8)
+
+
+def test_spreads_are_the_groups_the_impacts_and_the_nuisance() -> None:
+    model, _, _ = made("arma")
+    groups = ["sd_subject_C", "sd_subject_K", "sd_trial_C", "sd_trial_K"]
+    own = ["sd_impact_K", "sd_impact_C", "residual_correlation", "sd_noise", "sd_atanh_theta1"]
+    assert list(model.spreads) == [*groups, *own]
+    for name in model.spreads:
+        assert model.prior_of(name).event_shape == ()
