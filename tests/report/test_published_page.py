@@ -2,43 +2,12 @@ from __future__ import annotations
 
 import re
 import shutil
-from html.parser import HTMLParser
 
 import pytest
 
 from bayestissue.report import write_report
 from make_published_run import make_published_run
-
-VOID = {"meta", "link", "br", "img", "hr", "input"}
-
-
-class Reader(HTMLParser):
-    """Collects what a page links to and holds, and checks that its elements nest."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.ids: list[str] = []
-        self.links: list[str] = []
-        self.sources: list[str] = []
-        self.unnamed = 0
-
-    def handle_starttag(self, tag, attrs):
-        given = dict(attrs)
-        self.ids += [given["id"]] if "id" in given else []
-        self.links += [given["href"]] if tag == "a" else []
-        self.sources += [given["src"]] if "src" in given else []
-        if tag == "svg" and not given.get("aria-label"):
-            self.unnamed += 1
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        given = dict(attrs)
-        self.ids += [given["id"]] if "id" in given else []
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
+from page_reader import Reader
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
 from bayestissue.report.settings import plain
@@ -16,15 +16,20 @@ _MEANINGS = {
     "sd_trial": "spread between conditions beyond the covariates, log scale",
     "sd_impact": "spread of one person's impacts in one condition, log scale",
     "residual_correlation": "correlation of K and C from impact to impact",
+    "noise": "mean over impacts of the log of the noise, as a fraction of the trace's peak",
+    "sd_noise": "spread of that log between impacts",
+    "atanh_theta1": "mean over impacts of artanh θ₁: 0 is white, minus infinity is θ₁ = −1",
+    "sd_atanh_theta1": "spread of artanh θ₁ between impacts",
 }
 TOLD_ELSEWHERE = ("name", "description", "formula", "priors")
 
 
-def priors_table(model: Mapping[str, Any]) -> Table:
-    """Every prior: of what, for which quantity, and the distribution in words."""
+def priors_table(model: Mapping[str, Any], unused: Collection[str] = ()) -> Table:
+    """Every prior but the ``unused``: of what, for which quantity, and the distribution in words."""
     rows = [
         Row((name, _MEANINGS.get(name, ""), quantity, distribution))
         for name, prior in dict(model.get("priors", {})).items()
+        if name not in unused
         for quantity, distribution in _distributions(prior)
     ]
     return Table(columns("parameter", "meaning", "quantity", "prior", words=("meaning",)), rows)

@@ -29,7 +29,7 @@ _WORTH_A_WORD = 0.1
 def impact_sureness(run: FitRun, quantity: str) -> str:
     """How closely the median impact's own K (or C) is known, as "±0.8 %": half its 90 % interval."""
     table = run.of_impacts(quantity)
-    return relative(float(np.sqrt(table["eti90_high"] / table["eti90_low"]).median() - 1))
+    return relative(float(np.sqrt((table["eti90_high"] / table["eti90_low"]).median()) - 1))
 
 
 def held_sentence(run: FitRun) -> str:
@@ -57,7 +57,7 @@ def mass_conclusion(run: FitRun) -> str:
     fixed = {q: hypothesis_probability(run, q, FIXED) for q in QUANTITIES if exponent(run, q) is not None}
     if min(fixed.values()) > SURE and len(fixed) > 1:
         word = likelihood_words(min(fixed.values()))
-        return f"Not real: {word} neither K nor C depends on the mass in practice."
+        return f"No dependence: {word} neither K nor C depends on the mass in practice."
     return " ".join(_one_conclusion(run, quantity) for quantity in fixed)
 
 
@@ -71,7 +71,8 @@ def _one_conclusion(run: FitRun, quantity: str) -> str:
         return f"{quantity} {likelihood_words(fixed)} does not depend on the mass in practice."
     if constant > SURE:
         return (
-            f"{quantity} {likelihood_words(constant)} grows in proportion to the mass: what a method gives whose "
+            f"{quantity} {likelihood_words(constant)} grows in proportion to the mass: what a method "
+            "gives whose "
             "ωₙ carries no information on the tissue."
         )
     if beta.holds(0):
@@ -90,7 +91,7 @@ def contrast_sentence(run: FitRun) -> Markup:
     ]
     if not shown:
         return Markup()
-    made = [quantity for quantity in QUANTITIES if _made_by_method(run, quantity)]
+    made: list[str] = [quantity for quantity in QUANTITIES if _made_by_method(run, quantity)]
     blame = f": the trend of {listed(made)} is made by the method" if made else ""
     return Markup("Thesis's method on the same traces: {}{}.").format(Markup(", ").join(shown), blame)
 

@@ -14,6 +14,7 @@ from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import UNITS, significant
 
 METHODS = {"exact": "estimates_exact", "dds": "estimates_dds"}
+MOST_ROWS = 300
 _MASS_MUST_VARY = 1.01
 
 
@@ -95,7 +96,7 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
 
 
 def estimates_table(run: FitRun) -> Table:
-    """Each impact's posterior beside the point estimates of both methods and, where known, the truth."""
+    """Posterior beside the point estimates and, where known, the truth, of the first 300 impacts."""
     tables = {quantity: side_by_side(run, quantity) for quantity in QUANTITIES}
     known = run.truth is not None
     titles = ["impact", "person", "condition", "M (kg)"]
@@ -118,4 +119,6 @@ def estimates_table(run: FitRun) -> Table:
         if known:
             titles.append(f"true {quantity}")
             cells.append([significant(value, 4) for value in table["truth"]])
-    return Table(columns(*titles, number=titles[3:]), [Row(row) for row in zip(*cells, strict=True)])
+    return Table(
+        columns(*titles, number=titles[3:]), [Row(row) for row in list(zip(*cells, strict=True))[:MOST_ROWS]]
+    )

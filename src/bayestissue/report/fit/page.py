@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from bayestissue.report import model_words, posterior, posterior_tables, remarks
 from bayestissue.report.fit import answers, estimates, predictions, tables, words
 from bayestissue.report.fit.estimate_figures import estimates_figure
@@ -90,12 +92,14 @@ def _impacts(run: FitRun) -> dict[str, Any]:
 def _predictions(run: FitRun) -> dict[str, Any]:
     chosen, left = predictions.chosen_impacts(run), predictions.residuals(run)
     one_step = predictions.one_step_p(run)
+    # A displacement wanders about what is predicted of it, the more so the longer: it can't be white.
+    whole = left.whiteness_p if run.shown == "deceleration" else np.array([])
     return {
         "recorded": run.shown,
         "chosen": len(chosen),
         "traces_plot": traces_figure(run, chosen),
-        "residual_words": words.residual_words(left, one_step),
-        "residual_plots": [whiteness_figure(left.whiteness_p, one_step), lag_one_figure(left)],
+        "residual_words": words.residual_words(run, left, one_step),
+        "residual_plots": [whiteness_figure(whole, one_step), lag_one_figure(left)],
         "tested": len(left.which),
         "total": len(run.impacts),
     }
@@ -147,7 +151,7 @@ def _provenance(run: FitRun) -> dict[str, Any]:
         "likelihood_words": words.likelihood_words(run),
         "signal_words": words.signal_words(run),
         "formulas": model_words.formulas(described),
-        "priors_table": model_words.priors_table(described),
+        "priors_table": model_words.priors_table(described, words.unused_priors(run)),
         "settings_table": settings_table(described, model_words.TOLD_ELSEWHERE),
         "excluded": Table(
             columns("impact and reason", words=("impact and reason",)), [Row([each]) for each in left_out]

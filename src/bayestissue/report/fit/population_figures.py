@@ -29,7 +29,7 @@ def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
     if order.size > _MOST_ROWS:
         order = np.r_[order[: _MOST_ROWS // 2], order[-_MOST_ROWS // 2 :]]
     low, quarter, median, three_quarters, high = np.percentile(drawn[:, order], [5, 25, 50, 75, 95], axis=0)
-    names = run.labels(level)
+    names = _with_ranks(run.labels(level), drawn)
     height = np.arange(order.size)
     with style():
         fig, axes = new_figure((4.8, 0.8 + 0.24 * order.size))
@@ -45,8 +45,20 @@ def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
         axes.grid(visible=False, axis="y")
         return figure(
             fig,
-            f"{NAMES[quantity]} of each {GROUPS[level]}, ranked: posterior median, 50 % and 90 % interval.",
+            f"{NAMES[quantity]} of each {GROUPS[level]}, ranked: posterior median, 50 % and 90 % "
+            "interval, and "
+            "in brackets the 90 % interval of the rank.",
         )
+
+
+def _with_ranks(names: list[str], drawn: np.ndarray) -> list[str]:
+    """Each name with the 90 % interval of its rank, 1 for the greatest; ``drawn`` is [draw, name]."""
+    ranks = 1 + np.argsort(np.argsort(-drawn, axis=1), axis=1)
+    low, high = np.percentile(ranks, [5, 95], axis=0).round().astype(int)
+    return [
+        f"{name} ({a})" if a == b else f"{name} ({a} to {b})"
+        for name, a, b in zip(names, low, high, strict=True)
+    ]
 
 
 def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
@@ -95,7 +107,8 @@ def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
         fig.legend(loc="outside upper left", ncols=2, fontsize=7.5)
         return figure(
             fig,
-            f"{NAMES[quantity]} over the mass of the impactor on log scales: posterior of conditions and impacts "
+            f"{NAMES[quantity]} over the mass of the impactor on log scales: posterior of conditions and "
+            "impacts "
             "with the fitted line, the thesis's point estimates, and lines for exponents 0 and 1.",
         )
 
@@ -135,6 +148,7 @@ def spreads_figure(run: FitRun) -> Markup:
         fig.legend(loc="outside upper left", ncols=2)
         return figure(
             fig,
-            "Posterior of the standard deviations of K and C between people, conditions and impacts, in percent: "
+            "Posterior of the standard deviations of K and C between people, conditions and impacts, in "
+            "percent: "
             "median, 50 % and 90 % interval.",
         )

@@ -40,7 +40,7 @@ class Residuals:
 
     @cached_property
     def lag_one(self) -> pd.DataFrame:
-        """Lag-1 autocorrelation: ``measured``, and the replicates' 5 % and 95 % points ``low`` and ``high``."""
+        """Lag-1 autocorrelation: ``measured``, and 5 % and 95 % of the replicates, ``low`` and ``high``."""
         replicated = _lag_one(self.replicated, self.used)
         low, high = np.percentile(replicated, [5, 95], axis=0)
         return pd.DataFrame({"measured": _lag_one(self.measured, self.used), "low": low, "high": high})
@@ -90,8 +90,8 @@ def chosen_impacts(run: FitRun) -> list[int]:
 
 
 def one_step_p(run: FitRun) -> np.ndarray:
-    """Ljung-Box p-values of the exact ARMA(2,1) fits' one-step residuals; empty if they aren't there."""
-    table = run.estimates_exact
+    """Ljung-Box p-values of the exact ARMA(2,1) fits' one-step residuals [impact], NaN where none is."""
+    table = run.estimates_exact.set_index("impact").reindex(run.impacts)
     if "whiteness_p" not in table:
-        return np.array([])
-    return pd.to_numeric(table["whiteness_p"], errors="coerce").dropna().to_numpy()
+        return np.full(len(table), np.nan)
+    return pd.to_numeric(table["whiteness_p"], errors="coerce").to_numpy(float)

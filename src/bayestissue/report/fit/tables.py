@@ -2,63 +2,67 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 
 from bayestissue.report.fit.estimates import Held
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import QUANTITIES
+from bayestissue.report.posterior import QUANTITIES, Quantity
 from bayestissue.report.tables import Row, Table, columns, lines
 from bayestissue.report.wording import listed, number, percent, significant
 
 _ERRORS = {
-    "mass": ("mass of the impactor", "kg"),
-    "velocity_error": ("velocity at contact and gain together", "m/s"),
-    "ramp_error": ("velocity at contact and gain together", "m/s"),
-    "offset_error": ("zero of the recorder", "m/s²"),
-    "contact_time_error": ("time of contact", "s"),
-    "level_error": ("displacement at contact, from the time of contact", "m"),
+    "mass": ("mass of the impactor", "g", 1e3),
+    "velocity_error": ("velocity at contact and gain together", "mm/s", 1e3),
+    "ramp_error": ("velocity at contact and gain together", "mm/s", 1e3),
+    "offset_error": ("zero of the recorder", "m/s²", 1.0),
+    "contact_time_error": ("time of contact", "µs", 1e6),
+    "level_error": ("displacement at contact, from the time of contact", "µm", 1e6),
 }
 _DECLARED = {
-    "relative_mass_sd": "mass, relative",
-    "velocity_sd_m_s": "velocity at contact, m/s",
-    "relative_gain_sd": "gain, relative",
-    "offset_sd": "zero of the recorder, in the signal's unit",
+    "relative_mass_sd": ("mass", percent),
+    "velocity_sd_m_s": ("velocity at contact", "{:.2g} m/s".format),
+    "relative_gain_sd": ("gain", percent),
+    "offset_sd": ("zero of the recorder", "{:.2g} in the signal's unit".format),
 }
+MOST_ROWS = 300
 _FROM_TRACE = "read off each trace"
 
 
-def declared_sd(run: FitRun, error: str) -> np.ndarray | None:
-    """Prior standard deviation of an error for every impact, or None where each trace itself gave it."""
+def declared_sd(run: FitRun, error: str) -> np.ndarray:
+    """Prior standard deviation of an error [impact]; NaN where each trace itself gave it."""
     if f"{error}_sd" in run.groups["constant_data"]:
         return run.constant(f"{error}_sd")
     given = {name: float(run.about.get("uncertainty", {}).get(name) or 0) for name in _DECLARED}
+    mass, velocity = run.constant("mass_kg"), run.constant("velocity_m_s")
     if error == "mass":
-        return given["relative_mass_sd"] * run.constant("mass_kg")
+        return given["relative_mass_sd"] * mass
     if error in ("velocity_error", "ramp_error"):
-        return np.hypot(given["velocity_sd_m_s"], given["relative_gain_sd"] * run.constant("velocity_m_s"))
-    return None
+        return np.hypot(given["velocity_sd_m_s"], given["relative_gain_sd"] * velocity)
+    return np.full(mass.shape, np.nan)
 
 
 def chain_table(run: FitRun) -> Table:
     """How far each error of the measuring chain was known before, and is known after, the fit."""
     rows = []
-    for error, (words, unit) in _ERRORS.items():
+    for error, (words, unit, scale) in _ERRORS.items():
         found = run.of_impacts(error)
         if found.empty or not (found["sd"] > 0).any():
             continue
         before, after = declared_sd(run, error), found["sd"].to_numpy()
-        known = before is not None and bool((before > 0).all())
+        told = bool((before > 0).all())
         moved = found["median"] - (run.constant("mass_kg") if error == "mass" else 0)
         rows.append(
             Row(
                 (
                     words,
                     unit,
-                    significant(float(np.median(before)), 2) if known else _FROM_TRACE,
-                    significant(float(np.median(after)), 2),
-                    percent(float(np.median(after / before))) if known else "",
-                    significant(float(moved.abs().max()), 2),
+                    significant(scale * float(np.median(before)), 2) if told else _FROM_TRACE,
+                    significant(scale * float(np.median(after)), 2),
+                    percent(float(np.median(after / before))) if told else "",
+                    significant(scale * float(moved.abs().max()), 2),
                 )
             )
         )
@@ -70,12 +74,13 @@ def declared_words(run: FitRun) -> str:
     """The standard deviations that the dataset declares of its measuring chain."""
     given = run.about.get("uncertainty", {})
     parts = [
-        f"{words}: {significant(float(given[name]), 2)}"
-        for name, words in _DECLARED.items()
+        f"{words} {shown(float(given[name]))}"
+        for name, (words, shown) in _DECLARED.items()
         if given.get(name)
     ]
-    return f"Declared standard deviations: {'; '.join(parts)}." if parts else (
-        "The dataset declares no uncertainty of its measuring chain, so mass, velocity, gain and zero are taken "
+    return f"Declared standard deviations: {listed(parts)}." if parts else (
+        "The dataset declares no uncertainty of its measuring chain, so mass, velocity, gain and zero "
+        "are taken "
         "as exact: the intervals of K and C are narrower than the truth if they are not."
     )  # fmt: skip
 
@@ -105,14 +110,15 @@ def left_out_summary(run: FitRun) -> Table:
 
 
 def left_out_table(run: FitRun) -> Table:
-    """Every part left out, those of the highest Pareto k first within each scheme."""
-    ordered = pd.concat(
+    """Every part left out, those of the highest Pareto k first within each scheme, up to 300."""
+    every = pd.concat(
         [
             part.sort_values("pareto_k", ascending=False, kind="stable")
             for _, part in run.cross_validation.groupby("scheme", sort=False)
         ]
         or [run.cross_validation]
     )
+    ordered = every.groupby("scheme", sort=False).head(MOST_ROWS)
     rows = [
         Row(
             (line.scheme, line.label, number(line.elpd, 1), number(line.pareto_k, 2), line.warning),
@@ -124,7 +130,7 @@ def left_out_table(run: FitRun) -> Table:
     return Table(columns(*titles, number=titles[2:4]), rows)
 
 
-def held_table(held: dict[str, list[Held]]) -> Table:
+def held_table(held: Mapping[Quantity, list[Held]]) -> Table:
     """How many intervals hold the known truth."""
     rows = [
         Row(

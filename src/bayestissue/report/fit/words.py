@@ -10,15 +10,18 @@ import pandas as pd
 from bayestissue.report.fit.predictions import STRUCTURED, Residuals, inside_band
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.tables import Row, Table, columns, lines
-from bayestissue.report.wording import percent
+from bayestissue.report.wording import listed, percent
 
 COVERAGE = files("bayestissue.report.fit").joinpath("coverage.csv")
 _LIKELIHOODS = {
-    "arma": "Each impact's displacement x is an ARMA(2,1) with the natural frequency and damping ratio of a mass on "
+    "arma": "Each impact's displacement x is an ARMA(2,1) with the natural frequency and damping "
+    "ratio of a mass on "
     "a spring and damper; its moving-average coefficient θ₁ is free, and pooled between impacts.",
-    "a2": "Each impact's displacement x is an A(2), a mass on a spring and damper driven by white noise, as it looks "
+    "a2": "Each impact's displacement x is an A(2), a mass on a spring and damper driven by white "
+    "noise, as it looks "
     "when sampled: θ₁ follows from K, C and the sampling interval.",
-    "impact": "Each impact's deceleration is that of a mass that meets a spring and damper at the recorded velocity, "
+    "impact": "Each impact's deceleration is that of a mass that meets a spring and damper at the "
+    "recorded velocity, "
     "seen through an accelerometer with white noise.",
 }
 _WINDOWS = {
@@ -30,8 +33,12 @@ _EQUILIBRIA = {
     "sample-mean": "the mean of the samples, as the thesis has it, which makes K and C too large",
     "estimated": "estimated along with the rest",
 }
+# Beyond this share of small p-values residuals as a whole are called structured, and below that share of
+# impacts whose autocorrelation is expected (0.9 if all is well) the noise is called another.
+_STRUCTURED_SHARE, _FEW = 0.05, 0.75
 _SHAPE = (
-    "No spring and damper of constant K and C is a tissue: stiffening, bottoming out on bone and reflexes are not "
+    "No spring and damper of constant K and C is a tissue: stiffening, bottoming out on bone and "
+    "reflexes are not "
     "in this model, and show as structure in the residuals."
 )
 
@@ -39,6 +46,11 @@ _SHAPE = (
 def likelihood_words(run: FitRun) -> str:
     """What each trace is taken for."""
     return _LIKELIHOODS.get(run.likelihood, "")
+
+
+def unused_priors(run: FitRun) -> tuple[str, ...]:
+    """Priors that the model file may set and this likelihood has no use for."""
+    return () if run.likelihood == "arma" else ("atanh_theta1", "sd_atanh_theta1")
 
 
 def signal_words(run: FitRun) -> str:
@@ -57,9 +69,11 @@ def limits(run: FitRun) -> list[str]:
     if run.likelihood not in ("arma", "a2"):
         return [_SHAPE]
     paragraphs = [
-        "An accelerometer's white noise, integrated twice, is not the noise of an ARMA(2,1): its fit is driven to "
+        "An accelerometer's white noise, integrated twice, is not the noise of an ARMA(2,1): its fit is "
+        "driven to "
         "the edge where θ₁ is −1, or its intervals promise more than they hold. models/impact.toml models "
-        "the recorded deceleration with white noise instead: fit it to the same data and hold the two side by side."
+        "the recorded deceleration with white noise instead: fit it to the same data and hold the two "
+        "side by side."
     ]
     theta1 = run.of_impacts("theta1")
     if run.likelihood == "arma" and len(theta1):
@@ -69,7 +83,7 @@ def limits(run: FitRun) -> list[str]:
 
 
 def coverage_table(run: FitRun) -> Table | None:
-    """Coverage of this likelihood's intervals, measured on simulated impacts; None where none was measured."""
+    """Coverage of this likelihood's intervals on simulated impacts; None where none was measured."""
     with COVERAGE.open(encoding="utf-8") as stream:
         every = pd.read_csv(stream)
     rows = [
@@ -88,27 +102,41 @@ def coverage_table(run: FitRun) -> Table | None:
     return Table(columns(*titles, number=titles[1:4], words=titles[4:]), rows) if rows else None
 
 
-def residual_words(left: Residuals, one_step: np.ndarray) -> list[str]:
+def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[str]:
     """Whether the residuals have structure, and whether the model expects what they have."""
-    p = left.whiteness_p[np.isfinite(left.whiteness_p)]
-    sentences = [f"{percent(inside_band(left))} of all measured samples lie in the predicted 90 % band."]
-    if p.size:
-        sentences.append(_structure("Measured less predicted", p))
-    if one_step.size:
-        sentences.append(_structure("One step ahead, by the exact ARMA(2,1) point fit", one_step))
+    names = np.array(run.impacts)[left.which]
+    sentences = [
+        f"{percent(inside_band(left))} of all measured samples lie in the predicted 90 % band of a new "
+        "recording "
+        "of the same impact, whose chain has errors of its own."
+    ]
+    if run.shown == "deceleration":
+        sentences.append(_structure("Measured less predicted", "the model", left.whiteness_p, names))
+    if np.isfinite(one_step).any():
+        who = "a single trace's ARMA(2,1)"
+        sentences.append(
+            _structure("One step ahead, by the exact point fit", who, one_step, np.array(run.impacts))
+        )
     table = left.lag_one
     inside = int(table["measured"].between(table["low"], table["high"]).sum())
-    words = f"At lag 1 the model expects what {inside} of {len(table)} impacts show"
-    if inside < 0.75 * len(table):
-        words += ": its noise is not the recorder's"
+    words = f"The autocorrelation at lag 1 is what the model expects in {inside} of {len(table)} impacts"
+    if inside < _FEW * len(table):
+        words += ": the noise that it assumes is not the noise that was recorded"
     return [*sentences, f"{words}."]
 
 
-def _structure(what: str, p: np.ndarray) -> str:
-    count = int((p < STRUCTURED).sum())
-    verdict = (
-        "the residuals have structure that the model does not explain"
-        if count > max(3, 0.05 * p.size)
-        else "no more structure than chance gives"
+def _structure(what: str, explained_by: str, p: np.ndarray, names: np.ndarray) -> str:
+    tested = np.isfinite(p)
+    count, total = int((p[tested] < STRUCTURED).sum()), int(tested.sum())
+    # By Bonferroni: so small that among all of them not even one would be expected.
+    sure = names[tested][p[tested] * total < STRUCTURED]
+    if count > _STRUCTURED_SHARE * total:
+        verdict = f"the residuals have structure that {explained_by} does not explain"
+    elif sure.size:
+        verdict = f"structure beyond chance in {listed([str(name) for name in sure])} only"
+    else:
+        verdict = "no more structure than chance gives"
+    return (
+        f"{what}: {count} of {total} impacts have p below 0.01, where white residuals give about 1 "
+        f"%: {verdict}."
     )
-    return f"{what}: {count} of {p.size} impacts have p below 0.01, where white residuals give about 1 %: {verdict}."

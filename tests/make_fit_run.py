@@ -1,0 +1,264 @@
+"""A small run folder with the shape of a finished `fit`; its numbers are invented."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+CHAINS, DRAWS, REPLICATES, SAMPLES = 2, 100, 40, 60
+PEOPLE, CONDITIONS = 4, 3
+MASS = np.array([0.4, 0.7, 1.2])
+LEVEL = {"K": 2500.0, "C": 25.0}
+UNITS = {"K": "N/m", "C": "N s/m"}
+COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+POSTERIOR_SD, SUBJECT_SD = 0.01, 0.2
+DT = 2e-4
+
+
+def make_fit_run(
+    folder: Path,
+    *,
+    passed: bool = True,
+    truth: bool = True,
+    exponent: float | None = 0.0,
+    mass_varies: bool = True,
+    likelihood: str = "a2",
+    quantity: str = "deceleration",
+    coloured: bool = False,
+    seed: int = 1,
+) -> Path:
+    """Write every file that a fit writes into ``folder``.
+
+    ``exponent`` is the posterior's mean mass exponent of K (C's is 0), None for a model without one;
+    ``coloured`` noise is a running mean of two samples.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    rng = np.random.default_rng(seed)
+    impacts = _impacts(mass_varies)
+    true = {
+        q: LEVEL[q] * np.exp(SUBJECT_SD * rng.standard_normal(PEOPLE))[impacts["person"]] for q in ("K", "C")
+    }
+    posterior = _posterior(rng, impacts, true, exponent, likelihood)
+    traces = _traces(rng, impacts, true, coloured, likelihood)
+    xr.DataTree.from_dict({"posterior": posterior, **traces}).to_netcdf(
+        folder / "posterior.nc", engine="h5netcdf"
+    )
+    for name, table in _tables(rng, impacts, true, posterior, exponent).items():
+        table.to_csv(folder / f"{name}.csv", index=False)
+    if truth:
+        frame = pd.DataFrame({"impact": impacts["impact"], **{COLUMN[q]: true[q] for q in true}})
+        frame.to_csv(folder / "truth.csv", index=False)
+    _write(folder / "diagnostics.json", _diagnostics(passed))
+    _write(folder / "run.json", _about(passed, likelihood, quantity, exponent))
+    return folder
+
+
+def _impacts(mass_varies: bool) -> pd.DataFrame:
+    person, condition = np.meshgrid(np.arange(PEOPLE), np.arange(CONDITIONS))
+    frame = pd.DataFrame({"person": person.ravel(), "condition": condition.ravel()})
+    frame["subject"] = [f"s{i}" for i in frame["person"]]
+    frame["trial"] = [f"t{i}" for i in frame["condition"]]
+    frame["impact"] = frame["trial"] + "-" + frame["subject"]
+    frame["mass_kg"] = MASS[frame["condition"]] if mass_varies else 0.7
+    return frame
+
+
+def _posterior(rng, impacts, true, exponent, likelihood) -> xr.Dataset:
+    shape = (CHAINS, DRAWS)
+
+    def normal(*more: int) -> np.ndarray:
+        return rng.standard_normal((*shape, *more))
+
+    of = {"impact": "impact", "subject": "subject", "trial": "trial"}
+    found: dict[str, tuple] = {}
+    for q in ("K", "C"):
+        at = np.log(LEVEL[q]) + 0.05 * normal()
+        person = np.log(true[q][:PEOPLE] / LEVEL[q])
+        own = np.log(true[q]) + POSTERIOR_SD * (rng.standard_normal(len(impacts)) + normal(len(impacts)))
+        found |= {
+            f"intercept_{q}": ((), at),
+            f"subject_effect_{q}": (("subject",), person + 0.02 * normal(PEOPLE)),
+            f"trial_effect_{q}": (("trial",), 0.01 * normal(CONDITIONS)),
+            f"sd_impact_{q}": ((), np.exp(-3 + 0.1 * normal())),
+            f"sd_subject_{q}": ((), np.exp(-1.5 + 0.2 * normal())),
+            f"sd_trial_{q}": ((), np.exp(-4 + 0.2 * normal())),
+            f"{q}_subject": (("subject",), LEVEL[q] * np.exp(person + 0.02 * normal(PEOPLE))),
+            f"{q}_trial": (("trial",), LEVEL[q] * np.exp(0.05 * normal(CONDITIONS))),
+            q: ((of["impact"],), np.exp(own)),
+            f"{q}_new": ((), np.exp(at + SUBJECT_SD * normal())),
+        }
+        if exponent is not None:
+            found[f"mass_exponent_{q}"] = ((), (exponent if q == "K" else 0.0) + 0.02 * normal())
+    count = len(impacts)
+    errors = ("ramp_error", "level_error") if likelihood != "impact" else ("velocity_error",)
+    found |= {name: (("impact",), 1e-3 * normal(count)) for name in errors}
+    found["mass"] = (("impact",), impacts["mass_kg"].to_numpy() * (1 + 0.002 * normal(count)))
+    if likelihood == "impact":
+        found["sigma_d"] = (("impact",), np.exp(0.1 * normal(count)))
+    else:
+        found["sigma_a"] = (("impact",), np.exp(-18 + 0.1 * normal(count)))
+        found["theta1"] = (("impact",), -0.999 + 1e-4 * normal(count))
+    coords = {
+        "impact": impacts["impact"].tolist(),
+        "subject": [f"s{i}" for i in range(PEOPLE)],
+        "trial": [f"t{i}" for i in range(CONDITIONS)],
+    }
+    return xr.Dataset({k: (("chain", "draw", *dims), v) for k, (dims, v) in found.items()}, coords)
+
+
+def _traces(rng, impacts, true, coloured, likelihood) -> dict[str, xr.Dataset]:
+    mass, velocity = impacts["mass_kg"].to_numpy(), 1.5
+    time = DT * np.arange(SAMPLES) + 0 * mass[:, None]
+    rate = np.sqrt(true["K"] / mass)[:, None]
+    clean = {
+        "deceleration": velocity * rate * np.sin(rate * time),
+        "displacement": velocity / rate * np.sin(rate * time),
+    }
+    noise = {"deceleration": 0.1, "displacement": 1e-6}
+    inside = np.arange(SAMPLES) < SAMPLES - np.arange(len(impacts))[:, None] % 3
+
+    def noisy(name: str, colour: bool, *shape: int) -> np.ndarray:
+        white = rng.standard_normal((*shape, len(impacts), SAMPLES + 1))
+        added = white[..., 1:] + white[..., :-1] if colour else white[..., 1:]
+        return np.where(inside, clean[name] + noise[name] * added, np.nan)
+
+    names, chain = impacts["impact"].tolist(), ("chain", "draw", "impact", "sample")
+    of_impact = {
+        "mass_kg": mass,
+        "velocity_m_s": np.full(len(impacts), velocity),
+        "impact_subject": impacts["subject"].to_numpy(str),
+        "impact_trial": impacts["trial"].to_numpy(str),
+    }
+    return {
+        "posterior_predictive": xr.Dataset(
+            {k: (chain, noisy(k, False, CHAINS, REPLICATES // CHAINS).astype("float32")) for k in clean},
+            {"impact": names},
+        ),
+        "observed_data": xr.Dataset(
+            {k: (("impact", "sample"), noisy(k, coloured)) for k in clean}, {"impact": names}
+        ),
+        "constant_data": xr.Dataset(
+            {
+                "time": (("impact", "sample"), np.where(inside, time, np.nan)),
+                **{k: (("impact",), v) for k, v in of_impact.items()},
+            },
+            {"impact": names},
+        ),
+    }
+
+
+def _tables(rng, impacts, true, posterior, exponent) -> dict[str, pd.DataFrame]:
+    own = impacts[["impact", "subject", "trial", "mass_kg"]].assign(flags="", whiteness_p=0.5)
+    exact = own.assign(**{COLUMN[q]: true[q] * (1 + 0.01 * rng.standard_normal(len(own))) for q in true})
+    # As the thesis's method does: too large, and C growing with the mass.
+    dds = own.assign(K_N_per_m=2 * true["K"], C_N_s_per_m=3 * true["C"] * own["mass_kg"] ** 0.5)
+    quantities = ("K", "C") if exponent is not None else ()
+    slopes = {q: posterior[f"mass_exponent_{q}"].to_numpy() for q in quantities}
+    hypotheses = [
+        (q, name, value, value - 0.1, value + 0.1, float(np.mean(np.abs(slopes[q] - value) < 0.1)))
+        for q in quantities
+        for name, value in (("fixed stiffness", 0.0), ("constant natural frequency", 1.0))
+    ]  # fmt: skip
+    schemes = (("impact", own["impact"]), ("subject", posterior["subject"]), ("trial", posterior["trial"]))
+    bad = ("", "Pareto k above 0.7")
+    scores = [
+        (f"leave one {kind} out", str(label), 500.0 + i, 0.2 + 0.7 * (i == 1), bad[i == 1])
+        for kind, labels in schemes
+        for i, label in enumerate(np.asarray(labels))
+    ]  # fmt: skip
+    return {
+        "summary": _summary(posterior),
+        "estimates_exact": exact,
+        "estimates_dds": dds,
+        "hypotheses": pd.DataFrame(
+            hypotheses, columns=["quantity", "hypothesis", "value", "rope_low", "rope_high", "probability"]
+        ),
+        "cross_validation": pd.DataFrame(
+            scores, columns=["scheme", "label", "elpd", "pareto_k", "warning"]
+        ),
+        "sensitivity": pd.DataFrame(
+            [("intercept_K", 0.01, 0.2, "✓"), ("sd_trial_K", 0.1, 0.2, "potential prior-data conflict")],
+            columns=["variable", "prior", "likelihood", "diagnosis"],
+        ),
+    }  # fmt: skip
+
+
+def _summary(posterior: xr.Dataset) -> pd.DataFrame:
+    parts = []
+    for name, array in posterior.data_vars.items():
+        flat = array.to_numpy().reshape(CHAINS * DRAWS, -1)
+        low, quarter, median, three_quarters, high = np.percentile(flat, [5, 25, 50, 75, 95], axis=0)
+        part = pd.DataFrame(
+            {
+                "label": array[array.dims[2]].to_numpy() if array.ndim == 3 else [""],
+                "mean": flat.mean(0),
+                "sd": flat.std(0),
+                "median": median,
+                "eti50_low": quarter,
+                "eti50_high": three_quarters,
+                "eti90_low": low,
+                "eti90_high": high,
+            }
+        )
+        parts.append(part.assign(variable=name, unit=UNITS.get(str(name)[0], "1")))
+    return pd.concat(parts).assign(ess_bulk=1000.0, ess_tail=900.0, r_hat=1.001, mcse_mean=0.01)
+
+
+def _diagnostics(passed: bool) -> dict[str, object]:
+    return {
+        "passed": passed,
+        "checks": [
+            {
+                "name": "R-hat",
+                "value": 1.003 if passed else 1.4,
+                "limit": "below 1.01",
+                "passed": passed,
+                "meaning": "do the chains agree?",
+                "next_step": "" if passed else "Draw longer chains.",
+            }
+        ],
+    }
+
+
+def _about(passed: bool, likelihood: str, quantity: str, exponent: float | None) -> dict[str, object]:
+    formula = "(1|subject) + (1|trial)" if exponent is None else "log(mass_kg) + (1|subject) + (1|trial)"
+    return {
+        "program": "bayestissue",
+        "command": "fit",
+        "kind": "fit",
+        "dataset": "made up",
+        "description": "Nothing was measured.",
+        "quantity": quantity,
+        "versions": {"python": "3.12", "numpy": "2.3"},
+        "model": {
+            "name": likelihood,
+            "description": "A made-up model.",
+            "likelihood": likelihood,
+            "signal": {"window": "peak", "equilibrium": "rest"},
+            "reference_mass_kg": 0.7,
+            "formula": {"K": formula, "C": formula},
+            "residual_correlation": True,
+            "priors": {
+                "intercept": {"K": {"distribution": "normal", "mean": 7.0, "sd": 3.0}},
+                "atanh_theta1": {"distribution": "normal", "mean": 0.0, "sd": 1.5},
+            },
+        },
+        "uncertainty": {"relative_mass_sd": 0.002, "velocity_sd_m_s": 0.005, "relative_gain_sd": 0.0},
+        "left_out": ["traces, impact t9-s9: found 3; expected 8 samples. Record faster."],
+        "seed": 0,
+        "input_hash": "0123456789abcdef",
+        "started": "2026-01-01T00:00:00+00:00",
+        "wall_time_s": 61.5,
+        "verdict": {
+            "passed": passed,
+            "words": "All checks passed." if passed else "R-hat is 1.4: the chains disagree.",
+        },
+    }
+
+
+def _write(path: Path, content: dict[str, object]) -> None:
+    path.write_text(json.dumps(content, ensure_ascii=False), encoding="utf-8")

@@ -1,0 +1,117 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayestissue.report.fit import answers, estimates, predictions, tables, words
+from bayestissue.report.fit.run import read_fit_run
+from bayestissue.report.run_folder import read_about
+from make_fit_run import DRAWS, make_fit_run
+
+
+def read(folder):
+    return read_fit_run(folder, read_about(folder))
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    return read(make_fit_run(tmp_path_factory.mktemp("fit") / "run"))
+
+
+@pytest.fixture(scope="module")
+def arma(tmp_path_factory):
+    return read(make_fit_run(tmp_path_factory.mktemp("arma") / "run", likelihood="arma", coloured=True))
+
+
+def test_the_intervals_that_hold_the_truth_are_counted(run):
+    half, most = estimates.held_by_intervals(run, "K")
+    assert (half.level, most.level, most.impacts) == (50, 90, 12)
+    # Made-up medians scatter about the truth as widely as their draws: coverage is that of the normal.
+    assert stats.binom.cdf(most.held, 12, 0.9) > 0.001
+    assert half.held <= most.held
+
+
+def test_least_squares_finds_the_slope_that_was_put_in(run):
+    # C of the made-up estimates is 3 C_person M^(1/2) and every person meets every mass.
+    found = estimates.apparent_exponent(run, "C")
+    assert found.slope.median == pytest.approx(0.5, abs=1e-12)
+    assert found.slope.low < 0.5 < found.slope.high
+    level = np.log(3 * run.truth["C_N_s_per_m"]).mean() + 0.5 * np.log(0.7)
+    assert found.intercept == pytest.approx(level, abs=1e-12)
+
+
+def test_the_ratio_of_the_methods_is_that_of_the_made_up_estimates(run):
+    # Medians of 200 draws about a made-up centre, itself 1 % off: three standard errors of the middle of 12.
+    assert estimates.dds_ratio(run, "K") == pytest.approx(2, rel=3 * 1.25 * 0.01 / np.sqrt(12))
+
+
+@pytest.mark.parametrize(
+    ("exponent", "said"),
+    [
+        (0.0, "neither K nor C depends"),
+        (1.0, "K almost certainly grows in proportion to the mass"),
+        (0.5, "K grows with the mass"),
+        (-0.5, "K falls with the mass"),
+    ],
+)
+def test_exponents_lead_to_words(tmp_path, exponent, said):
+    assert said in answers.mass_conclusion(read(make_fit_run(tmp_path, exponent=exponent)))
+
+
+def test_a_trend_that_the_posterior_shares_is_not_called_made_by_the_method(run, tmp_path):
+    assert "C is made by the method" in answers.contrast_sentence(run)
+    sloped = read(make_fit_run(tmp_path, exponent=0.5))
+    assert "trend of K" not in answers.contrast_sentence(sloped)
+
+
+def test_white_residuals_pass_and_coloured_ones_are_told(run, arma):
+    white, coloured = predictions.residuals(run), predictions.residuals(arma)
+    # 12 p-values, uniform if white: that the least is below 1e-4 has probability 0.0012.
+    assert white.whiteness_p.min() > 1e-4
+    # The median of 12 uniform p-values is below 0.05 with probability 1e-5.
+    assert np.median(coloured.whiteness_p) < 0.05
+    assert "no more structure" in " ".join(words.residual_words(run, white, np.full(12, np.nan)))
+    said = " ".join(words.residual_words(arma, coloured, np.full(12, np.nan)))
+    assert "structure that the model does not explain" in said
+    assert "is not the noise that was recorded" in said
+
+
+def test_the_lag_one_autocorrelation_is_that_of_a_running_mean(arma):
+    # Of a running mean of two it is 1/2, with a standard error of about 1/sqrt(n) an impact, n = 58 or more.
+    found = predictions.residuals(arma).lag_one["measured"].mean()
+    assert found == pytest.approx(0.5, abs=4 / np.sqrt(58 * 12) + 2 / 58)
+
+
+def test_nine_impacts_are_shown_from_the_softest_to_the_stiffest(run):
+    chosen = predictions.chosen_impacts(run)
+    level = run.of_impacts("K")["median"].to_numpy()
+    assert len(chosen) == len(set(chosen)) == predictions.PANELS
+    assert np.all(np.diff(level[chosen]) > 0)
+    assert (level[chosen[0]], level[chosen[-1]]) == (level.min(), level.max())
+
+
+def test_the_chain_table_sets_what_was_declared_beside_what_was_found(run):
+    rows = {row.cells[0]: row.cells for row in tables.chain_table(run).rows}
+    # 2 per thousand of the median mass of 0.7 kg
+    assert rows["mass of the impactor"][1:3] == ("g", "1.4")
+    share = float(rows["mass of the impactor"][4].split("\N{NO-BREAK SPACE}")[0])
+    # The made-up draws are the declared error's: a standard deviation of 2 * DRAWS of them.
+    assert share == pytest.approx(100, abs=4 * 100 / np.sqrt(2 * 2 * DRAWS))
+    assert rows["displacement at contact, from the time of contact"][2] == "read off each trace"
+
+
+def test_theta1_at_its_edge_is_counted_and_impact_toml_named(run, arma):
+    assert "below −0.99 in 12 of 12" in " ".join(words.limits(arma))
+    assert "models/impact.toml" in words.limits(run)[0]
+
+
+def test_coverage_is_shown_once_it_was_measured(run, tmp_path, monkeypatch):
+    path = tmp_path / "coverage.csv"
+    path.write_text("likelihood,quantity,level,held,impacts,command\n", encoding="utf-8")
+    monkeypatch.setattr(words, "COVERAGE", path)
+    assert words.coverage_table(run) is None
+    with path.open("a", encoding="utf-8") as stream:
+        stream.write("a2,K,90,1500,2000,a command\narma,K,90,1,2,another\n")
+    (row,) = words.coverage_table(run).rows
+    assert row.cells[:4] == ("K", "90 %", "1500 of 2000", "75\N{NO-BREAK SPACE}%")

@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import re
+
+import pytest
+import xarray as xr
+
+from bayestissue.errors import InputError
+from bayestissue.report import write_report
+from make_fit_run import make_fit_run
+from page_reader import Reader
+
+
+def page_of(folder):
+    return write_report(folder).read_text(encoding="utf-8")
+
+
+def first_screen(html):
+    return html[html.index('class="first"') : html.index("<nav")]
+
+
+def plain(html):
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", "", html)).replace("\N{NO-BREAK SPACE}", " ")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return make_fit_run(tmp_path_factory.mktemp("fit") / "run")
+
+
+@pytest.fixture(scope="module")
+def html(folder):
+    return page_of(folder)
+
+
+def test_the_page_is_whole_and_asks_nothing_of_the_network(html):
+    page = Reader()
+    page.feed(html)
+    assert page.open == []
+    assert page.unnamed == 0
+    assert len(page.ids) == len(set(page.ids))
+    assert {link[1:] for link in page.links} <= set(page.ids)
+    assert all(source.startswith("data:") for source in page.sources)
+
+
+def test_the_first_screen_answers_the_three_questions(html):
+    first = first_screen(html)
+    for question in ("What are K and C?", "How sure is that?", "Is the dependence on mass real?"):
+        assert question in first
+    assert re.search(r"K = \d{4} N/m", first)
+    assert re.search(r"K ∝ M<sup>−?0\.0\d+</sup>", first)
+    assert "Diagnostics passed." in first
+    assert re.search(
+        r"90 % intervals hold the true value in \d+ of 12 for K and \d+ of 12 for C", plain(first)
+    )
+
+
+def test_a_trend_that_only_the_thesis_method_shows_is_called_its_making(html):
+    first = plain(first_screen(html))
+    assert "neither K nor C depends on the mass in practice" in first
+    # The made-up estimates hold the same people at every mass, so their slopes are 0 and 1/2 exactly.
+    assert "C ∝ M0.50" in first
+    assert "the trend of C is made by the method" in first
+
+
+def test_the_same_run_gives_the_same_page(folder, html):
+    assert page_of(folder) == html
+
+
+def test_the_page_tells_chain_scores_priors_limits_and_provenance(html):
+    text = plain(html)
+    for words in (
+        "mass 0.2 % and velocity at contact 0.005 m/s",
+        "leave one trial out",
+        "sd_trial_K (potential prior-data conflict)",
+        "models/impact.toml",
+        "θ₁ follows from K, C and the sampling interval",
+        "1 impacts were left out",
+        "0123456789abcdef",
+    ):
+        assert words in text
+    assert "atanh_theta1" not in text
+
+
+def test_failed_diagnostics_are_loud_on_the_first_screen_of_any_likelihood(tmp_path):
+    html = page_of(make_fit_run(tmp_path, passed=False, likelihood="impact"))
+    assert "DIAGNOSTICS FAILED" in first_screen(html)
+    assert 'class="verdict failed"' in first_screen(html)
+    assert "Draw longer chains." in html
+    assert "accelerometer with white noise" in plain(html)
+    assert "models/impact.toml" not in html
+
+
+def test_measured_data_without_a_mass_exponent_get_a_page(tmp_path):
+    html = page_of(make_fit_run(tmp_path, truth=False, exponent=None))
+    text = plain(html)
+    assert "no mass exponent" in plain(first_screen(html))
+    assert "Simulated" not in text
+    assert "made by the method" not in text
+
+
+def test_recorded_displacement_of_one_mass_gets_a_page(tmp_path):
+    html = page_of(
+        make_fit_run(tmp_path, quantity="displacement", truth=False, exponent=None, mass_varies=False)
+    )
+    assert "Measured displacement of 9 impacts" in html
+    assert "Measured less predicted:" not in plain(html)
+    assert "never varies" in plain(first_screen(html))
+    assert "Thesis's method on the same traces" not in html
+
+
+def test_everything_that_lacks_is_named_at_once(tmp_path):
+    folder = make_fit_run(tmp_path)
+    (folder / "summary.csv").unlink()
+    (folder / "estimates_dds.csv").unlink()
+    with pytest.raises(InputError) as raised:
+        write_report(folder)
+    assert [name in str(raised.value) for name in ("summary.csv", "estimates_dds.csv")] == [True, True]
+    assert not (folder / "report.html").exists()
+
+
+def test_damaged_files_are_named_with_what_is_wrong_in_them(tmp_path):
+    folder = make_fit_run(tmp_path)
+    with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as tree:
+        tree.load()
+    tree["posterior"] = xr.DataTree(tree["posterior"].to_dataset().drop_vars("K_new"))
+    tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    (folder / "sensitivity.csv").write_text("variable,diagnosis,prior\n", encoding="utf-8")
+    (folder / "diagnostics.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(InputError) as raised:
+        write_report(folder)
+    named = {(problem.file.rsplit("/", 1)[1], problem.column) for problem in raised.value.problems}
+    assert named == {("posterior.nc", None), ("sensitivity.csv", "likelihood"), ("diagnostics.json", None)}
+
+
+def test_a_posterior_file_that_is_none_is_named(tmp_path):
+    folder = make_fit_run(tmp_path)
+    (folder / "posterior.nc").write_bytes(b"not a file of draws")
+    with pytest.raises(InputError, match=r"posterior\.nc"):
+        write_report(folder)
