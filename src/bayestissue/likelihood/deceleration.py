@@ -7,7 +7,7 @@ tau of the contact time adds -tau V h'(t).
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +17,10 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.distributions import constraints
 
-from bayestissue.likelihood.linear_errors import Products, gram, marginal_log_likelihood
+from bayestissue.likelihood.linear_errors import Products, from_lower_entries, gram, marginal_log_likelihood
+from bayestissue.likelihood.motion_on_grid import Response, response_in_blocks
+from bayestissue.likelihood.quadratic import sums_over_frequencies
+from bayestissue.likelihood.transforms import FILLED, in_blocks
 from bayestissue.oscillator import impact_motion
 
 
@@ -32,6 +35,7 @@ class DecelerationRecord(NamedTuple):
         velocity: recorded velocity at contact [m/s].
         error_sd: standard deviations of velocity and gain together [m/s], of the offset [m/s^2] and of the
             contact time [s].
+        blocks: the decelerations, sample k = lane + lanes * block.
     """
 
     d: Float[Array, "impact sample"]
@@ -40,13 +44,95 @@ class DecelerationRecord(NamedTuple):
     dt: Float[Array, " impact"]
     velocity: Float[Array, " impact"]
     error_sd: Float[Array, "impact 3"]
+    blocks: Float[Array, "block impact lane"]
 
     @classmethod
     def of(cls, *arrays: np.ndarray) -> DecelerationRecord:
         """From numpy arrays in the order of the attributes; values past a row's end are cleared."""
         d, n_samples, *rest = (jnp.asarray(array) for array in arrays)
         d = jnp.where(jnp.arange(d.shape[1]) < n_samples[:, None], d, 0.0)
-        return cls(d, n_samples, *rest)
+        width = FILLED * -(-d.shape[1] // FILLED)
+        padded = np.pad(np.asarray(d), ((0, 0), (0, width - d.shape[1])))
+        return cls(d, n_samples, *rest, in_blocks(padded))
+
+
+@jax.custom_jvp
+def recorded_log_likelihood(
+    omega_n: Float[Array, " impact"],
+    zeta: Float[Array, " impact"],
+    log_sigma: Float[Array, " impact"],
+    record: DecelerationRecord,
+) -> Float[Array, " impact"]:
+    """Log density of the recorded traces, errors integrated out: one pass over the samples, two with slopes.
+
+    Args:
+        omega_n: natural frequency [rad/s].
+        zeta: damping ratio.
+        log_sigma: log of the noise's standard deviation [m/s^2].
+        record: the traces.
+    """
+    return _of_entries(
+        log_sigma, _entries(*_parts(_motion(omega_n, zeta, record), omega_n, zeta, record)), record
+    )
+
+
+def _of_entries(log_sigma: Array, entries: tuple[Array, ...], record: DecelerationRecord) -> Array:
+    count = record.n_samples + 0.0
+    products = Products(from_lower_entries(entries), jnp.zeros_like(count), count)
+    return marginal_log_likelihood(products, log_sigma, record.error_sd)
+
+
+def _motion(omega_n: Array, zeta: Array, record: DecelerationRecord) -> Response:
+    return response_in_blocks(record.first_time, record.dt, omega_n, zeta, record.blocks.shape[-1])
+
+
+def _parts(
+    motion: Response, omega_n: Array, zeta: Array, record: DecelerationRecord
+) -> tuple[Array, Array, Array, Array]:
+    """Residual, unit deceleration, ones and the column of the contact time, all 0 past a trace's end."""
+    p, q, velocity = (2 * zeta * omega_n)[:, None], (omega_n**2)[:, None], record.velocity[:, None]
+    block, _, lane = (jax.lax.broadcasted_iota(int, record.blocks.shape, axis) for axis in range(3))
+    inside = jnp.where(lane + block * record.blocks.shape[-1] < record.n_samples[:, None], 1.0, 0.0)
+    unit = inside * (p * motion.v + q * motion.x)
+    contact = -velocity * (inside * q * motion.v - p * unit)
+    return record.blocks - velocity * unit, unit, inside, contact
+
+
+def _entries(residual: Array, unit: Array, inside: Array, contact: Array) -> tuple[Array, ...]:
+    parts = (residual, unit, inside, contact)
+    return sums_over_frequencies(tuple(parts[a] * parts[b] for a in range(4) for b in range(a + 1)))
+
+
+@recorded_log_likelihood.defjvp
+def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
+    """The slopes by p = 2 zeta omega_n and q = omega_n^2 are those by the samples times the samples' own.
+
+    With x the answer to a unit impulse and w that to x, dx/dq = -w and dx/dp is its first derivative in time.
+    The deceleration, minus the second derivative of x, therefore has for slopes the second and the third
+    derivative of w, and the jerk the third and the fourth; w2, w3 and w4 each follow from those before by
+    w2 + p w1 + q w = x.
+    """
+    omega_n, zeta, log_sigma, record = primals
+    motion = _motion(omega_n, zeta, record)
+    residual, unit, inside, contact = parts = _parts(motion, omega_n, zeta, record)
+    value, pull_back = jax.vjp(lambda s, e: _of_entries(s, e, record), log_sigma, _entries(*parts))
+    by_log_sigma, by_entries = pull_back(jnp.ones_like(value))
+    # Made before the second pass, not anew for each of its samples.
+    by_entries = jax.lax.optimization_barrier(by_entries)
+    (rr, ur, uu, ir, iu, _, cr, cu, ci, cc) = (slope[:, None] for slope in by_entries)
+    p, q, velocity = (2 * zeta * omega_n)[:, None], (omega_n**2)[:, None], record.velocity[:, None]
+    by_residual = 2 * rr * residual + ur * unit + ir * inside + cr * contact
+    by_unit = ur * residual + 2 * uu * unit + iu * inside + cu * contact - velocity * by_residual
+    by_jerk = -velocity * (cr * residual + cu * unit + ci * inside + 2 * cc * contact)
+    w1 = motion.time * motion.x / 2 - p / 2 * motion.w
+    w2 = motion.x - p * w1 - q * motion.w
+    w3 = motion.v - p * w2 - q * w1
+    w4 = -(p * motion.v + q * motion.x) - p * w3 - q * w2
+    by_q, by_p = sums_over_frequencies(
+        (inside * (by_unit * w2 + by_jerk * w3), inside * (by_unit * w3 + by_jerk * w4))
+    )
+    slopes = (2 * omega_n * by_q + 2 * zeta * by_p, 2 * omega_n * by_p, by_log_sigma)
+    return value, sum(slope * tangent for slope, tangent in zip(slopes, tangents[:3], strict=True))
 
 
 class MeasuredDeceleration(dist.Distribution):
@@ -89,6 +175,8 @@ class MeasuredDeceleration(dist.Distribution):
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors integrated out."""
+        if value is self.record.d:
+            return recorded_log_likelihood(self.omega_n, self.zeta, self.log_sigma, self.record)
         return marginal_log_likelihood(self.products(value), self.log_sigma, self.record.error_sd)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:

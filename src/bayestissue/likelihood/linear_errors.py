@@ -7,6 +7,7 @@ the columns under T^-1, y - f being column 0.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -64,6 +65,19 @@ def marginal_log_likelihood(
     explained = sum(value**2 for value in small.forward_solve(factor, right))
     scale = products.n_values * (LOG_2PI + 2 * log_sigma) + products.log_determinant
     return -(scale + products.gram[0][0] * precision - explained) / 2 - small.log_diagonal(factor)
+
+
+def lower_entries(products: Products) -> tuple[Array, ...]:
+    """The products of column a with column b <= a, row by row."""
+    return tuple(products.gram[a][b] for a in range(len(products.gram)) for b in range(a + 1))
+
+
+def from_lower_entries(entries: Sequence[Array]) -> tuple[tuple[Array, ...], ...]:
+    """The rows of a symmetric matrix from those of its lower triangle."""
+    size = int((8 * len(entries) + 1) ** 0.5) // 2
+    return tuple(
+        tuple(entries[max(a, b) * (max(a, b) + 1) // 2 + min(a, b)] for b in range(size)) for a in range(size)
+    )
 
 
 def draw_errors(
