@@ -79,6 +79,7 @@ def run(
                 "kind": "fit",
                 "dataset": data.name,
                 "description": data.description,
+                "quantity": data.quantity,
                 "versions": runtime.versions(),
                 "model": specification.model_dump(mode="json")
                 | {"reference_mass_kg": prepared.design.reference_mass_kg},

@@ -15,7 +15,7 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import plain_model, physical, trace_distribution
+from bayestissue.hierarchy.traces import physical, plain_model, trace_distribution
 from bayestissue.inference.labels import labelled
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.trace_draws import Unfolded, thinned
@@ -71,6 +71,7 @@ def _dimensions() -> dict[str, tuple[str, ...]]:
     errors = {name for names in ERRORS.values() for name in names}
     return {
         **dict.fromkeys((*PER_IMPACT, *errors, "trace"), ("impact",)),
+        **{f"{name}_sd": ("impact",) for name in errors},
         **{f"{q}_{group}": (group,) for q in RESPONSES for group in GROUPS},
         **{f"{group}_effect_{q}": (group,) for q in RESPONSES for group in GROUPS},
         **{f"traces_of_{group}": (group,) for group in GROUPS},
@@ -95,10 +96,14 @@ def _quantities(
     values |= {f"{q}_{group}": made[f"{q}_{group}"] for q in RESPONSES for group in GROUPS}
     values |= {name: impacts[name] for name in PER_IMPACT if name in impacts}
     if "chain_error" in impacts:
-        names = ERRORS["impact" if prepared.model.kind == "impact" else "displacement"]
+        names = _error_names(prepared)
         known = np.asarray(prepared.data.record.error_sd).any(axis=0)
         values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(names) if known[i]}
     return values | derived.new_impact(design, sites, rng)
+
+
+def _error_names(prepared: Prepared) -> tuple[str, str, str]:
+    return ERRORS["impact" if prepared.model.kind == "impact" else "displacement"]
 
 
 def _statistics(draws: Draws) -> xr.Dataset:
@@ -166,6 +171,7 @@ def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
 
 def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     signal, impacts = prepared.signal, prepared.impacts
+    error_sd = np.asarray(prepared.data.record.error_sd)
     time = signal.first_sample_s[:, None] + np.arange(signal.x.shape[1]) * signal.dt[:, None]
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     return {
@@ -177,6 +183,7 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
         "first_sample_s": signal.first_sample_s,
         "impact_subject": impacts["subject"].astype(str).to_numpy(),
         "impact_trial": impacts["trial"].astype(str).to_numpy(),
+        **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(_error_names(prepared))},
     }
 
 

@@ -71,9 +71,8 @@ def _one_conclusion(run: FitRun, quantity: str) -> str:
         return f"{quantity} {likelihood_words(fixed)} does not depend on the mass in practice."
     if constant > SURE:
         return (
-            f"{quantity} {likelihood_words(constant)} grows in proportion to the mass: what a method "
-            "gives whose "
-            "ωₙ carries no information on the tissue."
+            f"{quantity} {likelihood_words(constant)} grows in proportion to the mass: what a method gives "
+            "whose ωₙ carries no information on the tissue."
         )
     if beta.holds(0):
         also = " or from proportion to the mass" if beta.holds(1) else ""

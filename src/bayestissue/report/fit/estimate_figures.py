@@ -28,11 +28,11 @@ def estimates_figure(run: FitRun, quantity: str) -> Markup:
     place = np.arange(len(table))
     with style():
         fig, (above, below) = new_figure((9.6, 5.6), 2, 1, sharex=True)
+        above.semilogy(place, table["median"], "o", ms=3, color=POSTERIOR, zorder=4, label="posterior median")
+        above.semilogy(place, table["exact"], "^", ms=3.6, color=_EXACT, zorder=3, label="exact estimate")
         above.semilogy(
             place, table["dds"], "D", ms=3.2, mfc="none", color=_DDS, label="thesis's method (dds)"
         )
-        above.semilogy(place, table["exact"], "^", ms=3.6, color=_EXACT, label="exact point estimate")
-        above.semilogy(place, table["median"], "o", ms=3, color=POSTERIOR, label="posterior median")
         above.set(ylabel=f"{quantity} ({UNITS[quantity]})")
         above.yaxis.set_major_formatter("{x:g}")
         above.yaxis.set_minor_formatter("{x:g}")
@@ -43,12 +43,10 @@ def estimates_figure(run: FitRun, quantity: str) -> Markup:
             ylabel=f"off the posterior\nmedian of {quantity} (%)",
             xlim=(-1, len(table)),
         )
-        handles = {
-            label: handle
-            for axes in (above, below)
-            for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-        }
-        fig.legend(handles.values(), handles.keys(), loc="outside upper left", ncols=4)
+        marks = [
+            pair for axes in (above, below) for pair in zip(*axes.get_legend_handles_labels(), strict=True)
+        ]
+        fig.legend(*zip(*marks, strict=True), loc="outside upper left", ncols=len(marks))
         note = f" {off_scale} estimates lie off the lower scale." if off_scale else ""
         return figure(
             fig,

@@ -98,6 +98,7 @@ def _predictions(run: FitRun) -> dict[str, Any]:
         "recorded": run.shown,
         "chosen": len(chosen),
         "traces_plot": traces_figure(run, chosen),
+        "other_noise": words.other_noise(left),
         "residual_words": words.residual_words(run, left, one_step),
         "residual_plots": [whiteness_figure(whole, one_step), lag_one_figure(left)],
         "tested": len(left.which),

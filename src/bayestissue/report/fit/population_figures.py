@@ -45,9 +45,8 @@ def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
         axes.grid(visible=False, axis="y")
         return figure(
             fig,
-            f"{NAMES[quantity]} of each {GROUPS[level]}, ranked: posterior median, 50 % and 90 % "
-            "interval, and "
-            "in brackets the 90 % interval of the rank.",
+            f"{NAMES[quantity]} of each {GROUPS[level]}, ranked: posterior median, 50 % and 90 % interval, "
+            "and in brackets the 90 % interval of the rank.",
         )
 
 
@@ -108,8 +107,7 @@ def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
         return figure(
             fig,
             f"{NAMES[quantity]} over the mass of the impactor on log scales: posterior of conditions and "
-            "impacts "
-            "with the fitted line, the thesis's point estimates, and lines for exponents 0 and 1.",
+            "impacts with the fitted line, the thesis's point estimates, and lines for exponents 0 and 1.",
         )
 
 
@@ -149,6 +147,5 @@ def spreads_figure(run: FitRun) -> Markup:
         return figure(
             fig,
             "Posterior of the standard deviations of K and C between people, conditions and impacts, in "
-            "percent: "
-            "median, 50 % and 90 % interval.",
+            "percent: median, 50 % and 90 % interval.",
         )

@@ -44,9 +44,8 @@ def traces_figure(run: FitRun, which: list[int]) -> Markup:
         fig.legend(handles, labels, loc="outside upper left", ncols=4)
         return figure(
             fig,
-            f"Measured {run.shown} of {len(which)} impacts over the model's 50 % and 90 % predictive "
-            "bands, with "
-            "the measured values less the predictive median in a panel under each.",
+            f"Measured {run.shown} of {len(which)} impacts over the model's 50 % and 90 % predictive bands, "
+            "with the measured values less the predictive median in a panel under each.",
             raster=True,
         )
 
@@ -81,9 +80,8 @@ def lag_one_figure(left: Residuals) -> Markup:
         fig.legend(loc="outside upper left", ncols=3)
         return figure(
             fig,
-            "Autocorrelation at lag one of each impact's residuals, as points, over the 90 % range of "
-            "data made "
-            "by the model.",
+            "Autocorrelation at lag one of each impact's residuals, as points, over the 90 % range of data "
+            "made by the model.",
             raster=len(table) > 300,
         )
 
@@ -111,6 +109,5 @@ def whiteness_figure(whole: np.ndarray, one_step: np.ndarray) -> Markup:
         return figure(
             fig,
             "Sorted p-values of the Ljung-Box test of every impact's residuals over those that white "
-            "residuals "
-            "would give. Points far below the dashed line are residuals with structure.",
+            "residuals would give. Points far below the dashed line are residuals with structure.",
         )

@@ -40,10 +40,15 @@ class Residuals:
 
     @cached_property
     def lag_one(self) -> pd.DataFrame:
-        """Lag-1 autocorrelation: ``measured``, and 5 % and 95 % of the replicates, ``low`` and ``high``."""
+        """Lag-1 autocorrelation, one row an impact.
+
+        ``measured``, the replicates' 5 % and 95 % points ``low`` and ``high``, and whether it is ``inside``.
+        """
         replicated = _lag_one(self.replicated, self.used)
         low, high = np.percentile(replicated, [5, 95], axis=0)
-        return pd.DataFrame({"measured": _lag_one(self.measured, self.used), "low": low, "high": high})
+        measured = _lag_one(self.measured, self.used)
+        inside = (low <= measured) & (measured <= high)
+        return pd.DataFrame({"measured": measured, "low": low, "high": high, "inside": inside})
 
     @cached_property
     def whiteness_p(self) -> Float[np.ndarray, " impact"]:

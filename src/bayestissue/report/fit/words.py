@@ -14,15 +14,12 @@ from bayestissue.report.wording import listed, percent
 
 COVERAGE = files("bayestissue.report.fit").joinpath("coverage.csv")
 _LIKELIHOODS = {
-    "arma": "Each impact's displacement x is an ARMA(2,1) with the natural frequency and damping "
-    "ratio of a mass on "
-    "a spring and damper; its moving-average coefficient θ₁ is free, and pooled between impacts.",
-    "a2": "Each impact's displacement x is an A(2), a mass on a spring and damper driven by white "
-    "noise, as it looks "
-    "when sampled: θ₁ follows from K, C and the sampling interval.",
-    "impact": "Each impact's deceleration is that of a mass that meets a spring and damper at the "
-    "recorded velocity, "
-    "seen through an accelerometer with white noise.",
+    "arma": "Each impact's displacement x is an ARMA(2,1) with the natural frequency and damping ratio of a "
+    "mass on a spring and damper; its moving-average coefficient θ₁ is free, and pooled between impacts.",
+    "a2": "Each impact's displacement x is an A(2), a mass on a spring and damper driven by white noise, as "
+    "it looks when sampled: θ₁ follows from K, C and the sampling interval.",
+    "impact": "Each impact's deceleration is that of a mass that meets a spring and damper at the recorded "
+    "velocity, seen through an accelerometer with white noise.",
 }
 _WINDOWS = {
     "peak": "from contact to zero velocity, the greatest displacement",
@@ -36,10 +33,18 @@ _EQUILIBRIA = {
 # Beyond this share of small p-values residuals as a whole are called structured, and below that share of
 # impacts whose autocorrelation is expected (0.9 if all is well) the noise is called another.
 _STRUCTURED_SHARE, _FEW = 0.05, 0.75
+_NOISE = {
+    "deceleration": "An accelerometer's white noise, integrated twice, is not the noise of an ARMA(2,1): "
+    "its fit is driven to the edge where θ₁ is −1, or its intervals promise more than they hold. "
+    "models/impact.toml models the recorded deceleration with white noise instead: fit it to the same data "
+    "and hold the two side by side.",
+    "displacement": "White noise of a position sensor, added to x, makes an ARMA(2,2) of an A(2), not an "
+    "ARMA(2,1): where the sensor's noise is not small, the intervals of K and C promise more than they "
+    "hold. models/impact.toml has white noise, but of a recorded deceleration, which these data lack.",
+}
 _SHAPE = (
-    "No spring and damper of constant K and C is a tissue: stiffening, bottoming out on bone and "
-    "reflexes are not "
-    "in this model, and show as structure in the residuals."
+    "No spring and damper of constant K and C is a tissue: stiffening, bottoming out on bone and reflexes "
+    "are not in this model, and show as structure in the residuals."
 )
 
 
@@ -68,13 +73,7 @@ def limits(run: FitRun) -> list[str]:
     """What this model can't tell, one paragraph each."""
     if run.likelihood not in ("arma", "a2"):
         return [_SHAPE]
-    paragraphs = [
-        "An accelerometer's white noise, integrated twice, is not the noise of an ARMA(2,1): its fit is "
-        "driven to "
-        "the edge where θ₁ is −1, or its intervals promise more than they hold. models/impact.toml models "
-        "the recorded deceleration with white noise instead: fit it to the same data and hold the two "
-        "side by side."
-    ]
+    paragraphs = [_NOISE[run.shown]]
     theta1 = run.of_impacts("theta1")
     if run.likelihood == "arma" and len(theta1):
         near = int((theta1["median"] < -0.99).sum())
@@ -102,13 +101,17 @@ def coverage_table(run: FitRun) -> Table | None:
     return Table(columns(*titles, number=titles[1:4], words=titles[4:]), rows) if rows else None
 
 
+def other_noise(left: Residuals) -> bool:
+    """Whether in more than a quarter of impacts the residuals' autocorrelation is not the model's."""
+    return bool(left.lag_one["inside"].mean() < _FEW)
+
+
 def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[str]:
     """Whether the residuals have structure, and whether the model expects what they have."""
     names = np.array(run.impacts)[left.which]
     sentences = [
         f"{percent(inside_band(left))} of all measured samples lie in the predicted 90 % band of a new "
-        "recording "
-        "of the same impact, whose chain has errors of its own."
+        "recording of the same impact, whose chain has errors of its own."
     ]
     if run.shown == "deceleration":
         sentences.append(_structure("Measured less predicted", "the model", left.whiteness_p, names))
@@ -118,9 +121,9 @@ def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[s
             _structure("One step ahead, by the exact point fit", who, one_step, np.array(run.impacts))
         )
     table = left.lag_one
-    inside = int(table["measured"].between(table["low"], table["high"]).sum())
+    inside = int(table["inside"].sum())
     words = f"The autocorrelation at lag 1 is what the model expects in {inside} of {len(table)} impacts"
-    if inside < _FEW * len(table):
+    if other_noise(left):
         words += ": the noise that it assumes is not the noise that was recorded"
     return [*sentences, f"{words}."]
 
@@ -137,6 +140,6 @@ def _structure(what: str, explained_by: str, p: np.ndarray, names: np.ndarray) -
     else:
         verdict = "no more structure than chance gives"
     return (
-        f"{what}: {count} of {total} impacts have p below 0.01, where white residuals give about 1 "
-        f"%: {verdict}."
+        f"{what}: {count} of {total} impacts have p below 0.01, where white residuals give about 1 %: "
+        f"{verdict}."
     )
