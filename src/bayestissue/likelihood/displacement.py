@@ -7,7 +7,7 @@ tau adds V tau. All three are linear: a constant, a ramp and a parabola.
 
 from __future__ import annotations
 
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,11 +17,17 @@ from jax import Array
 from jaxtyping import Float, Int
 from numpyro.distributions import constraints
 
+from bayestissue.likelihood import small
 from bayestissue.likelihood.distributions import ARMA21
 from bayestissue.likelihood.innovations import innovations
-from bayestissue.likelihood.linear_errors import Products, gram, marginal_log_likelihood
-from bayestissue.likelihood.quadratic import eigenvalues, log_determinant
-from bayestissue.likelihood.transforms import spread_of
+from bayestissue.likelihood.linear_errors import (
+    Products,
+    from_lower_entries,
+    gram,
+    marginal_log_likelihood,
+)
+from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
+from bayestissue.likelihood.transforms import FILLED, in_blocks, spread_of
 from bayestissue.oscillator import to_differences
 
 Noise = Literal["arma", "a2"]
@@ -35,8 +41,9 @@ class DisplacementRecord(NamedTuple):
         n_samples: length of each.
         first_time: from contact to the first sample [s].
         dt: sampling interval [s].
-        columns: orthonormal DST-I of x''_t, x'_{t-1} and x_{t-2}, t = 3 ... n, and of 1, t and t^2 at t - 2.
-        spread: 2 - 2 cos(j pi / (n - 1)).
+        columns: orthonormal DST-I of x''_t, x'_{t-1} and x_{t-2}, t = 3 ... n, and of 1, t and t^2 at t - 2,
+            in blocks of frequencies.
+        spread: 2 - 2 cos(j pi / (n - 1)) in the same blocks.
         error_sd: standard deviations of the constant [m], the ramp [m/s] and the parabola [m/s^2].
     """
 
@@ -44,8 +51,8 @@ class DisplacementRecord(NamedTuple):
     n_samples: Int[Array, " impact"]
     first_time: Float[Array, " impact"]
     dt: Float[Array, " impact"]
-    columns: tuple[Float[Array, "impact frequency"], ...]
-    spread: Float[Array, "impact frequency"]
+    columns: tuple[Float[Array, "block impact lane"], ...]
+    spread: Float[Array, "block impact lane"]
     error_sd: Float[Array, "impact 3"]
 
 
@@ -71,7 +78,7 @@ def displacement_record(
     inside = np.arange(x.shape[1]) < lengths[:, None]
     x = np.where(inside, x, 0.0)
     time = first_time[:, None] + np.arange(x.shape[1]) * dt[:, None]
-    width = x.shape[1] - 2
+    width = FILLED * -(-(x.shape[1] - 2) // FILLED)
     columns = np.zeros((6, len(x), width))
     # padded frequencies count as an eigenvalue of 1 + theta1^2, never zero
     spread = np.full((len(x), width), 2.0)
@@ -88,8 +95,8 @@ def displacement_record(
         jnp.asarray(lengths),
         jnp.asarray(first_time),
         jnp.asarray(dt),
-        tuple(jnp.asarray(column) for column in columns),
-        jnp.asarray(spread),
+        tuple(in_blocks(column) for column in columns),
+        in_blocks(spread),
         jnp.asarray(error_sd),
     )
 
@@ -97,26 +104,102 @@ def displacement_record(
 def displacement_products(record: DisplacementRecord, c1: Array, c2: Array, theta1: Array) -> Products:
     """Products of w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2} and of what the errors' columns become.
 
-    The constant becomes c2, the ramp c1 dt + c2 t, half the parabola
-    dt^2 + c1 dt (t + dt / 2) + c2 t^2 / 2, all at t - 2.
-
     Args:
         record: the traces.
         c1: 2 - phi1, for each impact.
         c2: 1 - phi1 - phi2.
         theta1: moving-average coefficient.
     """
-    bend, slope, level, one, ramp, square = record.columns
-    k1, k2, dt = c1[:, None], c2[:, None], record.dt[:, None]
-    parts = (
-        bend + k1 * slope + k2 * level,
-        k2 * one,
-        k1 * dt * one + k2 * ramp,
-        (dt**2 + k1 * dt**2 / 2) * one + k1 * dt * ramp + k2 / 2 * square,
+    entries = sums_over_frequencies(_terms(*_parts(record, c1, c2, theta1)))
+    return _products(entries, c1, c2, theta1, record)
+
+
+def _parts(
+    record: DisplacementRecord, c1: Array, c2: Array, theta1: Array
+) -> tuple[tuple[Array, ...], Array]:
+    """w, 1, t and t^2 by frequency, and 1 over the eigenvalues of T."""
+    bend, slope, level, *powers = record.columns
+    parts = (bend + c1[:, None] * slope + c2[:, None] * level, *powers)
+    return parts, 1 / eigenvalues(theta1[:, None], record.spread)
+
+
+def _terms(parts: tuple[Array, ...], weight: Array) -> tuple[Array, ...]:
+    over = [part * weight for part in parts]
+    return tuple(over[a] * parts[b] for a in range(len(parts)) for b in range(a + 1))
+
+
+def _products(
+    entries: tuple[Array, ...], c1: Array, c2: Array, theta1: Array, record: DisplacementRecord
+) -> Products:
+    """From the products of w, 1, t and t^2 to those of w and the errors' columns.
+
+    The constant becomes c2, the ramp c1 dt + c2 t, half the parabola
+    dt^2 + c1 dt (t + dt / 2) + c2 t^2 / 2, all at t - 2.
+    """
+    plain, dt = from_lower_entries(entries), record.dt
+    columns = (
+        (c2,),
+        (c1 * dt, c2),
+        (dt**2 * (1 + c1 / 2), c1 * dt, c2 / 2),
     )
-    weight = 1 / eigenvalues(theta1[:, None], record.spread)
+    with_w = [small.dot(column, plain[0][1:]) for column in columns]
+    rows = [[small.dot(column, plain[b + 1][1:]) for b in range(3)] for column in columns]
+    lower = [plain[0][0]]
+    for a in range(3):
+        lower += [with_w[a], *(small.dot(columns[b], rows[a]) for b in range(a + 1))]
     count = record.n_samples - 2.0
-    return Products(gram(parts, weight), log_determinant(theta1, count), count)
+    return Products(from_lower_entries(lower), log_determinant(theta1, count), count)
+
+
+@jax.custom_jvp
+def recorded_log_likelihood(
+    c1: Float[Array, " impact"],
+    c2: Float[Array, " impact"],
+    theta1: Float[Array, " impact"],
+    log_sigma: Float[Array, " impact"],
+    record: DisplacementRecord,
+) -> Float[Array, " impact"]:
+    """Log density of the recorded traces, errors integrated out: one pass over frequencies, two with slopes.
+
+    Args:
+        c1: 2 - phi1.
+        c2: 1 - phi1 - phi2.
+        theta1: moving-average coefficient.
+        log_sigma: log of the shocks' standard deviation [m].
+        record: the traces.
+    """
+    products = displacement_products(record, c1, c2, theta1)
+    return marginal_log_likelihood(products, log_sigma, record.error_sd)
+
+
+@recorded_log_likelihood.defjvp
+def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
+    """Slopes by way of the products take one more pass; all others are of a few numbers an impact."""
+    c1, c2, theta1, log_sigma, record = primals
+    parts, weight = _parts(record, c1, c2, theta1)
+    entries = sums_over_frequencies(_terms(parts, weight))
+
+    def density(entries: tuple[Array, ...], *shape: Array) -> Array:
+        products = _products(entries, *shape[:3], record)
+        return marginal_log_likelihood(products, shape[3], record.error_sd)
+
+    value, pull_back = jax.vjp(density, entries, c1, c2, theta1, log_sigma)
+    # Made before the second pass, not anew for each of its frequencies.
+    by_entries, *slopes = jax.lax.optimization_barrier(pull_back(jnp.ones_like(value)))
+    rows = from_lower_entries(tuple(slope[:, None] for slope in by_entries))
+    over = [part * weight for part in parts]
+    toward = [small.dot(rows[a][: a + 1], over[: a + 1]) for a in range(4)]
+    by_w = rows[0][0] * over[0] + small.dot(rows[0], over)
+    by_eigenvalue = -small.dot(toward, over)
+    more = sums_over_frequencies(
+        (
+            by_w * record.columns[1],
+            by_w * record.columns[2],
+            by_eigenvalue * (record.spread - 2 * (1 - theta1)[:, None]),
+        )
+    )
+    changes = [(slope + extra) * d for slope, extra, d in zip(slopes, more, tangents, strict=False)]
+    return value, sum(changes, slopes[3] * tangents[3])
 
 
 class MeasuredDisplacement(dist.Distribution):
@@ -166,8 +249,9 @@ class MeasuredDisplacement(dist.Distribution):
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors integrated out."""
-        products = self.products() if value is self.record.x else self._filtered(value)
-        return marginal_log_likelihood(products, self.log_sigma, self.record.error_sd)
+        if value is self.record.x:
+            return recorded_log_likelihood(*self.differences(), self.log_sigma, self.record)
+        return marginal_log_likelihood(self._filtered(value), self.log_sigma, self.record.error_sd)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces from the record's first two values on: the recursion, then the chain's errors."""

@@ -67,11 +67,6 @@ def marginal_log_likelihood(
     return -(scale + products.gram[0][0] * precision - explained) / 2 - small.log_diagonal(factor)
 
 
-def lower_entries(products: Products) -> tuple[Array, ...]:
-    """The products of column a with column b <= a, row by row."""
-    return tuple(products.gram[a][b] for a in range(len(products.gram)) for b in range(a + 1))
-
-
 def from_lower_entries(entries: Sequence[Array]) -> tuple[tuple[Array, ...], ...]:
     """The rows of a symmetric matrix from those of its lower triangle."""
     size = int((8 * len(entries) + 1) ** 0.5) // 2

@@ -68,6 +68,11 @@ def entries(matrix: Array) -> list[list[Array]]:
     return [[matrix[..., i, j] for j in range(size)] for i in range(matrix.shape[-2])]
 
 
+def dot(left: Vector, right: Vector) -> Array:
+    """The sum of products of entries, as many as the shorter of the two has."""
+    return _dot(left, right, min(len(left), len(right)))
+
+
 def _dot(left: Vector, right: Vector, count: int) -> Array:
     total = jnp.asarray(0.0)
     for k in range(count):
