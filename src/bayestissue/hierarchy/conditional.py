@@ -140,7 +140,17 @@ def impact_parameters(
     standard: Float[Array, "impact parameter"],
 ) -> list[Float[Array, " impact"]]:
     """Each impact's u from standard normals, given ``about`` = X b."""
-    parts, size = conditional.parts, len(about)
+    return impact_values(conditional.parts, summaries, about, standard)
+
+
+def impact_values(
+    parts: ImpactParts,
+    summaries: Summaries,
+    about: list[Float[Array, " impact"]],
+    standard: Float[Array, "impact parameter"],
+) -> list[Float[Array, " impact"]]:
+    """The same from the impacts' parts alone."""
+    size = len(about)
     away = [about[a] - summaries.centre[:, a] for a in range(size)]
     pulled = small.times(parts.prior, away)
     right = [summaries.slope[:, a] + pulled[a] for a in range(size)]

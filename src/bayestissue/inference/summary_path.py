@@ -25,7 +25,12 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, 
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.sampling import Draws, Progress, silent
-from bayestissue.inference.trace_correction import Points, log_corrections
+from bayestissue.inference.trace_correction import (
+    Points,
+    compare_over,
+    log_corrections,
+    standard_points,
+)
 from bayestissue.inference.trace_start import Summarised, spreads_model
 
 CANDIDATES = 4
@@ -90,7 +95,13 @@ def summary_draws(
     raw = {name: jnp.asarray(values.reshape(-1)) for name, values in found.sites.items()}
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 3)
     z_b = jax.random.normal(keys[0], (shape[0] * shape[1], model.locations.size))
-    log_weight = np.asarray(_log_weights(model, data, summaries, summarised.points, raw, z_b))
+    standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
+    some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
+    chosen = ({name: values[some] for name, values in raw.items()}, z_b[some])
+    points = compare_over(
+        model, prepared.data, summaries, _locations(model, data, summaries, *chosen), standard
+    )
+    log_weight = np.asarray(_log_weights(model, data, summaries, points, raw, z_b))
     smoothed, k = array_stats.psislw(log_weight)
     weight = np.exp(np.asarray(smoothed).reshape(shape))
     chosen = _resample(weight, np.random.default_rng([seed, 21]))
@@ -111,6 +122,20 @@ def summary_draws(
 
 def _constrained(model: TraceModel, raw: dict[str, Array]) -> dict[str, Array]:
     return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.spreads}
+
+
+@partial(jax.jit, static_argnames="model")
+def _locations(
+    model: TraceModel, data: TraceData, summaries: Summaries, raw: dict[str, Array], z_b: Array
+) -> tuple[dict[str, Array], Array]:
+    """Spreads and b of some draws."""
+
+    def one(draw: tuple[dict[str, Array], Array]) -> tuple[dict[str, Array], Array]:
+        sites = _constrained(model, draw[0])
+        found = condition(data.design, population(model, sites), data.location_mean, summaries)
+        return sites, locations(found, draw[1])
+
+    return jax.lax.map(one, (raw, z_b))
 
 
 @partial(jax.jit, static_argnames="model")

@@ -23,6 +23,7 @@ from bayestissue.hierarchy.conditional import (
     condition,
     impact_parameters,
     impact_parts,
+    impact_values,
     log_evidence_of,
 )
 from bayestissue.hierarchy.population import Spread, expected
@@ -124,24 +125,72 @@ def _evidence(spread: Spread, summaries: Summaries, about: Array) -> Array:
     return log_evidence_of(impact_parts(spread, summaries), summaries, columns)
 
 
-def log_corrections(
-    points: Points,
+@partial(jax.jit, static_argnames="model")
+def compare_over(
+    model: TraceModel,
+    data: TraceData,
     summaries: Summaries,
-    parts: ImpactParts,
-    about: list[Array],
+    draws: tuple[dict[str, Array], Array],
+    standard: Float[Array, "point parameter"],
+) -> Points:
+    """Compare at one point from each of several draws of the population, (spreads, b).
+
+    The points' density is the mixture over these draws, so that wherever the posterior lets an impact's
+    parameters be, there are points.
+    """
+    count, size = summaries.centre.shape
+
+    def one(part: tuple[dict[str, Array], Array, Array]) -> tuple[Array, Array, Array, Array]:
+        sites, b, z = part
+        parts = impact_parts(population(model, sites), summaries)
+        about = expected(data.design, model.locations, b)
+        shift, factor = _conditional(parts, summaries, about)
+        u = impact_values(parts, summaries, about, jnp.broadcast_to(z, (count, size)))
+        found = log_likelihood(model, data, u) - summaries.log_summary(u)
+        ratio = jnp.where(jnp.isfinite(found), found, -jnp.inf)
+        return jnp.stack(u, axis=-1), ratio, shift, factor
+
+    u, log_ratio, shifts, factors = jax.lax.map(one, (*draws, standard))
+
+    def add(total: Array, part: tuple[Array, Array]) -> tuple[Array, None]:
+        own = _log_normal(u, summaries, *part)
+        return jnp.logaddexp(total, own), None
+
+    start = jnp.full(log_ratio.shape, -jnp.inf)
+    log_density, _ = jax.lax.scan(add, start, (shifts, factors))
+    return Points(u, log_density, log_ratio)
+
+
+def log_corrections(
+    points: Points, summaries: Summaries, parts: ImpactParts, about: list[Array]
 ) -> Float[Array, " impact"]:
     """Log of each trace's true evidence over its summary's, given X b and the spreads.
 
     The mean of likelihood over summary under the normal conditional of u, by reweighting the points.
     """
+    log_weight = _log_normal(points.u, summaries, *_conditional(parts, summaries, about))
+    log_weight = log_weight - points.log_density
+    return jax.nn.logsumexp(log_weight + points.log_ratio, axis=0) - jax.nn.logsumexp(log_weight, axis=0)
+
+
+def _conditional(parts: ImpactParts, summaries: Summaries, about: list[Array]) -> tuple[Array, Array]:
+    """L^-1 (g + D (X b - m)) and L of the normal conditional of u, with L L' = P + D."""
     size = len(about)
     away = [about[a] - summaries.centre[:, a] for a in range(size)]
     pulled = small.times(parts.prior, away)
-    right = small.forward_solve(parts.factor, [summaries.slope[:, a] + pulled[a] for a in range(size)])
-    # L' (u - m) less L^-1 of the pull is standard normal under the conditional.
-    moved = [points.u[..., a] - summaries.centre[:, a] for a in range(size)]
-    standard = [
-        sum(parts.factor[b][a] * moved[b] for b in range(a, size)) - right[a] for a in range(size)
+    shift = small.forward_solve(parts.factor, [summaries.slope[:, a] + pulled[a] for a in range(size)])
+    lower = [
+        [parts.factor[a][b] if b <= a else jnp.zeros_like(shift[0]) for b in range(size)] for a in range(size)
     ]
-    log_weight = -sum(z**2 for z in standard) / 2 - points.log_density
-    return jax.nn.logsumexp(log_weight + points.log_ratio, axis=0) - jax.nn.logsumexp(log_weight, axis=0)
+    return jnp.stack(shift), jnp.stack([jnp.stack(row) for row in lower])
+
+
+def _log_normal(u: Array, summaries: Summaries, shift: Array, factor: Array) -> Array:
+    """Log density at the points, up to a constant: L' (u - m) - L^-1 (...) is standard normal."""
+    size = u.shape[-1]
+    moved = [u[..., a] - summaries.centre[:, a] for a in range(size)]
+    total = jnp.log(jnp.stack([factor[a, a] for a in range(size)])).sum(0)
+    for a in range(size):
+        z = sum(factor[b, a] * moved[b] for b in range(a, size)) - shift[a]
+        total = total - z**2 / 2
+    return total
