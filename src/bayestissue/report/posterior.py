@@ -16,6 +16,7 @@ from bayestissue.report.wording import (
     number,
     probability,
     relative,
+    significant,
 )
 
 Quantity = Literal["K", "C"]
@@ -56,13 +57,20 @@ class Spread:
         return decimals_of(self.high - self.low)
 
     @property
+    def manifold(self) -> bool:
+        """Whether the interval is positive and its ends differ tenfold: each then has digits of its own."""
+        return 0 < 10 * self.low < self.high
+
+    @property
     def value(self) -> str:
         """The median in words."""
-        return number(self.median, self.decimals)
+        return significant(self.median, 2) if self.manifold else number(self.median, self.decimals)
 
     @property
     def range(self) -> str:
         """The interval in words."""
+        if self.manifold:
+            return f"{significant(self.low, 2)} to {significant(self.high, 2)}"
         return interval(self.low, self.high, self.decimals)
 
     @property

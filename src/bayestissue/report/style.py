@@ -9,6 +9,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
+from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullLocator
 
 INK = "#1f2328"
 MUTED = "#6a737d"
@@ -21,6 +22,8 @@ PALETTE = ("#0072B2", "#E69F00", "#000000", "#D55E00", "#56B4E9", "#CC79A7", "#0
 POSTERIOR, PUBLISHED, REFERENCE = PALETTE[0], PALETTE[3], INK
 
 PANEL = (4.8, 3.5)
+
+_FEW_FOLD, _MANY_FOLD = 8, 1e5
 
 _RC: dict[str, Any] = {
     "axes.edgecolor": MUTED,
@@ -63,6 +66,17 @@ def style() -> Iterator[None]:
         mpl.rcdefaults()
         mpl.rcParams.update(_RC)
         yield
+
+
+def log_ticks(axis: Any, values: Any) -> None:
+    """Label a logarithmic ``axis`` over ``values`` in plain numbers, as many as there is room for."""
+    positive = [float(value) for value in values if value > 0]
+    span = max(positive) / min(positive) if positive else 1.0
+    axis.set_major_locator(
+        LogLocator(subs=tuple(range(1, 10)) if span < _FEW_FOLD else (1, 2, 5), numticks=50)
+    )
+    axis.set_major_formatter("{x:g}" if span < _MANY_FOLD else LogFormatterSciNotation())
+    axis.set_minor_locator(NullLocator())
 
 
 def new_figure(

@@ -12,9 +12,11 @@ from bayestissue.report.fit.estimates import side_by_side
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
 from bayestissue.report.posterior_figures import NAMES
-from bayestissue.report.style import PALETTE, POSTERIOR, REFERENCE, new_figure, style
+from bayestissue.report.style import PALETTE, POSTERIOR, REFERENCE, log_ticks, new_figure, style
 from bayestissue.report.wording import UNITS
 
+# In percent off the posterior: nothing positive lies lower than -100.
+_BELOW_ZERO = -105.0
 _EXACT, _DDS = PALETTE[1], PALETTE[3]
 
 
@@ -34,9 +36,7 @@ def estimates_figure(run: FitRun, quantity: str) -> Markup:
             place, table["dds"], "D", ms=3.2, mfc="none", color=_DDS, label="thesis's method (dds)"
         )
         above.set(ylabel=f"{quantity} ({UNITS[quantity]})")
-        above.yaxis.set_major_formatter("{x:g}")
-        above.yaxis.set_minor_formatter("{x:g}")
-        above.tick_params(axis="y", which="minor", labelsize=7.5)
+        log_ticks(above.yaxis, table[["median", "exact", "dds"]].to_numpy().ravel())
         off_scale = _deviations(below, table, place)
         below.set(
             xlabel=f"impacts, in the order of their posterior {quantity}",
@@ -68,5 +68,6 @@ def _deviations(axes: Any, table: pd.DataFrame, place: np.ndarray) -> int:
     near = np.nanpercentile(off[["eti90_low", "eti90_high", "truth"]].abs(), 99)
     limit = 1.6 * max(near, 1e-3)
     axes.axhline(0, color=POSTERIOR, lw=0.6)
-    axes.set_ylim(-limit, limit)
-    return int((off[["exact", "dds"]].abs() > limit).sum().sum())
+    lowest = max(-limit, _BELOW_ZERO)
+    axes.set_ylim(lowest, limit)
+    return int(((off[["exact", "dds"]] > limit) | (off[["exact", "dds"]] < lowest)).sum().sum())

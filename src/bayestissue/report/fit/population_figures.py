@@ -11,7 +11,16 @@ from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
 from bayestissue.report.posterior import QUANTITIES, Quantity
 from bayestissue.report.posterior_figures import NAMES
-from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, PUBLISHED, REFERENCE, new_figure, style
+from bayestissue.report.style import (
+    MUTED,
+    PALETTE,
+    POSTERIOR,
+    PUBLISHED,
+    REFERENCE,
+    log_ticks,
+    new_figure,
+    style,
+)
 from bayestissue.report.wording import UNITS
 
 GROUPS = {"subject": "person", "trial": "condition", "impact": "impact"}
@@ -41,6 +50,7 @@ def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
             yticks=height,
             yticklabels=[names[place] for place in order],
             ylabel=GROUPS[level],
+            ylim=(-0.6, order.size - 0.4),
         )
         axes.grid(visible=False, axis="y")
         return figure(
@@ -99,10 +109,8 @@ def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
             xlabel="mass of the impactor, M (kg)",
             ylabel=f"{NAMES[quantity]} ({UNITS[quantity]})",
         )
-        for axis in (axes.xaxis, axes.yaxis):
-            axis.set_major_formatter("{x:g}")
-            axis.set_minor_formatter("{x:g}")
-        axes.tick_params(which="minor", labelsize=7)
+        log_ticks(axes.xaxis, mass)
+        log_ticks(axes.yaxis, table[["median", "dds"]].to_numpy().ravel())
         fig.legend(loc="outside upper left", ncols=2, fontsize=7.5)
         return figure(
             fig,
