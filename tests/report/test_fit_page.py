@@ -83,10 +83,11 @@ def test_the_page_tells_chain_scores_priors_limits_and_provenance(html):
 
 
 def test_failed_diagnostics_are_loud_on_the_first_screen_of_any_likelihood(tmp_path):
-    html = page_of(make_fit_run(tmp_path, passed=False, likelihood="impact"))
+    html = page_of(make_fit_run(tmp_path, passed=False, likelihood="impact", coloured=True))
     assert "DIAGNOSTICS FAILED" in first_screen(html)
     assert 'class="verdict failed"' in first_screen(html)
     assert "Draw longer chains." in html
+    assert "recorded noise is not what this model assumes" in plain(first_screen(html))
     assert "accelerometer with white noise" in plain(html)
     assert "models/impact.toml" not in html
 
