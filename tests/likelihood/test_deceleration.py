@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
 from bayestissue.likelihood.deceleration import DecelerationRecord, MeasuredDeceleration
+from bayestissue.likelihood.linear_errors import marginal_log_likelihood
 from bayestissue.oscillator import impact_motion
 
 RNG = np.random.default_rng(11)
@@ -113,6 +114,23 @@ def test_slopes_are_central_differences() -> None:
         )
         # Third derivatives times step squared, and rounding of a density of some hundreds over the step.
         assert_allclose(slope, (ahead - behind) / (2 * step), rtol=1e-6, atol=1e-13 * 500 / step.min())
+
+
+def test_slopes_in_closed_form_are_those_of_the_plain_path() -> None:
+    at = [jnp.asarray(p) for p in (OMEGA_N, ZETA, LOG_SIGMA)]
+
+    def plain(*parts: jax.Array) -> jax.Array:
+        distribution = MeasuredDeceleration(*parts, RECORD)
+        products = distribution.products()
+        return marginal_log_likelihood(products, distribution.log_sigma, RECORD.error_sd)
+
+    assert_allclose(densities(*at), jax.jit(plain)(*at), rtol=1e-12)
+    for k in range(3):
+        fast, slow = (
+            jax.jit(jax.grad(lambda *parts, f=f: f(*parts).sum(), argnums=k))(*at) for f in (densities, plain)
+        )
+        # Both are differences of sums over some tens of samples, the greatest of which set the rounding.
+        assert_allclose(fast, slow, rtol=1e-9, atol=1e-11 * np.abs(slow).max())
 
 
 def test_curvature_is_the_difference_of_slopes() -> None:

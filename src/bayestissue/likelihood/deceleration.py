@@ -128,9 +128,9 @@ def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
     w2 = motion.x - p * w1 - q * motion.w
     w3 = motion.v - p * w2 - q * w1
     w4 = -(p * motion.v + q * motion.x) - p * w3 - q * w2
-    by_q, by_p = sums_over_frequencies(
-        (inside * (by_unit * w2 + by_jerk * w3), inside * (by_unit * w3 + by_jerk * w4))
-    )
+    # Two loops: one of both sums has more in hand than a processor has registers.
+    (by_q,) = sums_over_frequencies((inside * (by_unit * w2 + by_jerk * w3),))
+    (by_p,) = sums_over_frequencies((inside * (by_unit * w3 + by_jerk * w4),))
     slopes = (2 * omega_n * by_q + 2 * zeta * by_p, 2 * omega_n * by_p, by_log_sigma)
     return value, sum(slope * tangent for slope, tangent in zip(slopes, tangents[:3], strict=True))
 
