@@ -12,7 +12,7 @@ import pandas as pd
 
 from bayestissue.errors import InputError, Problem
 
-_AGAIN = "Give the folder of a finished run, or make it anew with the command that made it."
+_AGAIN = "Give the folder of a finished run, or make it anew with `bayestissue fit` or `bayestissue reproduce`."
 
 
 @dataclass(frozen=True)
