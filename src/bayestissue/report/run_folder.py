@@ -12,7 +12,9 @@ import pandas as pd
 
 from bayestissue.errors import InputError, Problem
 
-_AGAIN = "Give the folder of a finished run, or make it anew with `bayestissue fit` or `bayestissue reproduce`."
+_AGAIN = (
+    "Give the folder of a finished run, or make it anew with `bayestissue fit` or `bayestissue reproduce`."
+)
 
 
 @dataclass(frozen=True)
