@@ -33,7 +33,7 @@ from bayestissue.inference.trace_correction import (
 )
 from bayestissue.inference.trace_start import Summarised, spreads_model
 
-CANDIDATES = 4
+CANDIDATES = 8
 PARETO_LIMIT = 0.7
 
 
@@ -79,12 +79,13 @@ def summary_draws(
     from arviz_stats.base import array_stats
 
     model, summaries, spreads = prepared.model, summarised.summaries, summarised.spreads
+    profile = summarised.profile
     # The record stays behind: the population asks only for the summaries.
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
     start = Start(spreads.mode, tuple(sorted(spreads.mode)), spreads.covariance)
     found = run_chains(
         partial(spreads_model, model),
-        (data, summaries),
+        (data, summaries, profile),
         start,
         settings,
         seed,
@@ -95,11 +96,13 @@ def summary_draws(
     raw = {name: jnp.asarray(values.reshape(-1)) for name, values in found.sites.items()}
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 3)
     z_b = jax.random.normal(keys[0], (shape[0] * shape[1], model.locations.size))
+    if profile is not None:
+        z_b = z_b.at[:, -1].set(raw.pop("standard_last"))
     standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
     chosen = ({name: values[some] for name, values in raw.items()}, z_b[some])
     points = compare_over(
-        model, prepared.data, summaries, _locations(model, data, summaries, *chosen), standard
+        model, prepared.data, summaries, _locations(model, data, summaries, *chosen), standard, profile
     )
     log_weight = np.asarray(_log_weights(model, data, summaries, points, raw, z_b))
     smoothed, k = array_stats.psislw(log_weight)
@@ -107,9 +110,7 @@ def summary_draws(
     chosen = _resample(weight, np.random.default_rng([seed, 21]))
     raw = {name: values[chosen] for name, values in raw.items()}
     z_b = z_b[chosen]
-    z_u = _standard_impacts(
-        model, prepared.data, summaries, raw, z_b, jax.random.split(keys[2], len(chosen))
-    )
+    z_u = _standard_impacts(model, prepared.data, summaries, raw, z_b, jax.random.split(keys[2], len(chosen)))
     sites = {**raw, "standard_locations": z_b, "standard_impacts": z_u}
     draws = Draws(
         {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},

@@ -125,6 +125,73 @@ def _evidence(spread: Spread, summaries: Summaries, about: Array) -> Array:
     return log_evidence_of(impact_parts(spread, summaries), summaries, columns)
 
 
+class Profile(NamedTuple):
+    """Log likelihood of each impact's last parameter on an even grid, the others integrated out.
+
+    For theta1, which a trace may leave open all the way to -1: no normal describes such a likelihood.
+
+    Attributes:
+        first, step: of the grid.
+        log_likelihood: relative to the summary, which has no word on the last parameter.
+    """
+
+    first: Array
+    step: Array
+    log_likelihood: Float[Array, "grid impact"]
+
+    def at(self, value: Float[Array, "*batch impact"]) -> Float[Array, "*batch impact"]:
+        """Cubic interpolation, level beyond the grid."""
+        number = self.log_likelihood.shape[0]
+        place = jnp.clip((value - self.first) / self.step, 0.0, number - 1.0)
+        index = jnp.clip(jnp.floor(place).astype(int), 1, number - 3)
+        t = place - index
+        columns = jnp.arange(self.log_likelihood.shape[1])
+        a, b, c, d = (self.log_likelihood[index + k, columns] for k in (-1, 0, 1, 2))
+        bend = a * (-0.5) + 1.5 * b - 1.5 * c + 0.5 * d
+        return ((bend * t + a - 2.5 * b + 2 * c - 0.5 * d) * t + (c - a) / 2) * t + b
+
+    def log_evidence(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
+        """Log of the integral over a normal last parameter, by Gauss-Hermite quadrature."""
+        points = mean + sd * jnp.asarray(_HERMITE[0])[:, None]
+        return jax.nn.logsumexp(self.at(points), axis=0, b=jnp.asarray(_HERMITE[1])[:, None])
+
+
+_GRID = np.linspace(-8.0, 8.0, 161)
+_HERMITE = (lambda x, w: (x, w / w.sum()))(*np.polynomial.hermite_e.hermegauss(32))
+
+
+@partial(jax.jit, static_argnames="model")
+def profile_last(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    sites: dict[str, Any],
+    standard: Float[Array, "point parameter"],
+) -> tuple[Summaries, Profile]:
+    """Tabulate the last parameter's likelihood, and clear the summaries of it."""
+    last = summaries.centre.shape[1] - 1
+    precision = summaries.precision.at[:, last, :].set(0.0).at[:, :, last].set(0.0)
+    cleared = summaries._replace(precision=precision, slope=summaries.slope.at[:, last].set(0.0))
+    parts = impact_parts(population(model, sites), cleared)
+    conditional = condition(data.design, population(model, sites), data.location_mean, cleared)
+    about = expected(data.design, model.locations, conditional.mean)
+    count = summaries.centre.shape[0]
+
+    def one(value: Array) -> Array:
+        def ratio(z: Array) -> Array:
+            u = impact_values(parts, cleared, about, jnp.broadcast_to(z, (count, last + 1)))
+            u = [*u[:last], jnp.full(count, value)]
+            found = log_likelihood(model, data, u) - cleared.log_summary(u)
+            return jnp.where(jnp.isfinite(found), found, -1e6)
+
+        ratios = jax.vmap(ratio)(standard)
+        return jax.nn.logsumexp(ratios, axis=0) - jnp.log(standard.shape[0])
+
+    table = jnp.maximum(jax.lax.map(one, jnp.asarray(_GRID)), -1e6)
+    first, step = jnp.asarray(_GRID[0]), jnp.asarray(_GRID[1] - _GRID[0])
+    return cleared, Profile(first, step, table)
+
+
 @partial(jax.jit, static_argnames="model")
 def compare_over(
     model: TraceModel,
@@ -132,11 +199,13 @@ def compare_over(
     summaries: Summaries,
     draws: tuple[dict[str, Array], Array],
     standard: Float[Array, "point parameter"],
+    profile: Profile | None = None,
 ) -> Points:
     """Compare at one point from each of several draws of the population, (spreads, b).
 
     The points' density is the mixture over these draws, so that wherever the posterior lets an impact's
-    parameters be, there are points.
+    parameters be, there are points. A last parameter that has a profile is left out of them: what is
+    compared is the rest, whatever that parameter is.
     """
     count, size = summaries.centre.shape
 
@@ -151,6 +220,9 @@ def compare_over(
         return jnp.stack(u, axis=-1), ratio, shift, factor
 
     u, log_ratio, shifts, factors = jax.lax.map(one, (*draws, standard))
+    if profile is not None:
+        log_ratio = log_ratio - jax.lax.map(profile.at, u[..., -1])
+        u = u[..., :-1]
 
     def add(total: Array, part: tuple[Array, Array]) -> tuple[Array, None]:
         own = _log_normal(u, summaries, *part)

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
+import numpyro.distributions as dist
 from jax import Array
 from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
@@ -22,10 +23,17 @@ from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, population, sample_spreads
 from bayestissue.inference.point import PointFit, fit_points
-from bayestissue.inference.trace_correction import Points, compare, refine, standard_points
+from bayestissue.inference.trace_correction import (
+    Profile,
+    compare,
+    profile_last,
+    refine,
+    standard_points,
+)
 from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
 
 REFINEMENTS = 2
+FEW = 4
 _NEAREST = 0.99
 _STEP = 1e-4
 
@@ -45,10 +53,21 @@ class Spreads:
     covariance: np.ndarray
 
 
-def spreads_model(model: TraceModel, data: TraceData, summaries: Summaries) -> None:
-    """The numpyro model of the standard deviations alone, everything else integrated out."""
+def spreads_model(
+    model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None = None
+) -> None:
+    """The numpyro model of the standard deviations alone, everything else integrated out.
+
+    With a profile of the last parameter, its mean is sampled too, since only a normal integrates in closed
+    form. That mean is the last element of b, and so depends on the last standard normal alone.
+    """
     spread = population(model, sample_spreads(model))
-    numpyro.factor("summaries", condition(data.design, spread, data.location_mean, summaries).log_evidence)
+    found = condition(data.design, spread, data.location_mean, summaries)
+    numpyro.factor("summaries", found.log_evidence)
+    if profile is not None:
+        z = numpyro.sample("standard_last", dist.Normal())
+        mean = found.mean[-1] + z / found.factor[-1, -1]
+        numpyro.factor("profile", profile.log_evidence(mean, spread.nuisance[-1]).sum())
 
 
 def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
@@ -58,7 +77,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     omega_n = np.pi / 2 / signal.time_to_peak
     stiffness = np.where(np.isfinite(fit.K) & (fit.K > 0), fit.K, signal.mass * omega_n**2)
     lightly = 0.1 * np.sqrt(stiffness * signal.mass)
-    damping = np.where(np.isfinite(fit.C) & (fit.C > 0.02 * lightly), fit.C, lightly)
+    damping = np.where(np.isfinite(fit.C) & (0.02 * lightly < fit.C), fit.C, lightly)
     columns = [np.log(stiffness), np.log(damping), _noise(prepared, fit)]
     if kind == "arma":
         # artanh has no value at -1 and 1, where point estimates like to lie.
@@ -78,12 +97,12 @@ def _noise(prepared: Prepared, fit: PointFit) -> np.ndarray:
 class Summarised:
     """All that the sampler needs to know of the traces beforehand.
 
-    ``points`` compare likelihood and summary; see `bayestissue.inference.trace_correction`.
+    ``profile`` is what the traces say of theta1, where the model leaves it free.
     """
 
     summaries: Summaries
     spreads: Spreads
-    points: Points
+    profile: Profile | None
 
 
 def summarise(prepared: Prepared, *, say: Callable[[int, int], None] = _silent) -> Summarised:
@@ -111,15 +130,24 @@ def summarise(prepared: Prepared, *, say: Callable[[int, int], None] = _silent) 
         summaries = refine(model, data, summaries, sites, points)
         say(3 + number, passes)
     mode = finder.mode(summaries, mode)
-    points = compare(model, data, summaries, finder.constrained(mode, summaries), standard)
-    return Summarised(summaries, finder.spreads(summaries, mode), points)
+    if model.kind != "arma":
+        return Summarised(summaries, finder.spreads(summaries, mode), None)
+    few = standard_points(start.shape[1], FEW)
+    sites = finder.constrained(mode, summaries)
+    summaries, profile = profile_last(model, data, summaries, sites, jnp.asarray(few))
+    finder = _SpreadsFinder(model, data, summaries, profile)
+    mode = finder.mode(summaries, None)
+    return Summarised(summaries, finder.spreads(summaries, mode), profile)
 
 
 class _SpreadsFinder:
     """Posterior mode of the standard deviations, compiled once for all passes."""
 
-    def __init__(self, model: TraceModel, data: TraceData, summaries: Summaries) -> None:
-        whole = partial(spreads_model, model)
+    def __init__(
+        self, model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None = None
+    ) -> None:
+        data = data._replace(record=None)  # type: ignore[arg-type]
+        whole = partial(spreads_model, model, profile=profile)
         info = initialize_model(jax.random.key(0), whole, model_args=(data, summaries), dynamic_args=True)
         self._flat, self._unravel = ravel_pytree(info.param_info.z)
         potential_of, self._post = info.potential_fn, info.postprocess_fn

@@ -96,7 +96,10 @@ def start_of(prepared: Prepared, summarised: Summarised) -> Start:
         "standard_impacts": np.zeros(summarised.summaries.centre.shape),
     }
     spreads = summarised.spreads
-    return Start({**spreads.mode, **middle}, tuple(sorted(spreads.mode)), spreads.covariance)
+    names = [name for name in sorted(spreads.mode) if name in prepared.model.spreads]
+    kept = np.array([name in names for name in sorted(spreads.mode)])
+    mode = {name: spreads.mode[name] for name in names}
+    return Start({**mode, **middle}, tuple(names), spreads.covariance[np.ix_(kept, kept)])
 
 
 def label(
