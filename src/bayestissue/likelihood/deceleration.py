@@ -48,12 +48,12 @@ class DecelerationRecord(NamedTuple):
 
     @classmethod
     def of(cls, *arrays: np.ndarray) -> DecelerationRecord:
-        """From numpy arrays in the order of the attributes; values past a row's end are cleared."""
-        d, n_samples, *rest = (jnp.asarray(array) for array in arrays)
+        """From numpy arrays in the order of the attributes, but the last; values past a row's end are cleared."""
+        d, n_samples, first_time, dt, velocity, error_sd = (jnp.asarray(array) for array in arrays)
         d = jnp.where(jnp.arange(d.shape[1]) < n_samples[:, None], d, 0.0)
         width = FILLED * -(-d.shape[1] // FILLED)
         padded = np.pad(np.asarray(d), ((0, 0), (0, width - d.shape[1])))
-        return cls(d, n_samples, *rest, in_blocks(padded))
+        return cls(d, n_samples, first_time, dt, velocity, error_sd, in_blocks(padded))
 
 
 @jax.custom_jvp

@@ -179,9 +179,9 @@ def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
     parts, weight = _parts(record, c1, c2, theta1)
     entries = sums_over_frequencies(_terms(parts, weight))
 
-    def density(entries: tuple[Array, ...], *shape: Array) -> Array:
-        products = _products(entries, *shape[:3], record)
-        return marginal_log_likelihood(products, shape[3], record.error_sd)
+    def density(entries: tuple[Array, ...], c1: Array, c2: Array, theta1: Array, log_sigma: Array) -> Array:
+        products = _products(entries, c1, c2, theta1, record)
+        return marginal_log_likelihood(products, log_sigma, record.error_sd)
 
     value, pull_back = jax.vjp(density, entries, c1, c2, theta1, log_sigma)
     # Made before the second pass, not anew for each of its frequencies.

@@ -1,0 +1,72 @@
+"""Time the log densities that `bayestissue fit` evaluates on the traces of data/example, and their gradients.
+
+    python benchmarks/trace_likelihood.py
+
+For each likelihood of traces: the log density of all 90 impacts at their point estimates, and it with its
+gradient by each impact's own parameters, errors of the measuring chain integrated out. Beside it the same
+density of a value that is not the recorded one, which goes another way, differentiated by JAX: displacements
+through a filter, decelerations through the motion sample by sample. The contenders take turns; least of many.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from bayestissue.dataset import read_dataset
+from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.trace_data import KINDS, prepare
+from bayestissue.hierarchy.traces import Kind, observed, trace_distribution
+from bayestissue.inference.trace_start import first_guess
+from bayestissue.runtime import configure
+
+ROUNDS, BURST = 100, 10
+HERE = Path(__file__).resolve().parents[1]
+
+
+def calls(kind: Kind) -> dict[str, Callable[[], Any]]:
+    """Log density and gradient, recorded value and other value."""
+    specification = read_specification(HERE / "models" / f"{kind}.toml")
+    prepared = prepare(read_dataset(HERE / "data" / "example"), specification, source=kind)
+    model, data, u = prepared.model, prepared.data, list(jnp.asarray(first_guess(prepared)).T)
+
+    def recorded(u: list[jax.Array], data: Any) -> jax.Array:
+        return trace_distribution(model, data, u).log_prob(observed(data)).sum()
+
+    def other(u: list[jax.Array], data: Any) -> jax.Array:
+        return trace_distribution(model, data, u).log_prob(observed(data) + 0.0).sum()
+
+    made = {}
+    for name, density in (("recorded", recorded), ("other", other)):
+        value, both = jax.jit(density), jax.jit(jax.value_and_grad(density))
+        made[f"{name}, value"] = lambda value=value: value(u, data)
+        made[f"{name}, value and gradient"] = lambda both=both: both(u, data)
+    return made
+
+
+def least(contenders: dict[str, Callable[[], Any]]) -> dict[str, float]:
+    """The least time of a call of each [ms]."""
+    times = dict.fromkeys(contenders, float("inf"))
+    for _ in range(ROUNDS):
+        for name, call in contenders.items():
+            for _ in range(BURST):
+                begin = perf_counter()
+                jax.block_until_ready(call())
+                times[name] = min(times[name], 1e3 * (perf_counter() - begin))
+    return times
+
+
+def main() -> None:
+    configure()
+    for kind in KINDS:
+        for name, time in least(calls(kind)).items():
+            print(f"{kind:7} {name:30} {time:7.3f} ms")
+
+
+if __name__ == "__main__":
+    main()
