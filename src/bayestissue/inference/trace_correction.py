@@ -156,6 +156,12 @@ class Profile(NamedTuple):
         return jax.nn.logsumexp(self.at(points), axis=0, b=jnp.asarray(_HERMITE[1])[:, None])
 
 
+def flat_profile(impacts: int) -> Profile:
+    """A profile that says nothing."""
+    first, step = jnp.asarray(_GRID[0]), jnp.asarray(_GRID[1] - _GRID[0])
+    return Profile(first, step, jnp.zeros((len(_GRID), impacts)))
+
+
 _GRID = np.linspace(-8.0, 8.0, 161)
 _HERMITE = (lambda x, w: (x, w / w.sum()))(*np.polynomial.hermite_e.hermegauss(32))
 
@@ -188,8 +194,7 @@ def profile_last(
         return jax.nn.logsumexp(ratios, axis=0) - jnp.log(standard.shape[0])
 
     table = jnp.maximum(jax.lax.map(one, jnp.asarray(_GRID)), -1e6)
-    first, step = jnp.asarray(_GRID[0]), jnp.asarray(_GRID[1] - _GRID[0])
-    return cleared, Profile(first, step, table)
+    return cleared, flat_profile(count)._replace(log_likelihood=table)
 
 
 @partial(jax.jit, static_argnames="model")

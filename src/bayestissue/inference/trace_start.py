@@ -26,6 +26,7 @@ from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.trace_correction import (
     Profile,
     compare,
+    flat_profile,
     profile_last,
     refine,
     standard_points,
@@ -117,7 +118,8 @@ def summarise(prepared: Prepared, *, say: Callable[[int, int], None] = _silent) 
     passes = 2 + REFINEMENTS
     summaries = summarise_traces(model, data, jnp.asarray(start), loose_anchor(start))
     say(1, passes)
-    finder = _SpreadsFinder(model, data, summaries)
+    profile = flat_profile(len(start)) if model.kind == "arma" else None
+    finder = _SpreadsFinder(model, data, summaries, profile)
     mode = finder.mode(summaries, None)
     anchor = _anchor(model, data, summaries, finder.constrained(mode, summaries))
     summaries = summarise_traces(model, data, summaries.centre, anchor)
@@ -135,8 +137,8 @@ def summarise(prepared: Prepared, *, say: Callable[[int, int], None] = _silent) 
     few = standard_points(start.shape[1], FEW)
     sites = finder.constrained(mode, summaries)
     summaries, profile = profile_last(model, data, summaries, sites, jnp.asarray(few))
-    finder = _SpreadsFinder(model, data, summaries, profile)
-    mode = finder.mode(summaries, None)
+    finder.profile = profile
+    mode = finder.mode(summaries, mode)
     return Summarised(summaries, finder.spreads(summaries, mode), profile)
 
 
@@ -147,33 +149,38 @@ class _SpreadsFinder:
         self, model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None = None
     ) -> None:
         data = data._replace(record=None)  # type: ignore[arg-type]
-        whole = partial(spreads_model, model, profile=profile)
-        info = initialize_model(jax.random.key(0), whole, model_args=(data, summaries), dynamic_args=True)
+        whole = partial(spreads_model, model)
+        self.profile = profile
+        info = initialize_model(
+            jax.random.key(0), whole, model_args=(data, summaries, profile), dynamic_args=True
+        )
         self._flat, self._unravel = ravel_pytree(info.param_info.z)
         potential_of, self._post = info.potential_fn, info.postprocess_fn
         self._data = data
 
-        def potential(flat: Array, data: TraceData, summaries: Summaries) -> Array:
-            return potential_of(data, summaries)(self._unravel(flat))
+        def potential(flat: Array, data: TraceData, summaries: Summaries, profile: Profile | None) -> Array:
+            return potential_of(data, summaries, profile)(self._unravel(flat))
 
         self._value_and_gradient = jax.jit(jax.value_and_grad(potential))
 
     def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
         def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
-            value, gradient = self._value_and_gradient(flat, self._data, summaries)
+            value, gradient = self._value_and_gradient(flat, self._data, summaries, self.profile)
             return float(value), np.asarray(gradient)
 
         begin = np.full(self._flat.shape, -1.5) if start is None else start
         return minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=[(-9, 5)] * len(begin)).x
 
     def constrained(self, flat: np.ndarray, summaries: Summaries) -> dict[str, Array]:
-        return self._post(self._data, summaries)(self._unravel(jnp.asarray(flat)))
+        return self._post(self._data, summaries, self.profile)(self._unravel(jnp.asarray(flat)))
 
     def spreads(self, summaries: Summaries, flat: np.ndarray) -> Spreads:
         steps = _STEP * np.eye(len(flat))
         slopes = [
             [
-                np.asarray(self._value_and_gradient(flat + side * step, self._data, summaries)[1])
+                np.asarray(
+                    self._value_and_gradient(flat + side * step, self._data, summaries, self.profile)[1]
+                )
                 for step in steps
             ]
             for side in (1, -1)
