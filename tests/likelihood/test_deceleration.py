@@ -133,6 +133,17 @@ def test_slopes_in_closed_form_are_those_of_the_plain_path() -> None:
         assert_allclose(fast, slow, rtol=1e-9, atol=1e-11 * np.abs(slow).max())
 
 
+def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
+    def total(shift: jax.Array) -> jax.Array:
+        return densities(shift * OMEGA_N, jnp.asarray(ZETA), jnp.asarray(LOG_SIGMA)).sum()
+
+    both, shifts = jax.value_and_grad(total), jnp.array([0.9, 1.0, 1.2])
+    values, slopes = jax.jit(jax.vmap(both))(shifts)
+    for shift, value, slope in zip(shifts, values, slopes, strict=True):
+        # The same sums in another order.
+        assert_allclose((value, slope), jax.jit(both)(shift), rtol=1e-10)
+
+
 def test_curvature_is_the_difference_of_slopes() -> None:
     at = jnp.stack([jnp.asarray(p) for p in (OMEGA_N, ZETA, LOG_SIGMA)])
     total = lambda p: densities(*p).sum()  # noqa: E731

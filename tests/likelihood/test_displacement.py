@@ -112,3 +112,64 @@ def test_slopes_are_central_differences(theta1: np.ndarray | None) -> None:
         )
         # Third derivatives times step squared, and rounding of a density of some hundreds over the step.
         assert_allclose(slope, (ahead - behind) / (2 * step), rtol=2e-6, atol=1e-13 * 500 / step.min())
+
+
+def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
+    shifts = jnp.array([0.9, 1.0, 1.2])
+
+    def total(shift: jax.Array) -> jax.Array:
+        rest = tuple(map(jnp.asarray, (ZETA, THETA1, LOG_SIGMA)))
+        return MeasuredDisplacement(shift * OMEGA_N, *rest, RECORD).log_prob(RECORD.x).sum()
+
+    both = jax.value_and_grad(total)
+    values, slopes = jax.jit(jax.vmap(both))(shifts)
+    for shift, value, slope in zip(shifts, values, slopes, strict=True):
+        # The same sums in another order.
+        assert_allclose((value, slope), jax.jit(both)(shift), rtol=1e-10)
+
+
+def test_curvature_is_the_difference_of_slopes() -> None:
+    shared = [jnp.asarray(p) for p in (OMEGA_N, ZETA, THETA1, LOG_SIGMA)]
+    at = jnp.stack(shared)[:, 3]
+
+    def density(p: jax.Array) -> jax.Array:
+        full = [q.at[3].set(p[k]) for k, q in enumerate(shared)]
+        return MeasuredDisplacement(*full, RECORD).log_prob(RECORD.x)[3]
+
+    curvature, slopes = jax.jit(jax.hessian(density))(at), jax.jit(jax.grad(density))
+    for k in range(4):
+        step = 1e-5 * max(abs(float(at[k])), 0.1)
+        found = (slopes(at.at[k].add(step)) - slopes(at.at[k].add(-step))) / (2 * step)
+        # As above, one order of derivative up.
+        assert_allclose(curvature[k], found, rtol=1e-5, atol=1e-7 * np.abs(curvature[k]).max())
+
+
+def test_without_errors_the_slopes_stay_finite() -> None:
+    data = record(np.zeros_like(ERROR_SD))
+    shape = tuple(map(jnp.asarray, (OMEGA_N, ZETA, THETA1)))
+
+    def total(log_sigma: jax.Array) -> jax.Array:
+        return MeasuredDisplacement(*shape, log_sigma, data).log_prob(data.x).sum()
+
+    assert np.isfinite(jax.grad(total)(jnp.asarray(LOG_SIGMA))).all()
+
+
+def test_samples_have_the_dense_mean_and_covariance() -> None:
+    number = 4000
+    x = np.asarray(jax.jit(lambda key: measured().sample(key, (number,)))(jax.random.key(2)))
+    assert_allclose(x[:, :, :2], np.broadcast_to(RECORD.x[:, :2], (number, 5, 2)), atol=1e-15)
+    for i in range(5):
+        w = filtered(x[:, i, : LENGTHS[i]], i)
+        covariance, _ = dense(i, THETA1[i])
+        sd = np.sqrt(np.diag(covariance))
+        # Standard errors of means and of covariances; 5 of them for some thousand numbers.
+        assert (np.abs(w.mean(0)) < 5 * sd / np.sqrt(number)).all()
+        error = np.sqrt((np.outer(sd, sd) ** 2 + covariance**2) / number)
+        assert (np.abs(np.cov(w.T) - covariance) < 5 * error).all()
+        assert not x[:, i, LENGTHS[i] :].any()
+
+
+@pytest.mark.parametrize("lengths", [[2, 5], [5, 9]])
+def test_lengths_must_fit(lengths: list[int]) -> None:
+    with pytest.raises(ValueError, match="3 to 8 samples"):
+        displacement_record(np.zeros((2, 8)), np.array(lengths), np.zeros(2), np.ones(2), np.zeros((2, 3)))

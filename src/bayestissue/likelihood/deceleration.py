@@ -48,7 +48,10 @@ class DecelerationRecord(NamedTuple):
 
     @classmethod
     def of(cls, *arrays: np.ndarray) -> DecelerationRecord:
-        """From numpy arrays in the order of the attributes, but the last; values past a row's end are cleared."""
+        """From numpy arrays in the order of the attributes before ``blocks``.
+
+        Values past a row's end are cleared.
+        """
         d, n_samples, first_time, dt, velocity, error_sd = (jnp.asarray(array) for array in arrays)
         d = jnp.where(jnp.arange(d.shape[1]) < n_samples[:, None], d, 0.0)
         width = FILLED * -(-d.shape[1] // FILLED)
