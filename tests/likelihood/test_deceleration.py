@@ -125,10 +125,11 @@ def test_slopes_in_closed_form_are_those_of_the_plain_path() -> None:
         return marginal_log_likelihood(products, distribution.log_sigma, RECORD.error_sd)
 
     assert_allclose(densities(*at), jax.jit(plain)(*at), rtol=1e-12)
-    for k in range(3):
-        fast, slow = (
-            jax.jit(jax.grad(lambda *parts, f=f: f(*parts).sum(), argnums=k))(*at) for f in (densities, plain)
-        )
+    found = [
+        jax.jit(jax.grad(lambda *parts, f=f: f(*parts).sum(), argnums=(0, 1, 2)))(*at)
+        for f in (densities, plain)
+    ]
+    for fast, slow in zip(*found, strict=True):
         # Both are differences of sums over some tens of samples, the greatest of which set the rounding.
         assert_allclose(fast, slow, rtol=1e-9, atol=1e-11 * np.abs(slow).max())
 
