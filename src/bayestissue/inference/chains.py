@@ -10,8 +10,9 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import wait
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -146,53 +147,26 @@ def _worker(job: _Job, number: int, checkpoints: Path | None, count: Path) -> tu
     return _run(job, [number], checkpoints, advanced)
 
 
+class _Kernel(NamedTuple):
+    """Compiled functions that begin chains and advance them by a segment."""
+
+    begin: Callable[..., Any]
+    advance: Callable[..., Any]
+
+
 class _Chains:
-    """Compiled functions of one model and data set: begin, and advance by a segment."""
+    """The chains of one job."""
 
     def __init__(self, job: _Job) -> None:
         start, settings = job.start, job.settings
-        self._settings, self._seed = settings, job.seed
+        self._settings, self._seed, self._arguments = settings, job.seed, job.arguments
         others = tuple(sorted(set(start.centre) - set(start.dense)))
-        size = sum(np.size(start.centre[name]) for name in others)
-        kernel = NUTS(
-            job.model,
-            target_accept_prob=settings.target_accept,
-            max_tree_depth=settings.max_tree_depth,
-            dense_mass=[start.dense],
-            inverse_mass_matrix={
-                start.dense: jnp.asarray(start.inverse_mass),
-                others: jnp.ones(size),
-            },
-            adapt_mass_matrix=True,
+        self._start = (
+            {name: jnp.asarray(start.centre[name]) for name in start.centre},
+            jnp.asarray(start.inverse_mass),
         )
-        self._arguments = job.arguments
-        self._many = jax.vmap if jax.default_backend() != "cpu" else _single
-        scale = np.linalg.cholesky(start.inverse_mass)
-
-        def begin(key: jax.Array, arguments: tuple[Any, ...]) -> Any:
-            own, key = jax.random.split(key)
-            params, at = {}, 0
-            # Half a posterior standard deviation of scatter lets R-hat see chains that did not forget it.
-            moved = 0.5 * jnp.asarray(scale) @ jax.random.normal(own, scale.shape[:1])
-            for name in start.dense:
-                value = jnp.asarray(start.centre[name])
-                params[name] = value + moved[at : at + value.size].reshape(value.shape)
-                at += value.size
-            for number, name in enumerate(others):
-                value = jnp.asarray(start.centre[name])
-                noise = jax.random.normal(jax.random.fold_in(own, number), value.shape)
-                params[name] = value + 0.5 * noise
-            return kernel.init(key, settings.warmup, params, arguments, {})
-
-        def advance(state: Any, arguments: tuple[Any, ...]) -> Any:
-            def step(state: Any, _: None) -> Any:
-                state = kernel.sample(state, arguments, {})
-                return state, (state.z, {name: getattr(state, name) for name in STATISTICS})
-
-            return jax.lax.scan(step, state, None, length=SEGMENT)
-
-        self._begin = jax.jit(self._many(begin, in_axes=(0, None)))
-        self._advance = jax.jit(self._many(advance, in_axes=(0, None)))
+        target, depth = settings.target_accept, settings.max_tree_depth
+        self._kernel = _compiled(job.model, start.dense, others, settings.warmup, target, depth)
 
     def run(
         self, numbers: Sequence[int], checkpoints: Path | None, advanced: Callable[[int], None]
@@ -205,7 +179,7 @@ class _Chains:
         length = settings.warmup + settings.draws
         key = jax.random.PRNGKey(self._seed)
         keys = jnp.stack([jax.random.fold_in(key, number) for number in numbers])
-        state = self._begin(keys, self._arguments)
+        state = self._kernel.begin(keys, (self._start, self._arguments))
         structure = jax.tree.structure(state)
         collected = []
         for number in range(-(-length // SEGMENT)):
@@ -214,7 +188,7 @@ class _Chains:
                 leaves, draws = _read(path)
                 state = jax.tree.unflatten(structure, [jnp.asarray(leaf) for leaf in leaves])
             else:
-                state, drawn = self._advance(state, self._arguments)
+                state, drawn = self._kernel.advance(state, self._arguments)
                 leaves, draws = jax.device_get((jax.tree.leaves(state), drawn))
                 if path is not None:
                     _write(path, leaves, draws)
@@ -223,6 +197,59 @@ class _Chains:
             done += len(numbers) * min(SEGMENT, length - number * SEGMENT)
             advanced(done)
         return jax.tree.map(lambda *rows: np.concatenate(rows, axis=1), *collected)
+
+
+@lru_cache(maxsize=8)
+def _compiled(
+    model: Callable[..., None],
+    dense: tuple[str, ...],
+    others: tuple[str, ...],
+    warmup: int,
+    target_accept: float,
+    max_tree_depth: int,
+) -> _Kernel:
+    """One model's functions, compiled once for all data sets of the same shapes."""
+    many = jax.vmap if jax.default_backend() != "cpu" else _single
+    # The sampler knows its density only once a chain has begun.
+    begun: list[NUTS] = []
+
+    def begin(key: jax.Array, given: tuple[Any, ...]) -> Any:
+        (centre, inverse_mass), arguments = given
+        size = sum(centre[name].size for name in others)
+        kernel = NUTS(
+            model,
+            target_accept_prob=target_accept,
+            max_tree_depth=max_tree_depth,
+            dense_mass=[dense],
+            inverse_mass_matrix={dense: inverse_mass, others: jnp.ones(size)},
+            adapt_mass_matrix=True,
+        )
+        own, key = jax.random.split(key)
+        params, at = {}, 0
+        # Half a posterior standard deviation of scatter lets R-hat see chains that did not forget it.
+        scale = jnp.linalg.cholesky(inverse_mass)
+        moved = 0.5 * scale @ jax.random.normal(own, scale.shape[:1])
+        for name in dense:
+            value = centre[name]
+            params[name] = value + moved[at : at + value.size].reshape(value.shape)
+            at += value.size
+        for number, name in enumerate(others):
+            noise = jax.random.normal(jax.random.fold_in(own, number), centre[name].shape)
+            params[name] = centre[name] + 0.5 * noise
+        state = kernel.init(key, warmup, params, arguments, {})
+        begun[:] = [kernel]
+        return state
+
+    def advance(state: Any, arguments: tuple[Any, ...]) -> Any:
+        (kernel,) = begun
+
+        def step(state: Any, _: None) -> Any:
+            state = kernel.sample(state, arguments, {})
+            return state, (state.z, {name: getattr(state, name) for name in STATISTICS})
+
+        return jax.lax.scan(step, state, None, length=SEGMENT)
+
+    return _Kernel(jax.jit(many(begin, in_axes=(0, None))), jax.jit(many(advance, in_axes=(0, None))))
 
 
 def _single(function: Callable[..., Any], in_axes: Any) -> Callable[..., Any]:

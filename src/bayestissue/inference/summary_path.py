@@ -8,8 +8,9 @@ true conditional.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import partial
+from functools import lru_cache, partial
 
 import jax
 import jax.numpy as jnp
@@ -84,7 +85,7 @@ def summary_draws(
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
     start = Start(spreads.mode, tuple(sorted(spreads.mode)), spreads.covariance)
     found = run_chains(
-        partial(spreads_model, model),
+        _spreads_of(model),
         (data, summaries, profile),
         start,
         settings,
@@ -119,6 +120,12 @@ def summary_draws(
     )
     effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
     return draws, Correction(float(k), float(effective))
+
+
+@lru_cache(maxsize=8)
+def _spreads_of(model: TraceModel) -> Callable[..., None]:
+    """The same function each time, so that what is compiled for it serves again."""
+    return partial(spreads_model, model)
 
 
 def _constrained(model: TraceModel, raw: dict[str, Array]) -> dict[str, Array]:

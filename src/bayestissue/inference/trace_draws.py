@@ -54,16 +54,29 @@ def unfold(prepared: Prepared, summaries: Summaries, draws: Draws, key: Array) -
     groups = tuple(
         (getattr(prepared.design, group), len(getattr(prepared.design, f"{group}s"))) for group in GROUPS
     )
-    one = partial(_unfold_one, model, groups=groups)
-    made = jax.jit(lambda *a: jax.lax.map(lambda part: one(*a[2:], *part), a[:2]))(
-        flat, keys, data, summaries
-    )
+    counts = tuple(count for _, count in groups)
+    made = _unfold_all(model, counts, data, summaries, flat, keys, tuple(codes for codes, _ in groups))
     b, impacts, scores = jax.tree.map(lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), made)
     sites = {name: np.asarray(flat[name]).reshape(shape) for name in model.spreads}
     for name, part in model.locations.parts.items():
         values = b[..., part]
         sites[name] = values if name.startswith(("subject_", "trial_", "covariate_")) else values[..., 0]
     return Unfolded(_complete(prepared, sites, shape), impacts, scores)
+
+
+@partial(jax.jit, static_argnames=("model", "counts"))
+def _unfold_all(
+    model: TraceModel,
+    counts: tuple[int, ...],
+    data: TraceData,
+    summaries: Summaries,
+    flat: dict[str, Array],
+    keys: Array,
+    codes: tuple[Array, ...],
+) -> tuple[Array, dict[str, Array], dict[str, Array]]:
+    groups = tuple(zip(codes, counts, strict=True))
+    one = partial(_unfold_one, model, data, summaries, groups=groups)
+    return jax.lax.map(lambda part: one(*part), (flat, keys))
 
 
 def _complete(
@@ -85,7 +98,7 @@ def _unfold_one(
     draw: dict[str, Array],
     key: Array,
     *,
-    groups: tuple[tuple[np.ndarray, int], ...],
+    groups: tuple[tuple[Array, int], ...],
 ) -> tuple[Array, dict[str, Array], dict[str, Array]]:
     sites = {name: draw[name] for name in model.spreads}
     found = from_standard(model, data, summaries, sites, draw["standard_locations"], draw["standard_impacts"])
@@ -129,7 +142,7 @@ def _scores(
     summaries: Summaries,
     sites: dict[str, Array],
     found: Drawn,
-    groups: tuple[tuple[np.ndarray, int], ...],
+    groups: tuple[tuple[Array, int], ...],
 ) -> dict[str, Array]:
     """Log densities for cross-validation: of each trace, and of all traces of a person or a condition."""
     parts = found.conditional.parts
@@ -146,7 +159,7 @@ def _scores(
         away = [about[a] - summaries.centre[:, a] for a in range(len(about))]
         pull = [parts.pull[a] - sum(parts.weight[a][b] * away[b] for b in range(len(about))) for a in (0, 1)]
 
-        def total(values: Array, codes: np.ndarray = codes, count: int = count) -> Array:
+        def total(values: Array, codes: Array = codes, count: int = count) -> Array:
             return jax.ops.segment_sum(values, codes, count)
 
         sd = [sites.get(f"sd_{name}_{q}", jnp.zeros(())) for q in ("K", "C")]

@@ -13,9 +13,9 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from jax import Array
-from jax.flatten_util import ravel_pytree
 from jaxtyping import Float
-from numpyro.infer.util import initialize_model
+from numpyro.distributions import biject_to
+from numpyro.infer.util import potential_energy
 from scipy.optimize import minimize
 
 from bayestissue.hierarchy.conditional import Summaries, condition
@@ -119,15 +119,15 @@ def summarise(prepared: Prepared, *, say: Callable[[int, int], None] = _silent) 
     summaries = summarise_traces(model, data, jnp.asarray(start), loose_anchor(start))
     say(1, passes)
     profile = flat_profile(len(start)) if model.kind == "arma" else None
-    finder = _SpreadsFinder(model, data, summaries, profile)
+    finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
-    anchor = _anchor(model, data, summaries, finder.constrained(mode, summaries))
+    anchor = _anchor(model, data, summaries, finder.constrained(mode))
     summaries = summarise_traces(model, data, summaries.centre, anchor)
     say(2, passes)
     standard = jnp.asarray(standard_points(start.shape[1]))
     for number in range(REFINEMENTS):
         mode = finder.mode(summaries, mode)
-        sites = finder.constrained(mode, summaries)
+        sites = finder.constrained(mode)
         points = compare(model, data, summaries, sites, standard)
         summaries = refine(model, data, summaries, sites, points)
         say(3 + number, passes)
@@ -135,60 +135,63 @@ def summarise(prepared: Prepared, *, say: Callable[[int, int], None] = _silent) 
     if model.kind != "arma":
         return Summarised(summaries, finder.spreads(summaries, mode), None)
     few = standard_points(start.shape[1], FEW)
-    sites = finder.constrained(mode, summaries)
+    sites = finder.constrained(mode)
     summaries, profile = profile_last(model, data, summaries, sites, jnp.asarray(few))
     finder.profile = profile
     mode = finder.mode(summaries, mode)
     return Summarised(summaries, finder.spreads(summaries, mode), profile)
 
 
+@partial(jax.jit, static_argnames=("model", "names"))
+def _value_and_slope(
+    model: TraceModel,
+    names: tuple[str, ...],
+    flat: Array,
+    data: TraceData,
+    summaries: Summaries,
+    profile: Profile | None,
+) -> tuple[Array, Array]:
+    """Minus the spreads' log density, unconstrained and in the order of ``names``, and its gradient."""
+    own = partial(spreads_model, model)
+
+    def potential(flat: Array) -> Array:
+        return potential_energy(own, (data, summaries, profile), {}, dict(zip(names, flat, strict=True)))
+
+    return jax.value_and_grad(potential)(flat)
+
+
 class _SpreadsFinder:
-    """Posterior mode of the standard deviations, compiled once for all passes."""
+    """Posterior mode of the standard deviations."""
 
-    def __init__(
-        self, model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None = None
-    ) -> None:
-        data = data._replace(record=None)  # type: ignore[arg-type]
-        whole = partial(spreads_model, model)
-        self.profile = profile
-        info = initialize_model(
-            jax.random.key(0), whole, model_args=(data, summaries, profile), dynamic_args=True
+    def __init__(self, model: TraceModel, data: TraceData, profile: Profile | None = None) -> None:
+        self._model, self.profile = model, profile
+        self._data = data._replace(record=None)  # type: ignore[arg-type]
+        self._names = tuple(sorted([*model.spreads, *(["standard_last"] if profile is not None else [])]))
+
+    def _at(self, flat: np.ndarray, summaries: Summaries) -> tuple[float, np.ndarray]:
+        value, slope = _value_and_slope(
+            self._model, self._names, jnp.asarray(flat), self._data, summaries, self.profile
         )
-        self._flat, self._unravel = ravel_pytree(info.param_info.z)
-        potential_of, self._post = info.potential_fn, info.postprocess_fn
-        self._data = data
-
-        def potential(flat: Array, data: TraceData, summaries: Summaries, profile: Profile | None) -> Array:
-            return potential_of(data, summaries, profile)(self._unravel(flat))
-
-        self._value_and_gradient = jax.jit(jax.value_and_grad(potential))
+        return float(value), np.asarray(slope)
 
     def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
-        def objective(flat: np.ndarray) -> tuple[float, np.ndarray]:
-            value, gradient = self._value_and_gradient(flat, self._data, summaries, self.profile)
-            return float(value), np.asarray(gradient)
+        begin = np.full(len(self._names), -1.5) if start is None else start
+        bounds = [(-9, 5)] * len(begin)
+        return minimize(self._at, begin, args=(summaries,), jac=True, method="L-BFGS-B", bounds=bounds).x
 
-        begin = np.full(self._flat.shape, -1.5) if start is None else start
-        return minimize(objective, begin, jac=True, method="L-BFGS-B", bounds=[(-9, 5)] * len(begin)).x
-
-    def constrained(self, flat: np.ndarray, summaries: Summaries) -> dict[str, Array]:
-        return self._post(self._data, summaries, self.profile)(self._unravel(jnp.asarray(flat)))
+    def constrained(self, flat: np.ndarray) -> dict[str, Array]:
+        own = dict(zip(self._names, jnp.asarray(flat), strict=True))
+        return {
+            name: biject_to(self._model.prior_of(name).support)(own[name]) for name in self._model.spreads
+        }
 
     def spreads(self, summaries: Summaries, flat: np.ndarray) -> Spreads:
         steps = _STEP * np.eye(len(flat))
-        slopes = [
-            [
-                np.asarray(
-                    self._value_and_gradient(flat + side * step, self._data, summaries, self.profile)[1]
-                )
-                for step in steps
-            ]
-            for side in (1, -1)
-        ]
+        slopes = [[self._at(flat + side * step, summaries)[1] for step in steps] for side in (1, -1)]
         curvature, axes = np.linalg.eigh(np.subtract(*map(np.array, slopes)) / (2 * _STEP))
         # A direction that the mode leaves flat, as the log of a small spread is, gets unit scale.
         covariance = (axes / np.maximum(curvature, 1.0)) @ axes.T
-        values = {name: np.asarray(value) for name, value in self._unravel(jnp.asarray(flat)).items()}
+        values = dict(zip(self._names, np.asarray(flat), strict=True))
         return Spreads(values, covariance)
 
 

@@ -1,0 +1,216 @@
+"""How often the intervals of `bayestissue fit` hold the truth, on campaigns simulated by physics.
+
+    .venv/bin/python benchmarks/coverage_fit.py arma
+    .venv/bin/python benchmarks/coverage_fit.py a2
+    .venv/bin/python benchmarks/coverage_fit.py impact
+
+Each of 200 campaigns has five people in four conditions, 0.375 to 1.333 kg at 5 kHz, and mass exponents of
+its own, drawn from N(0.5, 0.5). The accelerometer's white noise is 0.5 % of the peak; offset, gain, velocity
+and mass err by as much as the dataset declares. Each goes through the summary path of the model file. A
+campaign's impacts share errors of the population, so two standard errors are given: the binomial one, and
+that between campaigns. The table goes to coverage_fit.csv and, in short, to the report of a fit.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+import pandas as pd
+
+from bayestissue import runtime
+from bayestissue.dataset import Dataset
+from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
+from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
+from bayestissue.inference.summary_path import Correction, summary_draws
+from bayestissue.inference.trace_draws import Unfolded, unfold
+from bayestissue.inference.trace_start import summarise
+from bayestissue.signal import Displacements, displacements
+from bayestissue.simulation import Simulation, simulate
+
+CAMPAIGNS = 200
+LEVELS = (50, 90)
+SAMPLER = Sampler(chains=2, warmup=200, draws=300, target_accept=0.8, path="summary")
+COLUMNS = ["likelihood", "quantity", "level", "held", "impacts", "command"]
+ROOT = Path(__file__).parents[1]
+TABLE = ROOT / "benchmarks" / "coverage_fit.csv"
+SHOWN = ROOT / "src" / "bayestissue" / "report" / "fit" / "coverage.csv"
+_STEP = 64
+
+
+def campaign(seed: int) -> Simulation:
+    """The specification of one campaign: the example's tissue, a smaller design, exponents of its own."""
+    exponents = np.random.default_rng([seed, 7]).normal(0.5, 0.5, 2)
+    conditions = [
+        {"trial": f"t{i + 1}", "mass_kg": mass, "velocity_m_s": velocity}
+        for i, (mass, velocity) in enumerate([(0.375, 1.5), (0.575, 1.2), (0.867, 1.0), (1.333, 0.8)])
+    ]
+    return Simulation.model_validate(
+        {
+            "name": "coverage",
+            "seed": seed,
+            "design": {"subjects": 5, "conditions": conditions},
+            "tissue": {
+                "K_N_per_m": 3000.0,
+                "C_N_s_per_m": 25.0,
+                "reference_mass_kg": 0.7,
+                "mass_exponent_K": exponents[0],
+                "mass_exponent_C": exponents[1],
+                "sd_subject_K": 0.2,
+                "sd_subject_C": 0.2,
+                "sd_impact_K": 0.05,
+                "sd_impact_C": 0.05,
+            },
+            "recording": {
+                "sampling_rate_hz": 5000.0,
+                "before_contact_s": 0.005,
+                "after_contact_s": 0.005,
+                "noise_relative_to_peak": 0.005,
+                "offset_sd_m_s2": 0.2,
+                "relative_gain_sd": 0.005,
+                "velocity_sd_m_s": 0.005,
+                "relative_mass_sd": 0.002,
+            },
+        }
+    )
+
+
+def padded(signal: Displacements, step: int = _STEP) -> Displacements:
+    """The same traces, one of a few widths wide, so that what is compiled for one campaign serves others."""
+    width = max(256, step * -(-signal.x.shape[1] // step))
+    rows = {
+        name: np.pad(getattr(signal, name), ((0, 0), (0, width - signal.x.shape[1])))
+        for name in ("x", "v", "deceleration")
+    }
+    return replace(signal, **rows)
+
+
+class Fits:
+    """The fits of one model file to data sets of one design, compiled once."""
+
+    def __init__(self, specification: ModelSpecification, dataset: Dataset) -> None:
+        self._specification = specification
+        self._first = prepare(dataset, specification, source="the model file")
+
+    def prepared(self, dataset: Dataset) -> Prepared:
+        """Its data, with the one model that what is compiled belongs to."""
+        signal = padded(displacements(dataset, self._specification.signal))
+        made = assemble(dataset, self._specification, self._first.design, signal)
+        return replace(made, model=self._first.model)
+
+    def fit(self, dataset: Dataset, seed: int) -> tuple[Unfolded, Correction]:
+        """Draws of everything, and how they were corrected."""
+        prepared = self.prepared(dataset)
+        summarised = summarise(prepared)
+        draws, correction = summary_draws(prepared, summarised, SAMPLER, seed)
+        return unfold(prepared, summarised.summaries, draws, jax.random.PRNGKey(seed)), correction
+
+
+@lru_cache
+def _tails() -> np.ndarray:
+    return np.array([[0.5 - level / 200, 0.5 + level / 200] for level in LEVELS])
+
+
+def rows_of(found: Unfolded, truth: pd.DataFrame, made: Simulation, number: int) -> list[dict[str, Any]]:
+    """One row per quantity, impact and level: does the interval hold the truth, how wide, how far off."""
+    quantities = {
+        "K": (found.impacts["K"], truth["K_N_per_m"].to_numpy()),
+        "C": (found.impacts["C"], truth["C_N_s_per_m"].to_numpy()),
+        "mass_exponent_K": (
+            found.sites["mass_exponent_K"][..., None],
+            np.array([made.tissue.mass_exponent_K]),
+        ),
+        "mass_exponent_C": (
+            found.sites["mass_exponent_C"][..., None],
+            np.array([made.tissue.mass_exponent_C]),
+        ),
+    }
+    rows = []
+    for name, (values, true) in quantities.items():
+        flat = values.reshape(-1, values.shape[-1])
+        scale = true if name in ("K", "C") else np.ones(1)
+        off = np.abs(np.median(flat, axis=0) - true) / scale
+        for level, tails in zip(LEVELS, _tails(), strict=True):
+            low, high = np.quantile(flat, tails, axis=0)
+            held = (low <= true) & (true <= high)
+            columns = zip(held, off, (high - low) / scale, strict=True)
+            rows += [
+                {"campaign": number, "quantity": name, "level": level, "held": h, "off": o, "width": w}
+                for h, o, w in columns
+            ]
+    return rows
+
+
+def measured(kind: str, campaigns: int, seconds: float) -> tuple[pd.DataFrame, list[float]]:
+    """Every row of every campaign that was finished in time, and the Pareto k of each."""
+    fits = Fits(read_specification(ROOT / "models" / f"{kind}.toml"), simulate(campaign(0)).dataset("first"))
+    begun, rows, pareto = time.perf_counter(), [], []
+    for number in range(campaigns):
+        if time.perf_counter() - begun > seconds:
+            break
+        made = campaign(number)
+        result = simulate(made)
+        found, correction = fits.fit(result.dataset(made.name), number)
+        rows += rows_of(found, result.truth, made, number)
+        pareto.append(correction.pareto_k)
+        if number % 10 == 0:
+            print(f"{kind}: {number + 1} campaigns, {time.perf_counter() - begun:.0f} s", flush=True)
+    return pd.DataFrame(rows), pareto
+
+
+def summarised(kind: str, rows: pd.DataFrame, pareto: list[float], command: str) -> pd.DataFrame:
+    """One line per quantity and level."""
+    lines = []
+    for (quantity, level), part in rows.groupby(["quantity", "level"], sort=False):
+        share = part["held"].mean()
+        by_campaign = part.groupby("campaign")["held"].mean()
+        lines.append(
+            {
+                "likelihood": kind,
+                "quantity": quantity,
+                "level": level,
+                "held": int(part["held"].sum()),
+                "impacts": len(part),
+                "share": round(share, 4),
+                "binomial_se": round(float(np.sqrt(share * (1 - share) / len(part))), 4),
+                "campaign_se": round(float(by_campaign.std(ddof=1) / np.sqrt(len(by_campaign))), 4),
+                "median_error": float(f"{part['off'].median():.3g}"),
+                "median_width": float(f"{part['width'].median():.3g}"),
+                "campaigns": len(by_campaign),
+                "pareto_k_above_0.7": int(np.sum(np.array(pareto) >= 0.7)),
+                "command": command,
+            }
+        )
+    return pd.DataFrame(lines)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("likelihood", choices=("arma", "a2", "impact"))
+    parser.add_argument("--campaigns", type=int, default=CAMPAIGNS)
+    parser.add_argument("--seconds", type=float, default=np.inf, help="begin no campaign after these")
+    asked = parser.parse_args()
+    runtime.configure()
+    rows, pareto = measured(asked.likelihood, asked.campaigns, asked.seconds)
+    command = f"benchmarks/coverage_fit.py {asked.likelihood}"
+    if len(pareto) != CAMPAIGNS:
+        command += f" --campaigns {len(pareto)}"
+    lines = summarised(asked.likelihood, rows, pareto, command)
+    if TABLE.is_file():
+        before = pd.read_csv(TABLE)
+        lines = pd.concat([before[before["likelihood"] != asked.likelihood], lines], ignore_index=True)
+    lines.to_csv(TABLE, index=False)
+    lines[COLUMNS].to_csv(SHOWN, index=False)
+    print(lines[lines["likelihood"] == asked.likelihood].drop(columns="command").to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()
