@@ -150,6 +150,7 @@ def test_the_impact_likelihood_reads_the_deceleration_itself() -> None:
     gain, offset, contact = np.asarray(made.data.record.error_sd).T
     assert_allclose(gain, np.hypot(0.02, 0.03 * 1.5))
     assert_allclose(offset, made.signal.offset_sd)
-    assert_allclose(contact, made.signal.contact_time_sd)
+    assert_allclose(contact, made.signal.bracket_sd)
+    assert_allclose(made.data.record.first_time, made.signal.bracket_s)
     assert_allclose(np.exp(made.data.log_peak), np.abs(made.signal.deceleration).max(1))
     assert made.data.record.d.shape == made.signal.deceleration.shape

@@ -73,3 +73,20 @@ def test_a_blip_before_contact_is_not_contact():
     lab.traces[0].value[100:104] += 15.0
     made = displacements(lab)
     assert abs(made.contact_time_s[0]) < 1e-4
+
+
+def test_before_the_samples_are_asked_contact_lies_anywhere_between_two_of_them():
+    lab = record([Impact(67.0, 0.28)] * 40, 1e4, before=0.02, phase=PHASES, noise=0.005)
+    made = displacements(lab)
+    np.testing.assert_allclose(made.bracket_s, 0.5e-4, rtol=1e-6)
+    np.testing.assert_allclose(made.bracket_sd, 1e-4 / np.sqrt(12), rtol=1e-6)
+    given = displacements(lab, SignalOptions(contact="time-zero"))
+    np.testing.assert_allclose(given.bracket_s, given.first_sample_s)
+    assert not given.bracket_sd.any()
+
+
+def test_a_recording_that_seems_cut_at_contact_most_likely_is():
+    made = displacements(record([Impact(67.0, 0.28)] * 5, 1e4, before=0.0, noise=0.005))
+    # 0 with probability 0.9, else uniform over an interval: mean 0.05, mean square 0.1 / 3.
+    np.testing.assert_allclose(made.bracket_s, 0.05e-4, rtol=1e-6)
+    np.testing.assert_allclose(made.bracket_sd, 1e-4 * np.sqrt(0.1 / 3 - 0.05**2), rtol=1e-6)

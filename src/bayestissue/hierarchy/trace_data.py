@@ -155,7 +155,9 @@ def _record(
     offset_sd = np.where(np.isfinite(signal.offset_sd), signal.offset_sd, chain.offset_sd)
     start = (signal.n_samples, signal.first_sample_s, signal.dt)
     if specification.likelihood == "impact":
-        errors = np.stack([velocity_sd, offset_sd, signal.contact_time_sd], axis=1)
+        # The likelihood asks the samples itself when contact was; what they said of it must not count twice.
+        start = (signal.n_samples, signal.bracket_s, signal.dt)
+        errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
         peak = np.abs(signal.deceleration).max(axis=1)
         return DecelerationRecord.of(signal.deceleration, *start, signal.velocity, errors), peak
     level_sd = signal.velocity * signal.contact_time_sd

@@ -14,7 +14,7 @@ from bayestissue.signal.filters import low_pass
 from bayestissue.signal.integration import cumulative
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.recorded_displacement import contact_sample, derivatives, slowest
-from bayestissue.signal.start import find_start
+from bayestissue.signal.start import Start, find_start
 from bayestissue.signal.traces import (
     Column,
     Index,
@@ -66,6 +66,8 @@ class Displacements:
         contact_time_s: [impact], on the recording's own clock.
         contact_time_sd: [impact], s; 0 where contact was given.
         first_sample_s: [impact], time from contact to the first sample of x, s.
+        bracket_s, bracket_sd: [impact], the same and its standard deviation, s, before the samples in contact
+            were asked: what a model of those samples themselves may start from.
         time_to_peak: [impact], from contact to zero velocity, s.
         peak_displacement: [impact], at zero velocity, since contact, m.
         offset: [impact], what was subtracted from the recording, in its own SI unit.
@@ -86,6 +88,8 @@ class Displacements:
     contact_time_s: Column
     contact_time_sd: Column
     first_sample_s: Column
+    bracket_s: Column
+    bracket_sd: Column
     time_to_peak: Column
     peak_displacement: Column
     offset: Column
@@ -146,8 +150,7 @@ def _integrated(
         "contact as chosen is more than 1 ms from where the trace shows it": onset.doubtful,
     }
     return _windowed(
-        part, x, v, d, stop, flags, mass, velocity, start.since_contact, start.since_contact_sd, offset,
-        offset_sd, onset.noise_sd, options,
+        part, x, v, d, stop, flags, mass, velocity, start, offset, offset_sd, onset.noise_sd, options,
     )  # fmt: skip
 
 
@@ -171,8 +174,10 @@ def _recorded(
     stop = slowest(v, x, part.inside, part.dt, velocity)
     flags = {"velocity does not reach zero: the window ends where it is least": ~stop.reached}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
+    start = Start(since_contact, sd, since_contact, sd, x[:, 0], v[:, 0])
     return _windowed(
-        part, x, v, d, stop, flags, mass, velocity, since_contact, sd, at_contact, np.full_like(sd, np.nan), noise, options
+        part, x, v, d, stop, flags, mass, velocity, start, at_contact, np.full_like(sd, np.nan), noise,
+        options,
     )  # fmt: skip
 
 
@@ -185,14 +190,13 @@ def _windowed(
     flags: dict[str, Mask],
     mass: Column,
     velocity: Column,
-    since_contact: Column,
-    since_contact_sd: Column,
+    start: Start,
     offset: Column,
     offset_sd: Column,
     noise: Column,
     options: SignalOptions,
 ) -> Displacements:
-    n = samples_in(options.window, stop, since_contact, deceleration, x, part.inside, part.dt, noise)
+    n = samples_in(options.window, stop, start.since_contact, deceleration, x, part.inside, part.dt, noise)
     used = np.arange(int(n.max())) < n[:, None]
     x, v, deceleration = (np.where(used, rows[:, : used.shape[1]], 0) for rows in (x, v, deceleration))
     equilibrium = np.zeros(len(n))
@@ -210,10 +214,12 @@ def _windowed(
         mass=mass,
         velocity=velocity,
         equilibrium=equilibrium,
-        contact_time_s=part.start - since_contact,
-        contact_time_sd=since_contact_sd,
-        first_sample_s=since_contact,
-        time_to_peak=since_contact + stop.time,
+        contact_time_s=part.start - start.since_contact,
+        contact_time_sd=start.since_contact_sd,
+        first_sample_s=start.since_contact,
+        bracket_s=start.bracket,
+        bracket_sd=start.bracket_sd,
+        time_to_peak=start.since_contact + stop.time,
         peak_displacement=stop.x,
         offset=offset,
         offset_sd=offset_sd,

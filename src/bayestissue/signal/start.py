@@ -27,10 +27,19 @@ _CUT = 0.9
 
 @dataclass(frozen=True)
 class Start:
-    """State at the first sample in contact: seconds since contact and their deviation, x (m), v (m/s)."""
+    """State at the first sample in contact.
+
+    Attributes:
+        since_contact, since_contact_sd: s, as the samples have it, and its standard deviation.
+        bracket, bracket_sd: s, mean and standard deviation before the samples were asked.
+        x: m.
+        v: m/s.
+    """
 
     since_contact: Column
     since_contact_sd: Column
+    bracket: Column
+    bracket_sd: Column
     x: Column
     v: Column
 
@@ -89,7 +98,17 @@ def find_start(
     x = np.where(sound, x, delta - d1 * delta**2 / 2)
     v = np.where(sound, v, 1 - d1 * delta)
     delta_sd = np.where(np.isfinite(delta_sd), delta_sd, (high - low) / np.sqrt(12))
-    return Start(delta * duration, delta_sd * duration, x * velocity * duration, v * velocity)
+    atom = np.where(cut, _CUT, 0)
+    middle, width = (least + most) / 2, most - least
+    bracket_sd = np.sqrt(atom * (1 - atom) * (middle - least) ** 2 + (1 - atom) * width**2 / 12)
+    return Start(
+        delta * duration,
+        delta_sd * duration,
+        atom * least + (1 - atom) * middle,
+        bracket_sd,
+        x * velocity * duration,
+        v * velocity,
+    )
 
 
 @dataclass(frozen=True)
