@@ -180,6 +180,24 @@ def report(
     report.run(run, quiet=quiet)
 
 
+@app.command()
+def compare(
+    runs: Annotated[
+        list[Path], typer.Argument(help="Folders of two or more finished fits of one dataset.", metavar="DIR")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write the tables and a page with figures.")
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Which finished fit predicts best what it has not seen, and whether the fits agree on K and C."""
+    from bayestissue.commands import compare
+
+    compare.run(runs, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
+
+
 @app.callback(invoke_without_command=True)
 def _options(
     context: typer.Context,

@@ -6,7 +6,7 @@ import xarray as xr
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from bayestissue.inference.comparison import BY_IMPACT, BY_TRIAL, COLUMNS, by_impact, by_trial
+from bayestissue.inference.comparison import BY_IMPACT, BY_TRIAL, COLUMNS, by_impact, by_importance, by_trial
 
 
 def test_by_trial_figures_worked_by_hand() -> None:
@@ -68,4 +68,28 @@ def test_an_impact_that_drags_the_posterior_along_is_counted_in_the_warning(norm
     # A likelihood far narrower than the posterior draws: its inverse has no variance.
     log_likelihood[..., 0] = norm(mean, 0.05).logpdf(0.8)
     table = by_impact({"a": tree(log_likelihood), "b": tree(norm(mean[..., None], 1).logpdf(y))}, "estimates")
-    assert table.set_index("model").loc["a", "warning"].startswith("1 impacts with Pareto k above 0.7")
+    assert table.set_index("model").loc["a", "warning"].startswith("1 of 30 impacts with Pareto k above 0.7")
+
+
+def test_weights_hold_where_the_densities_are_too_large_for_their_exponentials(normal_means) -> None:
+    y, mean = normal_means
+    right, wrong = norm(mean[..., None], 1).logpdf(y), norm(mean[..., None] + 1.0, 1).logpdf(y)
+    # The log density of a trace of a few hundred samples in metres.
+    table = by_importance({"wrong": tree(wrong + 4e3), "right": tree(right + 4e3)}, "estimates", BY_IMPACT)
+    bare = by_importance({"wrong": tree(wrong), "right": tree(right)}, "estimates", BY_IMPACT)
+    # The optimiser stops at a relative change of 1e-6 of a likelihood that is flat at its maximum.
+    assert_allclose(table["weight"], bare["weight"], atol=1e-3)
+    assert table.set_index("model").loc["right", "weight"] > 0.95
+
+
+def test_a_model_alone_has_no_weight(normal_means) -> None:
+    y, mean = normal_means
+    table = by_importance({"only": tree(norm(mean[..., None], 1).logpdf(y))}, "estimates", "people", "people")
+    assert table["weight"].isna().all()
+
+
+def test_few_people_are_warned_of(normal_means) -> None:
+    y, mean = normal_means
+    some = tree(norm(mean[..., None], 1).logpdf(y[:9]))
+    table = by_importance({"a": some, "b": some}, "estimates", "leave one subject out", "people")
+    assert (table["warning"] == "9 people only: the standard errors are rough").all()

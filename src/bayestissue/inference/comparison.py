@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -25,31 +26,72 @@ COLUMNS = [
 BY_IMPACT = "leave one impact out"
 BY_TRIAL = "leave one trial out"
 PARETO_LIMIT = 0.7
+FEW = 30
 
 
 def by_impact(trees: Mapping[str, xr.DataTree], variable: str) -> pd.DataFrame:
-    """Leave-one-impact-out accuracy by Pareto-smoothed importance sampling, with stacking weights.
+    """Leave-one-impact-out accuracy: `by_importance` for the densities of single impacts."""
+    return by_importance(trees, variable, BY_IMPACT)
+
+
+def by_importance(
+    trees: Mapping[str, xr.DataTree], variable: str, scheme: str, elements: str = "impacts"
+) -> pd.DataFrame:
+    """Leave-one-out accuracy by Pareto-smoothed importance sampling, with stacking weights.
 
     Vehtari, Gelman and Gabry (2017), doi:10.1007/s11222-016-9696-4; Yao et al. (2018),
-    doi:10.1214/17-BA1091. ``warning`` counts the impacts whose Pareto k̂ is above 0.7.
-    """
-    import arviz as az
+    doi:10.1214/17-BA1091.
 
+    Args:
+        trees: by model, the groups ``posterior`` and ``log_likelihood``.
+        variable: the log densities [chain, draw, element] of what is left out in turn.
+        scheme: what the table calls it.
+        elements: what they are, in the plural.
+
+    Returns:
+        `COLUMNS`, one row a model, the best first. ``warning`` counts the elements whose Pareto k̂ is above
+        0.7, and says where people or conditions are too few for a standard error to be trusted.
+    """
     scores = _leave_one_out(trees, variable)
-    with warnings.catch_warnings():
-        # A high Pareto k is reported in the table instead.
-        warnings.simplefilter("ignore", UserWarning)
-        weights = az.compare(dict(scores), method="stacking", round_to="none")["weight"]
     pointwise = {name: score.elpd_i.to_numpy().ravel() for name, score in scores.items()}
-    table = _table(BY_IMPACT, pointwise)
+    table = _table(scheme, pointwise)
+    weights = _stacking_weights(scores)
     table["p_effective"] = [float(scores[name].p) for name in table["model"]]
-    table["weight"] = [float(weights[name]) for name in table["model"]]
-    high = {name: int((score.pareto_k.to_numpy() > PARETO_LIMIT).sum()) for name, score in scores.items()}
+    table["weight"] = [weights[name] for name in table["model"]]
+    few = "" if scheme == BY_IMPACT else _few(len(next(iter(pointwise.values()))), elements)
     table["warning"] = [
-        f"{high[name]} impacts with Pareto k above {PARETO_LIMIT}" if high[name] else ""
+        "; ".join(filter(None, (_high(scores[name].pareto_k.to_numpy(), elements), few)))
         for name in table["model"]
     ]
     return table
+
+
+def _stacking_weights(scores: Mapping[str, Any]) -> dict[str, float]:
+    import arviz as az
+
+    if len(scores) < 2:
+        return dict.fromkeys(scores, float("nan"))
+    # A trace of many samples has a log density of thousands, whose exponential overflows. The weights are
+    # the same when each element's densities are taken relative to the best model's.
+    best = np.max([score.elpd_i.to_numpy() for score in scores.values()], axis=0)
+    relative = {}
+    for name, score in scores.items():
+        relative[name] = copy.copy(score)
+        relative[name].elpd_i = score.elpd_i - best
+    with warnings.catch_warnings():
+        # A high Pareto k is reported in the table instead.
+        warnings.simplefilter("ignore", UserWarning)
+        weights = az.compare(relative, method="stacking", round_to="none")["weight"]
+    return {name: float(weights[name]) for name in scores}
+
+
+def _high(pareto_k: np.ndarray, elements: str) -> str:
+    count = int((pareto_k > PARETO_LIMIT).sum())
+    return f"{count} of {pareto_k.size} {elements} with Pareto k above {PARETO_LIMIT}" if count else ""
+
+
+def _few(count: int, elements: str) -> str:
+    return f"{count} {elements} only: the standard errors are rough" if count < FEW else ""
 
 
 @dataclass(frozen=True)
@@ -80,8 +122,7 @@ def _leave_one_out(trees: Mapping[str, xr.DataTree], variable: str) -> dict[str,
 def by_trial(pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:
     """The same from the log predictive densities of whole trials, each given the other trials."""
     table = _table(BY_TRIAL, pointwise)
-    few = len(next(iter(pointwise.values())))
-    table["warning"] = f"{few} trials only: the standard errors are rough" if few < 30 else ""
+    table["warning"] = _few(len(next(iter(pointwise.values()))), "trials")
     return table
 
 

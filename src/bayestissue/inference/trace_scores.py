@@ -22,21 +22,28 @@ def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
     parameters and effects integrated out in closed form; ``warning`` where Pareto k is above 0.7.
     """
     rows = []
-    for dimension, (scheme, group, variable) in SCHEMES.items():
-        densities = tree[group].dataset[[variable]]
-        if densities.sizes[dimension] < 2:
+    for dimension, (scheme, _, variable) in SCHEMES.items():
+        only = densities_of(tree, dimension)
+        labels = only["log_likelihood"].dataset[dimension].to_numpy()
+        if len(labels) < 2:
             continue
-        only = xr.DataTree.from_dict({"posterior": tree["posterior"].dataset, "log_likelihood": densities})
         score = importance_scores({"fit": only}, variable)["fit"]
-        labels = densities[dimension].to_numpy()
         for element, elpd, k in zip(labels, score.elpd, score.pareto_k, strict=True):
             warning = f"Pareto k above {PARETO_LIMIT}" if k > PARETO_LIMIT else ""
             rows.append((scheme, str(element), float(elpd), float(k), warning))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
+def densities_of(tree: xr.DataTree, dimension: str) -> xr.DataTree:
+    """The posterior with the log densities of one scheme alone ("impact", "subject" or "trial")."""
+    _, group, variable = SCHEMES[dimension]
+    return xr.DataTree.from_dict(
+        {"posterior": tree["posterior"].dataset, "log_likelihood": tree[group].dataset[[variable]]}
+    )
+
+
 def prior_sensitivity(tree: xr.DataTree) -> pd.DataFrame:
-    """Power-scaling sensitivity of the population's quantities to priors and data (Kallioinen et al. 2024)."""
+    """Power-scaling sensitivity of population quantities to priors and data (Kallioinen et al. 2024)."""
     import arviz as az
 
     posterior = tree["posterior"].dataset

@@ -40,12 +40,16 @@ def _page(run_dir: Path, about: dict) -> str:
         from bayestissue.report.fit.page import fit_page
 
         return fit_page(run_dir, about)
+    if about["kind"] == "comparison":
+        from bayestissue.report.comparison_page import comparison_page
+
+        return comparison_page(run_dir, about)
     raise InputError(
         Problem(
             str(run_dir / "run.json"),
             column="kind",
             value=about["kind"],
-            expected='"published", "estimates" or "fit"',
+            expected='"published", "estimates", "fit" or "comparison"',
             remedy="Make the run anew with this version of the program.",
         )
     )

@@ -1,9 +1,8 @@
-"""Figures that hold the model to account: what it predicts, and which explanation predicts best."""
+"""Figures that hold the model to account: what it predicts."""
 
 from __future__ import annotations
 
 import numpy as np
-import pandas as pd
 from markupsafe import Markup
 
 from bayestissue.report.page import figure
@@ -65,34 +64,4 @@ def predictive_figure(run: PublishedRun, quantity: str) -> Markup:
             fig,
             f"For each condition, the model's 50 % and 90 % predictive intervals of {NAMES[quantity]} "
             "as bars and the published impacts as points.",
-        )
-
-
-def comparison_figure(table: pd.DataFrame, scheme: str) -> Markup:
-    """Differences of expected log predictive density from the best model, with one standard error."""
-    rows = table[table["scheme"] == scheme].sort_values("elpd", ascending=False)
-    height = np.arange(len(rows))[::-1]
-    with style():
-        fig, axes = new_figure((4.8, 0.9 + 0.28 * len(rows)))
-        axes.errorbar(
-            rows["elpd_difference"],
-            height,
-            xerr=rows["se_difference"],
-            fmt="o",
-            ms=5,
-            lw=1.4,
-            color=POSTERIOR,
-        )
-        axes.axvline(0, color=REFERENCE, ls="--", lw=1)
-        axes.set(
-            title=scheme,
-            xlabel="expected log predictive density off the best (nats)",
-            yticks=height,
-            yticklabels=rows["model"].to_list(),
-        )
-        axes.grid(visible=False, axis="y")
-        return figure(
-            fig,
-            f"Difference in expected log predictive density from the best model, {scheme}, "
-            "one point with its standard error per model; further left predicts worse.",
         )

@@ -8,6 +8,7 @@ from typing import Any
 from bayestissue.dataset.published import PublishedTables, read_published
 from bayestissue.report import model_words, posterior, remarks
 from bayestissue.report import posterior_tables as shared_tables
+from bayestissue.report.comparison_figures import comparison_figure
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior_figures import effects_figure, exponent_figure
 from bayestissue.report.published import (
@@ -16,7 +17,7 @@ from bayestissue.report.published import (
     posterior_tables,
     thesis_tables,
 )
-from bayestissue.report.published.check_figures import comparison_figure, inside_share, predictive_figure
+from bayestissue.report.published.check_figures import inside_share, predictive_figure
 from bayestissue.report.published.posterior_figures import (
     kept_share,
     mass_figure,

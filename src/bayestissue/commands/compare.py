@@ -1,0 +1,241 @@
+"""`bayestissue compare`: finished fits of the same recordings beside each other."""
+
+from __future__ import annotations
+
+import json
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from bayestissue import results, runtime
+from bayestissue.errors import InputError, Problem
+
+if TYPE_CHECKING:
+    import pandas as pd
+    import xarray as xr
+    from rich.table import Table
+
+    from bayestissue.inference.runs import FinishedRun
+
+_AGAIN = "Give folders of finished runs of `bayestissue fit`."
+_GROUPS = {
+    "posterior": (),
+    "log_likelihood": ("trace",),
+    "log_likelihood_of_groups": ("traces_of_subject", "traces_of_trial"),
+    "observed_data": ("displacement", "deceleration"),
+}
+_DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
+_HEADINGS = {"elpd_difference": "off the best", "se_difference": "its se"}
+# As many as a screen can show.
+_PEOPLE = 12
+
+
+def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_json: bool) -> None:
+    """Compare finished fits, print the table and, with ``out``, write it with a page.
+
+    Writes ``comparison.csv``, ``posteriors.csv``, ``run.json`` and ``report.html``.
+
+    Raises:
+        InputError: fewer than two runs, the same one twice, one that isn't a finished fit, runs of different
+            data, or ``out`` is not free.
+    """
+    started, clock = datetime.now(UTC), time.perf_counter()
+    if out is not None:
+        results.require_free(out, overwrite=overwrite)
+    _require_distinct(runs)
+    runtime.configure()
+    from bayestissue.inference.runs import compare_runs, side_by_side
+    from bayestissue.report import write_report
+
+    abouts = _abouts(runs)
+    found = _finished(runs, abouts)
+    comparison, posteriors = compare_runs(found), side_by_side(found)
+    if out is not None:
+        with results.whole_folder(out, overwrite=overwrite) as folder:
+            comparison.to_csv(folder / "comparison.csv", index=False)
+            posteriors.to_csv(folder / "posteriors.csv", index=False)
+            about = {
+                "program": "bayestissue",
+                "command": "compare",
+                "kind": "comparison",
+                "dataset": abouts[0].get("dataset", ""),
+                "versions": runtime.versions(),
+                "input_hash": abouts[0]["input_hash"],
+                "runs": [
+                    _told(run, path, about) for run, path, about in zip(found, runs, abouts, strict=True)
+                ],
+                "started": started.isoformat(timespec="seconds"),
+                "wall_time_s": round(time.perf_counter() - clock, 1),
+            }
+            text = json.dumps(about, indent=2, ensure_ascii=False) + "\n"
+            (folder / "run.json").write_text(text, encoding="utf-8")
+            write_report(folder)
+    if as_json:
+        typer.echo(json.dumps(_plain(comparison, posteriors), ensure_ascii=False))
+    elif not quiet:
+        _print(comparison, posteriors)
+        if out is not None:
+            typer.echo(f"wrote {out / 'report.html'}")
+
+
+def _told(run: FinishedRun, path: Path, about: dict[str, Any]) -> dict[str, Any]:
+    kept = {key: about.get(key) for key in ("model", "seed", "started", "verdict")}
+    return {
+        "name": run.name,
+        "folder": str(path),
+        "posterior_hash": runtime.content_hash([path / "posterior.nc"]),
+        **kept,
+    }
+
+
+def _require_distinct(runs: list[Path]) -> None:
+    if len(runs) < 2:
+        raise InputError(
+            Problem("compare", "at least two folders", _AGAIN, value=", ".join(map(str, runs)) or "none")
+        )
+    seen: dict[Path, Path] = {}
+    problems = []
+    for path in runs:
+        earlier = seen.setdefault(path.resolve(), path)
+        if earlier is not path:
+            problems.append(
+                Problem(str(path), f"another run than {earlier}", "Name each run once.", value="the same run")
+            )
+    if problems:
+        raise InputError(problems)
+
+
+def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
+    """What each run says of itself; all that is wrong is told at once."""
+    from bayestissue.report.run_folder import read_about, require_files
+
+    abouts: list[dict[str, Any]] = []
+    problems: list[Problem] = []
+    for path in runs:
+        try:
+            about = read_about(path)
+            if about["kind"] != "fit":
+                raise InputError(
+                    Problem(str(path / "run.json"), '"fit"', _AGAIN, column="kind", value=about["kind"])
+                )
+            lacking = [key for key in ("input_hash", "model") if not about.get(key)]
+            if lacking:
+                raise InputError(
+                    Problem(str(path / "run.json"), "what every fit writes", _AGAIN, column=lacking[0])
+                )
+            require_files(path, ["posterior.nc"])
+            abouts.append(about)
+        except InputError as error:
+            problems += error.problems
+    for path, about in zip(runs[1:], abouts[1:], strict=False) if not problems else ():
+        if about["input_hash"] != abouts[0]["input_hash"]:
+            problems.append(
+                Problem(
+                    str(path / "run.json"),
+                    f"{abouts[0]['input_hash'][:16]}… (dataset “{abouts[0].get('dataset')}”) as in {runs[0]}",
+                    "Compare runs of the same recordings; fit the one dataset again with each model.",
+                    column="input_hash",
+                    value=f"{about['input_hash'][:16]}… (dataset “{about.get('dataset')}”)",
+                )
+            )
+    if problems:
+        raise InputError(problems)
+    return abouts
+
+
+def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRun]:
+    from bayestissue.inference.runs import FinishedRun
+
+    found: list[FinishedRun] = []
+    problems: list[Problem] = []
+    for name, path, about in zip(_names(runs), runs, abouts, strict=True):
+        try:
+            found.append(FinishedRun(name, about["model"], _read_tree(path / "posterior.nc")))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return found
+
+
+def _names(runs: list[Path]) -> list[str]:
+    """As many of the last parts of each path as it takes to tell the runs apart."""
+    paths = [path.resolve().parts for path in runs]
+    for count in range(1, max(map(len, paths))):
+        names = ["/".join(parts[-count:]) for parts in paths]
+        if len(set(names)) == len(names):
+            return names
+    return [str(path.resolve()) for path in runs]
+
+
+def _read_tree(path: Path) -> xr.DataTree:
+    """The groups that a comparison needs, single impacts' draws left on disk."""
+    import xarray as xr
+
+    try:
+        with xr.open_datatree(path, engine="h5netcdf") as tree:
+            lacking = [
+                f"{group}/{name}"
+                for group, names in _GROUPS.items()
+                for name in names or ("",)
+                if group not in tree.children or (name and name not in tree[group].data_vars)
+            ]
+            if lacking:
+                raise InputError(
+                    Problem(str(path), f"the parts {', '.join(lacking)}", "Fit again with this version.")
+                )
+            groups = {group: tree[group].to_dataset() for group in _GROUPS}
+            groups["posterior"] = groups["posterior"].drop_dims("impact", errors="ignore")
+            return xr.DataTree.from_dict({name: data.load() for name, data in groups.items()})
+    except (OSError, KeyError, ValueError) as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(
+            Problem(str(path), "a DataTree as a fit writes it", _AGAIN, value=str(error))
+        ) from error
+
+
+def _plain(comparison: pd.DataFrame, posteriors: pd.DataFrame) -> dict[str, Any]:
+    tables = {"comparison": comparison, "posteriors": posteriors}
+    return {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
+
+
+def _print(comparison: pd.DataFrame, posteriors: pd.DataFrame) -> None:
+    import pandas as pd
+    from rich.console import Console
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    told = ["data"] if len(comparison["data"].unique()) > 1 else []
+    for scheme, rows in comparison.groupby("scheme", sort=False):
+        table = _table(str(scheme), ["run", *told], list(_DIGITS))
+        for row in rows.to_dict("records"):
+            numbers = [f"{row[k]:.{d}f}" if pd.notna(row[k]) else "" for k, d in _DIGITS.items()]
+            table.add_row(Text(row["model"]), *(row[name] for name in told), *numbers)
+        console.print(table)
+        for row in rows[rows["warning"] != ""].to_dict("records"):
+            console.print(Text(f"  {row['model']}: {row['warning']}"), soft_wrap=True)
+    people = posteriors[posteriors["label"] != ""]
+    few = people["label"].nunique() <= _PEOPLE
+    table = _table("posteriors", ["quantity", "run"], ["median", "5 %", "95 %"])
+    for row in (posteriors if few else posteriors[posteriors["label"] == ""]).to_dict("records"):
+        unit = "" if row["unit"] == "1" else f" ({row['unit']})"
+        numbers = [f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high")]
+        table.add_row(f"{row['variable']} {row['label']}".strip() + unit, Text(row["run"]), *numbers)
+    console.print(table)
+    if not few:
+        count = people["label"].nunique()
+        console.print(f"  K and C of the {count} people: --json prints them, --out writes posteriors.csv")
+
+
+def _table(title: str, words: list[str], numbers: list[str]) -> Table:
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(title=Text(title), title_justify="left")
+    for name in (*words, *numbers):
+        table.add_column(_HEADINGS.get(name, name), justify="right" if name in numbers else "left")
+    return table

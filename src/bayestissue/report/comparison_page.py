@@ -1,0 +1,225 @@
+"""The page of a comparison of finished fits."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bayestissue.errors import InputError, Problem
+from bayestissue.report.comparison_figures import MOST_PEOPLE, comparison_figure, side_by_side_figure
+from bayestissue.report.page import render_page
+from bayestissue.report.remarks import best_explanations
+from bayestissue.report.run_folder import TableFile, read_tables, require_files
+from bayestissue.report.settings import settings_table
+from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.wording import interval, listed, number, significant
+
+_TABLES = (
+    TableFile(
+        "comparison",
+        ("scheme", "data", "model", "warning"),
+        ("elpd", "se", "elpd_difference", "se_difference", "p_effective", "weight"),
+    ),
+    TableFile("posteriors", ("variable", "label", "unit", "run"), ("median", "eti90_low", "eti90_high")),
+)
+# The page says once, and first, which densities can't be compared.
+_APART = (r"(; )?densities of other numbers.*", "")
+_AGAIN = "Compare the runs anew with `bayestissue compare`."
+_CONTENTS = (
+    ("accuracy", "Accuracy"),
+    ("posteriors", "Posteriors"),
+    ("models", "Models"),
+    ("provenance", "Provenance"),
+)
+_WORDS = {
+    "mass_exponent_K": "mass exponent of K",
+    "mass_exponent_C": "mass exponent of C",
+    "K_new": "K, new impact on a new person",
+    "C_new": "C, new impact on a new person",
+    "K_subject": "K of",
+    "C_subject": "C of",
+}
+
+
+def comparison_page(folder: Path, about: dict[str, Any]) -> str:
+    """The HTML of the comparison in ``folder``, whose ``run.json`` holds ``about``.
+
+    Raises:
+        InputError: a file lacks or isn't what `bayestissue compare` writes.
+    """
+    runs = about.get("runs")
+    if not isinstance(runs, list) or not all(
+        isinstance(r, dict) and {"name", "model"} <= set(r) for r in runs
+    ):
+        raise InputError(Problem(str(folder / "run.json"), "the runs compared", _AGAIN, column="runs"))
+    require_files(folder, [f"{layout.name}.csv" for layout in _TABLES])
+    tables = read_tables(folder, _TABLES)
+    comparison, posteriors = tables["comparison"], tables["posteriors"]
+    names = [str(run["name"]) for run in runs]
+    return render_page(
+        "comparison.html",
+        title=f"Fits of {about.get('dataset') or 'one dataset'} beside each other",
+        subtitle=f"{len(names)} runs: {', '.join(names)}",
+        contents=_CONTENTS,
+        about=about,
+        versions=about.get("versions", {}),
+        failed=[str(run["name"]) for run in runs if not (run.get("verdict") or {}).get("passed")],
+        best=best_of_each_data(comparison),
+        apart=apart_words(comparison),
+        exponents={q: exponent_rows(posteriors, names, q) for q in ("K", "C")},
+        new={q: quantity_rows(posteriors, names, f"{q}_new") for q in ("K", "C")},
+        masses=reference_masses(runs),
+        accuracy_plots=accuracy_figures(comparison),
+        comparison_table=comparison_table(comparison),
+        posterior_plots=[
+            side_by_side_figure(posteriors, names, q)
+            for q in ("K", "C")
+            if posteriors["variable"].str.contains(q).any()
+        ],
+        people=int(posteriors["label"].nunique()) - int((posteriors["label"] == "").any()),
+        most_people=MOST_PEOPLE,
+        posteriors_table=posteriors_table(posteriors),
+        models_table=differing_settings(runs),
+    )
+
+
+def _comparable(comparison: pd.DataFrame) -> list[tuple[str, pd.DataFrame]]:
+    """The rows of each kind of data that several runs share."""
+    groups = [(str(data), rows) for data, rows in comparison.groupby("data", sort=False)]
+    return [(data, rows) for data, rows in groups if len(rows["model"].unique()) > 1]
+
+
+def best_of_each_data(comparison: pd.DataFrame) -> list[str]:
+    """Which run predicts best in each scheme, among those whose densities are of the same numbers."""
+    several = len(comparison["data"].unique()) > 1
+    return [
+        f"Densities of {data}: {sentence}" if several else sentence
+        for data, rows in _comparable(comparison)
+        for sentence in best_explanations(
+            rows.assign(warning=rows["warning"].str.replace(*_APART, regex=True))
+        )
+    ]
+
+
+def apart_words(comparison: pd.DataFrame) -> str:
+    """Which runs can't be set against each other by their densities; empty if all can."""
+    groups = comparison.groupby("data", sort=False)["model"].unique()
+    if len(groups) < 2:
+        return ""
+    kinds = [f"{listed([f'“{name}”' for name in names])} of {data}" for data, names in groups.items()]
+    return (
+        f"These likelihoods are densities of different numbers: {'; '.join(kinds)}. A density of one has no "
+        "common scale with a density of another, so no difference and no weight is given between them; their "
+        "estimates can be compared all the same."
+    )
+
+
+def accuracy_figures(comparison: pd.DataFrame) -> list[Any]:
+    """One plot for each scheme and each kind of data that several runs share."""
+    return [
+        comparison_figure(rows, scheme)
+        for _, rows in _comparable(comparison)
+        for scheme in rows["scheme"].drop_duplicates()
+    ]
+
+
+def quantity_rows(posteriors: pd.DataFrame, runs: list[str], variable: str) -> list[dict[str, str]]:
+    """Median and 90 % interval of a quantity without labels, by run; "not in this model" where it lacks."""
+    chosen = posteriors[posteriors["variable"] == variable]
+    by_run = {row["run"]: row for row in chosen.to_dict("records")}
+    rows = []
+    for run in runs:
+        if run in by_run:
+            row = by_run[run]
+            rows.append(
+                {
+                    "run": run,
+                    "value": significant(row["median"]),
+                    "range": interval(row["eti90_low"], row["eti90_high"]),
+                    "unit": "" if row["unit"] == "1" else str(row["unit"]),
+                }
+            )
+        else:
+            rows.append({"run": run, "value": "not in this model", "range": "", "unit": ""})
+    return rows
+
+
+def exponent_rows(posteriors: pd.DataFrame, runs: list[str], quantity: str) -> list[dict[str, str]]:
+    """The mass exponent of K or C by run."""
+    table = posteriors[posteriors["variable"] == f"mass_exponent_{quantity}"].set_index("run")["median"]
+    return [
+        {**row, "value": number(table[row["run"]], 2) if row["run"] in table else row["value"]}
+        for row in quantity_rows(posteriors, runs, f"mass_exponent_{quantity}")
+    ]
+
+
+def reference_masses(runs: list[dict[str, Any]]) -> str:
+    """At which mass new impacts and people are reported, by run where they differ."""
+    masses = {str(run["name"]): run["model"].get("reference_mass_kg") for run in runs}
+    known = {name: f"{float(mass):.3g} kg" for name, mass in masses.items() if mass is not None}
+    if len(set(known.values())) == 1 and len(known) == len(masses):
+        return f"New impacts and people are at a mass of {next(iter(known.values()))}."
+    told = listed([f"“{name}” at {known.get(name, 'its own mean mass')}" for name in masses])
+    return f"Mind that new impacts and people are reported at different masses: {told}."
+
+
+def comparison_table(comparison: pd.DataFrame) -> Table:
+    """Every row of `comparison.csv`."""
+    titles = ("scheme", "run", "density of", "elpd", "standard error", "off the best", "its standard error")
+    more = ("effective parameters", "stacking weight", "warning")
+    rows = [
+        Row(
+            (
+                row["scheme"],
+                row["model"],
+                row["data"],
+                number(row["elpd"], 1),
+                number(row["se"], 1),
+                _given(row["elpd_difference"], 1),
+                _given(row["se_difference"], 1),
+                _given(row["p_effective"], 1),
+                _given(row["weight"], 2),
+                row["warning"],
+            )
+        )
+        for row in comparison.to_dict("records")
+    ]
+    return Table(columns(*titles, *more, number=(*titles[3:], *more[:2]), words=("warning",)), rows)
+
+
+def _given(value: float, decimals: int) -> str:
+    return "" if pd.isna(value) else number(value, decimals)
+
+
+def posteriors_table(posteriors: pd.DataFrame) -> Table:
+    """Every row of `posteriors.csv`."""
+    rows = [
+        Row(
+            (
+                f"{_WORDS.get(row['variable'], row['variable'])} {row['label']}".strip(),
+                row["run"],
+                significant(row["median"]),
+                interval(row["eti90_low"], row["eti90_high"]),
+                "" if row["unit"] == "1" else row["unit"],
+            )
+        )
+        for row in posteriors.to_dict("records")
+    ]
+    titles = ("quantity", "run", "median", "90 % interval", "unit")
+    return Table(columns(*titles, number=("median", "90 % interval")), rows)
+
+
+def differing_settings(runs: list[dict[str, Any]]) -> Table:
+    """The settings in which the models differ, a column a run."""
+    names = [str(run["name"]) for run in runs]
+    flat: list[dict[str, str]] = [
+        {row.cells[0]: row.cells[1] for row in settings_table(run["model"]).rows} for run in runs
+    ]
+    seeds = [str(run.get("seed", "")) for run in runs]
+    keys = list(dict.fromkeys(key for settings in flat for key in settings))
+    rows = [Row((key, *(settings.get(key, "not set") for settings in flat))) for key in keys]
+    rows.append(Row(("seed", *seeds)))
+    told = [row for row in rows if len(set(row.cells[1:])) > 1]
+    return Table(columns("setting", *names, words=names), told)

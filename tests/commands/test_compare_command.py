@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from typer.testing import CliRunner
+
+from bayestissue.cli import app
+from bayestissue.commands import compare
+from bayestissue.errors import InputError
+from make_scored_run import IMPACTS, make_scored_run
+
+SCHEMES = ["leave one impact out", "leave one subject out", "leave one trial out"]
+
+
+def compared(*runs, out=None):
+    compare.run(list(runs), out=out, overwrite=False, quiet=True, as_json=False)
+
+
+def refused(*runs) -> str:
+    with pytest.raises(InputError) as raised:
+        compared(*runs)
+    return str(raised.value)
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Two runs of the same displacements and one of decelerations."""
+    folder = tmp_path_factory.mktemp("runs")
+    return {
+        "arma": make_scored_run(folder / "arma", likelihood="arma"),
+        "a2": make_scored_run(folder / "a2", likelihood="a2", worse=2.0),
+        "impact": make_scored_run(folder / "impact", likelihood="impact"),
+    }
+
+
+@pytest.fixture(scope="module")
+def out(runs, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("out") / "comparison"
+    compared(runs["a2"], runs["arma"], runs["impact"], out=folder)
+    return folder
+
+
+def test_runs_of_the_same_numbers_get_differences_and_weights(out):
+    table = pd.read_csv(out / "comparison.csv", keep_default_na=False, na_values=[""])
+    assert list(table["scheme"].unique()) == SCHEMES
+    same = table[table["data"] == "displacement"]
+    assert list(same["model"]) == ["arma", "a2"] * 3
+    best, other = same[same["model"] == "arma"], same[same["model"] == "a2"]
+    assert_allclose(best["elpd_difference"], 0)
+    # Twelve impacts, each worse by 2 give or take 0.2.
+    assert_allclose(other["elpd_difference"], -2.0 * IMPACTS, atol=4 * 0.2 * np.sqrt(IMPACTS))
+    assert_allclose(other["se_difference"], 0.2 * np.sqrt(IMPACTS), rtol=1)
+    # Stacking stops near the edge of the simplex, not on it.
+    assert_allclose(best["weight"], 1, atol=1e-3)
+
+
+def test_a_density_of_other_numbers_gets_neither(out):
+    table = pd.read_csv(out / "comparison.csv")
+    alone = table[table["model"] == "impact"]
+    assert len(alone) == 3
+    assert alone["elpd"].notna().all()
+    assert alone[["elpd_difference", "se_difference", "weight"]].isna().all(axis=None)
+    assert table["warning"].str.contains("not comparable").all()
+
+
+def test_posteriors_stand_side_by_side_whatever_was_recorded(out):
+    table = pd.read_csv(out / "posteriors.csv", keep_default_na=False).set_index(["variable", "label"])
+    for key in (("mass_exponent_K", ""), ("C_new", ""), ("K_subject", "s3")):
+        assert list(table.loc[[key], "run"]) == ["a2", "arma", "impact"]
+    assert (table["eti90_low"] < table["median"]).all()
+    assert (table["median"] < table["eti90_high"]).all()
+    assert table.loc[("K_subject", "s0"), "unit"].unique().tolist() == ["N/m"]
+
+
+def test_another_rest_position_is_another_density(runs, tmp_path):
+    signal = {"window": "peak", "equilibrium": "sample-mean"}
+    model = json.loads((runs["a2"] / "run.json").read_text())["model"] | {"signal": signal}
+    other = make_scored_run(tmp_path / "centred", shift=-1e-3, about={"model": model})
+    compared(runs["a2"], other, out=tmp_path / "out")
+    table = pd.read_csv(tmp_path / "out" / "comparison.csv")
+    assert set(table["data"]) == {"displacement, equilibrium rest", "displacement, equilibrium sample-mean"}
+    assert table["elpd_difference"].isna().all()
+    html = (tmp_path / "out" / "report.html").read_text()
+    assert "different numbers" in html
+
+
+def test_run_json_tells_what_was_compared(out):
+    about = json.loads((out / "run.json").read_text())
+    assert about["kind"] == "comparison"
+    assert [run["name"] for run in about["runs"]] == ["a2", "arma", "impact"]
+    assert about["input_hash"] == "0123456789abcdef"
+
+
+def test_json_prints_both_tables(runs):
+    result = CliRunner().invoke(app, ["compare", str(runs["a2"]), str(runs["arma"]), "--json"])
+    assert result.exit_code == 0, result.output
+    tables = json.loads(result.output)
+    assert len(tables["comparison"]) == 6
+    assert {row["run"] for row in tables["posteriors"]} == {"a2", "arma"}
+
+
+def test_the_console_shows_both_tables_and_quiet_shows_nothing(runs):
+    words = [str(runs["a2"]), str(runs["impact"])]
+    said = CliRunner().invoke(app, ["compare", *words]).output
+    for part in (*SCHEMES, "not comparable", "K_new (N/m)"):
+        assert part in said
+    assert CliRunner().invoke(app, ["compare", *words, "--quiet"]).output == ""
+
+
+def test_runs_of_one_name_are_told_apart_by_their_paths(tmp_path):
+    first, second = (make_scored_run(tmp_path / part / "run") for part in ("one", "two"))
+    compared(first, second, out=tmp_path / "out")
+    assert set(pd.read_csv(tmp_path / "out" / "comparison.csv")["model"]) == {"one/run", "two/run"}
+
+
+def test_one_run_is_none_to_compare(runs):
+    assert "at least two folders" in refused(runs["a2"])
+
+
+def test_the_same_run_twice_is_refused(runs):
+    said = refused(runs["a2"], runs["a2"] / ".." / "a2")
+    assert "another run than" in said
+
+
+def test_runs_of_different_data_are_named_both(runs, tmp_path):
+    other = make_scored_run(tmp_path / "other", about={"input_hash": "f" * 64, "dataset": "heels"})
+    said = refused(runs["a2"], other)
+    for part in ("other", str(runs["a2"]), "0123456789abcdef", "ffffffff", "heels"):
+        assert part in said
+
+
+def test_everything_that_is_no_fit_is_named_at_once(runs, tmp_path):
+    reproduction = make_scored_run(tmp_path / "reproduction", about={"kind": "published"})
+    said = refused(runs["a2"], reproduction, tmp_path / "nothing")
+    assert '"published"' in said
+    assert "nothing" in said
+
+
+def test_a_run_without_densities_is_named(runs, tmp_path):
+    from make_fit_run import make_fit_run
+
+    said = refused(runs["a2"], make_fit_run(tmp_path / "bare"))
+    assert "log_likelihood/trace" in said
+
+
+def test_a_full_folder_is_refused(runs, tmp_path):
+    (tmp_path / "kept").write_text("kept")
+    with pytest.raises(InputError, match="--overwrite"):
+        compared(runs["a2"], runs["arma"], out=tmp_path)

@@ -1,0 +1,82 @@
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from bayestissue.commands import compare
+from bayestissue.errors import InputError
+from bayestissue.report import write_report
+from make_scored_run import make_scored_run
+from page_reader import Reader
+
+
+def made(folder, **runs):
+    paths = [make_scored_run(folder / name, **options) for name, options in runs.items()]
+    compare.run(paths, out=folder / "out", overwrite=False, quiet=True, as_json=False)
+    return folder / "out"
+
+
+def plain(html):
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", "", html)).replace("\N{NO-BREAK SPACE}", " ")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return made(
+        tmp_path_factory.mktemp("comparison"),
+        arma={"likelihood": "arma"},
+        a2={"likelihood": "a2", "worse": 2.0},
+        impact={"likelihood": "impact", "passed": False, "exponent": None},
+    )
+
+
+@pytest.fixture(scope="module")
+def html(folder):
+    return (folder / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_page_is_whole_and_asks_nothing_of_the_network(html):
+    page = Reader()
+    page.feed(html)
+    assert page.open == []
+    assert page.unnamed == 0
+    assert len(page.ids) == len(set(page.ids))
+    assert {link[1:] for link in page.links} <= set(page.ids)
+
+
+def test_it_says_what_predicts_best_what_cannot_be_compared_and_what_failed(html):
+    text = plain(html[: html.index("<nav")])
+    assert "DIAGNOSTICS FAILED in impact" in text
+    assert "Densities of displacement: Leave one impact out: “arma” predicts best" in text
+    assert "different numbers: “arma” and “a2” of displacement; “impact” of deceleration" in text
+    assert "K: not in this model (impact)" in text
+    assert re.search(r"K = 2\d{3} N/m [\d ]+to [\d ]+ \(a2\)", text)
+
+
+def test_it_shows_both_figures_and_where_the_models_differ(html):
+    # Three schemes of the two comparable runs, and K and C.
+    assert html.count('role="img"') == 5
+    text = plain(html)
+    differ = text[text.index("Where the models differ") : text.index("SHA-256")]
+    assert "likelihoodarmaa2impact" in differ
+    assert "priors" not in differ
+
+
+def test_long_names_leave_room_for_the_figure(tmp_path):
+    out = made(tmp_path, **{"a" * 70: {}, "b" * 70: {"worse": 1.0}})
+    assert "…" in (out / "report.html").read_text(encoding="utf-8")
+
+
+def test_the_page_can_be_written_anew(folder, html):
+    assert write_report(folder).read_text(encoding="utf-8") == html
+
+
+def test_what_lacks_is_named(tmp_path):
+    out = made(tmp_path, one={}, two={"worse": 1.0})
+    (out / "posteriors.csv").unlink()
+    with pytest.raises(InputError, match=r"posteriors\.csv"):
+        write_report(out)
+    (out / "run.json").write_text('{"kind": "comparison"}')
+    with pytest.raises(InputError, match="runs"):
+        write_report(out)
