@@ -25,9 +25,10 @@ $(READY): requirements.lock pyproject.toml
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
 	@touch $@
 
-report: $(READY)  ## the main job: from the published tables to reports/published/report.html
+report: $(READY)  ## the main job: the example campaign's fit and the published estimates' re-analysis, in reports/
+	@$(BIN)/bayestissue fit data/example --model models/arma.toml --out $(REPORTS)/example --overwrite
 	@$(BIN)/bayestissue reproduce --out $(REPORTS)/published --overwrite
-	@echo "open $(REPORTS)/published/report.html"
+	@echo "open $(REPORTS)/example/report.html and $(REPORTS)/published/report.html"
 
 test: $(READY) check-code  ## style, types, import order and the test suite
 	@$(BIN)/python -m pytest

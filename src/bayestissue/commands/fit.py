@@ -40,7 +40,7 @@ def run(
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     results.require_free(out, overwrite=overwrite)
-    runtime.configure()
+    runtime.configure(one_core=True)
     from bayestissue.commands.console import Stages
     from bayestissue.dataset import read_dataset
     from bayestissue.hierarchy.specification import read_specification

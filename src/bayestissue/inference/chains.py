@@ -122,7 +122,7 @@ def _in_processes(
     job = replace(job, arguments=jax.device_get(job.arguments))
     with tempfile.TemporaryDirectory() as told:
         counts = [Path(told) / f"{number}" for number in range(chains)]
-        pool = ProcessPoolExecutor(workers, initializer=runtime.settle, initargs=(told,))
+        pool = ProcessPoolExecutor(workers, initializer=runtime.settle, initargs=(told, runtime.CORES))
         try:
             futures = [
                 pool.submit(_worker, job, number, checkpoints, counts[number]) for number in range(chains)

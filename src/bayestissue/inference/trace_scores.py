@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import pandas as pd
 import xarray as xr
 
@@ -48,5 +50,10 @@ def prior_sensitivity(tree: xr.DataTree) -> pd.DataFrame:
 
     posterior = tree["posterior"].dataset
     names = [name for name, array in posterior.data_vars.items() if array.ndim == 2]
-    table = az.psense_summary(tree, var_names=names, round_to=4)
+    # The table's own column says what ArviZ would say in the log.
+    logging.disable(logging.WARNING)
+    try:
+        table = az.psense_summary(tree, var_names=names, round_to=4)
+    finally:
+        logging.disable(logging.NOTSET)
     return table.rename_axis("variable").reset_index()[["variable", "prior", "likelihood", "diagnosis"]]
