@@ -1,0 +1,177 @@
+"""The fit command on a small campaign: results whole, refusals before work, and going on after a kill."""
+
+from __future__ import annotations
+
+import json
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+SPECIFICATION = """
+name = "small"
+seed = 3
+[design]
+subjects = 3
+[[design.conditions]]
+trial = "light"
+mass_kg = 0.4
+velocity_m_s = 1.5
+[[design.conditions]]
+trial = "middle"
+mass_kg = 0.7
+velocity_m_s = 1.5
+[[design.conditions]]
+trial = "heavy"
+mass_kg = 1.3
+velocity_m_s = 1.5
+[tissue]
+K_N_per_m = 3000.0
+C_N_s_per_m = 25.0
+sd_subject_K = 0.2
+sd_subject_C = 0.2
+sd_impact_K = 0.05
+sd_impact_C = 0.05
+[recording]
+sampling_rate_hz = 2000.0
+noise_relative_to_peak = 0.005
+relative_mass_sd = 0.002
+velocity_sd_m_s = 0.005
+[output]
+traces = "csv"
+"""
+MODEL = """
+name = "small"
+likelihood = "a2"
+[sampler]
+path = "{path}"
+chains = 2
+warmup = {warmup}
+draws = {draws}
+"""
+
+
+def command(*arguments: str | Path) -> list[str]:
+    return [sys.executable, "-m", "bayestissue", *map(str, arguments)]
+
+
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(command(*arguments), capture_output=True, text=True, check=False)
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("campaign")
+    (folder / "spec.toml").write_text(SPECIFICATION, encoding="utf-8")
+    made = run("simulate", folder / "spec.toml", "--out", folder / "data", "--quiet")
+    assert made.returncode == 0, made.stderr
+    return folder
+
+
+def model_file(campaign: Path, path: str, warmup: int = 200, draws: int = 300) -> Path:
+    model = campaign / f"{path}-{draws}.toml"
+    model.write_text(MODEL.format(path=path, warmup=warmup, draws=draws), encoding="utf-8")
+    return model
+
+
+@pytest.fixture(scope="module")
+def finished(campaign: Path) -> Path:
+    out = campaign / "finished"
+    fitted = run("fit", campaign / "data", "--model", model_file(campaign, "summary"), "--out", out)
+    # So few draws may well fail the diagnostics; then everything is written all the same.
+    assert fitted.returncode in (0, 3), fitted.stderr
+    return out
+
+
+def test_a_fit_writes_what_the_interface_names(finished: Path) -> None:
+    names = {"posterior.nc", "summary.csv", "diagnostics.json", "run.json", "report.html"}
+    assert names <= {path.name for path in finished.iterdir()}
+    with xr.open_datatree(finished / "posterior.nc", engine="h5netcdf") as tree:
+        groups = {
+            "posterior",
+            "sample_stats",
+            "log_likelihood",
+            "log_prior",
+            "prior",
+            "prior_predictive",
+            "posterior_predictive",
+            "observed_data",
+            "constant_data",
+        }
+        assert groups <= set(tree.children)
+        posterior = tree["posterior"].dataset
+        for name in ("K", "C", "omega_n", "zeta", "theta1", "sigma_a"):
+            assert posterior[name].dims == ("chain", "draw", "impact")
+        assert posterior["subject_effect_K"].dims == ("chain", "draw", "subject")
+        assert posterior["K"].attrs["unit"] == "N/m"
+        for name in ("mass_exponent_K", "sd_trial_C", "K_new"):
+            assert posterior[name].dims == ("chain", "draw")
+
+
+def test_draws_obey_the_conversion(finished: Path) -> None:
+    with xr.open_datatree(finished / "posterior.nc", engine="h5netcdf") as tree:
+        draws = tree["posterior"].dataset.load()
+    np.testing.assert_allclose(draws["K"], draws["mass"] * draws["omega_n"] ** 2, rtol=1e-10)
+    damping = 2 * draws["zeta"] * draws["omega_n"] * draws["mass"]
+    np.testing.assert_allclose(draws["C"], damping, rtol=1e-10)
+
+
+def test_the_truth_is_within_reach(finished: Path, campaign: Path) -> None:
+    truth = pd.read_csv(campaign / "data" / "truth.csv").set_index("impact")
+    summary = pd.read_csv(finished / "summary.csv").set_index(["variable", "label"])
+    for quantity, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
+        found = summary.loc[quantity]
+        distance = (found["mean"] - truth.loc[found.index, column]) / found["sd"]
+        # The greatest of nine standard normals is beyond 4.5 once in ten thousand campaigns.
+        assert distance.abs().max() < 4.5
+
+
+def test_wrong_models_are_refused_before_anything_is_written(campaign: Path) -> None:
+    model = campaign / "wrong.toml"
+    model.write_text(
+        'name = "w"\nlikelihood = "a2"\n[formula]\nK = "log(mass_kg) + energy_J + velocity_m_s"\n',
+        encoding="utf-8",
+    )
+    refused = run("fit", campaign / "data", "--model", model, "--out", campaign / "refused")
+    assert refused.returncode == 2
+    assert "E = ½MV²" in refused.stderr
+    assert not (campaign / "refused").exists()
+
+
+@pytest.mark.long
+def test_ten_kills_leave_the_draws_as_they_would_have_been(campaign: Path, tmp_path: Path) -> None:
+    model = model_file(campaign, "exact", warmup=400, draws=1600)
+    whole = run("fit", campaign / "data", "--model", model, "--out", tmp_path / "whole", "--quiet")
+    assert whole.returncode in (0, 3), whole.stderr
+    lasted = json.loads((tmp_path / "whole" / "run.json").read_text(encoding="utf-8"))["wall_time_s"]
+    moments = random.Random(5)
+    killed = 0
+    out = tmp_path / "killed"
+    arguments = command("fit", campaign / "data", "--model", model, "--out", out, "--quiet")
+    for attempt in range(10):
+        process = subprocess.Popen(arguments, start_new_session=True)
+        time.sleep(moments.uniform(0.2, 1.0) * lasted)
+        if process.poll() is None:
+            hard = attempt % 2 == 0
+            os.killpg(process.pid, signal.SIGKILL) if hard else process.send_signal(signal.SIGTERM)
+            killed += 1
+        process.wait()
+        if out.exists():
+            break
+    last = subprocess.run(arguments, check=False) if not out.exists() else None
+    assert last is None or last.returncode in (0, 3)
+    print(f"killed {killed} times")
+    with (
+        xr.open_datatree(tmp_path / "whole" / "posterior.nc", engine="h5netcdf") as first,
+        xr.open_datatree(out / "posterior.nc", engine="h5netcdf") as second,
+    ):
+        for name, values in first["posterior"].data_vars.items():
+            np.testing.assert_array_equal(values, second["posterior"][name], err_msg=str(name))
