@@ -172,7 +172,8 @@ def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
 def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     signal, impacts = prepared.signal, prepared.impacts
     error_sd = np.asarray(prepared.data.record.error_sd)
-    time = signal.first_sample_s[:, None] + np.arange(signal.x.shape[1]) * signal.dt[:, None]
+    first = np.asarray(prepared.data.record.first_time)
+    time = first[:, None] + np.arange(signal.x.shape[1]) * signal.dt[:, None]
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     return {
         "time": np.where(inside, time, np.nan),
@@ -180,7 +181,7 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
         "velocity_m_s": signal.velocity,
         "n_samples": signal.n_samples,
         "sampling_interval_s": signal.dt,
-        "first_sample_s": signal.first_sample_s,
+        "first_sample_s": first,
         "impact_subject": impacts["subject"].astype(str).to_numpy(),
         "impact_trial": impacts["trial"].astype(str).to_numpy(),
         **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(_error_names(prepared))},
