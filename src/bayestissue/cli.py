@@ -133,7 +133,7 @@ def fit(
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
-    """The posterior of K and C from the traces themselves: every impact, person, condition, and the exponents.
+    """The posterior of K and C from the traces: of every impact, person and condition, and of the exponents.
 
     An interrupted fit goes on where it stopped when the same command is given again.
     """

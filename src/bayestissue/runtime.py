@@ -23,8 +23,8 @@ CORES = _allowed()
 def configure(*, one_core: bool = False) -> None:
     """Use float64; must be called before JAX computes anything.
 
-    With ``one_core`` this process keeps to one of its cores. A compiled chain hands its many small pieces from
-    thread to thread; on one core that costs nothing, and across cores that other work wants too it was
+    With ``one_core`` this process keeps to one of its cores. A compiled chain hands its many small pieces
+    from thread to thread; on one core that costs nothing, and across cores that other work wants too it was
     measured to take eight times as long.
     """
     if one_core:

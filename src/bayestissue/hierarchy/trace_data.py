@@ -25,10 +25,21 @@ KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 class ChainUncertainty(Protocol):
     """Standard deviations of the measuring chain: see `bayestissue.dataset.model.Uncertainty`."""
 
-    relative_mass_sd: float
-    velocity_sd_m_s: float
-    relative_gain_sd: float
-    offset_sd: float
+    @property
+    def relative_mass_sd(self) -> float:
+        """Of the mass, as a fraction of it."""
+
+    @property
+    def velocity_sd_m_s(self) -> float:
+        """Of the velocity at contact, m/s."""
+
+    @property
+    def relative_gain_sd(self) -> float:
+        """Of the recorder's sensitivity, as a fraction of it."""
+
+    @property
+    def offset_sd(self) -> float:
+        """Of the recorder's zero, in SI units of what it records."""
 
 
 class MeasuredImpacts(RecordedImpacts, Protocol):

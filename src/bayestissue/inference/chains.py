@@ -10,7 +10,7 @@ import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import wait
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -80,14 +80,16 @@ def run_chains(
         parts, done = [], 0
         chains = _Chains(job)
         for number in range(settings.chains):
-            parts.append(
-                chains.run([number], checkpoints, lambda n, before=done: progress(before + n, total))
-            )
+            parts.append(chains.run([number], checkpoints, partial(_tell, progress, done, total)))
             done += total // settings.chains
     else:
         parts = _in_processes(job, checkpoints, progress, total)
     sites, statistics = jax.tree.map(lambda *rows: np.concatenate(rows), *parts)
     return Draws(sites, statistics, settings.max_tree_depth)
+
+
+def _tell(progress: Progress, before: int, total: int, done: int) -> None:
+    progress(before + done, total)
 
 
 @dataclass(frozen=True)
@@ -274,7 +276,7 @@ def _write(path: Path, leaves: list[np.ndarray], draws: tuple[Arrays, Arrays]) -
         for name, v in part.items()
     }
     with whole_file(path) as staging, staging.open("wb") as stream:
-        np.savez(stream, **arrays)
+        np.savez(stream, allow_pickle=False, **arrays)
 
 
 def _read(path: Path) -> tuple[list[np.ndarray], tuple[Arrays, Arrays]]:

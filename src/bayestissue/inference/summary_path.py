@@ -101,10 +101,8 @@ def summary_draws(
         z_b = z_b.at[:, -1].set(raw.pop("standard_last"))
     standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
-    chosen = ({name: values[some] for name, values in raw.items()}, z_b[some])
-    points = compare_over(
-        model, prepared.data, summaries, _locations(model, data, summaries, *chosen), standard, profile
-    )
+    part = _locations(model, data, summaries, {name: values[some] for name, values in raw.items()}, z_b[some])
+    points = compare_over(model, prepared.data, summaries, part, standard, profile)
     log_weight = np.asarray(_log_weights(model, data, summaries, points, raw, z_b))
     smoothed, k = array_stats.psislw(log_weight)
     weight = np.exp(np.asarray(smoothed).reshape(shape))

@@ -152,8 +152,9 @@ class Profile(NamedTuple):
 
     def log_evidence(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
         """Log of the integral over a normal last parameter, by Gauss-Hermite quadrature."""
-        points = mean + sd * jnp.asarray(_HERMITE[0])[:, None]
-        return jax.nn.logsumexp(self.at(points), axis=0, b=jnp.asarray(_HERMITE[1])[:, None])
+        points = mean + sd * jnp.asarray(_HERMITE_POINTS)[:, None]
+        weights = jnp.asarray(_HERMITE_WEIGHTS / _HERMITE_WEIGHTS.sum())[:, None]
+        return jax.nn.logsumexp(self.at(points), axis=0, b=weights)
 
 
 def flat_profile(impacts: int) -> Profile:
@@ -163,7 +164,7 @@ def flat_profile(impacts: int) -> Profile:
 
 
 _GRID = np.linspace(-8.0, 8.0, 161)
-_HERMITE = (lambda x, w: (x, w / w.sum()))(*np.polynomial.hermite_e.hermegauss(32))
+_HERMITE_POINTS, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
 
 
 @partial(jax.jit, static_argnames="model")

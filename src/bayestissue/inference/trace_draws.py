@@ -121,7 +121,7 @@ def _unfold_one(
     }
     if model.kind != "impact":
         distribution = trace_distribution(model, data, found.u)
-        impacts["theta1"] = distribution.differences()[2]  # type: ignore[union-attr]
+        impacts["theta1"] = distribution.differences()[2]
     return found.b, impacts, _scores(model, data, summaries, sites, found, groups)
 
 

@@ -39,8 +39,9 @@ class Onset:
 
     ``first`` is the first sample certain to be in contact; contact came between ``least`` and ``most``
     seconds before it. ``offset`` is the mean of the quiet part, 0 where ``quiet`` is false; it has
-    ``quiet_samples``. ``noise_sd`` is the standard deviation of the recorder's noise. Both have the unit of the recording. ``doubtful`` says
-    that a chosen contact is more than 1 ms, and five samples, from where the trace itself shows it.
+    ``quiet_samples``. ``noise_sd`` is the standard deviation of the recorder's noise. Both have the unit of
+    the recording. ``doubtful`` says that a chosen contact is more than 1 ms, and five samples, from where the
+    trace itself shows it.
     """
 
     first: Index
