@@ -11,6 +11,8 @@ from typing import Any
 _PUBLIC: dict[str, str] = {
     "Dataset": "bayestissue.dataset",
     "read_dataset": "bayestissue.dataset",
+    "Fit": "bayestissue.fitting",
+    "fit": "bayestissue.fitting",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",
     "estimate": "bayestissue.inference.estimates",

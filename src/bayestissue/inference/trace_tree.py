@@ -42,14 +42,15 @@ def posterior_tree(
     rng = np.random.default_rng(seed)
     put = partial(labelled, dimensions=_dimensions(), coordinates=_coordinates(prepared))
     quantities = _quantities(prepared, unfolded.sites, unfolded.impacts, rng)
-    priors = specification.priors.log_densities(unfolded.sites)
+    # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
+    priors = specification.priors.log_densities({k: v for k, v in unfolded.sites.items() if k in quantities})
     log_likelihood = unfolded.log_likelihood
     groups = {
         "posterior": put(quantities),
         "sample_stats": _statistics(draws),
         "log_likelihood": put({"trace": log_likelihood["trace"]}),
         "log_likelihood_of_groups": put({k: v for k, v in log_likelihood.items() if k != "trace"}),
-        "log_prior": put({name: np.asarray(v) for name, v in priors.items() if name in quantities}),
+        "log_prior": put({name: np.asarray(v) for name, v in priors.items()}),
         "posterior_predictive": put(_predicted(prepared, unfolded, seed)),
         "observed_data": put(_observed(prepared), sampled=False),
         "constant_data": put(_constants(prepared), sampled=False),

@@ -1,0 +1,234 @@
+"""A fit of recorded traces as one object, and as the files of a finished run."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from bayestissue import resources, results, runtime
+from bayestissue.errors import InputError, Problem
+from bayestissue.hierarchy.specification import ModelSpecification, read_specification
+from bayestissue.hierarchy.trace_data import KINDS, Prepared, prepare
+from bayestissue.inference.diagnostics import verdict_in_words
+from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bayestissue.dataset import Dataset
+
+TABLES = ("summary", "hypotheses", "cross_validation", "sensitivity")
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A finished fit, with all that a run folder tells of it.
+
+    Attributes:
+        dataset: what was fitted.
+        specification: the model file.
+        prepared: the model and its data.
+        analysis: every result, labelled.
+        seed: of all draws.
+        started: when sampling began.
+        wall_time_s: how long the fit took, s.
+    """
+
+    dataset: Dataset
+    specification: ModelSpecification
+    prepared: Prepared
+    analysis: TraceAnalysis
+    seed: int
+    started: datetime
+    wall_time_s: float
+
+    @property
+    def posterior(self) -> xr.DataTree:
+        """The ArviZ DataTree with all groups of ``posterior.nc``: draws, predictions, densities, data."""
+        return self.analysis.tree
+
+    @property
+    def summary(self) -> pd.DataFrame:
+        """Mean, median, intervals, R-hat and effective sample sizes of every quantity: ``summary.csv``."""
+        return self.analysis.summary
+
+    @property
+    def diagnostics(self) -> dict[str, Any]:
+        """Whether the sampler did its work (``passed``), and each check: ``diagnostics.json``."""
+        return self.analysis.diagnostics
+
+    @property
+    def verdict(self) -> str:
+        """The diagnostics in a sentence."""
+        return verdict_in_words(self.diagnostics)
+
+    def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the run's folder as `bayestissue fit` does, report and all; or only the page.
+
+        Args:
+            path: a folder that is new or empty, or a file name that ends in ``.html``.
+            overwrite: replace what is there.
+
+        Returns:
+            The path of the page.
+
+        Raises:
+            InputError: ``path`` is taken and ``overwrite`` is false.
+        """
+        path = Path(path)
+        if path.suffix == ".html":
+            return self._page(path, overwrite)
+        with results.whole_folder(path, overwrite=overwrite) as folder:
+            write_run(self, folder)
+        return path / "report.html"
+
+    def _page(self, path: Path, overwrite: bool) -> Path:
+        if path.exists() and not overwrite:
+            raise InputError(
+                Problem(str(path), "a name not yet taken", "Choose another, or pass overwrite=True.")
+            )
+        with tempfile.TemporaryDirectory() as folder, results.whole_file(path) as staging:
+            write_run(self, Path(folder))
+            shutil.copyfile(Path(folder) / "report.html", staging)
+        return path
+
+
+def fit(
+    dataset: Dataset,
+    model: str | Path | ModelSpecification = "arma",
+    seed: int = 0,
+    *,
+    say: Say | None = None,
+) -> Fit:
+    """The posterior of K and C of every impact, person and condition, and of the mass exponents.
+
+    log K and log C of all impacts are modelled jointly with the errors of the measuring chain that the
+    dataset states; see the commented model files. For the length of the call JAX is set to float64, and this
+    process keeps to one core but for the chains.
+
+    Args:
+        dataset: as `bayestissue.read_dataset` returns it.
+        model: "arma", "a2" or "impact" for the model files that come with the program, the path of your
+            own, or a `ModelSpecification`.
+        seed: same seed, same machine: same numbers.
+        say: told the stage, how much of it is done, and its total.
+
+    Raises:
+        InputError: the model file is wrong, or asks for what these recordings can't tell.
+    """
+    specification, source = resolve(model)
+    with _set_up():
+        prepared = prepare(dataset, specification, source=source)
+        return fit_prepared(dataset, specification, prepared, seed, say or _silent)
+
+
+def resolve(model: str | Path | ModelSpecification) -> tuple[ModelSpecification, str]:
+    """The model that a name, a path or a specification stands for, and what messages call it.
+
+    Raises:
+        InputError: there is no such file, or it is wrong.
+    """
+    if isinstance(model, ModelSpecification):
+        return model, f"model {model.name}"
+    path = resources.shared("models", f"{model}.toml") if model in KINDS else Path(model)
+    return read_specification(path), str(path)
+
+
+def fit_prepared(
+    dataset: Dataset,
+    specification: ModelSpecification,
+    prepared: Prepared,
+    seed: int,
+    say: Say,
+    *,
+    checkpoints: Path | None = None,
+) -> Fit:
+    """`fit` from prepared data on; ``checkpoints`` is a folder for finished parts, see `fit_traces`.
+
+    float64 must be set.
+    """
+    started, clock = datetime.now(UTC), time.perf_counter()
+    analysis = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints)
+    wall_time_s = time.perf_counter() - clock
+    return Fit(dataset, specification, prepared, analysis, seed, started, wall_time_s)
+
+
+def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
+    """Write every file of a finished run into ``folder``, the report last."""
+    from bayestissue.inference.estimates import estimate
+    from bayestissue.report import write_report
+
+    say = say or _silent
+    say("writing the results", 0, 1)
+    fit.analysis.tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    for name in TABLES:
+        getattr(fit.analysis, name).to_csv(folder / f"{name}.csv", index=False)
+    for method in ("exact", "dds"):
+        estimate(fit.dataset, method=method).to_csv(folder / f"estimates_{method}.csv", index=False)
+    # A simulated dataset knows the truth; the report draws it in.
+    truth = fit.dataset.folder / "truth.csv"
+    if truth.is_file():
+        shutil.copyfile(truth, folder / "truth.csv")
+    _write_json(fit.diagnostics, folder / "diagnostics.json")
+    _write_json(provenance(fit), folder / "run.json")
+    say("writing the report", 0, 1)
+    write_report(folder)
+
+
+def provenance(fit: Fit) -> dict[str, Any]:
+    """The content of ``run.json``."""
+    data = fit.dataset
+    return {
+        "program": "bayestissue",
+        "command": "fit",
+        "kind": "fit",
+        "dataset": data.name,
+        "description": data.description,
+        "quantity": data.quantity,
+        "versions": runtime.versions(),
+        "model": fit.specification.model_dump(mode="json")
+        | {"reference_mass_kg": fit.prepared.design.reference_mass_kg},
+        "uncertainty": vars(data.uncertainty),
+        "left_out": [str(problem) for problem in data.left_out],
+        "seed": fit.seed,
+        "input_hash": data.input_hash,
+        "started": fit.started.isoformat(timespec="seconds"),
+        "wall_time_s": round(fit.wall_time_s, 1),
+        "verdict": {"passed": fit.diagnostics["passed"], "words": fit.verdict},
+    }
+
+
+def _silent(stage: str, done: int, total: int) -> None:
+    """Say nothing."""
+
+
+@contextmanager
+def _set_up() -> Iterator[None]:
+    """The numerical libraries as an entry point sets them up, for the length of a block."""
+    import jax
+
+    # The setting of JAX is for every thread: chains may run in several.
+    float64 = jax.config.jax_enable_x64
+    cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
+    runtime.configure(one_core=True)
+    try:
+        yield
+    finally:
+        jax.config.update("jax_enable_x64", float64)
+        if cores is not None:
+            os.sched_setaffinity(0, cores)
+
+
+def _write_json(content: dict[str, Any], path: Path) -> None:
+    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")
