@@ -1,0 +1,198 @@
+"""Simulation-based calibration (Talts et al. 2018) of the path by which `bayestissue fit` samples.
+
+    .venv/bin/python benchmarks/calibration.py arma
+    .venv/bin/python benchmarks/calibration.py a2
+    .venv/bin/python benchmarks/calibration.py impact
+
+300 times the standard deviations, the population, every impact's parameters and its trace are drawn from
+the model itself, top down, and the draw is fitted through the summary path. If the path samples the
+posterior, the rank of each drawn value among 99 thinned draws is uniform. The design is that of
+coverage_fit.py; a trace has 110 samples. Its first two displacements are 0 and V dt whatever K and C are: the
+likelihood is conditional on them, so they must tell nothing of what is drawn. Models: calibration-*.toml.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import jax
+import numpy as np
+import pandas as pd
+from coverage_fit import SAMPLER, campaign
+from numpyro.infer import Predictive
+from scipy import stats
+
+from bayestissue import runtime
+from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import plain_model
+from bayestissue.inference.summary_path import summary_draws
+from bayestissue.inference.trace_draws import unfold
+from bayestissue.inference.trace_start import summarise
+from bayestissue.likelihood.deceleration import DecelerationRecord
+from bayestissue.likelihood.displacement import displacement_record
+from bayestissue.simulation import simulate
+
+DATA_SETS, SAMPLES, RANKS, BINS = 300, 110, 100, 20
+HERE = Path(__file__).parent
+KINDS = ("arma", "a2", "impact")
+
+
+def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
+    """The same model and design with these traces in the place of the recorded ones."""
+    record, signal = prepared.data.record, prepared.signal
+    count = len(traces)
+    n_samples, first, dt = np.full(count, SAMPLES), np.zeros(count), np.asarray(record.dt)
+    error_sd = np.asarray(record.error_sd)
+    if isinstance(record, DecelerationRecord):
+        velocity = np.asarray(record.velocity)
+        made = DecelerationRecord.of(traces, n_samples, first, dt, velocity, error_sd)
+        # Point estimates, from which the summaries start, ask for a displacement.
+        x = _integrated(traces, velocity, dt)
+    else:
+        made, x = displacement_record(traces, n_samples, first, dt, error_sd), traces
+    noise = np.exp(np.asarray(prepared.data.log_peak) + prepared.model.priors.noise.mean)
+    signal = replace(signal, x=x, n_samples=n_samples, first_sample_s=first, noise_sd=noise)
+    return replace(prepared, data=prepared.data._replace(record=made), signal=signal)
+
+
+def _integrated(d: np.ndarray, velocity: np.ndarray, dt: np.ndarray) -> np.ndarray:
+    lost = np.cumsum(d, axis=1) * dt[:, None]
+    return np.cumsum(velocity[:, None] - lost, axis=1) * dt[:, None]
+
+
+def blank(kind: str) -> Prepared:
+    """Model, design and measuring chain, with traces of which only the start is told."""
+    specification = read_specification(HERE / f"calibration-{kind}.toml")
+    prepared = prepare(simulate(campaign(0)).dataset("calibration"), specification, source="the model file")
+    start = np.zeros((len(prepared.impacts), SAMPLES))
+    start[:, 1] = prepared.signal.velocity * prepared.signal.dt
+    return with_traces(prepared, start)
+
+
+def ranks(kind: str, data_sets: int, seconds: float) -> pd.DataFrame:
+    """One row per drawn data set: the rank of each quantity, and the Pareto k of the correction."""
+    base = blank(kind)
+    model, begun, rows = base.model, time.perf_counter(), []
+    draw = jax.jit(partial(Predictive(partial(plain_model, model), num_samples=1), conditioned=False))
+    for number in range(data_sets):
+        if time.perf_counter() - begun > seconds:
+            break
+        key = jax.random.fold_in(jax.random.PRNGKey(2026), number)
+        drawn = {name: np.asarray(value[0]) for name, value in draw(key, base.data).items()}
+        prepared = with_traces(base, drawn["trace"])
+        summarised = summarise(prepared)
+        draws, correction = summary_draws(prepared, summarised, SAMPLER, number)
+        found = unfold(prepared, summarised.summaries, draws, jax.random.PRNGKey(number))
+        truth = {name: drawn[name] for name in model.spreads}
+        posterior = {name: found.sites[name] for name in model.spreads}
+        for name in ("intercept_K", "intercept_C", "mass_exponent_K", "mass_exponent_C"):
+            truth[name] = drawn["locations"][model.locations.parts[name]][0]
+            posterior[name] = found.sites[name]
+        own = np.concatenate([drawn["log_K_and_C"][0], [drawn[name][0] for name in model.nuisance]])
+        for i, name in enumerate(("K", "C", *model.nuisance)):
+            truth[f"{name} of an impact"] = own[i]
+            posterior[f"{name} of an impact"] = found.impacts["parameters"][..., 0, i]
+        rows.append({name: _rank(posterior[name], truth[name]) for name in truth})
+        rows[-1]["pareto_k"] = correction.pareto_k
+        if number % 20 == 0:
+            print(f"{kind}: {number + 1} data sets, {time.perf_counter() - begun:.0f} s", flush=True)
+    return pd.DataFrame(rows)
+
+
+def _rank(draws: np.ndarray, truth: np.ndarray) -> int:
+    thin = draws.shape[0] * draws.shape[1] // RANKS
+    return int((draws[:, ::thin].reshape(-1)[: RANKS - 1] < truth).sum())
+
+
+def envelope(number: int, simulations: int = 4000) -> np.ndarray:
+    """The least pointwise p-value along an ECDF of uniform ranks, simulated (Säilynoja et al. 2022)."""
+    drawn = np.random.default_rng(0).integers(RANKS, size=(simulations, number))
+    return np.array([_least(row) for row in drawn])
+
+
+def _least(found: np.ndarray) -> float:
+    below = np.cumsum(np.bincount(found, minlength=RANKS))[:-1]
+    share = np.arange(1, RANKS) / RANKS
+    tails = stats.binom.cdf(below, len(found), share), stats.binom.sf(below - 1, len(found), share)
+    return float(2 * np.minimum(*tails).min())
+
+
+def table(kind: str, found: pd.DataFrame, command: str) -> pd.DataFrame:
+    """One line per quantity: chi-square over 20 bins, and the ECDF's simultaneous test."""
+    reference, lines = envelope(len(found)), []
+    for name in found.columns.drop("pareto_k"):
+        rank = found[name].to_numpy()
+        counts = np.bincount(rank * BINS // RANKS, minlength=BINS)
+        lines.append(
+            {
+                "likelihood": kind,
+                "quantity": name,
+                "data_sets": len(rank),
+                "chi_square_p": round(float(stats.chisquare(counts).pvalue), 4),
+                "ecdf_p": round(float((reference <= _least(rank)).mean()), 4),
+                "mean_rank": round(float(rank.mean() / (RANKS - 1)), 4),
+                "sd_rank_over_uniform": round(float(rank.std() / np.sqrt((RANKS**2 - 1) / 12)), 4),
+                "pareto_k_above_0.7": int((found["pareto_k"] >= 0.7).sum()),
+                "command": command,
+            }
+        )
+    return pd.DataFrame(lines)
+
+
+def figure(found: dict[str, pd.DataFrame]) -> None:
+    """ECDF of each quantity's ranks less the uniform one, in the envelope that holds 95 % of whole curves."""
+    from matplotlib.figure import Figure
+
+    names = list(
+        dict.fromkeys(name for ranks in found.values() for name in ranks.columns if name != "pareto_k")
+    )
+    page = Figure(figsize=(11, 2 * -(-len(names) // 4)), layout="constrained")
+    axes = page.subplots(-(-len(names) // 4), 4, sharex=True, sharey=True).reshape(-1)
+    share = np.arange(1, RANKS) / RANKS
+    number = min(len(ranks) for ranks in found.values())
+    level = np.quantile(envelope(number), 0.05)
+    low, high = (stats.binom.ppf(p, number, share) / number - share for p in (level / 2, 1 - level / 2))
+    for axis, name in zip(axes, names, strict=False):
+        axis.fill_between(share, low, high, color="0.9")
+        for kind, ranks in found.items():
+            if name in ranks:
+                below = np.cumsum(np.bincount(ranks[name], minlength=RANKS))[:-1]
+                axis.plot(share, below / len(ranks) - share, lw=1, label=kind)
+        axis.set_title(name, fontsize=8)
+    for axis in axes[len(names) :]:
+        axis.set_visible(False)
+    axes[0].legend(fontsize=7)
+    page.supxlabel("rank / 100")
+    page.supylabel("share of ranks below, less the uniform share")
+    page.savefig(HERE / "calibration.svg", metadata={"Date": None})
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Simulation-based calibration of the summary path.")
+    parser.add_argument("likelihood", choices=KINDS)
+    parser.add_argument("--data-sets", type=int, default=DATA_SETS)
+    parser.add_argument("--seconds", type=float, default=np.inf, help="begin no data set after these")
+    asked = parser.parse_args()
+    runtime.configure()
+    made = ranks(asked.likelihood, asked.data_sets, asked.seconds)
+    command = f"benchmarks/calibration.py {asked.likelihood}"
+    if len(made) != DATA_SETS:
+        command += f" --data-sets {len(made)}"
+    made.to_csv(HERE / f"calibration_ranks_{asked.likelihood}.csv", index=False, float_format="%.3f")
+    files = {kind: HERE / f"calibration_ranks_{kind}.csv" for kind in KINDS}
+    figure({kind: pd.read_csv(path) for kind, path in files.items() if path.is_file()})
+    lines, path = table(asked.likelihood, made, command), HERE / "calibration.csv"
+    if path.is_file():
+        before = pd.read_csv(path)
+        lines = pd.concat([before[before["likelihood"] != asked.likelihood], lines], ignore_index=True)
+    lines.to_csv(path, index=False)
+    print(lines[lines["likelihood"] == asked.likelihood].drop(columns="command").to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()
