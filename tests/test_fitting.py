@@ -16,7 +16,6 @@ from bayestissue.inference.traces import TraceAnalysis
 from bayestissue.resources import shared
 from make_fit_run import make_fit_run
 
-
 WORST = {"r_hat": 1.003, "ess_bulk": 1200.0, "ess_tail": 900.0}
 
 
