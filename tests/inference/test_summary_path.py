@@ -1,0 +1,121 @@
+"""Both paths lead to the same posterior."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayestissue.dataset.model import Dataset, Trace, Uncertainty
+from bayestissue.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.inference.summary_path import summary_draws
+from bayestissue.inference.trace_correction import flat_profile, standard_points
+from bayestissue.inference.trace_draws import unfold
+from bayestissue.inference.trace_start import summarise
+from bayestissue.inference.traces import fit_traces
+from bayestissue.simulation import simulate
+from bayestissue.simulation.specification import Simulation
+
+
+@pytest.fixture(scope="module")
+def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
+    conditions = [
+        {"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.6, 0.9, 1.3)
+    ]
+    campaign = simulate(
+        Simulation.model_validate(
+            {
+                "name": "four by four",
+                "seed": 4,
+                "design": {"subjects": 4, "conditions": conditions},
+                "tissue": {
+                    "K_N_per_m": 3000.0,
+                    "C_N_s_per_m": 25.0,
+                    "sd_subject_K": 0.2,
+                    "sd_impact_K": 0.05,
+                    "sd_subject_C": 0.2,
+                    "sd_impact_C": 0.05,
+                },
+                "recording": {
+                    "sampling_rate_hz": 2000.0,
+                    "noise_relative_to_peak": 0.005,
+                    "relative_mass_sd": 0.002,
+                    "velocity_sd_m_s": 0.005,
+                },
+            }
+        )
+    )
+    ends = np.cumsum(campaign.n_samples)
+    traces = [
+        Trace(campaign.time[end - n : end], campaign.value[end - n : end].astype(float))
+        for n, end in zip(campaign.n_samples, ends, strict=True)
+    ]
+    dataset = Dataset(
+        name="four by four",
+        description="",
+        impacts=campaign.impacts,
+        traces=traces,
+        quantity="deceleration",
+        uncertainty=Uncertainty(relative_mass_sd=0.002, velocity_sd_m_s=0.005),
+        warnings=(),
+        left_out=(),
+        folder=tmp_path_factory.mktemp("none"),
+        input_hash="",
+    )
+    return prepare(dataset, ModelSpecification(name="a2", likelihood="a2"), source="model")
+
+
+def test_points_have_the_moments_of_a_standard_normal_to_their_number() -> None:
+    points = standard_points(3, 256)
+    # Mirror images: odd moments vanish; even ones err by far less than independent points' sqrt(2 / 256).
+    np.testing.assert_allclose(points.mean(0), 0, atol=1e-12)
+    np.testing.assert_allclose(np.cov(points.T), np.eye(3), atol=np.sqrt(2 / 256))
+
+
+def test_a_profile_interpolates_cubics_and_integrates_against_a_normal() -> None:
+    profile = flat_profile(2)
+    grid = np.asarray(profile.first) + np.asarray(profile.step) * np.arange(profile.log_likelihood.shape[0])
+    # exp(a x - x^2 / 2) against N(m, s^2) is a normal integral in closed form.
+    slope = np.array([0.3, -1.0])
+    profile = profile._replace(log_likelihood=jnp.asarray(slope * grid[:, None] - grid[:, None] ** 2 / 2))
+    at = np.array([0.123, -2.345])
+    # A quadratic is its own cubic interpolant, to rounding.
+    np.testing.assert_allclose(profile.at(jnp.asarray(at)), slope * at - at**2 / 2, rtol=1e-10)
+    mean, sd = 0.4, 0.7
+    variance = 1 / (1 + 1 / sd**2)
+    middle = variance * (slope + mean / sd**2)
+    exact = np.log(np.sqrt(variance) / sd) + (middle**2 / variance - mean**2 / sd**2) / 2
+    found = profile.log_evidence(jnp.asarray(mean), jnp.asarray(sd))
+    # 32 points integrate this to far better than single precision.
+    np.testing.assert_allclose(found, exact, rtol=1e-7)
+
+
+def test_summaries_stand_for_the_traces(prepared: Prepared) -> None:
+    summarised = summarise(prepared)
+    draws, correction = summary_draws(prepared, summarised, Sampler(chains=2, warmup=200, draws=500), 1)
+    assert correction.trusted
+    assert correction.effective > 0.5
+    unfolded = unfold(prepared, summarised.summaries, draws, jax.random.PRNGKey(1))
+    assert unfolded.impacts["K"].shape == (2, 500, 16)
+    assert np.isfinite(unfolded.log_likelihood["trace"]).all()
+
+
+@pytest.mark.long
+def test_the_exact_path_agrees_within_its_error(prepared: Prepared) -> None:
+    import arviz as az
+
+    found = {}
+    for path in ("summary", "exact"):
+        sampler = Sampler(chains=2, warmup=300, draws=1000, path=path)
+        specification = ModelSpecification(name="a2", likelihood="a2", sampler=sampler)
+        found[path] = fit_traces(prepared, specification, 2, lambda *_: None).tree["posterior"].dataset
+    names = ["mass_exponent_K", "mass_exponent_C", "sd_subject_K", "sd_impact_K", "noise_mean", "K", "C"]
+    distance = []
+    for name in names:
+        error = [az.mcse(found[path][[name]], method="mean")[name] for path in found]
+        mean = [found[path][name].mean(["chain", "draw"]) for path in found]
+        distance.append(np.ravel((mean[0] - mean[1]) / np.hypot(*error)))
+    # 37 numbers: the greatest of as many standard normals is beyond 4.5 in one run of four thousand.
+    assert np.abs(np.concatenate(distance)).max() < 4.5
