@@ -67,6 +67,7 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
         versions=about.get("versions", {}),
         failed=[str(run["name"]) for run in runs if not (run.get("verdict") or {}).get("passed")],
         best=best_of_each_data(comparison),
+        unsure=unsure_words(comparison),
         apart=apart_words(comparison),
         exponents={q: exponent_rows(posteriors, names, q) for q in ("K", "C")},
         new={q: quantity_rows(posteriors, names, f"{q}_new") for q in ("K", "C")},
@@ -101,6 +102,13 @@ def best_of_each_data(comparison: pd.DataFrame) -> list[str]:
             rows.assign(warning=rows["warning"].str.replace(*_APART, regex=True))
         )
     ]
+
+
+def unsure_words(comparison: pd.DataFrame) -> str:
+    """In which schemes importance sampling can't be relied on; empty if in none."""
+    high = comparison["warning"].str.contains("Pareto k")
+    schemes = list(comparison.loc[high, "scheme"].drop_duplicates())
+    return f"Pareto k is above 0.7 for some, so do not rely on: {listed(schemes)}." if schemes else ""
 
 
 def apart_words(comparison: pd.DataFrame) -> str:
@@ -166,27 +174,30 @@ def reference_masses(runs: list[dict[str, Any]]) -> str:
 
 
 def comparison_table(comparison: pd.DataFrame) -> Table:
-    """Every row of `comparison.csv`."""
-    titles = ("scheme", "run", "density of", "elpd", "standard error", "off the best", "its standard error")
-    more = ("effective parameters", "stacking weight", "warning")
+    """Every row of `comparison.csv`; what the page says of densities apart is not said again."""
+    numbers = ("elpd", "off the best", "effective parameters", "weight")
+    warnings = comparison["warning"].str.replace(*_APART, regex=True)
     rows = [
         Row(
             (
-                row["scheme"],
+                row["scheme"].removeprefix("leave one ").removesuffix(" out"),
                 row["model"],
                 row["data"],
-                number(row["elpd"], 1),
-                number(row["se"], 1),
-                _given(row["elpd_difference"], 1),
-                _given(row["se_difference"], 1),
+                _with_error(row["elpd"], row["se"]),
+                _with_error(row["elpd_difference"], row["se_difference"]),
                 _given(row["p_effective"], 1),
                 _given(row["weight"], 2),
-                row["warning"],
+                warning,
             )
         )
-        for row in comparison.to_dict("records")
+        for row, warning in zip(comparison.to_dict("records"), warnings, strict=True)
     ]
-    return Table(columns(*titles, *more, number=(*titles[3:], *more[:2]), words=("warning",)), rows)
+    titles = ("left out", "run", "density of", *numbers, "warning")
+    return Table(columns(*titles, number=numbers, words=("warning",)), rows)
+
+
+def _with_error(value: float, error: float) -> str:
+    return "" if pd.isna(value) else f"{number(value, 1)} ± {number(error, 1)}"
 
 
 def _given(value: float, decimals: int) -> str:
