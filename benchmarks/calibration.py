@@ -1,6 +1,6 @@
 """Simulation-based calibration (Talts et al. 2018) of the path by which `bayestissue fit` samples.
 
-    .venv/bin/python benchmarks/calibration.py arma
+    .venv/bin/python benchmarks/calibration.py arma --seed 2027
     .venv/bin/python benchmarks/calibration.py a2
     .venv/bin/python benchmarks/calibration.py impact
 
@@ -38,6 +38,7 @@ from bayestissue.likelihood.displacement import displacement_record
 from bayestissue.simulation import simulate
 
 DATA_SETS, SAMPLES, RANKS, BINS = 300, 110, 100, 20
+SEED = 2026
 HERE = Path(__file__).parent
 KINDS = ("arma", "a2", "impact")
 
@@ -74,7 +75,7 @@ def blank(kind: str) -> Prepared:
     return with_traces(prepared, start)
 
 
-def ranks(kind: str, data_sets: int, seconds: float) -> pd.DataFrame:
+def ranks(kind: str, data_sets: int, seconds: float, seed: int) -> pd.DataFrame:
     """One row per drawn data set: the rank of each quantity, and the Pareto k of the correction."""
     base = blank(kind)
     model, begun, rows = base.model, time.perf_counter(), []
@@ -82,7 +83,7 @@ def ranks(kind: str, data_sets: int, seconds: float) -> pd.DataFrame:
     for number in range(data_sets):
         if time.perf_counter() - begun > seconds:
             break
-        key = jax.random.fold_in(jax.random.PRNGKey(2026), number)
+        key = jax.random.fold_in(jax.random.PRNGKey(seed), number)
         drawn = {name: np.asarray(value[0]) for name, value in draw(key, base.data).items()}
         prepared = with_traces(base, drawn["trace"])
         summarised = summarise(prepared)
@@ -177,12 +178,15 @@ def main() -> None:
     parser.add_argument("likelihood", choices=KINDS)
     parser.add_argument("--data-sets", type=int, default=DATA_SETS)
     parser.add_argument("--seconds", type=float, default=np.inf, help="begin no data set after these")
+    parser.add_argument("--seed", type=int, default=SEED, help="of what is drawn")
     asked = parser.parse_args()
     runtime.configure()
-    made = ranks(asked.likelihood, asked.data_sets, asked.seconds)
+    made = ranks(asked.likelihood, asked.data_sets, asked.seconds, asked.seed)
     command = f"benchmarks/calibration.py {asked.likelihood}"
     if len(made) != DATA_SETS:
         command += f" --data-sets {len(made)}"
+    if asked.seed != SEED:
+        command += f" --seed {asked.seed}"
     made.to_csv(HERE / f"calibration_ranks_{asked.likelihood}.csv", index=False, float_format="%.3f")
     files = {kind: HERE / f"calibration_ranks_{kind}.csv" for kind in KINDS}
     figure({kind: pd.read_csv(path) for kind, path in files.items() if path.is_file()})
