@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import tempfile
@@ -180,8 +179,8 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
     truth = fit.dataset.folder / "truth.csv"
     if truth.is_file():
         shutil.copyfile(truth, folder / "truth.csv")
-    _write_json(fit.diagnostics, folder / "diagnostics.json")
-    _write_json(provenance(fit), folder / "run.json")
+    results.write_json(fit.diagnostics, folder / "diagnostics.json")
+    results.write_json(provenance(fit), folder / "run.json")
     say("writing the report", 0, 1)
     write_report(folder)
 
@@ -228,7 +227,3 @@ def _set_up() -> Iterator[None]:
         jax.config.update("jax_enable_x64", float64)
         if cores is not None:
             os.sched_setaffinity(0, cores)
-
-
-def _write_json(content: dict[str, Any], path: Path) -> None:
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -65,7 +65,7 @@ class Dense:
     def _matrix(self) -> np.ndarray:
         """X with rows in the order (impact, parameter), one column of b at a time."""
         unit = np.eye(len(self.mean))
-        columns = [np.stack(expected(self.design, self.named, jnp.asarray(e)), axis=1).ravel() for e in unit]
+        columns = [np.stack(expected(self.design, jnp.asarray(e)), axis=1).ravel() for e in unit]
         return np.stack(columns, axis=1)
 
     @property
@@ -126,7 +126,7 @@ def test_b_has_its_dense_conditional_mean_and_covariance(dense: Dense) -> None:
 def test_each_impacts_parameters_have_their_dense_conditional(dense: Dense) -> None:
     found = dense.conditional()
     b = dense.mean + dense.sd * dense.rng.normal(size=len(dense.mean))
-    about = expected(dense.design, dense.named, jnp.asarray(b))
+    about = expected(dense.design, jnp.asarray(b))
     prior = np.linalg.inv(dense.covariance)
     precision = np.asarray(dense.summaries.precision)
     left = np.linalg.inv(precision + prior)
@@ -144,7 +144,7 @@ def test_each_impacts_parameters_have_their_dense_conditional(dense: Dense) -> N
 
 def test_each_traces_evidence_is_the_dense_integral(dense: Dense) -> None:
     b = dense.mean + dense.sd * dense.rng.normal(size=len(dense.mean))
-    about = expected(dense.design, dense.named, jnp.asarray(b))
+    about = expected(dense.design, jnp.asarray(b))
     direct = [
         multivariate_normal(np.stack(about, axis=1)[i], dense.inverses[i] + dense.covariance).logpdf(
             dense.seen[i]

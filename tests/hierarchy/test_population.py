@@ -64,7 +64,7 @@ def test_expectations_are_the_sums_of_the_formula() -> None:
     )
     log_K = log_K + part["subject_effect_K"][made.subject] + part["trial_effect_K"][made.trial]
     log_C = part["intercept_C"] + part["subject_effect_C"][made.subject]
-    found = expected(columns, locations, jnp.asarray(b))
+    found = expected(columns, jnp.asarray(b))
     assert_allclose(found[0], log_K, rtol=1e-13)
     assert_allclose(found[1], log_C, rtol=1e-13)
     assert_allclose(found[3], np.broadcast_to(part["atanh_theta1_mean"], 18), rtol=1e-13)

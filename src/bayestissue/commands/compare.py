@@ -70,8 +70,7 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
                 "started": started.isoformat(timespec="seconds"),
                 "wall_time_s": round(time.perf_counter() - clock, 1),
             }
-            text = json.dumps(about, indent=2, ensure_ascii=False) + "\n"
-            (folder / "run.json").write_text(text, encoding="utf-8")
+            results.write_json(about, folder / "run.json")
             write_report(folder)
     if as_json:
         typer.echo(json.dumps(_plain(comparison, posteriors), ensure_ascii=False))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import time
 from collections.abc import Callable, Iterable
@@ -64,7 +63,7 @@ def run(
             shutil.copytree(tables.folder, folder / "published", ignore=_all_but(tables.paths))
         for name in ("summary", "hypotheses", "comparison", "sensitivity", "predictive_checks"):
             _write(getattr(analysis, name), folder / f"{name}.csv")
-        _write_json(analysis.diagnostics, folder / "diagnostics.json")
+        results.write_json(analysis.diagnostics, folder / "diagnostics.json")
         words = verdict_in_words(analysis.diagnostics)
         provenance = {
             "program": "bayestissue",
@@ -78,7 +77,7 @@ def run(
             "wall_time_s": round(time.perf_counter() - clock, 1),
             "verdict": {"passed": analysis.diagnostics["passed"], "words": words},
         }
-        _write_json(provenance, folder / "run.json")
+        results.write_json(provenance, folder / "run.json")
         say("writing the report", 0, 1)
         write_report(folder)
     if not quiet:
@@ -101,7 +100,3 @@ def _write(table: pd.DataFrame, path: Path) -> None:
         }
     )
     text.to_csv(path, index=False)
-
-
-def _write_json(content: dict, path: Path) -> None:
-    path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

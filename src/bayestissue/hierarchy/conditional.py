@@ -16,7 +16,7 @@ from jax import Array
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Float
 
-from bayestissue.hierarchy.population import PopulationDesign, Spread
+from bayestissue.hierarchy.population import PopulationDesign, Spread, expected
 from bayestissue.likelihood import small
 
 
@@ -93,18 +93,12 @@ def condition(
     """
     impacts = impact_parts(spread, summaries)
     size = summaries.centre.shape[1]
-    begins = [0]
-    for matrix in design.columns:
-        begins.append(begins[-1] + matrix.shape[1])
-    middle = [summaries.centre[:, a] for a in range(size)]
     # Everything is measured from X mean, which keeps the sums of squares small.
-    prior_mean = [
-        (jnp.asarray(m) @ mean[begins[a] : begins[a + 1]])[design.cell] for a, m in enumerate(design.columns)
-    ]
-    away = [prior_mean[a] - middle[a] for a in range(size)]
+    prior_mean = expected(design, mean)
+    away = [prior_mean[a] - summaries.centre[:, a] for a in range(size)]
     weighted = small.times(impacts.weight, away)
     toward = [impacts.pull[a] - weighted[a] for a in range(size)]
-    constant = impacts.constant + sum(away[a] * (impacts.pull[a] - weighted[a] / 2) for a in range(size))
+    constant = log_evidence_of(impacts, summaries, prior_mean)
     precision = jnp.block(
         [
             [

@@ -160,14 +160,11 @@ def spread_of_population(
     return Spread(own, tuple(sites[f"sd_{name}"] for name in nuisance), sd)
 
 
-def expected(
-    design: PopulationDesign, locations: Locations, b: Float[Array, " location"]
-) -> list[Float[Array, " impact"]]:
+def expected(design: PopulationDesign, b: Float[Array, " location"]) -> list[Float[Array, " impact"]]:
     """X b: the expectation of each of an impact's parameters.
 
     Args:
         design: X over cells.
-        locations: what the elements of b are.
         b: all location parameters.
     """
     values, begin = [], 0

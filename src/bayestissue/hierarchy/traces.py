@@ -7,6 +7,7 @@ coordinates made for sampling: b and every impact's parameters are affine maps o
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
@@ -15,6 +16,7 @@ import numpyro
 import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Float
+from numpyro.distributions import biject_to
 
 from bayestissue.hierarchy.conditional import (
     Conditional,
@@ -140,6 +142,11 @@ def sample_spreads(model: TraceModel) -> dict[str, Array]:
     return {name: numpyro.sample(name, model.prior_of(name)) for name in model.spreads}
 
 
+def constrained(model: TraceModel, raw: Mapping[str, Array]) -> dict[str, Array]:
+    """The standard deviations and the correlation from their unconstrained coordinates, of any shape."""
+    return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.spreads}
+
+
 def population(model: TraceModel, sites: dict[str, Array]) -> Spread:
     """See `spread_of_population`."""
     return spread_of_population(model.locations, sites, model.log_mass_sd, model.nuisance)
@@ -149,7 +156,7 @@ def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True)
     """The model from the top down: standard deviations, b, each impact's parameters, its trace."""
     spread = population(model, sample_spreads(model))
     b = numpyro.sample("locations", dist.Normal(data.location_mean, spread.locations).to_event(1))
-    about = expected(data.design, model.locations, b)
+    about = expected(data.design, b)
     kk, kc, cc = spread.own
     own = jnp.stack([jnp.stack([kk, kc]), jnp.stack([kc, cc])])
     with numpyro.plate("impact", data.log_mass.shape[0]):
@@ -205,6 +212,6 @@ def from_standard(
     spread = population(model, sites)
     conditional = condition(data.design, spread, data.location_mean, summaries)
     b = locations(conditional, z_b)
-    about = expected(data.design, model.locations, b)
+    about = expected(data.design, b)
     u = impact_parameters(conditional, summaries, about, z_u)
     return Drawn(b, u, about, conditional)

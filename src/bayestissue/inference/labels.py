@@ -7,6 +7,8 @@ from collections.abc import Mapping
 import numpy as np
 import xarray as xr
 
+from bayestissue.inference.sampling import Draws
+
 STIFFNESS, DAMPING = "N/m", "N s/m"
 _UNITS = {"K": STIFFNESS, "C": DAMPING}
 _MEANINGS = {
@@ -120,3 +122,22 @@ def labelled(
         if name in used:
             coords[name] = list(range(next(v.sizes[name] for v in variables.values() if name in v.dims)))
     return xr.Dataset(variables, coords)
+
+
+def labelled_statistics(draws: Draws) -> xr.Dataset:
+    """What the sampler tells of its draws, by ArviZ's names."""
+    statistics = labelled(
+        {
+            "diverging": draws.statistics["diverging"],
+            "n_steps": draws.statistics["num_steps"],
+            "tree_depth": np.ceil(np.log2(draws.statistics["num_steps"] + 1)).astype(int),
+            "acceptance_rate": draws.statistics["accept_prob"],
+            "energy": draws.statistics["energy"],
+            "lp": -draws.statistics["potential_energy"],
+        },
+        {},
+        {},
+    )
+    # A tree of the greatest allowed depth that turned by itself is not cut off; only one more step tells.
+    statistics.attrs["max_tree_depth"] = draws.max_tree_depth
+    return statistics

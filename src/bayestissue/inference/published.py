@@ -30,7 +30,7 @@ from bayestissue.hierarchy.published import (
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, Sampler
 from bayestissue.inference import comparison
 from bayestissue.inference.diagnostics import diagnose
-from bayestissue.inference.labels import labelled
+from bayestissue.inference.labels import labelled, labelled_statistics
 from bayestissue.inference.predictive import predictive_checks
 from bayestissue.inference.sampling import Draws, PosteriorSampler
 from bayestissue.inference.summary import summarise
@@ -199,20 +199,7 @@ def _tree(
     keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 1), 2)
     quantities = _quantities(design, observations, draws.sites, rng)
     priors = specification.priors.log_densities(draws.sites)
-    statistics = labelled(
-        {
-            "diverging": draws.statistics["diverging"],
-            "n_steps": draws.statistics["num_steps"],
-            "tree_depth": np.ceil(np.log2(draws.statistics["num_steps"] + 1)).astype(int),
-            "acceptance_rate": draws.statistics["accept_prob"],
-            "energy": draws.statistics["energy"],
-            "lp": -draws.statistics["potential_energy"],
-        },
-        {},
-        {},
-    )
-    # A tree of the greatest allowed depth that turned by itself is not cut off; only one more step tells.
-    statistics.attrs["max_tree_depth"] = draws.max_tree_depth
+    statistics = labelled_statistics(draws)
     conditions = observations.cells.drop_duplicates("trial")
     constants = {name: conditions[name].to_numpy(float) for name in ("mass_kg", "velocity_m_s", "energy_J")}
     constants |= {

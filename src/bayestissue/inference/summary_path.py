@@ -16,13 +16,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpyro.distributions import biject_to
 
 from bayestissue.hierarchy.conditional import Summaries, condition, impact_parameters, locations
 from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, population
+from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.sampling import Draws, Progress, silent
@@ -126,10 +125,6 @@ def _spreads_of(model: TraceModel) -> Callable[..., None]:
     return partial(spreads_model, model)
 
 
-def _constrained(model: TraceModel, raw: dict[str, Array]) -> dict[str, Array]:
-    return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.spreads}
-
-
 @partial(jax.jit, static_argnames="model")
 def _locations(
     model: TraceModel, data: TraceData, summaries: Summaries, raw: dict[str, Array], z_b: Array
@@ -137,7 +132,7 @@ def _locations(
     """Spreads and b of some draws."""
 
     def one(draw: tuple[dict[str, Array], Array]) -> tuple[dict[str, Array], Array]:
-        sites = _constrained(model, draw[0])
+        sites = constrained(model, draw[0])
         found = condition(data.design, population(model, sites), data.location_mean, summaries)
         return sites, locations(found, draw[1])
 
@@ -156,9 +151,9 @@ def _log_weights(
     """Log of the true evidence over the summaries', for each draw of the population."""
 
     def one(draw: tuple[dict[str, Array], Array]) -> Array:
-        spread = population(model, _constrained(model, draw[0]))
+        spread = population(model, constrained(model, draw[0]))
         found = condition(data.design, spread, data.location_mean, summaries)
-        about = expected(data.design, model.locations, locations(found, draw[1]))
+        about = expected(data.design, locations(found, draw[1]))
         return log_corrections(points, summaries, found.parts, about).sum()
 
     return jax.lax.map(one, (raw, z_b))
@@ -190,9 +185,9 @@ def _standard_impacts(
 
     def one(draw: tuple[dict[str, Array], Array, Array]) -> Array:
         own, z, key = draw
-        spread = population(model, _constrained(model, own))
+        spread = population(model, constrained(model, own))
         found = condition(data.design, spread, data.location_mean, summaries)
-        about = expected(data.design, model.locations, locations(found, z))
+        about = expected(data.design, locations(found, z))
         of_candidates, of_choice = jax.random.split(key)
         candidates = jax.random.normal(of_candidates, (CANDIDATES, *shape))
 

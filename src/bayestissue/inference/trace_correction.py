@@ -65,7 +65,7 @@ def compare(
     """Compare where the population with these spreads, and the summaries, put each impact's parameters."""
     spread = population(model, sites)
     conditional = condition(data.design, spread, data.location_mean, summaries)
-    about = expected(data.design, model.locations, conditional.mean)
+    about = expected(data.design, conditional.mean)
     count = summaries.centre.shape[0]
 
     def one(z: Array) -> tuple[Array, Array]:
@@ -89,7 +89,7 @@ def refine(
     """
     spread = population(model, sites)
     conditional = condition(data.design, spread, data.location_mean, summaries)
-    about = jnp.stack(expected(data.design, model.locations, conditional.mean), axis=-1)
+    about = jnp.stack(expected(data.design, conditional.mean), axis=-1)
     weight = jax.nn.softmax(points.log_ratio, axis=0)
     mean = jnp.einsum("pi,pia->ia", weight, points.u)
     away = points.u - mean
@@ -181,7 +181,7 @@ def profile_last(
     cleared = summaries._replace(precision=precision, slope=summaries.slope.at[:, last].set(0.0))
     parts = impact_parts(population(model, sites), cleared)
     conditional = condition(data.design, population(model, sites), data.location_mean, cleared)
-    about = expected(data.design, model.locations, conditional.mean)
+    about = expected(data.design, conditional.mean)
     count = summaries.centre.shape[0]
 
     def one(value: Array) -> Array:
@@ -218,7 +218,7 @@ def compare_over(
     def one(part: tuple[dict[str, Array], Array, Array]) -> tuple[Array, Array, Array, Array]:
         sites, b, z = part
         parts = impact_parts(population(model, sites), summaries)
-        about = expected(data.design, model.locations, b)
+        about = expected(data.design, b)
         shift, factor = _conditional(parts, summaries, about)
         u = impact_values(parts, summaries, about, jnp.broadcast_to(z, (count, size)))
         found = log_likelihood(model, data, u) - summaries.log_summary(u)

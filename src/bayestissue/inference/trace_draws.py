@@ -10,14 +10,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from numpyro.distributions import biject_to
 
 from bayestissue.hierarchy.conditional import Summaries, impact_log_evidence
+from bayestissue.hierarchy.design import GROUPS
+from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     Drawn,
     TraceData,
     TraceModel,
+    constrained,
     from_standard,
     physical,
     population,
@@ -25,8 +27,6 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.sampling import Draws
 from bayestissue.likelihood.linear_errors import draw_errors
-
-GROUPS = ("subject", "trial")
 
 
 @dataclass(frozen=True)
@@ -48,8 +48,7 @@ def unfold(prepared: Prepared, summaries: Summaries, draws: Draws, key: Array) -
     model, data = prepared.model, prepared.data
     shape = next(iter(draws.sites.values())).shape[:2]
     flat = {name: jnp.asarray(v.reshape(-1, *v.shape[2:])) for name, v in draws.sites.items()}
-    for name in model.spreads:
-        flat[name] = biject_to(model.prior_of(name).support)(flat[name])
+    flat |= constrained(model, flat)
     keys = jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1])
     groups = tuple(
         (getattr(prepared.design, group), len(getattr(prepared.design, f"{group}s"))) for group in GROUPS
@@ -57,11 +56,25 @@ def unfold(prepared: Prepared, summaries: Summaries, draws: Draws, key: Array) -
     counts = tuple(count for _, count in groups)
     made = _unfold_all(model, counts, data, summaries, flat, keys, tuple(codes for codes, _ in groups))
     b, impacts, scores = jax.tree.map(lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), made)
-    sites = {name: np.asarray(flat[name]).reshape(shape) for name in model.spreads}
-    for name, part in model.locations.parts.items():
+    spreads = {name: np.asarray(flat[name]).reshape(shape) for name in model.spreads}
+    return Unfolded(named_sites(prepared, spreads, b), impacts, scores)
+
+
+def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarray) -> dict[str, np.ndarray]:
+    """The hierarchy's quantities by name, from the spreads and the locations b, all [chain, draw, ...].
+
+    Effects that the formulas leave out are zero, so that what follows need not ask.
+    """
+    sites = dict(spreads)
+    for name, part in prepared.model.locations.parts.items():
         values = b[..., part]
         sites[name] = values if name.startswith(("subject_", "trial_", "covariate_")) else values[..., 0]
-    return Unfolded(_complete(prepared, sites, shape), impacts, scores)
+    for response in RESPONSES:
+        for group in GROUPS:
+            count = len(getattr(prepared.design, f"{group}s"))
+            sites.setdefault(f"{group}_effect_{response}", np.zeros((*b.shape[:2], count)))
+            sites.setdefault(f"sd_{group}_{response}", np.zeros(b.shape[:2]))
+    return sites
 
 
 @partial(jax.jit, static_argnames=("model", "counts"))
@@ -77,18 +90,6 @@ def _unfold_all(
     groups = tuple(zip(codes, counts, strict=True))
     one = partial(_unfold_one, model, data, summaries, groups=groups)
     return jax.lax.map(lambda part: one(*part), (flat, keys))
-
-
-def _complete(
-    prepared: Prepared, sites: dict[str, np.ndarray], shape: tuple[int, ...]
-) -> dict[str, np.ndarray]:
-    """Zero for every effect that the formulas leave out, so that what follows need not ask."""
-    for response in ("K", "C"):
-        for group in GROUPS:
-            count = len(getattr(prepared.design, f"{group}s"))
-            sites.setdefault(f"{group}_effect_{response}", np.zeros((*shape, count)))
-            sites.setdefault(f"sd_{group}_{response}", np.zeros(shape))
-    return sites
 
 
 def _unfold_one(

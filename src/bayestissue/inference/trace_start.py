@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -14,15 +14,15 @@ import numpyro
 import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Float
-from numpyro.distributions import biject_to
 from numpyro.infer.util import potential_energy
 from scipy.optimize import minimize
 
 from bayestissue.hierarchy.conditional import Summaries, condition
 from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, population, sample_spreads
+from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, population, sample_spreads
 from bayestissue.inference.point import PointFit, fit_points
+from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_correction import (
     Profile,
     compare,
@@ -37,10 +37,6 @@ REFINEMENTS = 2
 FEW = 4
 _NEAREST = 0.99
 _STEP = 1e-4
-
-
-def _silent(done: int, total: int) -> None:
-    """Say nothing."""
 
 
 @dataclass(frozen=True)
@@ -106,7 +102,7 @@ class Summarised:
     profile: Profile | None
 
 
-def summarise(prepared: Prepared, *, say: Callable[[int, int], None] = _silent) -> Summarised:
+def summarise(prepared: Prepared, *, say: Progress = silent) -> Summarised:
     """Summaries of the traces, each made where the whole data set says that its parameters are.
 
     First every likelihood is expanded at its own maximum, then at the maximum under the population that
@@ -180,10 +176,7 @@ class _SpreadsFinder:
         return minimize(self._at, begin, args=(summaries,), jac=True, method="L-BFGS-B", bounds=bounds).x
 
     def constrained(self, flat: np.ndarray) -> dict[str, Array]:
-        own = dict(zip(self._names, jnp.asarray(flat), strict=True))
-        return {
-            name: biject_to(self._model.prior_of(name).support)(own[name]) for name in self._model.spreads
-        }
+        return constrained(self._model, dict(zip(self._names, jnp.asarray(flat), strict=True)))
 
     def spreads(self, summaries: Summaries, flat: np.ndarray) -> Spreads:
         steps = _STEP * np.eye(len(flat))
@@ -199,7 +192,7 @@ class _SpreadsFinder:
 def _anchor(model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any]) -> Anchor:
     spread = population(model, sites)
     conditional = condition(data.design, spread, data.location_mean, summaries)
-    about = expected(data.design, model.locations, conditional.mean)
+    about = expected(data.design, conditional.mean)
     size = len(about)
     prior = conditional.parts.prior
     precision = jnp.stack([jnp.stack([jnp.asarray(prior[a][b]) for b in range(size)]) for a in range(size)])

@@ -15,10 +15,17 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import physical, plain_model, trace_distribution
-from bayestissue.inference.labels import labelled
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    physical,
+    plain_model,
+    trace_distribution,
+)
+from bayestissue.inference.labels import labelled, labelled_statistics
 from bayestissue.inference.sampling import Draws
-from bayestissue.inference.trace_draws import Unfolded, thinned
+from bayestissue.inference.trace_draws import Unfolded, named_sites, thinned
+from bayestissue.likelihood.deceleration import DecelerationRecord
 from bayestissue.oscillator import impact_motion
 
 RESPONSES = derived.RESPONSES
@@ -47,7 +54,7 @@ def posterior_tree(
     log_likelihood = unfolded.log_likelihood
     groups = {
         "posterior": put(quantities),
-        "sample_stats": _statistics(draws),
+        "sample_stats": labelled_statistics(draws),
         "log_likelihood": put({"trace": log_likelihood["trace"]}),
         "log_likelihood_of_groups": put({k: v for k, v in log_likelihood.items() if k != "trace"}),
         "log_prior": put({name: np.asarray(v) for name, v in priors.items()}),
@@ -107,46 +114,32 @@ def _error_names(prepared: Prepared) -> tuple[str, str, str]:
     return ERRORS["impact" if prepared.model.kind == "impact" else "displacement"]
 
 
-def _statistics(draws: Draws) -> xr.Dataset:
-    statistics = labelled(
-        {
-            "diverging": draws.statistics["diverging"],
-            "n_steps": draws.statistics["num_steps"],
-            "tree_depth": np.ceil(np.log2(draws.statistics["num_steps"] + 1)).astype(int),
-            "acceptance_rate": draws.statistics["accept_prob"],
-            "energy": draws.statistics["energy"],
-            "lp": -draws.statistics["potential_energy"],
-        },
-        {},
-        {},
-    )
-    statistics.attrs["max_tree_depth"] = draws.max_tree_depth
-    return statistics
-
-
 def _predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, np.ndarray]:
     some = thinned({"u": unfolded.impacts["parameters"]}, PREDICTIVE_DRAWS)["u"]
     flat = jnp.asarray(some.reshape(-1, *some.shape[2:]))
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), len(flat))
-    made = jax.jit(lambda u, keys: jax.lax.map(lambda part: _replicate(prepared, *part), (u, keys)))(
-        flat, keys
-    )
+    made = _replicates(prepared.model, prepared.data, flat, keys)
     return {
         name: np.asarray(v, np.float32).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()
     }
 
 
-def _replicate(prepared: Prepared, u: jax.Array, key: jax.Array) -> dict[str, jax.Array]:
+@partial(jax.jit, static_argnames="model")
+def _replicates(model: TraceModel, data: TraceData, u: jax.Array, keys: jax.Array) -> dict[str, jax.Array]:
+    """A replicate of every trace for each draw of ``u``; see `_replicate`."""
+    return jax.lax.map(lambda part: _replicate(model, data, *part), (u, keys))
+
+
+def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array) -> dict[str, jax.Array]:
     """One replicate of every trace, as displacement and as deceleration."""
-    model, data = prepared.model, prepared.data
     columns = [u[:, a] for a in range(u.shape[1])]
     trace = trace_distribution(model, data, columns).sample(key)
     record = data.record
     inside = jnp.arange(trace.shape[1]) < record.n_samples[:, None]
     time = record.first_time[:, None] + jnp.arange(trace.shape[1]) * record.dt[:, None]
     at = physical(model, data, columns)
-    if model.kind == "impact":
-        velocity = jnp.asarray(prepared.signal.velocity)[:, None]
+    if isinstance(record, DecelerationRecord):
+        velocity = record.velocity[:, None]
         x = impact_motion(time, at.omega_n[:, None], at.zeta[:, None], velocity).displacement
         return {
             "deceleration": jnp.where(inside, trace, jnp.nan),
@@ -198,16 +191,7 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
         return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance],
     )
     drawn = {name: np.asarray(values)[None] for name, values in bare(key).items()}
-    sites = {name: drawn[name] for name in model.spreads}
-    for name, part in model.locations.parts.items():
-        values = drawn["locations"][..., part]
-        grouped = name.startswith(("subject_", "trial_", "covariate_"))
-        sites[name] = values if grouped else values[..., 0]
-    for response in RESPONSES:
-        for group in GROUPS:
-            count = len(getattr(prepared.design, f"{group}s"))
-            sites.setdefault(f"{group}_effect_{response}", np.zeros((1, PRIOR_DRAWS, count)))
-            sites.setdefault(f"sd_{group}_{response}", np.zeros((1, PRIOR_DRAWS)))
+    sites = named_sites(prepared, {name: drawn[name] for name in model.spreads}, drawn["locations"])
     u = np.concatenate([drawn["log_K_and_C"], *(drawn[name][..., None] for name in model.nuisance)], axis=-1)
     at = physical(model, data, [jnp.asarray(u[..., a]) for a in range(u.shape[-1])])
     error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
@@ -219,9 +203,7 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
     }
     some = jnp.asarray(u[0, :PREDICTIVE_DRAWS])
     keys = jax.random.split(key, len(some))
-    made = jax.jit(lambda u, keys: jax.lax.map(lambda part: _replicate(prepared, *part), (u, keys)))(
-        some, keys
-    )
+    made = _replicates(model, data, some, keys)
     return {
         "prior": put(_quantities(prepared, sites, impacts, rng)),
         "prior_predictive": put({name: np.asarray(v, np.float32)[None] for name, v in made.items()}),
