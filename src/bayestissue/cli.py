@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
 
+from bayestissue import results, stopping
 from bayestissue.errors import InputError
 
 app = typer.Typer(
@@ -212,16 +212,16 @@ def _options(
 
 def main() -> None:
     """Run the command line; bad input is listed on standard error and ends with exit status 2."""
-    # A polite kill ends like Ctrl-C: what was begun is cleared away.
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    stopping.on_request()
     try:
         app()
     except InputError as error:
         _print_problems(error)
         sys.exit(2)
     except KeyboardInterrupt:
+        results.discard_unfinished()
         typer.echo("interrupted", err=True)
-        sys.exit(130)
+        sys.exit(stopping.INTERRUPTED)
 
 
 def _print_problems(error: InputError) -> None:

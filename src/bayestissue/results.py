@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import secrets
 import shutil
 import tempfile
 from collections.abc import Iterator
@@ -12,6 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from bayestissue.errors import InputError, Problem
+
+_unfinished: set[Path] = set()
 
 
 def require_free(out: Path, *, overwrite: bool) -> None:
@@ -53,13 +56,17 @@ def whole_folder(out: Path, *, overwrite: bool = False) -> Iterator[Path]:
     out = Path(out).absolute()
     require_free(out, overwrite=overwrite)
     out.parent.mkdir(parents=True, exist_ok=True)
-    staging = Path(tempfile.mkdtemp(prefix=f".{out.name}.partial-", dir=out.parent))
+    staging = out.parent / f".{out.name}.partial-{secrets.token_hex(4)}"
+    # Known before it is there, so that no moment of interruption leaves it behind.
+    _unfinished.add(staging)
     try:
+        staging.mkdir(mode=0o700)
         yield staging
         staging.chmod(0o755)
         _replace(staging, out)
     finally:
         shutil.rmtree(staging, ignore_errors=True)
+        _unfinished.discard(staging)
 
 
 @contextmanager
@@ -70,12 +77,23 @@ def whole_file(path: Path) -> Iterator[Path]:
     handle, name = tempfile.mkstemp(prefix=f".{path.name}.partial-", suffix=path.suffix, dir=path.parent)
     os.close(handle)
     staging = Path(name)
+    _unfinished.add(staging)
     try:
         yield staging
         staging.chmod(0o644)
         staging.replace(path)
     finally:
         staging.unlink(missing_ok=True)
+        _unfinished.discard(staging)
+
+
+def discard_unfinished() -> None:
+    """Clear away what no block will finish, for a process that must leave at once."""
+    for staging in tuple(_unfinished):
+        if staging.is_dir():
+            shutil.rmtree(staging, ignore_errors=True)
+        else:
+            staging.unlink(missing_ok=True)
 
 
 def write_json(content: dict[str, Any], path: Path) -> None:

@@ -1,0 +1,50 @@
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+LOSES_EXCEPTIONS = """
+import sys, time
+from pathlib import Path
+from bayestissue import results, stopping
+
+stopping.PATIENCE_S = 0.2
+stopping.on_request()
+lost = 0
+with results.whole_folder(Path(sys.argv[1])) as folder:
+    (folder / "half.csv").write_text("half")
+    while lost < int(sys.argv[2]):
+        try:
+            print("ready", flush=True)
+            while True:
+                time.sleep(0.01)
+        except KeyboardInterrupt:
+            lost += 1
+    time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize(("lost", "status"), [(0, -signal.SIGINT), (2, -signal.SIGINT), (1000, 130)])
+def test_a_request_to_stop_is_not_lost_with_an_exception(
+    tmp_path: Path, number: signal.Signals, lost: int, status: int
+) -> None:
+    """Python ends itself by SIGINT where nothing catches KeyboardInterrupt; 130 is the last resort."""
+    program = subprocess.Popen(  # noqa: S603 - our own program
+        [sys.executable, "-c", LOSES_EXCEPTIONS, str(tmp_path / "run"), str(lost)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.DEVNULL,
+    )
+    try:
+        assert program.stdout is not None
+        assert program.stdout.readline() == b"ready\n"
+        program.send_signal(number)
+        assert program.wait(timeout=30) == status
+    finally:
+        program.kill()
+        program.communicate()
+    assert list(tmp_path.iterdir()) == []
