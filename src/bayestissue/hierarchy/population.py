@@ -7,7 +7,7 @@ intercepts, mass exponents and covariates are all parts of b, so everything line
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -65,6 +65,8 @@ def population_design(
     Returns:
         What the elements of b are, and the matrices X with rows that repeat kept once.
     """
+    number = len(design.subject)
+    design, row = _distinct_rows(design)
     parts: dict[str, slice] = {}
     rows: list[np.ndarray] = []
     mean: list[float] = []
@@ -87,13 +89,35 @@ def population_design(
         rows.append(np.ones((len(design.subject), 1)))
     whole = np.concatenate(rows, axis=1)
     _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
-    if len(first) == len(whole):
-        first = cell = np.arange(len(whole))
+    cell = cell.reshape(-1)[row]
+    if len(first) == number:
+        first, cell = row, np.arange(number)
     columns = tuple(matrix[first] for matrix in rows)
     return (
         Locations(parts, np.array(mean, float), np.array(sd, float), tuple(spread)),
-        PopulationDesign(columns, cell.reshape(-1)),
+        PopulationDesign(columns, cell),
     )
+
+
+def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
+    """The design with rows that repeat kept once, and of each row the one that is kept.
+
+    One column for a hundred people here, where the matrices need a hundred.
+    """
+    keys = [design.subject, design.trial]
+    for part in design.responses.values():
+        keys += [*part.covariates.T, *([] if part.log_mass is None else [part.log_mass])]
+    _, first, row = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_inverse=True)
+    responses = {
+        name: replace(
+            part,
+            covariates=part.covariates[first],
+            log_mass=None if part.log_mass is None else part.log_mass[first],
+        )
+        for name, part in design.responses.items()
+    }
+    kept = replace(design, responses=responses, subject=design.subject[first], trial=design.trial[first])
+    return kept, row.reshape(-1)
 
 
 def _response(
