@@ -14,17 +14,17 @@ from bayestissue import results, stopping
 
 stopping.PATIENCE_S = 0.2
 stopping.on_request()
-lost = 0
+lost = int(sys.argv[2])
 with results.whole_folder(Path(sys.argv[1])) as folder:
     (folder / "half.csv").write_text("half")
-    while lost < int(sys.argv[2]):
+    for turn in range(lost + 1):
         try:
-            print("ready", flush=True)
-            while True:
-                time.sleep(0.01)
+            if turn == 0:
+                print("ready", flush=True)
+            time.sleep(60)
         except KeyboardInterrupt:
-            lost += 1
-    time.sleep(60)
+            if turn == lost:
+                raise
 """
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import _thread
 import os
 import signal
 import sys
@@ -40,7 +39,7 @@ def _stop(number: int, frame: FrameType | None) -> None:
 def _insist() -> None:
     for _ in range(REMINDERS):
         time.sleep(PATIENCE_S)
-        _thread.interrupt_main()
+        os.kill(os.getpid(), signal.SIGINT)
     results.discard_unfinished()
     sys.stderr.write("interrupted\n")
     sys.stderr.flush()
