@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 import os
 import shutil
 import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -56,6 +56,11 @@ chains = 2
 warmup = {warmup}
 draws = {draws}
 """
+
+ALWAYS_KEPT = {
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+}
 
 
 def command(*arguments: str | Path) -> list[str]:
@@ -147,31 +152,48 @@ def test_wrong_models_are_refused_before_anything_is_written(campaign: Path) -> 
 
 @pytest.mark.long
 def test_ten_kills_leave_the_draws_as_they_would_have_been(campaign: Path, tmp_path: Path) -> None:
-    model = model_file(campaign, "exact", warmup=400, draws=1600)
-    whole = run("fit", campaign / "data", "--model", model, "--out", tmp_path / "whole", "--quiet")
-    assert whole.returncode in (0, 3), whole.stderr
-    lasted = json.loads((tmp_path / "whole" / "run.json").read_text(encoding="utf-8"))["wall_time_s"]
-    moments = np.random.default_rng(5)
-    out = tmp_path / "killed"
-    arguments = command("fit", campaign / "data", "--model", model, "--out", out, "--quiet")
-    killed = 0
-    while killed < 10:
-        process = subprocess.Popen(arguments, start_new_session=True)  # noqa: S603
-        try:
-            process.wait(moments.uniform(0.1, 0.9) * lasted)
-        except subprocess.TimeoutExpired:
-            killed += 1
-            if killed % 2:
-                os.killpg(process.pid, signal.SIGKILL)
-            else:
-                process.send_signal(signal.SIGTERM)
-            process.wait()
-        if out.exists():
-            assert_same_draws(tmp_path / "whole", out)
+    """Each tenth of a run's life has a kill at a random moment, and each resumed run the same draws."""
+    model = model_file(campaign, "exact", warmup=200, draws=400)
+    # What is compiled is kept, so that a life is summaries, sampling and writing rather than compilation.
+    kept = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "compiled"), **ALWAYS_KEPT}
+    environment = os.environ | kept
+    whole, out = tmp_path / "whole", tmp_path / "killed"
+
+    def fit(to: Path) -> list[str]:
+        return command("fit", campaign / "data", "--model", model, "--out", to, "--quiet")
+
+    for _ in range(2):
+        shutil.rmtree(whole, ignore_errors=True)
+        began = time.monotonic()
+        assert subprocess.run(fit(whole), env=environment, check=False).returncode in (0, 3)  # noqa: S603
+        lasted = time.monotonic() - began
+    random = np.random.default_rng(5)
+    for tenth in range(10):
+        moment = (tenth + random.uniform()) / 10 * lasted
+        # Lives differ in length: one that had its results before its moment is no kill.
+        while not killed(fit(out), environment, moment, hard=tenth % 2 == 0) or out.exists():
             shutil.rmtree(out)
-    last = subprocess.run(arguments, check=False)  # noqa: S603
-    assert last.returncode in (0, 3)
-    assert_same_draws(tmp_path / "whole", out)
+            moment *= 0.9
+        resumed = subprocess.run(fit(out), env=environment, check=False)  # noqa: S603
+        assert resumed.returncode in (0, 3)
+        assert_same_draws(whole, out)
+        assert not (out.parent / f".{out.name}.unfinished").exists()
+        shutil.rmtree(out)
+
+
+def killed(arguments: list[str], environment: dict[str, str], after_s: float, *, hard: bool) -> bool:
+    """Whether a run could be ended after some seconds, as by the power going off, or by being asked to."""
+    process = subprocess.Popen(arguments, env=environment, start_new_session=True)  # noqa: S603
+    try:
+        process.wait(after_s)
+    except subprocess.TimeoutExpired:
+        if hard:
+            os.killpg(process.pid, signal.SIGKILL)
+        else:
+            process.send_signal(signal.SIGTERM)
+        process.wait()
+    print(f"{'SIGKILL' if hard else 'SIGTERM'} after {after_s:.1f} s: status {process.returncode}")  # noqa: T201
+    return process.returncode not in (0, 3)
 
 
 def assert_same_draws(first: Path, second: Path) -> None:
