@@ -21,7 +21,6 @@ from bayestissue.hierarchy.conditional import (
     ImpactParts,
     Summaries,
     condition,
-    impact_parameters,
     impact_parts,
     impact_values,
     log_evidence_of,
@@ -66,10 +65,22 @@ def compare(
     spread = population(model, sites)
     conditional = condition(data.design, spread, data.location_mean, summaries)
     about = expected(data.design, conditional.mean)
+    return compare_about(model, data, summaries, conditional.parts, about, standard)
+
+
+def compare_about(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    parts: ImpactParts,
+    about: list[Array],
+    standard: Float[Array, "point parameter"],
+) -> Points:
+    """`compare` for given X b and impacts' parts."""
     count = summaries.centre.shape[0]
 
     def one(z: Array) -> tuple[Array, Array]:
-        u = impact_parameters(conditional, summaries, about, jnp.broadcast_to(z, (count, z.shape[0])))
+        u = impact_values(parts, summaries, about, jnp.broadcast_to(z, (count, z.shape[0])))
         found = log_likelihood(model, data, u) - summaries.log_summary(u)
         return jnp.stack(u, axis=-1), jnp.where(jnp.isfinite(found), found, -jnp.inf)
 
@@ -89,7 +100,14 @@ def refine(
     """
     spread = population(model, sites)
     conditional = condition(data.design, spread, data.location_mean, summaries)
-    about = jnp.stack(expected(data.design, conditional.mean), axis=-1)
+    return refine_about(spread, summaries, conditional.parts, expected(data.design, conditional.mean), points)
+
+
+def refine_about(
+    spread: Spread, summaries: Summaries, parts: ImpactParts, expectation: list[Array], points: Points
+) -> Summaries:
+    """`refine` for given X b and impacts' parts."""
+    about = jnp.stack(expectation, axis=-1)
     weight = jax.nn.softmax(points.log_ratio, axis=0)
     mean = jnp.einsum("pi,pia->ia", weight, points.u)
     away = points.u - mean
@@ -99,7 +117,7 @@ def refine(
     own = jnp.einsum("pia,pib->iab", plain, plain) / plain.shape[0]
     size = points.u.shape[-1]
     prior = jnp.stack(
-        [jnp.stack([conditional.parts.prior[a][b] + jnp.zeros(()) for b in range(size)]) for a in range(size)]
+        [jnp.stack([parts.prior[a][b] + jnp.zeros(()) for b in range(size)]) for a in range(size)]
     )
     exact = jnp.linalg.inv(summaries.precision + prior)
     covariance = covariance + exact - own
@@ -176,13 +194,29 @@ def profile_last(
     standard: Float[Array, "point parameter"],
 ) -> tuple[Summaries, Profile]:
     """Tabulate the last parameter's likelihood, and clear the summaries of it."""
+    cleared, spread = cleared_of_last(summaries), population(model, sites)
+    conditional = condition(data.design, spread, data.location_mean, cleared)
+    about = expected(data.design, conditional.mean)
+    return cleared, profile_about(model, data, cleared, conditional.parts, about, standard)
+
+
+def cleared_of_last(summaries: Summaries) -> Summaries:
+    """Summaries that say nothing of the last parameter."""
     last = summaries.centre.shape[1] - 1
     precision = summaries.precision.at[:, last, :].set(0.0).at[:, :, last].set(0.0)
-    cleared = summaries._replace(precision=precision, slope=summaries.slope.at[:, last].set(0.0))
-    parts = impact_parts(population(model, sites), cleared)
-    conditional = condition(data.design, population(model, sites), data.location_mean, cleared)
-    about = expected(data.design, conditional.mean)
-    count = summaries.centre.shape[0]
+    return summaries._replace(precision=precision, slope=summaries.slope.at[:, last].set(0.0))
+
+
+def profile_about(
+    model: TraceModel,
+    data: TraceData,
+    cleared: Summaries,
+    parts: ImpactParts,
+    about: list[Array],
+    standard: Float[Array, "point parameter"],
+) -> Profile:
+    """The table of `profile_last` for given X b and impacts' parts."""
+    count, last = cleared.centre.shape[0], cleared.centre.shape[1] - 1
 
     def one(value: Array) -> Array:
         def ratio(z: Array) -> Array:
@@ -195,7 +229,7 @@ def profile_last(
         return jax.nn.logsumexp(ratios, axis=0) - jnp.log(standard.shape[0])
 
     table = jnp.maximum(jax.lax.map(one, jnp.asarray(_GRID)), -1e6)
-    return cleared, flat_profile(count)._replace(log_likelihood=table)
+    return flat_profile(count)._replace(log_likelihood=table)
 
 
 @partial(jax.jit, static_argnames="model")
@@ -213,19 +247,34 @@ def compare_over(
     parameters be, there are points. A last parameter that has a profile is left out of them: what is
     compared is the rest, whatever that parameter is.
     """
+    sites, b = draws
+    spreads = jax.lax.map(partial(population, model), sites)
+    abouts = jax.lax.map(partial(expected, data.design), b)
+    return compare_over_about(model, data, summaries, spreads, abouts, standard, profile)
+
+
+def compare_over_about(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    spreads: Spread,
+    abouts: list[Float[Array, "draw impact"]],
+    standard: Float[Array, "point parameter"],
+    profile: Profile | None = None,
+) -> Points:
+    """`compare_over` for the spreads and X b of each draw."""
     count, size = summaries.centre.shape
 
-    def one(part: tuple[dict[str, Array], Array, Array]) -> tuple[Array, Array, Array, Array]:
-        sites, b, z = part
-        parts = impact_parts(population(model, sites), summaries)
-        about = expected(data.design, b)
+    def one(part: tuple[Spread, list[Array], Array]) -> tuple[Array, Array, Array, Array]:
+        spread, about, z = part
+        parts = impact_parts(spread, summaries)
         shift, factor = _conditional(parts, summaries, about)
         u = impact_values(parts, summaries, about, jnp.broadcast_to(z, (count, size)))
         found = log_likelihood(model, data, u) - summaries.log_summary(u)
         ratio = jnp.where(jnp.isfinite(found), found, -jnp.inf)
         return jnp.stack(u, axis=-1), ratio, shift, factor
 
-    u, log_ratio, shifts, factors = jax.lax.map(one, (*draws, standard))
+    u, log_ratio, shifts, factors = jax.lax.map(one, (spreads, abouts, standard))
     if profile is not None:
         log_ratio = log_ratio - jax.lax.map(profile.at, u[..., -1])
         u = u[..., :-1]
