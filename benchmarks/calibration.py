@@ -51,7 +51,9 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
     error_sd = np.asarray(record.error_sd)
     if isinstance(record, DecelerationRecord):
         velocity = np.asarray(record.velocity)
-        made = DecelerationRecord.of(traces, n_samples, first, dt, velocity, error_sd)
+        made = DecelerationRecord.of(
+            traces, n_samples, first, dt, velocity, error_sd, np.asarray(record.uniform)
+        )
         # Point estimates, from which the summaries start, ask for a displacement.
         x = _integrated(traces, velocity, dt)
     else:

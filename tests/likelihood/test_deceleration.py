@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.testing import assert_allclose
+from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
 from bayestissue.likelihood.deceleration import DecelerationRecord, MeasuredDeceleration
@@ -22,6 +23,7 @@ LOG_SIGMA = np.log(np.array([0.5, 1.0, 0.2, 2.0, 1.0]))
 ERROR_SD = np.array(
     [[0.02, 0.5, 1e-4], [0.05, 0.0, 2e-4], [0.0, 0.0, 0.0], [0.01, 1.0, 0.0], [0.1, 0.2, 1e-5]]
 )
+UNIFORM = np.array([False, True, False, False, True])
 WIDTH = 50
 
 
@@ -44,7 +46,7 @@ def record() -> DecelerationRecord:
     d = RNG.normal(size=(5, WIDTH))
     for i in range(5):
         d[i, : LENGTHS[i]] += expected(i, OMEGA_N[i], ZETA[i])[0]
-    return DecelerationRecord.of(d, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD)
+    return DecelerationRecord.of(d, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM)
 
 
 RECORD = record()
@@ -55,13 +57,22 @@ def measured(data: DecelerationRecord = RECORD) -> MeasuredDeceleration:
 
 
 def dense_log_density(value: np.ndarray) -> list[float]:
-    found = []
-    for i in range(5):
-        mean, columns = expected(i, OMEGA_N[i], ZETA[i])
-        covariance = np.exp(2 * LOG_SIGMA[i]) * np.eye(LENGTHS[i])
-        covariance += columns.T @ np.diag(ERROR_SD[i] ** 2) @ columns
-        found.append(multivariate_normal(mean, covariance).logpdf(value[i, : LENGTHS[i]]))
-    return found
+    return [
+        log_density(i, value[i, : LENGTHS[i]], *expected(i, OMEGA_N[i], ZETA[i])) for i in range(len(LENGTHS))
+    ]
+
+
+def log_density(i: int, value: np.ndarray, mean: np.ndarray, columns: np.ndarray) -> float:
+    """Of one trace, by a dense covariance; a uniform last error by Gauss-Legendre quadrature."""
+    normal = columns[:-1] if UNIFORM[i] else columns
+    covariance = np.exp(2 * LOG_SIGMA[i]) * np.eye(LENGTHS[i])
+    covariance += normal.T @ np.diag(ERROR_SD[i, : len(normal)] ** 2) @ normal
+    density = multivariate_normal(mean, covariance)
+    if not UNIFORM[i]:
+        return density.logpdf(value)
+    places, weights = np.polynomial.legendre.leggauss(60)
+    errors = np.sqrt(3) * ERROR_SD[i, -1] * places
+    return logsumexp(density.logpdf(value - errors[:, None] * columns[-1]), b=weights / 2)
 
 
 def test_density_is_that_of_the_dense_normal() -> None:
@@ -81,9 +92,7 @@ def test_density_by_the_motion_itself() -> None:
     for i in range(5):
         inside = slice(LENGTHS[i])
         columns = np.stack([d[i, inside] / VELOCITY[i], np.ones(LENGTHS[i]), -jerk[i, inside]])
-        covariance = np.exp(2 * LOG_SIGMA[i]) * np.eye(LENGTHS[i])
-        covariance += columns.T @ np.diag(ERROR_SD[i] ** 2) @ columns
-        direct = multivariate_normal(d[i, inside], covariance).logpdf(np.asarray(RECORD.d)[i, inside])
+        direct = log_density(i, np.asarray(RECORD.d)[i, inside], d[i, inside], columns)
         # Rounding alone: exp, sin and cos of up to some tens of radians.
         assert_allclose(exact.log_prob(RECORD.d)[i], direct, rtol=1e-11)
 
@@ -92,7 +101,7 @@ def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
     inside = np.arange(WIDTH) < LENGTHS[:, None]
     value = jnp.where(inside, RECORD.d, 7.0)
     assert_allclose(measured().log_prob(value), measured().log_prob(RECORD.d), rtol=1e-12)
-    messy = DecelerationRecord.of(np.asarray(value), LENGTHS, FIRST, DT, VELOCITY, ERROR_SD)
+    messy = DecelerationRecord.of(np.asarray(value), LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM)
     assert_allclose(messy.d, RECORD.d, atol=0)
 
 
@@ -122,7 +131,7 @@ def test_slopes_in_closed_form_are_those_of_the_plain_path() -> None:
     def plain(*parts: jax.Array) -> jax.Array:
         distribution = MeasuredDeceleration(*parts, RECORD)
         products = distribution.products()
-        return marginal_log_likelihood(products, distribution.log_sigma, RECORD.error_sd)
+        return marginal_log_likelihood(products, distribution.log_sigma, RECORD.error_sd, RECORD.uniform)
 
     assert_allclose(densities(*at), jax.jit(plain)(*at), rtol=1e-12)
     found = [

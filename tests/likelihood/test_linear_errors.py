@@ -4,9 +4,16 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from numpy.testing import assert_allclose
+from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from bayestissue.likelihood.linear_errors import Products, draw_errors, gram, marginal_log_likelihood
+from bayestissue.likelihood.linear_errors import (
+    Products,
+    draw_errors,
+    gram,
+    marginal_log_likelihood,
+    prior_errors,
+)
 
 RNG = np.random.default_rng(1)
 IMPACTS, COUNT, ERRORS = 3, 9, 3
@@ -56,3 +63,38 @@ def test_products_are_symmetric_and_weighted() -> None:
     parts = np.concatenate([RESIDUAL[None], COLUMNS])
     direct = np.einsum("ain,in,bin->abi", parts, WEIGHT, parts)
     assert_allclose(np.array(made), direct, rtol=1e-12, atol=1e-12)
+
+
+def test_a_uniform_error_is_integrated_over_and_drawn_within_its_bounds() -> None:
+    sd = np.array([[0.7, 1.2, 0.3], [0.4, 0.5, 2.0], [0.0, 0.0, 1e-3]])
+    half = np.sqrt(3) * sd[:, -1]
+    places, weights = np.polynomial.legendre.leggauss(200)
+    uniform = jnp.array([True, True, True])
+    arguments = (products(), jnp.asarray(LOG_SIGMA), jnp.asarray(sd), uniform)
+    ours = np.asarray(marginal_log_likelihood(*arguments))
+    number = 20_000
+    keys = jax.random.split(jax.random.key(5), number)
+    drawn = np.asarray(jax.vmap(lambda key: draw_errors(key, *arguments))(keys))[..., -1]
+    for i in range(IMPACTS):
+        columns, errors = COLUMNS[:2, i].T, np.diag(sd[i, :2] ** 2)
+        covariance = np.exp(2 * LOG_SIGMA[i]) * np.diag(1 / WEIGHT[i]) + columns @ errors @ columns.T
+        at = half[i] * places
+        density = multivariate_normal(cov=covariance).logpdf(RESIDUAL[i] - at[:, None] * COLUMNS[2, i])
+        assert_allclose(ours[i], logsumexp(density, b=weights / 2), rtol=1e-10)
+        share = weights * np.exp(density - density.max())
+        share /= share.sum()
+        mean = share @ at
+        sd_left = np.sqrt(share @ (at - mean) ** 2)
+        assert (np.abs(drawn[:, i]) <= half[i] * (1 + 1e-12)).all()
+        # Standard errors of a mean and, at most, of a standard deviation.
+        assert abs(drawn[:, i].mean() - mean) < 4.5 * sd_left / np.sqrt(number)
+        assert abs(drawn[:, i].std() - sd_left) < 4.5 * sd_left / np.sqrt(number)
+
+
+def test_prior_errors_have_their_standard_deviations() -> None:
+    sd, number = jnp.array([[0.7, 0.3], [0.2, 0.5]]), 20_000
+    found = np.asarray(prior_errors(jax.random.key(2), (number, 2), sd, jnp.array([True, False])))
+    # The standard error of a standard deviation, greatest for the normal.
+    assert (np.abs(found.std(0) / sd - 1) < 4.5 / np.sqrt(2 * number)).all()
+    assert np.abs(found[:, 0, 1]).max() <= np.sqrt(3) * 0.3
+    assert np.abs(found[:, 1, 1]).max() > np.sqrt(3) * 0.5

@@ -170,7 +170,8 @@ def _record(
         start = (signal.n_samples, signal.bracket_s, signal.dt)
         errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
         peak = np.abs(signal.deceleration).max(axis=1)
-        return DecelerationRecord.of(signal.deceleration, *start, signal.velocity, errors), peak
+        record = (signal.deceleration, *start, signal.velocity, errors, signal.bracket_uniform)
+        return DecelerationRecord.of(*record), peak
     level_sd = signal.velocity * signal.contact_time_sd
     if recorded:
         level_sd = np.hypot(level_sd, chain.offset_sd)

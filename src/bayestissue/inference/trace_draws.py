@@ -26,7 +26,6 @@ from bayestissue.hierarchy.traces import (
     trace_distribution,
 )
 from bayestissue.inference.sampling import Draws
-from bayestissue.likelihood.linear_errors import draw_errors
 
 
 @dataclass(frozen=True)
@@ -106,9 +105,7 @@ def _unfold_one(
     keys = jax.random.split(key)
     at = physical(model, data, found.u)
     mass_error = _mass_error(model, sites, found, keys[0])
-    errors = draw_errors(
-        keys[1], trace_distribution(model, data, found.u).products(), at.log_sigma, data.record.error_sd
-    )
+    errors = trace_distribution(model, data, found.u).draw_errors(keys[1])
     impacts = {
         "K": jnp.exp(found.u[0] + mass_error),
         "C": jnp.exp(found.u[1] + mass_error),

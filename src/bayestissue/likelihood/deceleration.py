@@ -2,7 +2,7 @@
 
 (1 + g) d(t - tau; V + dV) + b, to first order in the errors: d itself is V times the deceleration h(t) of
 an impact at unit velocity, so gain and velocity errors add (g V + dV) h(t), an offset adds b, and an error
-tau of the contact time adds -tau V h'(t).
+tau of the contact time adds -tau V h'(t). Contact lies anywhere between two samples: tau is uniform then.
 """
 
 from __future__ import annotations
@@ -14,10 +14,17 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro.distributions as dist
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from numpyro.distributions import constraints
 
-from bayestissue.likelihood.linear_errors import Products, from_lower_entries, gram, marginal_log_likelihood
+from bayestissue.likelihood.linear_errors import (
+    Products,
+    draw_errors,
+    from_lower_entries,
+    gram,
+    marginal_log_likelihood,
+    prior_errors,
+)
 from bayestissue.likelihood.motion_on_grid import Response, response_in_blocks
 from bayestissue.likelihood.quadratic import sums_over_frequencies
 from bayestissue.likelihood.transforms import FILLED, in_blocks
@@ -35,6 +42,7 @@ class DecelerationRecord(NamedTuple):
         velocity: recorded velocity at contact [m/s].
         error_sd: standard deviations of velocity and gain together [m/s], of the offset [m/s^2] and of the
             contact time [s].
+        uniform: where the contact time's error is uniform instead of normal.
         blocks: the decelerations, sample k = lane + lanes * block.
     """
 
@@ -44,6 +52,7 @@ class DecelerationRecord(NamedTuple):
     dt: Float[Array, " impact"]
     velocity: Float[Array, " impact"]
     error_sd: Float[Array, "impact 3"]
+    uniform: Bool[Array, " impact"]
     blocks: Float[Array, "block impact lane"]
 
     @classmethod
@@ -52,11 +61,11 @@ class DecelerationRecord(NamedTuple):
 
         Values past a row's end are cleared.
         """
-        d, n_samples, first_time, dt, velocity, error_sd = (jnp.asarray(array) for array in arrays)
+        d, n_samples, first_time, dt, velocity, error_sd, uniform = (jnp.asarray(array) for array in arrays)
         d = jnp.where(jnp.arange(d.shape[1]) < n_samples[:, None], d, 0.0)
         width = FILLED * -(-d.shape[1] // FILLED)
         padded = np.pad(np.asarray(d), ((0, 0), (0, width - d.shape[1])))
-        return cls(d, n_samples, first_time, dt, velocity, error_sd, in_blocks(padded))
+        return cls(d, n_samples, first_time, dt, velocity, error_sd, uniform, in_blocks(padded))
 
 
 @jax.custom_jvp
@@ -82,7 +91,7 @@ def recorded_log_likelihood(
 def _of_entries(log_sigma: Array, entries: tuple[Array, ...], record: DecelerationRecord) -> Array:
     count = record.n_samples + 0.0
     products = Products(from_lower_entries(entries), jnp.zeros_like(count), count)
-    return marginal_log_likelihood(products, log_sigma, record.error_sd)
+    return marginal_log_likelihood(products, log_sigma, record.error_sd, record.uniform)
 
 
 def _motion(omega_n: Array, zeta: Array, record: DecelerationRecord) -> Response:
@@ -180,14 +189,20 @@ class MeasuredDeceleration(dist.Distribution):
         """Log density of each impact's trace, its errors integrated out."""
         if value is self.record.d:
             return recorded_log_likelihood(self.omega_n, self.zeta, self.log_sigma, self.record)
-        return marginal_log_likelihood(self.products(value), self.log_sigma, self.record.error_sd)
+        record = self.record
+        return marginal_log_likelihood(self.products(value), self.log_sigma, record.error_sd, record.uniform)
+
+    def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
+        """The chain's errors given the recorded traces: velocity and gain, offset, contact time."""
+        record = self.record
+        return draw_errors(key, self.products(), self.log_sigma, record.error_sd, record.uniform)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces: the impact, the chain's errors and white noise."""
         key_of_noise, key_of_errors = jax.random.split(key)
         shape = (*sample_shape, *self.batch_shape)
         expected, columns, inside = self._columns()
-        errors = self.record.error_sd * jax.random.normal(key_of_errors, (*shape, 3))
+        errors = prior_errors(key_of_errors, shape, self.record.error_sd, self.record.uniform)
         added = sum(errors[..., i, None] * column for i, column in enumerate(columns))
         noise = jax.random.normal(key_of_noise, (*shape, *self.event_shape))
         return jnp.where(inside, expected + added + jnp.exp(self.log_sigma)[:, None] * noise, 0.0)

@@ -22,6 +22,7 @@ from bayestissue.likelihood.distributions import ARMA21
 from bayestissue.likelihood.innovations import innovations
 from bayestissue.likelihood.linear_errors import (
     Products,
+    draw_errors,
     from_lower_entries,
     gram,
     marginal_log_likelihood,
@@ -250,6 +251,10 @@ class MeasuredDisplacement(dist.Distribution):
         if value is self.record.x:
             return recorded_log_likelihood(*self.differences(), self.log_sigma, self.record)
         return marginal_log_likelihood(self._filtered(value), self.log_sigma, self.record.error_sd)
+
+    def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
+        """The chain's errors given the recorded traces: constant, ramp and parabola."""
+        return draw_errors(key, self.products(), self.log_sigma, self.record.error_sd)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces from the record's first two values on: the recursion, then the chain's errors."""

@@ -2,7 +2,8 @@
 
 A trace is y = f + sum_a e_a q_a + noise, with the errors e_a normal about 0 and independent, q_a known
 columns, and noise with covariance sigma^2 T. All that the density needs of the data are the products of
-the columns under T^-1, y - f being column 0.
+the columns under T^-1, y - f being column 0. The last error may be uniform about 0 instead, as a moment
+is that lies anywhere between two samples.
 """
 
 from __future__ import annotations
@@ -13,11 +14,15 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Float
+from jax.scipy.special import log_ndtr
+from jaxtyping import Bool, Float
 
 from bayestissue.likelihood import small
 
 LOG_2PI = 1.8378770664093453
+_LOG_ROOT_HALF_PI = 0.22579135264472744
+_ROOT_3 = 3**0.5
+_LEAST_PIVOT = 1e-12
 
 
 class Products(NamedTuple):
@@ -48,23 +53,39 @@ def gram(parts: tuple[Array, ...], weight: Array) -> tuple[tuple[Array, ...], ..
 
 
 def marginal_log_likelihood(
-    products: Products, log_sigma: Float[Array, " impact"], error_sd: Float[Array, "impact error"]
+    products: Products,
+    log_sigma: Float[Array, " impact"],
+    error_sd: Float[Array, "impact error"],
+    uniform: Bool[Array, " impact"] | None = None,
 ) -> Float[Array, " impact"]:
     """Log density of each trace with its errors integrated out.
 
     -(N log(2 pi sigma^2) + log det T + log det M + G_00 / sigma^2 - h' M^-1 h) / 2 with
     M = 1 + S G S / sigma^2, h = S G_.0 / sigma^2 and S the standard deviations of the errors: the matrix
-    determinant lemma and the Woodbury identity.
+    determinant lemma and the Woodbury identity. Where the last error is uniform, M has no 1 for it and S its
+    half width; with L L' = M and y = L^-1 h the integral over it leaves the factor
+    (pi / 2)^1/2 (Phi(l - y) - Phi(-l - y)), l and y the last of L's diagonal and of y.
 
     Args:
         products: of residual and error columns.
         log_sigma: log of the noise's standard deviation.
         error_sd: standard deviation of each error; 0 where there is none.
+        uniform: where the last error is uniform, with that standard deviation above 0; nowhere unless given.
     """
-    factor, right, precision = _system(products, log_sigma, error_sd)
-    explained = sum(value**2 for value in small.forward_solve(factor, right))
+    factor, right, precision = _system(products, log_sigma, error_sd, uniform)
+    solved = small.forward_solve(factor, right)
+    explained = sum(value**2 for value in solved)
     scale = products.n_values * (LOG_2PI + 2 * log_sigma) + products.log_determinant
-    return -(scale + products.gram[0][0] * precision - explained) / 2 - small.log_diagonal(factor)
+    found = -(scale + products.gram[0][0] * precision - explained) / 2 - small.log_diagonal(factor)
+    if uniform is None:
+        return found
+    return found + jnp.where(uniform, _log_share(factor[-1][-1], solved[-1]), 0.0)
+
+
+def _log_share(half: Array, centre: Array) -> Array:
+    """Log of (pi / 2)^1/2 times a standard normal's probability within ``half`` of ``centre``."""
+    near, far = log_ndtr(half - jnp.abs(centre)), log_ndtr(-half - jnp.abs(centre))
+    return _LOG_ROOT_HALF_PI + near + jnp.log1p(-jnp.exp(far - near))
 
 
 def from_lower_entries(entries: Sequence[Array]) -> tuple[tuple[Array, ...], ...]:
@@ -80,23 +101,64 @@ def draw_errors(
     products: Products,
     log_sigma: Float[Array, " impact"],
     error_sd: Float[Array, "impact error"],
+    uniform: Bool[Array, " impact"] | None = None,
 ) -> Float[Array, "impact error"]:
-    """The errors given the trace and everything else: normal with mean S M^-1 h and covariance S M^-1 S."""
-    factor, right, _ = _system(products, log_sigma, error_sd)
+    """The errors given the trace and everything else: normal with mean S M^-1 h and covariance S M^-1 S.
+
+    A uniform last error is drawn from its normal cut off at its bounds, the others given it. Arguments as
+    those of `marginal_log_likelihood`.
+    """
+    factor, right, _ = _system(products, log_sigma, error_sd, uniform)
     standard = jax.random.normal(key, error_sd.shape)
     mean = small.forward_solve(factor, right)
     whole = [value + standard[..., a] for a, value in enumerate(mean)]
-    return error_sd * jnp.stack(small.backward_solve(factor, whole), axis=-1)
+    if uniform is not None:
+        half, centre = factor[-1][-1], mean[-1]
+        other = jax.random.fold_in(key, 1)
+        within = jax.random.truncated_normal(other, -half - centre, half - centre, centre.shape)
+        whole[-1] = jnp.where(uniform, centre + within, whole[-1])
+    return scales(error_sd, uniform) * jnp.stack(small.backward_solve(factor, whole), axis=-1)
+
+
+def prior_errors(
+    key: Array,
+    shape: tuple[int, ...],
+    error_sd: Float[Array, "impact error"],
+    uniform: Bool[Array, " impact"] | None = None,
+) -> Float[Array, "*batch impact error"]:
+    """Draws of the errors before any trace is seen, for batches of ``shape`` over the impacts' own axis."""
+    number = error_sd.shape[-1]
+    found = error_sd * jax.random.normal(key, (*shape, number))
+    if uniform is None:
+        return found
+    even = jax.random.uniform(jax.random.fold_in(key, 1), shape, minval=-1.0, maxval=1.0)
+    last = jnp.where(uniform, _ROOT_3 * error_sd[:, -1] * even, found[..., -1])
+    return found.at[..., -1].set(last)
+
+
+def scales(error_sd: Float[Array, "impact error"], uniform: Bool[Array, " impact"] | None) -> Array:
+    """The errors' units: their standard deviations, and a uniform one's half width."""
+    if uniform is None:
+        return error_sd
+    return error_sd.at[..., -1].multiply(jnp.where(uniform, _ROOT_3, 1.0))
 
 
 def _system(
-    products: Products, log_sigma: Array, error_sd: Array
+    products: Products, log_sigma: Array, error_sd: Array, uniform: Array | None
 ) -> tuple[list[list[Array]], list[Array], Array]:
     precision = jnp.exp(-2 * log_sigma)
     entries, number = products.gram, error_sd.shape[-1]
-    scale = [error_sd[..., a] for a in range(number)]
+    unit = scales(error_sd, uniform)
+    scale = [unit[..., a] for a in range(number)]
+    prior = [jnp.ones(()) for _ in range(number)]
+    if uniform is not None:
+        # A trace that said nothing of a uniform error would leave a zero pivot.
+        prior[-1] = jnp.where(uniform, _LEAST_PIVOT, 1.0)
     matrix = [
-        [scale[a] * scale[b] * entries[a + 1][b + 1] * precision + float(a == b) for b in range(number)]
+        [
+            scale[a] * scale[b] * entries[a + 1][b + 1] * precision + (prior[a] if a == b else 0.0)
+            for b in range(number)
+        ]
         for a in range(number)
     ]
     right = [scale[a] * entries[a + 1][0] * precision for a in range(number)]

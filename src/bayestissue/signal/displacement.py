@@ -68,6 +68,7 @@ class Displacements:
         first_sample_s: [impact], time from contact to the first sample of x, s.
         bracket_s, bracket_sd: [impact], the same and its standard deviation, s, before the samples in contact
             were asked: what a model of those samples themselves may start from.
+        bracket_uniform: [impact], whether contact may then have been at any moment between two samples.
         time_to_peak: [impact], from contact to zero velocity, s.
         peak_displacement: [impact], at zero velocity, since contact, m.
         offset: [impact], what was subtracted from the recording, in its own SI unit.
@@ -90,6 +91,7 @@ class Displacements:
     first_sample_s: Column
     bracket_s: Column
     bracket_sd: Column
+    bracket_uniform: Mask
     time_to_peak: Column
     peak_displacement: Column
     offset: Column
@@ -174,7 +176,7 @@ def _recorded(
     stop = slowest(v, x, part.inside, part.dt, velocity)
     flags = {"velocity does not reach zero: the window ends where it is least": ~stop.reached}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
-    start = Start(since_contact, sd, since_contact, sd, x[:, 0], v[:, 0])
+    start = Start(since_contact, sd, since_contact, sd, np.zeros(len(sd), bool), x[:, 0], v[:, 0])
     return _windowed(
         part, x, v, d, stop, flags, mass, velocity, start, at_contact, np.full_like(sd, np.nan), noise,
         options,
@@ -219,6 +221,7 @@ def _windowed(
         first_sample_s=start.since_contact,
         bracket_s=start.bracket,
         bracket_sd=start.bracket_sd,
+        bracket_uniform=start.bracket_uniform,
         time_to_peak=start.since_contact + stop.time,
         peak_displacement=stop.x,
         offset=offset,

@@ -32,6 +32,7 @@ class Start:
     Attributes:
         since_contact, since_contact_sd: s, as the samples have it, and its standard deviation.
         bracket, bracket_sd: s, mean and standard deviation before the samples were asked.
+        bracket_uniform: whether it then lay anywhere between two moments, no one of them likelier.
         x: m.
         v: m/s.
     """
@@ -40,6 +41,7 @@ class Start:
     since_contact_sd: Column
     bracket: Column
     bracket_sd: Column
+    bracket_uniform: Mask
     x: Column
     v: Column
 
@@ -106,6 +108,7 @@ def find_start(
         delta_sd * duration,
         atom * least + (1 - atom) * middle,
         bracket_sd,
+        (width > 0) & ~cut,
         x * velocity * duration,
         v * velocity,
     )
