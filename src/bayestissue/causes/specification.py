@@ -1,0 +1,163 @@
+"""What is simulated: ranges of tissue, of the measuring chain and of every cause's strength, from a TOML file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from bayestissue.errors import InputError, Problem
+from bayestissue.settings import checked, parse_toml, read_text
+
+Finite = Annotated[float, Field(allow_inf_nan=False)]
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True)
+
+
+class Range(_Table):
+    """A uniform distribution from ``low`` to ``high``, of the logarithm where ``log`` is true."""
+
+    low: Finite
+    high: Finite
+    log: bool = False
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.low > self.high:
+            raise ValueError("low not above high")
+        if self.log and self.low <= 0:
+            raise ValueError("low above 0, since the logarithm is uniform")
+        return self
+
+    def draw(self, random: np.random.Generator, count: int) -> np.ndarray:
+        """``count`` independent values."""
+        share = random.uniform(size=count)
+        if self.log:
+            return self.low * (self.high / self.low) ** share
+        return self.low + (self.high - self.low) * share
+
+
+class Sizes(_Table):
+    """How many campaigns."""
+
+    each: Annotated[int, Field(ge=40)] = Field(default=2000, description="campaigns of every cause")
+    batch: Annotated[int, Field(ge=1, le=500)] = Field(
+        default=50, description="campaigns that are simulated together; another number gives other draws"
+    )
+
+
+class TissuePrior(_Table):
+    """The typical person's tissue at the reference mass, and how it differs between people and impacts.
+
+    The damping ratio stands for C = 2 zeta sqrt(K M_ref); standard deviations are of log K and log C.
+    """
+
+    K_N_per_m: Range
+    zeta: Range
+    sd_subject_K: Range
+    sd_subject_C: Range
+    sd_impact_K: Range
+    sd_impact_C: Range
+
+
+class RecordingPrior(_Table):
+    """The measuring chain; what is relative to the peak is relative to each impact's greatest deceleration."""
+
+    samples_to_peak: Range
+    noise_relative_to_peak: Range
+    offset_relative_to_peak_sd: Range
+    gain: Range
+    relative_velocity_sd: Range
+
+
+Mechanism = Literal[
+    "none",
+    "centring",
+    "conversion",
+    "fixed window",
+    "own time",
+    "velocity",
+    "active",
+    "stiffening",
+    "wall",
+    "maxwell",
+    "standard linear",
+]
+# The strengths that each mechanism reads from the file.
+STRENGTHS: dict[str, tuple[str, ...]] = {
+    "none": (),
+    "centring": (),
+    "conversion": (),
+    "fixed window": ("window_over_time_to_peak",),
+    "own time": ("window_over_time_to_peak", "window_sd"),
+    "velocity": ("error_m_s",),
+    "active": ("power_K", "power_C_over_power_K"),
+    "stiffening": ("stiffening",),
+    "wall": ("thickness_over_depth",),
+    "maxwell": ("relaxation",),
+    "standard linear": ("spring_over_spring", "relaxation"),
+}
+Driver = Literal["mass", "energy", "momentum"]
+
+
+class Cause(_Table):
+    """One proposed cause: what acts, how strongly, and what it is called on the page."""
+
+    mechanism: Mechanism
+    words: Annotated[str, Field(min_length=1)]
+    driver: Driver | None = None
+    strength: dict[str, Range] = {}
+
+    @model_validator(mode="after")
+    def _strengths(self) -> Self:
+        wanted = STRENGTHS[self.mechanism]
+        if set(self.strength) != set(wanted):
+            named = ", ".join(wanted) or "none"
+            raise ValueError(f"for the mechanism {self.mechanism!r} these strengths: {named}")
+        if (self.driver is not None) != (self.mechanism == "active"):
+            raise ValueError("a driver for the mechanism 'active', and for no other")
+        return self
+
+
+class CausesSpecification(_Table):
+    """A whole specification of `bayestissue causes`."""
+
+    campaigns: Sizes = Sizes()
+    tissue: TissuePrior
+    recording: RecordingPrior
+    causes: Annotated[dict[str, Cause], Field(min_length=2)]
+
+
+def read_causes(path: Path) -> CausesSpecification:
+    """Read and check a specification.
+
+    Raises:
+        InputError: the file can't be read, or holds keys or values that are not allowed; all are named.
+    """
+    text = read_text(path, str(path))
+    return checked(parse_toml(text, str(path)), CausesSpecification, file=str(path), text=text)
+
+
+def chosen(specification: CausesSpecification, names: tuple[str, ...], file: str) -> CausesSpecification:
+    """The specification with only the causes of these names, all of them if there is none.
+
+    Raises:
+        InputError: a name is not one of the file's causes.
+    """
+    if not names:
+        return specification
+    unknown = [name for name in names if name not in specification.causes]
+    if unknown:
+        known = ", ".join(specification.causes)
+        raise InputError(
+            Problem(file, f"one of {known}", "Name causes of the file.", column="causes", value=name)
+            for name in unknown
+        )
+    content: dict[str, Any] = {name: specification.causes[name] for name in names}
+    return specification.model_copy(update={"causes": content})
+
+

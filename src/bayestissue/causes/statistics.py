@@ -1,0 +1,143 @@
+"""What is compared: a dozen numbers of a table of estimates, the same for one observed and many simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from jaxtyping import Float
+
+from bayestissue.causes.design import Design, Observed
+
+# What each statistic is, as a reader is told it.
+WORDS: Mapping[str, str] = {
+    "mass_exponent_K": "exponent of K in the mass",
+    "mass_exponent_C": "exponent of C in the mass",
+    "velocity_exponent_K": "exponent of K in the velocity, at equal mass",
+    "velocity_exponent_C": "exponent of C in the velocity, at equal mass",
+    "K_over_M_scatter": "scatter of K/M (sd of its logarithm)",
+    "zeta_median": "median damping ratio ζ",
+    "omega_zeta_correlation": "correlation of ωₙ with ζ",
+    "omega_zeta_residual": "scatter of ωₙ left beside a curve in ζ",
+    "sd_subject_K": "spread of K between people",
+    "sd_subject_C": "spread of C between people",
+    "sd_rest_K": "scatter of K within a condition, beside people",
+    "sd_rest_C": "scatter of C within a condition, beside people",
+    "K_over_M_mean": "mean of K/M, (rad/s)²",
+    "without_estimate": "share of impacts without an estimate",
+}
+# Told, but no part of the joint comparison: the size of K/M where its unit isn't known.
+APART = ("without_estimate",)
+LEVEL = "K_over_M_mean"
+_TUKEY = 4.685
+_STEPS = 15
+
+type Batch = Float[np.ndarray, "campaign impact"]
+
+
+def of_campaigns(K: Batch, C: Batch, design: Design) -> dict[str, Float[np.ndarray, " campaign"]]:
+    """The statistics of many campaigns; NaN in ``K`` and ``C`` marks impacts without an estimate.
+
+    Such an impact takes its condition's mean, so that one failure costs one impact and not the campaign.
+    """
+    means = [design.of_trials(values) for values in (K, C)]
+    filled = [np.where(np.isfinite(v), v, m[:, design.trial]) for v, m in zip((K, C), means, strict=True)]
+    rows = [values[:, design.in_rows] for values in filled]
+    return {
+        **_statistics(means[0], means[1], rows[0], rows[1], design),
+        "without_estimate": np.mean(~np.isfinite(K) | ~np.isfinite(C), axis=1),
+    }
+
+
+def of_observed(observed: Observed, design: Design) -> dict[str, float]:
+    """The same statistics of what was observed."""
+    parts = (observed.trial_K, observed.trial_C, observed.K, observed.C)
+    found = _statistics(*(part[None] for part in parts), design)
+    return {**{name: float(value[0]) for name, value in found.items()}, "without_estimate": 0.0}
+
+
+def _statistics(
+    trial_K: np.ndarray, trial_C: np.ndarray, K: np.ndarray, C: np.ndarray, design: Design
+) -> dict[str, np.ndarray]:
+    mass, rows = design.mass[design.in_rows], design.in_rows
+    with np.errstate(invalid="ignore", divide="ignore"):
+        ratio, zeta = np.log(K / mass), C / (2 * np.sqrt(K * mass))
+        found = {LEVEL: np.exp(np.mean(ratio, axis=1)), "zeta_median": np.median(zeta, axis=1)}
+        found["K_over_M_scatter"] = np.std(ratio, axis=1, ddof=1)
+        found |= _curve(ratio / 2, zeta)
+        for name, means, values in (("K", trial_K, K), ("C", trial_C, C)):
+            found |= _exponents(np.log(means), design, name)
+            found |= _spreads(np.log(values), design.subject[rows], design.trial[rows], name)
+    return {name: found[name] for name in WORDS if name in found}
+
+
+def _exponents(log_means: np.ndarray, design: Design, name: str) -> dict[str, np.ndarray]:
+    """Least squares over conditions: on log mass alone, and on log mass and log velocity together."""
+    log_mass, log_velocity = (design.of_trials(np.log(v)) for v in (design.mass, design.velocity))
+    found = {}
+    alone = np.stack([np.ones_like(log_mass), log_mass], axis=1)
+    both = np.column_stack([alone, log_velocity])
+    if np.linalg.matrix_rank(alone, tol=1e-6) == 2:
+        found[f"mass_exponent_{name}"] = (np.linalg.pinv(alone) @ log_means.T)[1]
+    if len(both) > 3 and np.linalg.matrix_rank(both, tol=1e-6) == 3:
+        found[f"velocity_exponent_{name}"] = (np.linalg.pinv(both) @ log_means.T)[2]
+    return found
+
+
+def _spreads(values: np.ndarray, subject: np.ndarray, trial: np.ndarray, name: str) -> dict[str, np.ndarray]:
+    """Standard deviations between people and of the rest, by the two-way analysis of variance.
+
+    Where people differ by less than the rest would make them, the component is below zero; its root then
+    carries the minus sign.
+    """
+    trials = (trial[:, None] == np.unique(trial)).astype(float)
+    people = (subject[:, None] == np.unique(subject)).astype(float)
+    both = np.column_stack([trials, people])
+    rank_trials, rank_both = np.linalg.matrix_rank(trials), np.linalg.matrix_rank(both)
+    free = len(values[0]) - rank_both
+    if rank_both == rank_trials or free < 1:
+        return {}
+    left_trials, left_both = (
+        values - values @ (basis @ np.linalg.pinv(basis)).T for basis in (trials, both)
+    )
+    rest = np.sum(left_both**2, axis=1)
+    between = np.sum(left_trials**2, axis=1) - rest
+    without_trials = people - trials @ (np.linalg.pinv(trials) @ people)
+    # Henderson's third method: what a person's effect of variance 1 adds to the sum of squares.
+    weight = np.trace(without_trials.T @ without_trials)
+    variance = (between - (rank_both - rank_trials) * rest / free) / weight
+    return {
+        f"sd_subject_{name}": np.sign(variance) * np.sqrt(np.abs(variance)),
+        f"sd_rest_{name}": np.sqrt(rest / free),
+    }
+
+
+def _curve(log_omega: np.ndarray, zeta: np.ndarray) -> dict[str, np.ndarray]:
+    """How closely omega_n follows zeta: correlation, and what a robust parabola leaves of its scatter.
+
+    The parabola is fitted by Tukey's biweight, so that a few impacts off a curve do not hide it. The
+    residual is the median absolute one over the median absolute deviation of log omega_n.
+    """
+    x = zeta - np.median(zeta, axis=1, keepdims=True)
+    x = x / np.maximum(np.std(x, axis=1, keepdims=True), 1e-12)
+    y = log_omega - np.median(log_omega, axis=1, keepdims=True)
+    total = np.maximum(np.median(np.abs(y), axis=1), 1e-12)
+    powers = np.stack([np.ones_like(x), x, x**2], axis=2)
+    left = y
+    weight = np.ones_like(y)
+    for _ in range(_STEPS):
+        weighted = powers * weight[..., None]
+        normal = np.swapaxes(powers, 1, 2) @ weighted + 1e-9 * np.eye(3)
+        right = np.swapaxes(weighted, 1, 2) @ y[..., None]
+        usable = np.isfinite(normal).all(axis=(1, 2), keepdims=True)
+        coefficients = np.linalg.solve(np.where(usable, normal, np.eye(3)), np.where(usable, right, 0))
+        left = y - (powers @ coefficients)[..., 0]
+        scale = np.maximum(np.median(np.abs(left), axis=1, keepdims=True) / 0.6745, 1e-12)
+        weight = np.maximum(1 - (left / (_TUKEY * scale)) ** 2, 0) ** 2
+    centred = log_omega - np.mean(log_omega, axis=1, keepdims=True)
+    away = zeta - np.mean(zeta, axis=1, keepdims=True)
+    norm = np.sqrt(np.sum(centred**2, axis=1) * np.sum(away**2, axis=1))
+    return {
+        "omega_zeta_correlation": np.sum(centred * away, axis=1) / np.maximum(norm, 1e-300),
+        "omega_zeta_residual": np.median(np.abs(left), axis=1) / total,
+    }
