@@ -96,6 +96,24 @@ def discard_unfinished() -> None:
             staging.unlink(missing_ok=True)
 
 
+def unfinished(out: Path, job: str) -> Path:
+    """The folder beside ``out`` where the finished parts of this ``job`` wait, emptied if they are another's.
+
+    Args:
+        out: where the results will go.
+        job: a fingerprint of everything that the parts depend on.
+    """
+    out = out.absolute()
+    folder = out.parent / f".{out.name}.unfinished"
+    mark = folder / "job"
+    if folder.is_dir() and not (mark.is_file() and mark.read_text(encoding="utf-8") == job):
+        shutil.rmtree(folder)
+    folder.mkdir(parents=True, exist_ok=True)
+    with whole_file(mark) as staging:
+        staging.write_text(job, encoding="utf-8")
+    return folder
+
+
 def write_json(content: dict[str, Any], path: Path) -> None:
     """Write an indented JSON file as people read it."""
     path.write_text(json.dumps(content, indent=2, ensure_ascii=False) + "\n", encoding="utf-8")

@@ -44,7 +44,7 @@ def run(
     specification, source = resolve("arma" if model is None else model)
     data = read_dataset(dataset, skip_bad=skip_bad)
     prepared = prepare(data, specification, source=source)
-    kept = _checkpoints(out, _fingerprint(data, specification, seed))
+    kept = results.unfinished(out, _fingerprint(data, specification, seed))
     with Stages(quiet=quiet) as say:
         try:
             fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept)
@@ -66,16 +66,3 @@ def _fingerprint(data: Dataset, specification: ModelSpecification, seed: int) ->
 
     content = [data.input_hash, specification.model_dump_json(), seed, runtime.versions()]
     return hashlib.sha256(json.dumps(content).encode()).hexdigest()
-
-
-def _checkpoints(out: Path, job: str) -> Path:
-    """The folder of this job's checkpoints, emptied if they are another job's."""
-    out = out.absolute()
-    folder = out.parent / f".{out.name}.unfinished"
-    mark = folder / "job"
-    if folder.is_dir() and not (mark.is_file() and mark.read_text(encoding="utf-8") == job):
-        shutil.rmtree(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    with results.whole_file(mark) as staging:
-        staging.write_text(job, encoding="utf-8")
-    return folder
