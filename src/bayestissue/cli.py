@@ -198,6 +198,65 @@ def compare(
     compare.run(runs, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
 
 
+@app.command()
+def causes(
+    target: Annotated[
+        str,
+        typer.Argument(
+            help='Folder of a dataset, or "published" for the thesis\'s own tables.',
+            metavar="DATASET|published",
+        ),
+    ],
+    out: Out,
+    model: Annotated[
+        Path | None,
+        typer.Option("--model", help="What is simulated; models/causes.toml unless given."),
+    ] = None,
+    cause: Annotated[
+        list[str] | None, typer.Option("--cause", help="Only this cause of the model file; may be repeated.")
+    ] = None,
+    method: Annotated[
+        Literal["exact", "dds"],
+        typer.Option("--method", help="How a dataset's impacts are estimated, as in estimate."),
+    ] = "exact",
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", help="Worker processes; 1 works in this one. One per core unless given.", min=1
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option("--scheduler", help="Address of a Dask scheduler that computes instead."),
+    ] = None,
+    seed: Seed = 0,
+    skip_bad: SkipBad = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Why K grows with mass: simulate each proposed cause and say which could have made the numbers.
+
+    An interrupted run goes on where it stopped when the same command is given again.
+    """
+    from bayestissue.commands import causes
+
+    causes.run(
+        target,
+        out=out,
+        model=model,
+        only=tuple(cause or ()),
+        method=method,
+        jobs=jobs,
+        scheduler=scheduler,
+        seed=seed,
+        skip_bad=skip_bad,
+        overwrite=overwrite,
+        quiet=quiet,
+        as_json=as_json,
+    )
+
+
 @app.callback(invoke_without_command=True)
 def _options(
     context: typer.Context,

@@ -94,9 +94,9 @@ def estimated(truth: Truth, cause: Cause, design: Design, random: np.random.Gene
     length = truth.strength.get("window_over_time_to_peak", np.zeros(count))
     own = cause.mechanism == "own time"
     window = np.round(length * truth.samples_to_peak)
-    by_eye = np.exp(truth.strength.get("window_sd", np.zeros(count))[:, None] * random.standard_normal(
-        (count, impacts)
-    ))
+    by_eye = np.exp(
+        truth.strength.get("window_sd", np.zeros(count))[:, None] * random.standard_normal((count, impacts))
+    )
     about_rest = cause.mechanism in ("none", "conversion")
     treatment = Treatment(
         dt=dt,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy import stats
 from scipy.spatial import KDTree
 
@@ -96,6 +96,18 @@ class JointCheck:
         """Share of the cause's campaigns at least as strange as ``observed``, which counts itself."""
         own = self._strangeness(observed[None])[0]
         return float((1 + np.sum(self._others >= own)) / (len(self._others) + 1))
+
+    @property
+    def smallest_p(self) -> float:
+        """The smallest p-value that so many campaigns can give."""
+        return 1 / (len(self._others) + 1)
+
+    def nearest(
+        self, campaigns: Table, observed: Float[np.ndarray, " statistic"], share: float
+    ) -> Int[np.ndarray, " near"]:
+        """Rows of the ``share`` of ``campaigns`` nearest to ``observed``, those without all statistics last."""
+        away = np.linalg.norm(self._whitening(campaigns) - self._whitening(observed[None]), axis=1)
+        return np.argsort(np.where(np.isfinite(away), away, np.inf))[: max(1, round(share * len(campaigns)))]
 
     def calibration(self) -> Calibration:
         """p-values of half of the ranked campaigns among the other half."""

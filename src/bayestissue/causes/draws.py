@@ -140,7 +140,11 @@ def _element(
             scale = depth / np.sqrt(s["stiffening"]) + np.zeros_like(K)
             return "stiffening", {"K": K, "C": C, "stiffening_depth_m": scale}
         case "wall":
-            return "wall", {"K": K, "C": C, "thickness_m": s["thickness_over_depth"] * depth + np.zeros_like(K)}
+            return "wall", {
+                "K": K,
+                "C": C,
+                "thickness_m": s["thickness_over_depth"] * depth + np.zeros_like(K),
+            }
         case "maxwell":
             return "maxwell", {"K": K, "C": s["relaxation"] * peak * K}
         case "standard linear":

@@ -109,4 +109,3 @@ def _by_theta1(
     oscillates = (zeta < 1) & (wanted > 0)
     omega = jnp.sqrt(a**2 + printed**2)
     return jnp.where(oscillates, omega, w), jnp.where(oscillates, a / omega, zeta)
-

@@ -62,7 +62,13 @@ def peak_over(
 
 
 def _path(
-    element: str, parameters: dict[str, Array], mass: Array, velocity: Array, first: Array, dt: Array, count: int
+    element: str,
+    parameters: dict[str, Array],
+    mass: Array,
+    velocity: Array,
+    first: Array,
+    dt: Array,
+    count: int,
 ) -> tuple[Element, dict[str, Array], Array]:
     which = named(element)
     p = complete(which, parameters, None)

@@ -159,5 +159,3 @@ def chosen(specification: CausesSpecification, names: tuple[str, ...], file: str
         )
     content: dict[str, Any] = {name: specification.causes[name] for name in names}
     return specification.model_copy(update={"causes": content})
-
-

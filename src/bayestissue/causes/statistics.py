@@ -97,9 +97,7 @@ def _spreads(values: np.ndarray, subject: np.ndarray, trial: np.ndarray, name: s
     free = len(values[0]) - rank_both
     if rank_both == rank_trials or free < 1:
         return {}
-    left_trials, left_both = (
-        values - values @ (basis @ np.linalg.pinv(basis)).T for basis in (trials, both)
-    )
+    left_trials, left_both = (values - values @ (basis @ np.linalg.pinv(basis)).T for basis in (trials, both))
     rest = np.sum(left_both**2, axis=1)
     between = np.sum(left_trials**2, axis=1) - rest
     without_trials = people - trials @ (np.linalg.pinv(trials) @ people)

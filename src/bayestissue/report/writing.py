@@ -44,12 +44,16 @@ def _page(run_dir: Path, about: dict) -> str:
         from bayestissue.report.comparison_page import comparison_page
 
         return comparison_page(run_dir, about)
+    if about["kind"] == "causes":
+        from bayestissue.report.causes.page import causes_page
+
+        return causes_page(run_dir, about)
     raise InputError(
         Problem(
             str(run_dir / "run.json"),
             column="kind",
             value=about["kind"],
-            expected='"published", "estimates", "fit" or "comparison"',
+            expected='"published", "estimates", "fit", "comparison" or "causes"',
             remedy="Make the run anew with this version of the program.",
         )
     )

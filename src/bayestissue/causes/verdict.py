@@ -1,0 +1,167 @@
+"""From simulated campaigns and what was observed to tables: one row a cause, and what its page is drawn from."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.causes.attribution import Attribution, attribute, confusion, reliability
+from bayestissue.causes.checks import JointCheck, two_sided
+from bayestissue.causes.specification import CausesSpecification
+from bayestissue.causes.statistics import APART, LEVEL
+
+# Below the first a cause is said not to have made the numbers, below the second hardly.
+REFUTED, DOUBTFUL = 0.01, 0.1
+LEVELS = (0.01, 0.05, 0.25, 0.5, 0.75, 0.95, 0.99)
+_NEAREST = 0.02
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """The tables of a run.
+
+    Attributes:
+        causes: one row per cause: p-values, posterior probability, calibration, the strength that comes
+            nearest, and words.
+        predictive: quantiles of each statistic under each cause.
+        observed: the observed value of each statistic, and whether it is part of the joint comparison.
+        confusion: mean probability given to each cause by campaigns of each cause.
+        reliability: probabilities given against how often they were right, on campaigns not used for them.
+        log_score: of the probabilities, and that of guessing.
+    """
+
+    causes: pd.DataFrame
+    predictive: pd.DataFrame
+    observed: pd.DataFrame
+    confusion: pd.DataFrame
+    reliability: pd.DataFrame
+    log_score: tuple[float, float]
+
+
+def judge(
+    campaigns: pd.DataFrame,
+    observed: Mapping[str, float],
+    specification: CausesSpecification,
+    *,
+    level_known: bool,
+    seed: int,
+    jobs: int = 1,
+) -> Verdict:
+    """Compare every cause's campaigns with what was observed.
+
+    Args:
+        campaigns: one row per campaign, as `run_batch` returns them.
+        observed: the statistics of the observed table.
+        specification: of the causes, in whose order they are told.
+        level_known: whether the size of K/M belongs to the joint comparison.
+        seed: of the classifier.
+        jobs: of the classifier.
+    """
+    names = list(specification.causes)
+    joint = [name for name in observed if name not in APART and (level_known or name != LEVEL)]
+    order = campaigns["cause"].map({name: k for k, name in enumerate(names)})
+    # Interleaved, so that any part of the table holds all causes alike.
+    campaigns = campaigns.assign(code=order).sort_values(["batch", "campaign", "code"], kind="stable")
+    values = _compared(campaigns, joint)
+    at = np.array([observed[name] for name in joint])
+    attribution = attribute(values, campaigns["code"].to_numpy(), _scaled(at, joint), seed, jobs)
+    rows = [
+        _row(name, campaigns[campaigns["cause"] == name], observed, joint, specification) for name in names
+    ]
+    table = pd.DataFrame(rows)
+    table.insert(4, "probability", attribution.probability)
+    table.insert(5, "probability_error", attribution.error)
+    return Verdict(
+        causes=table,
+        predictive=_predictive(campaigns, names, list(observed)),
+        observed=pd.DataFrame(
+            {
+                "statistic": list(observed),
+                "value": list(observed.values()),
+                "compared": ["yes" if name in joint else "no" for name in observed],
+            }
+        ),
+        confusion=_confusion(attribution, campaigns["code"].to_numpy(), names),
+        reliability=pd.DataFrame(
+            reliability(attribution, campaigns["code"].to_numpy()),
+            columns=["probability", "right", "cases"],
+        ),
+        log_score=(attribution.log_score, -float(np.log(len(names)))),
+    )
+
+
+def _compared(campaigns: pd.DataFrame, joint: Sequence[str]) -> np.ndarray:
+    values = _scaled(campaigns[list(joint)].to_numpy(float), joint)
+    return np.where(np.isfinite(values), values, np.nan)
+
+
+def _scaled(values: np.ndarray, joint: Sequence[str]) -> np.ndarray:
+    """The size of K/M on a logarithmic scale; everything else as it is."""
+    is_level = np.array([name == LEVEL for name in joint])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(is_level, np.log(np.where(is_level, values, 1.0)), values)
+
+
+def _row(
+    name: str,
+    campaigns: pd.DataFrame,
+    observed: Mapping[str, float],
+    joint: Sequence[str],
+    specification: CausesSpecification,
+) -> dict[str, object]:
+    values = _compared(campaigns, joint)
+    at = _scaled(np.array([observed[statistic] for statistic in joint]), joint)
+    check = JointCheck(values)
+    calibration = check.calibration()
+    single = {
+        f"p_{statistic}": two_sided(campaigns[statistic].to_numpy(float), observed[statistic])
+        for statistic in observed
+        if statistic not in APART
+    }
+    p = check.p_value(at)
+    failing = sorted((single[f"p_{s}"], s) for s in joint if single[f"p_{s}"] < REFUTED)
+    return {
+        "cause": name,
+        "title": specification.causes[name].words,
+        "campaigns": len(campaigns),
+        "complete": float(np.isfinite(values).all(axis=1).mean()),
+        "p_joint": p,
+        "smallest_p": check.smallest_p,
+        **single,
+        "calibration_below_10": calibration.below_10,
+        "calibration_below_50": calibration.below_50,
+        "calibration_campaigns": calibration.campaigns,
+        "calibration_p": calibration.uniform_p,
+        "nearest": _nearest(campaigns, check.nearest(values, at, _NEAREST)),
+        "fails": ", ".join(statistic for _, statistic in failing),
+        "verdict": "refuted" if p < REFUTED else "doubtful" if p < DOUBTFUL else "possible",
+    }
+
+
+def _nearest(campaigns: pd.DataFrame, near: np.ndarray) -> str:
+    """Strengths of the campaigns nearest to what was observed: median and range, in words."""
+    strengths = campaigns.filter(like="strength_").dropna(axis=1, how="all").iloc[near]
+    return "; ".join(
+        f"{name.removeprefix('strength_')} {values.median():.2g} ({values.min():.2g} to {values.max():.2g})"
+        for name, values in strengths.items()
+    )
+
+
+def _predictive(campaigns: pd.DataFrame, names: Sequence[str], statistics: Sequence[str]) -> pd.DataFrame:
+    rows = []
+    for name in names:
+        own = campaigns[campaigns["cause"] == name]
+        for statistic in statistics:
+            quantiles = own[statistic].quantile(list(LEVELS))
+            found = {f"q{100 * level:02.0f}": value for level, value in quantiles.items()}
+            rows.append({"cause": name, "statistic": statistic, **found})
+    return pd.DataFrame(rows)
+
+
+def _confusion(attribution: Attribution, code: np.ndarray, names: Sequence[str]) -> pd.DataFrame:
+    table = pd.DataFrame(confusion(attribution, code), columns=list(names))
+    table.insert(0, "truth", list(names))
+    return table

@@ -1,0 +1,158 @@
+"""``causes``: which of the proposed causes could have made K grow with the mass."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shutil
+import time
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from bayestissue import resources, results, runtime
+
+if TYPE_CHECKING:
+    from bayestissue.causes.subject import Subject
+    from bayestissue.causes.verdict import Verdict
+    from bayestissue.inference.point import Method
+
+_TABLES = ("causes", "predictive", "observed", "confusion", "reliability")
+
+
+def run(
+    target: str,
+    *,
+    out: Path,
+    model: Path | None,
+    only: tuple[str, ...],
+    method: Method,
+    jobs: int | None,
+    scheduler: str | None,
+    seed: int,
+    skip_bad: bool,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Simulate campaigns of every cause, compare them with what was observed, and write the report.
+
+    Writes ``causes.csv``, ``campaigns.parquet``, ``predictive.csv``, ``observed.csv``, ``confusion.csv``,
+    ``reliability.csv``, ``run.json`` and ``report.html``. Finished batches of an interrupted run wait in a
+    folder beside ``out``; the same command goes on from there.
+
+    Args:
+        target: a dataset's folder, or ``published``.
+        out: folder for the results.
+        model: what is simulated; ``models/causes.toml`` unless given.
+        only: names of the causes to compare; all of them if empty.
+        method: of the estimates, for a dataset.
+        jobs: worker processes; as many as cores unless given.
+        scheduler: address of a Dask scheduler.
+        seed: of everything.
+        skip_bad: leave out impacts that can't be used.
+        overwrite: replace what ``out`` holds.
+        quiet: print errors only.
+        as_json: print the table of causes as JSON.
+
+    Raises:
+        InputError: the dataset, the specification, the scheduler or ``out`` are not usable.
+    """
+    started, clock = datetime.now(UTC), time.perf_counter()
+    results.require_free(out, overwrite=overwrite)
+    jobs = runtime.cores() if jobs is None else jobs
+    runtime.configure(one_core=jobs == 1 and scheduler is None)
+    import pandas as pd
+
+    from bayestissue.causes.batches import batches
+    from bayestissue.causes.schedule import run_batches
+    from bayestissue.causes.specification import chosen, read_causes
+    from bayestissue.causes.subject import subject
+    from bayestissue.causes.verdict import judge
+    from bayestissue.commands.console import Stages
+    from bayestissue.report import write_report
+
+    model = model or resources.shared("models", "causes.toml")
+    specification = chosen(read_causes(model), only, str(model))
+    what = subject(target, method=method, skip_bad=skip_bad)
+    specification = what.applicable(specification)
+    work = batches(what.setting, specification, seed)
+    job = [what.input_hash, method, specification.model_dump_json(), seed, runtime.versions()]
+    kept = results.unfinished(out, hashlib.sha256(json.dumps(job).encode()).hexdigest())
+    with Stages(quiet=quiet) as say:
+        try:
+            tables = run_batches(
+                work,
+                jobs=jobs,
+                scheduler=scheduler,
+                kept=kept,
+                progress=lambda done, total: say("simulating campaigns", done, total),
+            )
+        except KeyboardInterrupt:
+            if not quiet:
+                typer.echo("interrupted; run the same command again to go on from here", err=True)
+            raise
+        say("comparing the causes", 0, 1)
+        campaigns = pd.concat(tables, ignore_index=True)
+        verdict = judge(
+            campaigns, what.observed, specification, level_known=what.level_known, seed=seed, jobs=jobs
+        )
+        with results.whole_folder(out, overwrite=overwrite) as folder:
+            say("writing the results", 0, 1)
+            for name in _TABLES:
+                getattr(verdict, name).to_csv(folder / f"{name}.csv", index=False)
+            campaigns.insert(1, "seed", seed)
+            campaigns.to_parquet(folder / "campaigns.parquet", index=False)
+            about = {
+                "program": "bayestissue",
+                "command": "causes",
+                "kind": "causes",
+                "subject": what.about,
+                "versions": runtime.versions(),
+                "model": specification.model_dump(mode="json", exclude_none=True),
+                "seed": seed,
+                "input_hash": what.input_hash,
+                "campaigns": len(campaigns),
+                "log_score": verdict.log_score,
+                "computed_by": _by(jobs, scheduler),
+                "started": started.isoformat(timespec="seconds"),
+                "wall_time_s": round(time.perf_counter() - clock, 1),
+            }
+            results.write_json(about, folder / "run.json")
+            write_report(folder)
+    shutil.rmtree(kept, ignore_errors=True)
+    if as_json:
+        typer.echo(verdict.causes.to_json(orient="records", force_ascii=False))
+    elif not quiet:
+        _print(verdict, what, out)
+
+
+def _by(jobs: int, scheduler: str | None) -> str:
+    if scheduler is not None:
+        return "Dask cluster"
+    return "one process" if jobs == 1 else f"{jobs} worker processes"
+
+
+def _print(verdict: Verdict, what: Subject, out: Path) -> None:
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    console = Console(highlight=False)
+    shown = Table(title=Text(f"{what.title}: could this cause have made the numbers?"), title_justify="left")
+    for heading in ("cause", "p", "posterior", "±", "verdict"):
+        shown.add_column(heading, justify="left" if heading in ("cause", "verdict") else "right")
+    row: dict[str, Any]
+    for row in verdict.causes.to_dict("records"):
+        small = "<" if row["p_joint"] <= row["smallest_p"] else ""
+        shown.add_row(
+            Text(row["title"]),
+            f"{small}{row['p_joint']:.2g}",
+            f"{row['probability']:.3f}",
+            f"{row['probability_error']:.3f}",
+            row["verdict"],
+        )
+    console.print(shown)
+    console.print(Text(f"wrote {out / 'causes.csv'} and {out / 'report.html'}"), soft_wrap=True)

@@ -1,0 +1,1 @@
+"""The page that says why K grows with the mass."""
