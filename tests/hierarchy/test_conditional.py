@@ -17,7 +17,13 @@ from bayestissue.hierarchy.conditional import (
     locations,
 )
 from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.population import PopulationDesign, Spread, expected, population_design
+from bayestissue.hierarchy.population import (
+    PopulationDesign,
+    SharedError,
+    Spread,
+    expected,
+    population_design,
+)
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import Formulas
 
@@ -29,7 +35,7 @@ NUISANCE_SD = (0.6, 0.4)
 class Dense:
     """Everything as one normal over (b, all u), and summaries as observations m + P^-1 g of u."""
 
-    def __init__(self, repeats: int) -> None:
+    def __init__(self, repeats: int, *, shared: float = 0.0) -> None:
         self.rng = np.random.default_rng(repeats)
         rows = pd.DataFrame(
             {
@@ -49,6 +55,13 @@ class Dense:
             tuple(map(jnp.asarray, NUISANCE_SD)),
             jnp.asarray(self.sd),
         )
+        self.of_b = np.diag(self.sd**2)
+        if shared:
+            on_K, on_C = (np.r_[self.named.parts[f"subject_effect_{q}"]] for q in "KC")
+            self.spread = self.spread._replace(shared=SharedError(on_K, on_C, shared**2))
+            ones = np.zeros((len(self.sd), len(on_K)))
+            ones[on_K, np.arange(len(on_K))] = ones[on_C, np.arange(len(on_C))] = 1
+            self.of_b += shared**2 * ones @ ones.T
         self.covariance = np.zeros((SIZE, SIZE))
         self.covariance[:2, :2] = OWN
         self.covariance[2:, 2:] = np.diag(NUISANCE_SD) ** 2
@@ -97,21 +110,25 @@ class Dense:
         return condition(self.design, self.spread, jnp.asarray(self.mean), self.summaries)
 
 
-@pytest.fixture(params=[1, 2], ids=["one impact a cell", "two impacts a cell"])
+@pytest.fixture(
+    params=[(1, 0.0), (2, 0.0), (2, 0.3)],
+    ids=["one impact a cell", "two impacts a cell", "an error of mass that is a person's"],
+)
 def dense(request: pytest.FixtureRequest) -> Dense:
-    return Dense(request.param)
+    repeats, shared = request.param
+    return Dense(repeats, shared=shared)
 
 
 def test_evidence_is_the_dense_integral(dense: Dense) -> None:
     noise = dense.blocks(dense.inverses + dense.covariance)
-    whole = noise + dense.X @ np.diag(dense.sd**2) @ dense.X.T
+    whole = noise + dense.X @ dense.of_b @ dense.X.T
     direct = multivariate_normal(dense.X @ dense.mean, whole).logpdf(dense.seen.ravel())
     assert_allclose(dense.conditional().log_evidence, direct + dense.constants.sum(), rtol=1e-10)
 
 
 def test_b_has_its_dense_conditional_mean_and_covariance(dense: Dense) -> None:
     noise = np.linalg.inv(dense.blocks(dense.inverses + dense.covariance))
-    precision = dense.X.T @ noise @ dense.X + np.diag(dense.sd**-2.0)
+    precision = dense.X.T @ noise @ dense.X + np.linalg.inv(dense.of_b)
     mean = dense.mean + np.linalg.solve(
         precision, dense.X.T @ noise @ (dense.seen.ravel() - dense.X @ dense.mean)
     )

@@ -108,15 +108,12 @@ def condition(
             for a in range(size)
         ]
     )
-    precision = precision + jnp.diag(spread.locations**-2.0)
+    precision = precision + spread.precision_matrix()
     right = jnp.concatenate([design.columns[a].T @ _cells(design, toward[a]) for a in range(size)])
     factor = jnp.linalg.cholesky(precision)
     half = solve_triangular(factor, right, lower=True)
     log_evidence = (
-        constant.sum()
-        - jnp.log(spread.locations).sum()
-        - jnp.log(jnp.diagonal(factor)).sum()
-        + (half**2).sum() / 2
+        constant.sum() - spread.log_scale() - jnp.log(jnp.diagonal(factor)).sum() + (half**2).sum() / 2
     )
     shift = solve_triangular(factor, half, lower=True, trans=1)
     return Conditional(log_evidence, mean + shift, factor, impacts)

@@ -8,7 +8,7 @@ intercepts, mass exponents and covariates are all parts of b, so everything line
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -18,6 +18,8 @@ from jaxtyping import Float, Int
 from bayestissue.hierarchy.design import GROUPS, Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.priors import Priors
+
+MassError = Literal["impact", "subject"]
 
 
 @dataclass(frozen=True)
@@ -144,44 +146,113 @@ def _response(
     return np.concatenate(matrices, axis=1), pieces
 
 
+class SharedError(NamedTuple):
+    """The error of a person's mass, which moves the person's log K and log C in every impact alike.
+
+    Attributes:
+        effect_on_K: elements of b that are a person's effects on log K.
+        effect_on_C: those on log C.
+        variance: of the error of log mass.
+    """
+
+    effect_on_K: Int[np.ndarray | Array, " person"]
+    effect_on_C: Int[np.ndarray | Array, " person"]
+    variance: Float[Array, ""] | float
+
+
 class Spread(NamedTuple):
     """Covariance of an impact's parameters about X b, and the standard deviations of b's elements.
 
     Attributes:
         own: of (log K, log C) at the recorded mass, as (KK, KC, CC).
         nuisance: standard deviation of each nuisance parameter between impacts.
-        locations: prior standard deviation of each element of b.
+        locations: prior standard deviation of each element of b, a shared error left out.
+        shared: the error of mass that a person's two effects share, where the mass is a person's own; b's
+            effects of people are then those at the recorded mass.
     """
 
     own: tuple[Array, Array, Array]
     nuisance: tuple[Array, ...]
     locations: Float[Array, " location"]
+    shared: SharedError | None = None
+
+    def precision(self) -> tuple[Float[Array, " location"], Float[Array, " person"] | None]:
+        """Prior precision of b: its diagonal, and the entries between a person's two effects."""
+        diagonal = self.locations**-2.0
+        if self.shared is None:
+            return diagonal, None
+        on_K, on_C, variance = self.shared
+        K, C, determinant = self._pairs()
+        diagonal = diagonal.at[on_K].set((C + variance) / determinant)
+        return diagonal.at[on_C].set((K + variance) / determinant), -variance / determinant
+
+    def weigh(self, values: Float[Array, " location"]) -> Float[Array, " location"]:
+        """The prior precision of b times ``values``."""
+        diagonal, between = self.precision()
+        weighed = diagonal * values
+        if self.shared is None:
+            return weighed
+        on_K, on_C, _ = self.shared
+        return weighed.at[on_K].add(between * values[on_C]).at[on_C].add(between * values[on_K])
+
+    def precision_matrix(self) -> Float[Array, "location location"]:
+        """The same as a matrix."""
+        diagonal, between = self.precision()
+        matrix = jnp.diag(diagonal)
+        if self.shared is None:
+            return matrix
+        on_K, on_C, _ = self.shared
+        return matrix.at[on_K, on_C].set(between).at[on_C, on_K].set(between)
+
+    def log_scale(self) -> Float[Array, ""]:
+        """Half the log determinant of b's prior covariance."""
+        alone = jnp.log(self.locations).sum()
+        if self.shared is None:
+            return alone
+        K, C, determinant = self._pairs()
+        return alone + jnp.log(determinant / (K * C)).sum() / 2
+
+    def _pairs(self) -> tuple[Array, Array, Array]:
+        """Of each person: the variances of the own effects, and the covariance's determinant."""
+        assert self.shared is not None  # noqa: S101 - the callers ask
+        K, C = self.locations[self.shared.effect_on_K] ** 2, self.locations[self.shared.effect_on_C] ** 2
+        return K, C, K * C + self.shared.variance * (K + C)
 
 
 def spread_of_population(
-    locations: Locations, sites: dict[str, Array], log_mass_sd: float, nuisance: tuple[str, ...]
+    locations: Locations,
+    sites: dict[str, Array],
+    log_mass_sd: float,
+    nuisance: tuple[str, ...],
+    mass_error: MassError = "impact",
 ) -> Spread:
     """The covariances that the sampled standard deviations imply.
 
-    An error of the log mass, with standard deviation ``log_mass_sd``, moves log K and log C alike; being
-    part of how u scatters about X b, it needs no parameter of its own.
+    An error of the log mass, with standard deviation ``log_mass_sd``, moves log K and log C alike. Being
+    part of how u scatters about X b, or of how people's effects scatter about 0, it needs no parameter of
+    its own.
 
     Args:
         locations: what the elements of b are.
         sites: the sampled standard deviations, and ``residual_correlation`` where it is not 0.
         log_mass_sd: standard deviation of the error of log mass.
         nuisance: names of an impact's parameters besides log K and log C.
+        mass_error: whether each impact has an error of its own or all of a person's impacts the same.
     """
     sd_K, sd_C = sites["sd_impact_K"], sites["sd_impact_C"]
     correlation = sites.get("residual_correlation", jnp.zeros_like(sd_K))
-    error = log_mass_sd**2
+    error = log_mass_sd**2 if mass_error == "impact" else 0.0
     own = (sd_K**2 + error, correlation * sd_K * sd_C + error, sd_C**2 + error)
     known = jnp.asarray(np.nan_to_num(locations.sd, nan=1.0))
     sd = known
     for name in sorted({name for name in locations.spread if name}):
         chosen = np.array([each == name for each in locations.spread])
         sd = jnp.where(chosen, sites[name], sd)
-    return Spread(own, tuple(sites[f"sd_{name}"] for name in nuisance), sd)
+    shared = None
+    if mass_error == "subject":
+        people = (np.r_[locations.parts[f"subject_effect_{q}"]] for q in RESPONSES)
+        shared = SharedError(*people, log_mass_sd**2)
+    return Spread(own, tuple(sites[f"sd_{name}"] for name in nuisance), sd, shared)
 
 
 def expected(design: PopulationDesign, b: Float[Array, " location"]) -> list[Float[Array, " impact"]]:
@@ -197,3 +268,16 @@ def expected(design: PopulationDesign, b: Float[Array, " location"]) -> list[Flo
         values.append((jnp.asarray(matrix) @ b[begin:end])[design.cell])
         begin = end
     return values
+
+
+def of_impacts(
+    design: PopulationDesign, shared: SharedError, values: Float[Array, " person"]
+) -> Float[Array, " impact"]:
+    """Each impact's person's value.
+
+    Args:
+        design: X over cells, which has a column for every person.
+        shared: where these columns are; those of log K begin b.
+        values: one a person.
+    """
+    return (jnp.asarray(design.columns[0])[:, shared.effect_on_K] @ values)[design.cell]

@@ -66,6 +66,11 @@ class ModelSpecification(_Table):
     reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
     formula: Formulas = Formulas()
     residual_correlation: bool = True
+    mass_error: Literal["impact", "subject"] = Field(
+        default="impact",
+        description="impact: every impact's mass has an error of its own. subject: the mass is a person's, "
+        "such as an effective mass, and its error the same in all of the person's impacts.",
+    )
     priors: Priors = Priors()
     practical_equivalence: PracticalEquivalence = PracticalEquivalence()
     comparison: Comparison = Comparison()

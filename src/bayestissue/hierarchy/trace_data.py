@@ -66,7 +66,8 @@ def prepare(dataset: MeasuredImpacts, specification: ModelSpecification, *, sour
 
     Raises:
         InputError: the model's likelihood is not one of traces, its formulas ask for what this design can't
-            identify, or a trace has too few samples in its window; ``source`` is the model file's name.
+            identify or lack the people whose mass is in error, or a trace has too few samples in its window;
+            ``source`` is the model file's name.
     """
     problems = _unsuited(dataset, specification, source)
     if problems:
@@ -77,6 +78,10 @@ def prepare(dataset: MeasuredImpacts, specification: ModelSpecification, *, sour
         reference_mass_kg=specification.reference_mass_kg,
         source=source,
     )
+    if specification.mass_error == "subject":
+        problems = _without_people(design, source)
+        if problems:
+            raise InputError(problems)
     signal = displacements(dataset, specification.signal)
     short = np.flatnonzero(signal.n_samples < FEWEST_SAMPLES)
     if len(short):
@@ -102,12 +107,14 @@ def assemble(
     """Model and data of a fit whose design and displacements are made."""
     kind: Kind = specification.likelihood  # type: ignore[assignment]
     found, columns = population_design(design, specification.priors, NUISANCE[kind])
+    relative_mass_sd = float(dataset.uncertainty.relative_mass_sd)
     model = TraceModel(
         kind,
         found,
         specification.priors,
         specification.residual_correlation,
-        float(dataset.uncertainty.relative_mass_sd),
+        relative_mass_sd,
+        specification.mass_error if relative_mass_sd > 0 else "impact",
     )
     record, peak = _record(dataset, specification, signal)
     data = TraceData(
@@ -154,6 +161,20 @@ def _unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, sourc
             )
         )
     return problems
+
+
+def _without_people(design: Design, source: str) -> list[Problem]:
+    """Formulas that leave no room for an error that all impacts of a person share."""
+    return [
+        Problem(
+            source,
+            '"(1|subject)" in it, since mass_error = "subject" gives each person an error of its own',
+            'Add "+ (1|subject)", or set mass_error = "impact".',
+            column=f"formula.{response}",
+        )
+        for response, part in design.responses.items()
+        if "subject" not in part.groups
+    ]
 
 
 def _record(

@@ -27,9 +27,11 @@ from bayestissue.hierarchy.conditional import (
 )
 from bayestissue.hierarchy.population import (
     Locations,
+    MassError,
     PopulationDesign,
     Spread,
     expected,
+    of_impacts,
     spread_of_population,
 )
 from bayestissue.hierarchy.priors import Priors
@@ -66,13 +68,17 @@ class TraceData(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class TraceModel:
-    """What is assumed: the likelihood, the parts of b, the priors, and the error of the recorded mass."""
+    """What is assumed: the likelihood, the parts of b, the priors, and the error of the recorded mass.
+
+    ``mass_error`` says whether each impact has an error of its own, or all impacts of a person the same.
+    """
 
     kind: Kind
     locations: Locations
     priors: Priors
     correlated: bool
     log_mass_sd: float
+    mass_error: MassError = "impact"
 
     @property
     def nuisance(self) -> tuple[str, ...]:
@@ -149,7 +155,7 @@ def constrained(model: TraceModel, raw: Mapping[str, Array]) -> dict[str, Array]
 
 def population(model: TraceModel, sites: dict[str, Array]) -> Spread:
     """See `spread_of_population`."""
-    return spread_of_population(model.locations, sites, model.log_mass_sd, model.nuisance)
+    return spread_of_population(model.locations, sites, model.log_mass_sd, model.nuisance, model.mass_error)
 
 
 def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True) -> None:
@@ -157,6 +163,11 @@ def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True)
     spread = population(model, sample_spreads(model))
     b = numpyro.sample("locations", dist.Normal(data.location_mean, spread.locations).to_event(1))
     about = expected(data.design, b)
+    if spread.shared is not None:
+        # K of a heavier person than recorded looks smaller, by as much in every impact.
+        person = dist.Normal(0.0, model.log_mass_sd).expand([len(spread.shared.effect_on_K)]).to_event(1)
+        error = of_impacts(data.design, spread.shared, numpyro.sample("log_mass_error", person))
+        about[:2] = [about[0] - error, about[1] - error]
     kk, kc, cc = spread.own
     own = jnp.stack([jnp.stack([kk, kc]), jnp.stack([kc, cc])])
     with numpyro.plate("impact", data.log_mass.shape[0]):

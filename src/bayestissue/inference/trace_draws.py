@@ -14,6 +14,7 @@ from jax import Array
 from bayestissue.hierarchy.conditional import Summaries, impact_log_evidence
 from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.population import SharedError, Spread, of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     Drawn,
@@ -34,12 +35,14 @@ class Unfolded:
 
     ``sites`` are the hierarchy's quantities by the names of `bayestissue.hierarchy.effects`, ``impacts``
     those of every impact, ``log_likelihood`` the log density of each impact, subject and trial with its own
-    parameters and effects integrated out.
+    parameters and effects integrated out. Where ``kept`` is given, impacts have these draws of each chain
+    only, and log densities are those of some impacts.
     """
 
     sites: dict[str, np.ndarray]
     impacts: dict[str, np.ndarray]
     log_likelihood: dict[str, np.ndarray]
+    kept: np.ndarray | None = None
 
 
 def unfold(prepared: Prepared, summaries: Summaries, draws: Draws, key: Array) -> Unfolded:
@@ -103,35 +106,77 @@ def _unfold_one(
     sites = {name: draw[name] for name in model.spreads}
     found = from_standard(model, data, summaries, sites, draw["standard_locations"], draw["standard_impacts"])
     keys = jax.random.split(key)
-    at = physical(model, data, found.u)
-    mass_error = _mass_error(model, sites, found, keys[0])
-    errors = trace_distribution(model, data, found.u).draw_errors(keys[1])
+    b, mass_error = _mass_error(model, data, sites, found, keys[0])
+    impacts = impact_quantities(model, data, found.u, mass_error, keys[1])
+    return b, impacts, _scores(model, data, summaries, sites, found, groups)
+
+
+def impact_quantities(
+    model: TraceModel, data: TraceData, u: list[Array], mass_error: Array, key: Array
+) -> dict[str, Array]:
+    """What an impact's parameters stand for, and a draw of the chain's errors given them.
+
+    Args:
+        model: the model.
+        data: the dataset.
+        u: each impact's parameters, K and C at the recorded mass.
+        mass_error: of the log mass.
+        key: of the chain's errors.
+    """
+    at, distribution = physical(model, data, u), trace_distribution(model, data, u)
     impacts = {
-        "K": jnp.exp(found.u[0] + mass_error),
-        "C": jnp.exp(found.u[1] + mass_error),
+        "K": jnp.exp(u[0] + mass_error),
+        "C": jnp.exp(u[1] + mass_error),
         "omega_n": at.omega_n,
         "zeta": at.zeta,
         "mass": jnp.exp(data.log_mass + mass_error),
-        "chain_error": errors,
+        "chain_error": distribution.draw_errors(key),
         **({"sigma_d": jnp.exp(at.log_sigma)} if model.kind == "impact" else {}),
         **({} if model.kind == "impact" else {"sigma_a": jnp.exp(at.log_sigma)}),
-        "parameters": jnp.stack(found.u, axis=-1),
+        "parameters": jnp.stack(u, axis=-1),
     }
     if model.kind != "impact":
-        distribution = trace_distribution(model, data, found.u)
         impacts["theta1"] = distribution.differences()[2]
-    return found.b, impacts, _scores(model, data, summaries, sites, found, groups)
+    return impacts
 
 
-def _mass_error(model: TraceModel, sites: dict[str, Array], found: Drawn, key: Array) -> Array:
-    """The error e of the log mass given u = (log K, log C) - e, normal: Var(e) is part of u's covariance."""
-    kk, kc, cc = population(model, sites).own
+def _mass_error(
+    model: TraceModel, data: TraceData, sites: dict[str, Array], found: Drawn, key: Array
+) -> tuple[Array, Array]:
+    """People's effects in b put at their true mass, and each impact's error of the log mass.
+
+    Everything seen is log K - e and log C - e. Where e is an impact's own, Var(e) is part of the covariance
+    of u; where it is a person's, of that of the person's effects, from which it is taken apart here. Either
+    way e is normal given what is seen.
+    """
+    spread = population(model, sites)
+    if spread.shared is not None:
+        error = error_of_people(spread.locations, spread.shared, found.b, key)
+        b = found.b.at[spread.shared.effect_on_K].add(error).at[spread.shared.effect_on_C].add(error)
+        return b, of_impacts(data.design, spread.shared, error)
+    return found.b, impact_error(model, spread, found.u, found.about, key)
+
+
+def impact_error(model: TraceModel, spread: Spread, u: list[Array], about: list[Array], key: Array) -> Array:
+    """The error of the log mass where it is each impact's own, given u and its expectation."""
+    kk, kc, cc = spread.own
     variance = model.log_mass_sd**2
     determinant = kk * cc - kc**2
     pull_K, pull_C = variance * (cc - kc) / determinant, variance * (kk - kc) / determinant
-    mean = -pull_K * (found.u[0] - found.about[0]) - pull_C * (found.u[1] - found.about[1])
+    mean = -pull_K * (u[0] - about[0]) - pull_C * (u[1] - about[1])
     left = jnp.maximum(variance * (1 - pull_K - pull_C), 0.0)
     return mean + jnp.sqrt(left) * jax.random.normal(key, mean.shape)
+
+
+def error_of_people(sd: Array, shared: SharedError, b: Array, key: Array) -> Array:
+    """The error e given what is seen of a person's effects, f = s - e, all of them normal and independent.
+
+    Its mean is -v (C f_K + K f_C) / (K C + v (K + C)), with variances v of e, K of s_K and C of s_C.
+    """
+    K, C = sd[shared.effect_on_K] ** 2, sd[shared.effect_on_C] ** 2
+    over = shared.variance / (K * C + shared.variance * (K + C))
+    mean = -over * (C * b[shared.effect_on_K] + K * b[shared.effect_on_C])
+    return mean + jnp.sqrt(over * K * C) * jax.random.normal(key, mean.shape)
 
 
 def _scores(
@@ -160,15 +205,45 @@ def _scores(
         def total(values: Array, codes: Array = codes, count: int = count) -> Array:
             return jax.ops.segment_sum(values, codes, count)
 
-        sd = [sites.get(f"sd_{name}_{q}", jnp.zeros(())) for q in ("K", "C")]
-        m00 = 1 + sd[0] ** 2 * total(parts.weight[0][0])
-        m01 = sd[0] * sd[1] * total(parts.weight[0][1])
-        m11 = 1 + sd[1] ** 2 * total(parts.weight[1][1])
-        h0, h1 = sd[0] * total(pull[0]), sd[1] * total(pull[1])
-        determinant = m00 * m11 - m01**2
-        gained = (m11 * h0**2 - 2 * m01 * h0 * h1 + m00 * h1**2) / (2 * determinant)
-        scores[f"traces_of_{name}"] = total(alone) + gained - jnp.log(determinant) / 2
+        weight = [total(parts.weight[a][b]) for a, b in ((0, 0), (0, 1), (1, 1))]
+        gained = integrated_effects(model, sites, name, weight, [total(each) for each in pull])
+        scores[f"traces_of_{name}"] = total(alone) + gained
     return scores
+
+
+def integrated_effects(
+    model: TraceModel, sites: dict[str, Array], group: str, weight: list[Array], pull: list[Array]
+) -> Array:
+    """What the log density of each level's traces gains by the level's two effects being integrated out.
+
+    Args:
+        model: the model.
+        sites: the standard deviations.
+        group: "subject" or "trial".
+        weight: each level's sums of W, as (KK, KC, CC).
+        pull: its sums of the log evidence's slopes by log K and log C, the effects being 0.
+    """
+    (l00, l10), l11 = _factor_of_effects(model, sites, group)
+    w00, w01, w11 = weight
+    m00 = 1 + l00**2 * w00 + 2 * l00 * l10 * w01 + l10**2 * w11
+    m01 = l11 * (l00 * w01 + l10 * w11)
+    m11 = 1 + l11**2 * w11
+    h0, h1 = l00 * pull[0] + l10 * pull[1], l11 * pull[1]
+    determinant = m00 * m11 - m01**2
+    return (m11 * h0**2 - 2 * m01 * h0 * h1 + m00 * h1**2) / (2 * determinant) - jnp.log(determinant) / 2
+
+
+def _factor_of_effects(
+    model: TraceModel, sites: dict[str, Array], group: str
+) -> tuple[tuple[Array, Array], Array]:
+    """Columns of the lower Cholesky factor of the covariance of a group's two effects."""
+    sd_K, sd_C = (sites.get(f"sd_{group}_{q}", jnp.zeros(())) for q in RESPONSES)
+    if group != "subject" or model.mass_error == "impact":
+        return (sd_K, jnp.zeros(())), sd_C
+    variance = model.log_mass_sd**2
+    first = jnp.sqrt(sd_K**2 + variance)
+    # C + v - v^2 / (K + v), without the difference of near equals
+    return (first, variance / first), jnp.sqrt(sd_C**2 + variance * sd_K**2 / first**2)
 
 
 def thinned(draws: dict[str, Any], number: int) -> dict[str, Any]:

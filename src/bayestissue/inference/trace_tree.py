@@ -184,17 +184,21 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
 
 def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Generator) -> dict[str, xr.Dataset]:
     model, data = prepared.model, prepared.data
+    shared = ["log_mass_error"] if model.mass_error == "subject" else []
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
     bare = Predictive(
         lambda: plain_model(model, data, conditioned=False),
         num_samples=PRIOR_DRAWS,
-        return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance],
+        return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance, *shared],
     )
     drawn = {name: np.asarray(values)[None] for name, values in bare(key).items()}
     sites = named_sites(prepared, {name: drawn[name] for name in model.spreads}, drawn["locations"])
     u = np.concatenate([drawn["log_K_and_C"], *(drawn[name][..., None] for name in model.nuisance)], axis=-1)
     at = physical(model, data, [jnp.asarray(u[..., a]) for a in range(u.shape[-1])])
-    error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
+    if shared:
+        error = drawn["log_mass_error"][..., prepared.design.subject]
+    else:
+        error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
     impacts = {
         "K": np.exp(u[..., 0] + error),
         "C": np.exp(u[..., 1] + error),

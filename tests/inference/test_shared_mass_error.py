@@ -1,0 +1,191 @@
+"""A person's mass in error moves the person's log K and log C in every impact alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+from numpyro.distributions import biject_to
+from numpyro.infer.util import log_density
+from scipy.stats import norm
+
+from bayestissue.dataset import Dataset, Trace, Uncertainty
+from bayestissue.errors import InputError
+from bayestissue.hierarchy.conditional import Summaries
+from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import from_standard, plain_model, sampled_model
+from bayestissue.inference.sampling import Draws
+from bayestissue.inference.trace_draws import unfold
+from bayestissue.oscillator import impact_motion
+
+PEOPLE, EACH, RELATIVE_SD = 3, 10, 0.2
+FORMULA = "(1|subject) + (1|trial)"
+SPREADS = {"sd_subject_K": 1.0, "sd_subject_C": 0.8, "sd_impact_K": 0.05, "sd_impact_C": 0.07}
+OTHERS = {"sd_trial_K": 0.01, "sd_trial_C": 0.01, "residual_correlation": 0.3, "sd_noise": 0.2}
+DRAWS = 4000
+
+
+def prepared(mass_error: Literal["impact", "subject"], formula: str = FORMULA) -> Prepared:
+    count = PEOPLE * EACH
+    rows = pd.DataFrame(
+        {
+            "impact": [f"i{i}" for i in range(count)],
+            "subject": np.repeat(list("abc"), EACH),
+            "trial": np.tile(["x", "y"], count // 2),
+            "mass_kg": np.repeat([0.5, 0.8, 1.2], EACH),
+            "velocity_m_s": 1.5,
+        }
+    )
+    time = np.arange(0, 0.05, 1e-3)
+    x = impact_motion(time, np.full((count, 1), 60.0), 0.3, 1.5).displacement
+    x = np.asarray(x) + 1e-5 * np.random.default_rng(0).normal(size=x.shape)
+    made = Dataset(
+        name="made",
+        description="",
+        impacts=rows,
+        traces=[Trace(time, row) for row in x],
+        quantity="displacement",
+        uncertainty=Uncertainty(relative_mass_sd=RELATIVE_SD),
+        warnings=(),
+        left_out=(),
+        folder=Path(),
+        input_hash="",
+    )
+    specification = ModelSpecification(
+        name="m",
+        likelihood="a2",
+        formula=Formulas(K=formula, C=formula),
+        mass_error=mass_error,
+    )
+    return prepare(made, specification, source="m.toml")
+
+
+def summaries(precision: float) -> Summaries:
+    count = PEOPLE * EACH
+    rng = np.random.default_rng(1)
+    centre = np.array([8.0, 3.0, -6.0]) + 0.1 * rng.normal(size=(count, 3))
+    root = 0.3 * rng.normal(size=(count, 3, 3))
+    each = precision * (root @ root.swapaxes(1, 2) + np.eye(3))
+    return Summaries(*map(jnp.asarray, (centre, np.zeros((count, 3)), each, np.zeros(count))))
+
+
+def drawn(made: Prepared, told: Summaries) -> dict[str, np.ndarray]:
+    """Draws of log K and log C of people, the spreads given: exact, since the summaries are normal."""
+    rng = np.random.default_rng(2)
+    sites = {
+        name: np.full((1, DRAWS), biject_to(made.model.prior_of(name).support).inv(value))
+        for name, value in (SPREADS | OTHERS).items()
+    }
+    sites["standard_locations"] = rng.normal(size=(1, DRAWS, made.model.locations.size))
+    sites["standard_impacts"] = rng.normal(size=(1, DRAWS, PEOPLE * EACH, 3))
+    found = unfold(made, told, Draws(sites, {}, 10), jax.random.PRNGKey(3))
+    people = {
+        q: (found.sites[f"intercept_{q}"][..., None] + found.sites[f"subject_effect_{q}"])[0] for q in "KC"
+    }
+    return people | {"mass": found.impacts["mass"][0], "log K": np.log(found.impacts["K"][0])}
+
+
+def dense_sd(told: Summaries, priors: tuple[float, float]) -> np.ndarray:
+    """The posterior sd of log K and log C of person a by a dense normal over effects and errors."""
+    subject, trial = np.repeat(np.arange(PEOPLE), EACH), np.tile([0, 1], PEOPLE * EACH // 2)
+    # per response: intercept, three people, two trials; then the three people's errors
+    sd = np.concatenate([[p, *[s] * PEOPLE, 0.01, 0.01] for p, s in zip(priors, (1.0, 0.8), strict=True)])
+    sd = np.append(sd, [RELATIVE_SD] * PEOPLE)
+    own = np.ones((PEOPLE * EACH, 1)), subject[:, None] == np.arange(PEOPLE), trial[:, None] == np.arange(2)
+    block = np.concatenate(own, axis=1).astype(float)
+    zero, error = np.zeros_like(block), -own[1].astype(float)
+    X = np.stack([np.hstack([block, zero, error]), np.hstack([zero, block, error])], axis=1)
+    scatter = np.array([[0.05**2, 0.3 * 0.05 * 0.07], [0.3 * 0.05 * 0.07, 0.07**2]])
+    # The noise's own mean and spread are as good as unknown here: its entry is integrated out of P.
+    noise = np.linalg.inv(np.linalg.inv(np.asarray(told.precision))[:, :2, :2] + scatter)
+    precision = np.einsum("iap,iab,ibq->pq", X, noise, X) + np.diag(sd**-2.0)
+    covariance = np.linalg.inv(precision)
+    pick = np.zeros((2, len(sd)))
+    pick[0, [0, 1]] = pick[1, [6, 7]] = 1
+    return np.sqrt(np.diag(pick @ covariance @ pick.T))
+
+
+def test_k_of_a_person_is_no_surer_than_the_persons_mass() -> None:
+    told = summaries(1e8)
+    made = prepared("subject")
+    found = drawn(made, told)
+    priors = made.model.priors.intercept
+    wanted = dense_sd(told, (priors.K.sd, priors.C.sd))
+    for place, q in enumerate("KC"):
+        sd = found[q][:, 0].std()
+        # A standard deviation's relative standard error is 1 / sqrt(2 n).
+        assert sd == pytest.approx(wanted[place], rel=4 / np.sqrt(2 * DRAWS))
+        low, high = np.quantile(found[q][:, 0], [0.05, 0.95])
+        assert (high - low) / 2 > RELATIVE_SD
+    alone = drawn(prepared("impact"), told)
+    # Errors of each impact's own average out: these, and the impacts' scatter, over their number.
+    averaged = np.hypot(RELATIVE_SD, SPREADS["sd_impact_K"]) / np.sqrt(EACH)
+    assert alone["K"][:, 0].std() < 1.1 * averaged
+    assert alone["mass"][:, :EACH].std(axis=1).min() > 0
+
+
+def test_all_impacts_of_a_person_have_the_same_error_of_mass() -> None:
+    made = prepared("subject")
+    found = drawn(made, summaries(1e8))
+    error = np.log(found["mass"]) - np.asarray(made.data.log_mass)
+    by_person = error.reshape(DRAWS, PEOPLE, EACH)
+    assert_allclose(by_person, np.broadcast_to(by_person[..., :1], by_person.shape), atol=1e-12)
+    # What a trace tells is log K - e; only K itself moves with the mass.
+    seen = (found["log K"] - error).std(axis=0)
+    assert (seen < 1e-3).all()
+
+
+def test_with_the_error_integrated_out_the_density_is_the_plain_models() -> None:
+    """p(effects + e, e, u) = p(effects at the recorded mass, u) p(e given these effects)."""
+    made, told = prepared("subject"), summaries(50.0)
+    model, data = made.model, made.data
+    rng = np.random.default_rng(4)
+    sites = {name: jnp.asarray(value) for name, value in (SPREADS | OTHERS).items()}
+    z_b = jnp.asarray(rng.normal(size=model.locations.size))
+    z_u = jnp.asarray(rng.normal(size=(PEOPLE * EACH, 3)))
+    found = from_standard(model, data, told, sites, z_b, z_u)
+    error = 0.1 * rng.normal(size=PEOPLE)
+    on_K, on_C = (np.r_[model.locations.parts[f"subject_effect_{q}"]] for q in "KC")
+    b = np.array(found.b)
+    b[on_K] += error
+    b[on_C] += error
+    plain = {
+        **sites,
+        "locations": jnp.asarray(b),
+        "log_mass_error": jnp.asarray(error),
+        "log_K_and_C": jnp.stack(found.u[:2], axis=1),
+        "noise": found.u[2],
+    }
+    above, _ = log_density(plain_model, (model, data), {}, plain)
+    sampled = {**sites, "standard_locations": z_b, "standard_impacts": z_u}
+    below, _ = log_density(sampled_model, (model, data, told), {}, sampled)
+
+    def mapped(z: jax.Array) -> jax.Array:
+        new = from_standard(model, data, told, sites, z[: len(z_b)], z[len(z_b) :].reshape(-1, 3))
+        return jnp.concatenate([new.b, *new.u])
+
+    jacobian = jax.jit(jax.jacfwd(mapped))(jnp.concatenate([z_b, z_u.ravel()]))
+    log_jacobian = np.linalg.slogdet(np.asarray(jacobian))[1]
+    given = 0.0
+    for person in range(PEOPLE):
+        # Joint covariance of (s_K - e, s_C - e, e), and e given the first two.
+        joint = np.diag([1.0, 0.64, 0.0]) + RELATIVE_SD**2 * np.outer([-1, -1, 1], [-1, -1, 1])
+        f = np.array([found.b[on_K][person], found.b[on_C][person]])
+        solved = np.linalg.solve(joint[:2, :2], joint[:2, 2])
+        sd = np.sqrt(joint[2, 2] - solved @ joint[:2, 2])
+        given += norm(solved @ f, sd).logpdf(error[person])
+    assert float(above) == pytest.approx(float(below) - log_jacobian + given, rel=1e-9)
+
+
+def test_an_error_of_people_needs_people_in_both_formulas() -> None:
+    with pytest.raises(InputError) as caught:
+        prepared("subject", formula="(1|trial)")
+    assert [problem.column for problem in caught.value.problems] == ["formula.K", "formula.C"]
+    assert all('mass_error = "impact"' in problem.remedy for problem in caught.value.problems)
