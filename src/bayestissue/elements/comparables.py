@@ -1,0 +1,91 @@
+"""Stiffness, damping and loss that mean the same for every element."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+from jaxtyping import Float
+
+from bayestissue.elements.element import Element, Parameters, at_contact
+from bayestissue.elements.impact import Path, prepared
+
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+
+
+class Comparables(NamedTuple):
+    """What can be compared across elements, each [impact].
+
+    Attributes:
+        K_tangent: slope of the force that comes with penetration at contact, a damper's own force left out
+            [N/m].
+        K_secant: force over penetration where penetration is greatest and the velocity 0 [N/m].
+        C_equivalent: of the damper beside the spring that would have lost the same energy from contact to
+            peak: (M V^2 / 2 - energy stored at the peak) / integral of x'^2 [N s/m].
+        energy_lost: 1 - (v_end / V)^2, v_end being the velocity at which the impactor leaves.
+        peak_displacement: greatest penetration [m].
+        time_to_peak: [s]; infinite where there is no peak, and the four above are then those at the end.
+    """
+
+    K_tangent: Float[Array, " impact"]
+    K_secant: Float[Array, " impact"]
+    C_equivalent: Float[Array, " impact"]
+    energy_lost: Float[Array, " impact"]
+    peak_displacement: Float[Array, " impact"]
+    time_to_peak: Float[Array, " impact"]
+
+
+def comparables(
+    element: str | Element,
+    parameters: Parameters,
+    mass: ArrayLike,
+    velocity: ArrayLike,
+    *,
+    diameter: ArrayLike | None = None,
+) -> Comparables:
+    """Stiffnesses, damping and loss of impacts; arguments as of `bayestissue.elements.impact`.
+
+    Raises:
+        KeyError: there is no such element, or the parameters are not its own.
+    """
+    which, arguments = prepared(element, parameters, mass, velocity, diameter)
+    return comparables_of(which, *arguments)
+
+
+@partial(jax.jit, static_argnames="element")
+def comparables_of(
+    element: Element, p: dict[str, Array], mass: Float[Array, " impact"], velocity: Float[Array, " impact"]
+) -> Comparables:
+    """The same, compiled, for parameters that are complete: see `bayestissue.elements.element.complete`."""
+    path, M, V = Path.of(element, p, mass, velocity), mass, velocity
+    peak = jnp.minimum(path.time_to_peak, path.duration)
+    y = path.at(peak[:, None])[..., 0]
+    x, v, s = y[0], y[1], tuple(y[2:])
+    points = (jnp.asarray(_POINTS) + 1) / 2 * peak[:, None]
+    squares = (path.at(points)[1] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
+    spent = M * (V**2 - v**2) / 2 - element.stored(x, v, s, p)
+    leaves = jnp.minimum(path.leaves, path.duration)
+    last = path.at(leaves[:, None])[1, :, 0]
+    return Comparables(
+        _tangent(element, p, V),
+        element.force(x, jnp.zeros_like(v), s, p) / x,
+        spent / squares,
+        1 - (last / V) ** 2,
+        x,
+        path.time_to_peak,
+    )
+
+
+def _tangent(element: Element, p: dict[str, Array], velocity: Array) -> Array:
+    """The force's slope in x with the internal lengths held, at contact.
+
+    What remembers is slow: at contact its dampers have not yet yielded.
+    """
+    y = at_contact(element, velocity)
+    s = tuple(y[2:])
+    return jax.jvp(lambda x: element.force(x, velocity, s, p), (y[0],), (jnp.ones_like(y[0]),))[1]

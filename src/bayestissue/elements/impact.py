@@ -1,0 +1,182 @@
+"""A whole impact on an element: M x'' = -F(x, x', internal lengths), x(0) = 0, x'(0) = V."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.typing import ArrayLike
+from jaxtyping import Float
+
+from bayestissue.elements import linear, solver
+from bayestissue.elements.element import Element, Parameters, complete, deceleration_of, rates_of_motion
+from bayestissue.elements.registry import element as named
+
+# Steps are short at contact, where a Hertz force has no smooth start, and grow with its square root.
+NODES = 401
+# Of 1 / omega_n: four times the contact of an undamped spring K.
+LONG = 8 * np.pi
+_BISECTIONS = 40
+
+Quantity = Callable[[Array], Array]
+
+
+class Impact(NamedTuple):
+    """The impactor's path, and when it was deepest and when it left.
+
+    Attributes:
+        x: into the tissue [m].
+        v: its velocity [m/s].
+        deceleration: F / M while the tissue pushes, else 0 [m/s^2].
+        time_to_peak: from contact to the greatest x [s]; infinite where there is none.
+        leaves: from contact to where the force is 0 [s]; infinite where it never is.
+    """
+
+    x: Float[Array, "impact sample"]
+    v: Float[Array, "impact sample"]
+    deceleration: Float[Array, "impact sample"]
+    time_to_peak: Float[Array, " impact"]
+    leaves: Float[Array, " impact"]
+
+
+def impact(
+    element: str | Element,
+    parameters: Parameters,
+    mass: ArrayLike,
+    velocity: ArrayLike,
+    time: Float[Array, "impact sample"],
+    *,
+    diameter: ArrayLike | None = None,
+) -> Impact:
+    """Simulate impacts, from flight before contact to flight after it.
+
+    Linear elements by matrix exponentials, others by `bayestissue.elements.solver` to about 1e-7 of the peak.
+    Differentiable forwards (`jax.jvp`, `jax.jacfwd`).
+
+    Args:
+        element: an element or its name.
+        parameters: of the element, by name; each [impact] or a number.
+        mass: M [kg], [impact] or a number.
+        velocity: V at contact [m/s], likewise.
+        time: since contact [s]; before it negative.
+        diameter: of the impactor [m]; the reference diameter unless given.
+
+    Raises:
+        KeyError: there is no such element, or the parameters are not its own.
+    """
+    time = jnp.asarray(time, float)
+    which, arguments = prepared(element, parameters, mass, velocity, diameter, shape=time.shape[:1])
+    return _impact(which, *arguments, time)
+
+
+@partial(jax.jit, static_argnames="element")
+def _impact(element: Element, p: dict[str, Array], mass: Array, velocity: Array, time: Array) -> Impact:
+    path = Path.of(element, p, mass, velocity, time.max(-1))
+    since = jnp.clip(time, 0.0, jnp.minimum(path.leaves, path.duration)[:, None])
+    y = path.at(since)
+    inside = (time >= 0) & (time <= path.leaves[:, None])
+    d = deceleration_of(element, path.columns(), mass[:, None], y)
+    return Impact(
+        y[0] + y[1] * (time - since), y[1], jnp.where(inside, d, 0.0), path.time_to_peak, path.leaves
+    )
+
+
+def prepared(
+    element: str | Element,
+    parameters: Parameters,
+    mass: ArrayLike,
+    velocity: ArrayLike,
+    diameter: ArrayLike | None,
+    shape: tuple[int, ...] = (1,),
+) -> tuple[Element, tuple[dict[str, Array], Array, Array]]:
+    """The element, and its parameters, mass and velocity, each [impact].
+
+    Raises:
+        KeyError: there is no such element, or the parameters are not its own.
+    """
+    which = named(element)
+    every = complete(which, parameters, None if diameter is None else jnp.asarray(diameter, float))
+    M, V = jnp.asarray(mass, float), jnp.asarray(velocity, float)
+    shape = jnp.broadcast_shapes(shape, *(part.shape for part in (*every.values(), M, V)))
+    p = {name: jnp.broadcast_to(value, shape) for name, value in every.items()}
+    return which, (p, jnp.broadcast_to(M, shape), jnp.broadcast_to(V, shape))
+
+
+class Path(NamedTuple):
+    """An impact that can be asked for its state at any time in contact."""
+
+    element: Element
+    parameters: dict[str, Array]
+    mass: Float[Array, " impact"]
+    velocity: Float[Array, " impact"]
+    duration: Float[Array, " impact"]
+    nodes: solver.Nodes
+    time_to_peak: Float[Array, " impact"]
+    leaves: Float[Array, " impact"]
+
+    @classmethod
+    def of(
+        cls, element: Element, p: dict[str, Array], mass: Array, velocity: Array, until: ArrayLike = 0.0
+    ) -> Path:
+        """The path from contact to ``until`` [s], or to four times an undamped contact if that is later."""
+        duration = jax.lax.stop_gradient(jnp.maximum(until, LONG * jnp.sqrt(mass / p["K"])))
+        if element.linear:
+            found = _linear_nodes(element, p, mass, velocity, duration)
+        else:
+            fractions = np.linspace(0.0, 1.0, NODES) ** 2
+            found = solver.nodes(element, p, mass, velocity, duration, fractions, flies_off=True)
+        made = cls(element, p, mass, velocity, duration, found, duration, duration)
+        peak = made.first(lambda y: y[1])
+        leaves = made.first(lambda y: deceleration_of(element, made.columns(), mass[:, None], y))
+        return made._replace(time_to_peak=peak, leaves=leaves)
+
+    def columns(self) -> dict[str, Array]:
+        """The parameters as columns beside times."""
+        return {name: value[:, None] for name, value in self.parameters.items()}
+
+    def at(self, time: Float[Array, "impact time"]) -> Float[Array, "state impact time"]:
+        """The state at times from contact on, within the duration."""
+        if self.element.linear:
+            return linear.at_times(self.element, self.parameters, self.mass, self.velocity, time)
+        return solver.at_times(self.nodes, time)
+
+    def first(self, quantity: Quantity) -> Float[Array, " impact"]:
+        """When a quantity of the state, [impact, time], first falls to 0 after contact; infinite if never."""
+        values = quantity(jnp.moveaxis(self.nodes.y, 0, -1))
+        past = values[:, 1:] <= 0
+        end = jnp.argmax(past, axis=1)
+        impact = jnp.arange(values.shape[0])
+        low, high = self.nodes.time[end, impact], self.nodes.time[end + 1, impact]
+
+        def halve(_: int, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
+            low, high = bracket
+            middle = (low + high) / 2
+            after = quantity(solver.at_times(self.nodes, middle[:, None]))[:, 0] <= 0
+            return jnp.where(after, low, middle), jnp.where(after, middle, high)
+
+        low, _ = jax.lax.fori_loop(0, _BISECTIONS, halve, (low, high))
+        when = jax.lax.stop_gradient(low)
+        # Newton's step also gives the time its derivatives, by the implicit function theorem.
+        for _ in range(2):
+            value, slope = jax.jvp(
+                lambda t: quantity(self.at(t[:, None]))[:, 0], (when,), (jnp.ones_like(when),)
+            )
+            falls = slope < 0
+            when = when - jnp.where(falls, value / jnp.where(falls, slope, 1.0), 0.0)
+        return jnp.where(past.any(axis=1), when, jnp.inf)
+
+
+def _linear_nodes(
+    element: Element, p: dict[str, Array], mass: Array, velocity: Array, duration: Array
+) -> solver.Nodes:
+    """Even nodes, so that each is the one before it times one matrix."""
+    start = jnp.zeros_like(duration)
+    y = linear.even_grid(element, p, mass, velocity, start, duration / (NODES - 1), NODES)
+    slope = rates_of_motion(element, {k: v[:, None] for k, v in p.items()}, mass[:, None], y)
+    time = jnp.linspace(0.0, 1.0, NODES)[:, None] * duration
+    return solver.Nodes(time, jnp.moveaxis(y, -1, 0), jnp.moveaxis(slope, -1, 0))

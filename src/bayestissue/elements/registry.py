@@ -1,0 +1,36 @@
+"""The elements that there are: one module each in `bayestissue.elements.library`, with its ``ELEMENT``."""
+
+from __future__ import annotations
+
+import pkgutil
+from functools import lru_cache
+from importlib import import_module
+
+from bayestissue.elements import library
+from bayestissue.elements.element import Element
+
+
+@lru_cache
+def _found() -> dict[str, Element]:
+    names = sorted(module.name for module in pkgutil.iter_modules(library.__path__))
+    elements = [import_module(f"{library.__name__}.{name}").ELEMENT for name in names]
+    return {each.name: each for each in elements}
+
+
+def element_names() -> tuple[str, ...]:
+    """The names of all elements."""
+    return tuple(_found())
+
+
+def element(name: str | Element) -> Element:
+    """The element of that name.
+
+    Raises:
+        KeyError: there is none; the message lists those that there are.
+    """
+    if isinstance(name, Element):
+        return name
+    try:
+        return _found()[name]
+    except KeyError:
+        raise KeyError(f"no element {name!r}; there are {', '.join(element_names())}") from None

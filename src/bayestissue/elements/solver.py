@@ -1,0 +1,130 @@
+"""Any element by a Runge-Kutta method of fifth order (Tsitouras 2011) in diffrax, all impacts side by side.
+
+Steps are fixed beforehand, so that value and derivatives take one and the same path. Between steps the state
+is the cubic through states and rates at both ends; its error, of fourth order in the step, is the larger.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import diffrax
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.elements.element import Element, Parameters, at_contact, rates_of_motion
+
+# At least so many steps over a trace, where it has as many samples.
+STEPS = 64
+
+
+class Nodes(NamedTuple):
+    """States at the ends of steps.
+
+    Attributes:
+        time: s.
+        y: the state.
+        slope: dy/dt.
+    """
+
+    time: Float[Array, "node impact"]
+    y: Float[Array, "node state impact"]
+    slope: Float[Array, "node state impact"]
+
+
+def nodes(
+    element: Element,
+    p: Parameters,
+    mass: Float[Array, " impact"],
+    velocity: Float[Array, " impact"],
+    duration: Float[Array, " impact"],
+    fractions: Float[np.ndarray, " node"],
+    *,
+    flies_off: bool = False,
+) -> Nodes:
+    """The states at fractions of a duration, one step from each to the next.
+
+    Args:
+        element: the element.
+        p: its parameters, each [impact] or a number.
+        mass: of the impactor [kg].
+        velocity: at contact [m/s].
+        duration: of the whole [s].
+        fractions: from 0, contact, to 1.
+        flies_off: leave the impactor to itself before the surface, where no element pushes.
+    """
+
+    def rates(y: Array, p: Parameters, mass: Array) -> Array:
+        found = rates_of_motion(element, p, mass, y)
+        return found.at[1].set(jnp.where(y[0] < 0, 0.0, found[1])) if flies_off else found
+
+    def field(t: Any, y: Array, args: Any) -> Array:
+        p, mass, duration = args
+        return duration * rates(y, p, mass)
+
+    found = diffrax.diffeqsolve(
+        diffrax.ODETerm(field),
+        diffrax.Tsit5(),
+        t0=0.0,
+        t1=1.0,
+        dt0=None,
+        y0=at_contact(element, velocity),
+        args=(p, mass, duration),
+        stepsize_controller=diffrax.StepTo(ts=jnp.asarray(fractions)),
+        saveat=diffrax.SaveAt(t0=True, steps=True),
+        adjoint=diffrax.ForwardMode(),
+        max_steps=len(fractions) - 1,
+    )
+    y = found.ys
+    return Nodes(
+        jnp.asarray(fractions)[:, None] * duration,
+        y,
+        jnp.moveaxis(rates(jnp.moveaxis(y, 1, 0), p, mass), 0, 1),
+    )
+
+
+def even_grid(
+    element: Element,
+    p: Parameters,
+    mass: Float[Array, " impact"],
+    velocity: Float[Array, " impact"],
+    first_time: Float[Array, " impact"],
+    dt: Float[Array, " impact"],
+    count: int,
+) -> Float[Array, "state impact sample"]:
+    """The state at first_time + k dt, k = 0 ... count - 1, with 0 <= first_time <= dt.
+
+    A step is a whole number of samples, so that every step is read at the same fractions of it.
+    """
+    each = max(1, count // STEPS)
+    number = -(-count // each)
+    found = nodes(element, p, mass, velocity, number * each * dt, np.linspace(0.0, 1.0, number + 1))
+    into = (jnp.arange(each) + (first_time / dt)[:, None]) / each
+    step = (each * dt)[:, None]
+    values, slopes = found.y[..., None], found.slope[..., None]
+    y = cubic((values[:-1], values[1:]), (slopes[:-1], slopes[1:]), into, step)
+    # [step, state, impact, sample of the step]
+    y = jnp.transpose(y, (1, 2, 0, 3))
+    return y.reshape(*y.shape[:2], -1)[..., :count]
+
+
+def at_times(found: Nodes, time: Float[Array, "impact time"]) -> Float[Array, "state impact time"]:
+    """The state at any times between the first node and the last."""
+    index = jax.vmap(jnp.searchsorted, in_axes=(1, 0))(found.time[1:-1], time)
+    impact = jnp.arange(time.shape[0])[:, None]
+    begin, end = (found.time[index + k, impact] for k in (0, 1))
+    values, slopes = (
+        (jnp.moveaxis(part[index, :, impact], -1, 0), jnp.moveaxis(part[index + 1, :, impact], -1, 0))
+        for part in (found.y, found.slope)
+    )
+    return cubic(values, slopes, (time - begin) / (end - begin), end - begin)
+
+
+def cubic(values: tuple[Array, Array], slopes: tuple[Array, Array], into: Array, step: Array) -> Array:
+    """The cubic with these values and slopes at both ends of a step, at the fraction ``into`` of it."""
+    run = values[1] - values[0]
+    bent = (1 - into) * (step * slopes[0] - run) - into * (step * slopes[1] - run)
+    return values[0] + into * run + into * (1 - into) * bent

@@ -1,0 +1,51 @@
+"""Elements with values, and each one's equations written a second time, in numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.integrate import solve_ivp
+
+MASS = np.array([0.375, 0.7, 1.333])
+VELOCITY = np.array([1.2, 1.5, 1.0])
+VALUES: dict[str, dict[str, float]] = {
+    "kelvin_voigt": {"K": 3000.0, "C": 25.0},
+    "maxwell": {"K": 3000.0, "C": 150.0},
+    "standard_linear": {"K": 2500.0, "C": 30.0, "arm_ratio": 1.5},
+    "stiffening": {"K": 2000.0, "C": 20.0, "stiffening_depth_m": 0.015},
+    "hunt_crossley": {"K": 3000.0, "C": 60.0},
+    "wall": {"K": 1500.0, "C": 20.0, "thickness_m": 0.03},
+}
+
+
+def hertz(x: float, v: float, diameter: float = 0.0318) -> float:
+    """F for a half-space whose modulus gives 3000 N/m at 10 mm under a ball of 31.8 mm."""
+    modulus = 0.75 * 3000.0 / np.sqrt(0.0159 * 0.01)
+    k = 4 / 3 * modulus * np.sqrt(diameter / 2)
+    c = 60.0 * np.sqrt(diameter / 0.0318) / 0.01**1.5
+    return (k + c * v) * max(x, 0.0) ** 1.5
+
+
+FORCE = {
+    "kelvin_voigt": lambda x, v, f: 3000.0 * x + 25.0 * v,
+    "maxwell": lambda x, v, f: f,
+    "standard_linear": lambda x, v, f: 2500.0 * x + f,
+    "stiffening": lambda x, v, f: 2000.0 * x + 2000.0 / 0.015**2 * x**3 + 20.0 * v,
+    "hunt_crossley": lambda x, v, f: hertz(x, v),
+    "wall": lambda x, v, f: 1500.0 * x * 0.03 / (0.03 - x) + 20.0 * v,
+}
+# A Maxwell arm by its force f, where the program has lengths: f' = k v - f k / c.
+ARM = {"maxwell": (3000.0, 150.0), "standard_linear": (3750.0, 30.0)}
+
+
+def solved(name: str, row: int, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, v and F / M by scipy's eighth-order method."""
+    force = FORCE[name]
+    k, c = ARM.get(name, (0.0, 1.0))
+
+    def field(t: float, y: np.ndarray) -> list[float]:
+        x, v, f = y
+        return [v, -force(x, v, f) / MASS[row], k * v - f * k / c]
+
+    start = [0.0, VELOCITY[row], 0.0]
+    x, v, f = solve_ivp(field, (0, time[-1]), start, "DOP853", time, rtol=1e-12, atol=1e-14).y
+    return x, v, np.array([force(*each) for each in zip(x, v, f, strict=True)]) / MASS[row]

@@ -1,0 +1,234 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from element_values import MASS, VALUES, VELOCITY, hertz, solved
+
+from bayestissue.elements import comparables, element, element_names, impact, linear, solver
+from bayestissue.elements.element import complete
+from bayestissue.oscillator import impact_motion, spring_damper_inverse
+
+TIME = np.linspace(0.0, 0.03, 91) + np.zeros((3, 1))
+# Of the largest value: the cubic between nodes, and the Hertz force, which has no smooth start.
+SOLVED = 1e-6
+EXACT = 1e-10
+NONLINEAR = [name for name in VALUES if not element(name).linear]
+LINEAR = [name for name in VALUES if element(name).linear]
+
+
+def test_every_element_is_tried_here() -> None:
+    assert set(VALUES) == set(element_names())
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_path_agrees_with_an_independent_solution_until_the_tissue_stops_pushing(name: str) -> None:
+    made = impact(name, VALUES[name], MASS, VELOCITY, TIME)
+    tolerance = EXACT if element(name).linear else SOLVED
+    for row in range(len(MASS)):
+        inside = TIME[row] <= float(made.leaves[row])
+        assert inside.sum() > 20
+        for ours, theirs in zip(made[:3], solved(name, row, TIME[row]), strict=True):
+            error = np.abs(np.asarray(ours)[row] - theirs)[inside].max()
+            assert error < tolerance * np.abs(theirs[inside]).max()
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_flight_before_and_after_contact_is_free(name: str) -> None:
+    made = impact(name, VALUES[name], MASS, VELOCITY, TIME - 0.002)
+    time = TIME - 0.002
+    before, after = time < 0, time > np.asarray(made.leaves)[:, None]
+    assert before.any(1).all()
+    np.testing.assert_allclose(
+        np.where(before, made.x, 0), np.where(before, time * VELOCITY[:, None], 0), atol=1e-15
+    )
+    assert not np.where(before | after, made.deceleration, 0).any()
+    left = np.asarray(made.v)[:, -1]
+    beyond = impact(
+        name, VALUES[name], MASS, VELOCITY, np.asarray(made.leaves)[:, None] + np.array([1e-4, 0.01])
+    )
+    np.testing.assert_allclose(beyond.v[:, 0], beyond.v[:, 1], rtol=1e-12)
+    np.testing.assert_allclose(np.diff(beyond.x)[:, 0], beyond.v[:, 0] * 0.0099, rtol=1e-9)
+    assert np.isfinite(left).all()
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_even_grid_of_the_likelihood_is_the_same_path(name: str) -> None:
+    which, count = element(name), 90
+    p = complete(which, VALUES[name], None)
+    peak = comparables(name, VALUES[name], MASS, VELOCITY).time_to_peak
+    dt, first = peak / (count - 1), peak / (count - 1) * jnp.array([0.0, 0.4, 1.0])
+    grid = (linear if which.linear else solver).even_grid
+    y = grid(which, p, jnp.asarray(MASS), jnp.asarray(VELOCITY), first, dt, count)
+    made = impact(name, VALUES[name], MASS, VELOCITY, first[:, None] + dt[:, None] * jnp.arange(count))
+    tolerance = EXACT if which.linear else SOLVED
+    for ours, theirs in zip(y[:2], made[:2], strict=True):
+        assert np.abs(ours - theirs).max() < tolerance * np.abs(theirs).max()
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_energy_given_up_is_stored_or_spent(name: str) -> None:
+    """F v = d(stored)/dt + what the dampers take, which is never negative."""
+    which = element(name)
+    p = {k: v + jnp.zeros(1) for k, v in complete(which, VALUES[name], None).items()}
+    x, v = jnp.array([0.008]), jnp.array([0.6])
+    s = (jnp.array([0.003]),) * which.states
+    flow = which.rates(x, v, s, p)
+    _, kept = jax.jvp(lambda x, v, s: which.stored(x, v, s, p), (x, v, s), (v, jnp.zeros(1), flow))
+    taken = which.force(x, v, s, p) * v - kept
+    spring = {"maxwell": 0.0}.get(name, VALUES[name]["C"] * 0.6**2)
+    if name in ("maxwell", "standard_linear"):
+        stiffness = VALUES[name]["K"] * VALUES[name].get("arm_ratio", 1.0)
+        spring = (stiffness * 0.005) ** 2 / VALUES[name]["C"]
+    if name == "hunt_crossley":
+        spring *= 0.8**1.5
+    np.testing.assert_allclose(taken, spring, rtol=1e-10)
+
+
+def test_kelvin_voigt_is_the_closed_form() -> None:
+    made = impact("kelvin_voigt", {"K": 3000.0, "C": 25.0}, MASS, VELOCITY, TIME)
+    omega_n, zeta = spring_damper_inverse(3000.0, 25.0, MASS)
+    closed = impact_motion(TIME, omega_n[:, None], zeta[:, None], VELOCITY[:, None])
+    inside = np.asarray(made.leaves)[:, None] >= TIME
+    for ours, theirs in zip(made[:3], closed, strict=True):
+        assert np.abs(np.where(inside, ours - theirs, 0)).max() < EXACT * np.abs(theirs).max()
+
+
+def test_standard_linear_goes_from_maxwell_to_kelvin_voigt() -> None:
+    """Its arm rigid it is a spring and damper side by side; its lone spring gone, a Maxwell element."""
+
+    def x(name: str, **values: float) -> np.ndarray:
+        which = element(name)
+        found = linear.at_times(
+            which, complete(which, values, None), jnp.asarray(MASS), jnp.asarray(VELOCITY), jnp.asarray(TIME)
+        )
+        return np.asarray(found[0])
+
+    # The arm's relaxation time, C / (1e7 K), is 1e-9 s: a millionth of the time to peak, as is the lone
+    # spring's share of the force below.
+    rigid, side_by_side = (
+        x("standard_linear", K=3000.0, C=25.0, arm_ratio=1e7),
+        x("kelvin_voigt", K=3000.0, C=25.0),
+    )
+    assert np.abs(rigid - side_by_side).max() < 1e-6 * side_by_side.max()
+    alone, in_series = x("standard_linear", K=3e-4, C=150.0, arm_ratio=1e7), x("maxwell", K=3000.0, C=150.0)
+    assert np.abs(alone - in_series).max() < 1e-6 * in_series.max()
+
+
+def test_stiffening_and_wall_without_their_depths_are_linear() -> None:
+    plain = impact("kelvin_voigt", {"K": 3000.0, "C": 25.0}, MASS, VELOCITY, TIME)
+    for name, extra in (("stiffening", {"stiffening_depth_m": 1e4}), ("wall", {"thickness_m": 1e6})):
+        made = impact(name, {"K": 3000.0, "C": 25.0, **extra}, MASS, VELOCITY, TIME)
+        assert np.abs(made.deceleration - plain.deceleration).max() < SOLVED * plain.deceleration.max()
+
+
+def test_hertz_force_follows_the_balls_diameter() -> None:
+    which = element("hunt_crossley")
+    for diameter in (0.0254, 0.0318, 0.0381):
+        p = complete(which, VALUES["hunt_crossley"], diameter)
+        force = which.force(jnp.array([0.004]), jnp.array([0.5]), (), p)
+        np.testing.assert_allclose(force, hertz(0.004, 0.5, diameter), rtol=1e-12)
+
+
+def test_wall_grows_on_behind_itself_without_a_seam() -> None:
+    which, edge = element("wall"), 0.95 * 0.03
+    p = complete(which, VALUES["wall"], None)
+
+    def spring(x: jax.Array) -> jax.Array:
+        return which.force(x, 0.0 * x, (), p)
+
+    laws = (spring, jax.grad(spring), jax.grad(jax.grad(spring)))
+    for law in laws:
+        # The third derivative, 6 K h / (h - x)^4 h, over two steps of rounding size.
+        np.testing.assert_allclose(law(jnp.array(edge - 1e-12)), law(jnp.array(edge + 1e-12)), rtol=1e-7)
+    x = jnp.linspace(0.0, 0.1, 2000)
+    assert (jnp.diff(spring(x)) > 0).all()
+    energy = which.stored(x, 0 * x, (), p)
+    np.testing.assert_allclose(
+        jax.vmap(jax.grad(lambda x: which.stored(x, x, (), p)))(x), spring(x), rtol=1e-9
+    )
+    assert (jnp.diff(energy) > 0).all()
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_derivatives_agree_with_differences(name: str) -> None:
+    names, which = list(VALUES[name]), element(name)
+    base = jnp.log(jnp.array([VALUES[name][each] for each in names] + [1.0]))
+    time = 0.6 * TIME[:, ::9]
+
+    @jax.jit
+    def made(logs: jax.Array) -> dict[str, jax.Array]:
+        p = dict(zip(names, jnp.exp(logs[:-1]), strict=True))
+        velocity = VELOCITY + logs[-1]
+        path = impact(name, p, MASS, velocity, time)
+        found = comparables(name, p, MASS, velocity)
+        return {"d": path.deceleration, "K": found.K_secant, "C": found.C_equivalent, "e": found.energy_lost}
+
+    slopes = jax.jit(jax.jacfwd(made))(base)
+    step = 1e-5
+    # A linear element: rounding over the step. Another: K moves the solver's nodes, and so its error, 1e-9.
+    tolerance = 1e-6 if which.linear else 1e-4
+    for k in range(len(names) + 1):
+        change = step * np.eye(len(names) + 1)[k]
+        high, low = made(base + change), made(base - change)
+        for key, slope in slopes.items():
+            difference = (high[key] - low[key]) / (2 * step)
+            scale = max(np.abs(difference).max(), np.abs(high[key]).max())
+            assert np.abs(slope[..., k] - difference).max() < tolerance * scale
+
+
+@pytest.mark.parametrize("name", LINEAR)
+def test_derivatives_are_finite_where_roots_repeat(name: str) -> None:
+    """Kelvin-Voigt at zeta = 1, Maxwell at its own double root, and a standard linear solid beside them."""
+    mass = np.array([0.7])
+    values = {
+        "kelvin_voigt": {"K": 2800.0, "C": 2 * np.sqrt(2800.0 * 0.7)},
+        "maxwell": {"K": 2800.0, "C": np.sqrt(2800.0 * 0.7) / 2},
+        # A triple root: the arm a = 8 K, its damper c = 8 K sqrt(M / (27 K)).
+        "standard_linear": {"K": 2800.0, "C": 8 * 2800.0 * np.sqrt(0.7 / (27 * 2800.0)), "arm_ratio": 8.0},
+    }[name]
+    names = list(values)
+
+    def d(logs: jax.Array) -> jax.Array:
+        p = dict(zip(names, jnp.exp(logs), strict=True))
+        return impact(name, p, mass, 1.5, TIME[:1, ::9]).deceleration
+
+    base = jnp.log(jnp.array([values[each] for each in names]))
+    slopes, run = jax.jit(jax.jacfwd(d))(base), jax.jit(d)
+    for k in range(len(names)):
+        change = 1e-5 * np.eye(len(names))[k]
+        difference = (run(base + change) - run(base - change)) / 2e-5
+        assert np.abs(slopes[..., k] - difference).max() < 1e-6 * np.abs(slopes).max()
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_comparables_are_what_they_say(name: str) -> None:
+    found = comparables(name, VALUES[name], MASS, VELOCITY)
+    row = 1
+    time = np.linspace(0, float(found.time_to_peak[row]), 4001)
+    x, v, d = solved(name, row, time)
+    tolerance = 1e-6
+    np.testing.assert_allclose(v[-1], 0, atol=tolerance * VELOCITY[row])
+    np.testing.assert_allclose(found.peak_displacement[row], x[-1], rtol=tolerance)
+    np.testing.assert_allclose(found.K_secant[row], MASS[row] * d[-1] / x[-1], rtol=1e-5)
+    known = {
+        "kelvin_voigt": (3000.0, 25.0),
+        "maxwell": (3000.0, None),
+        "standard_linear": (6250.0, None),
+        "stiffening": (2000.0, 20.0),
+        "hunt_crossley": (0.0, None),
+        "wall": (1500.0, 20.0),
+    }[name]
+    np.testing.assert_allclose(found.K_tangent[row], known[0], rtol=1e-12)
+    if known[1]:
+        np.testing.assert_allclose(found.C_equivalent[row], known[1], rtol=1e-5)
+    assert (found.C_equivalent > 0).all()
+    assert ((found.energy_lost > 0) & (found.energy_lost < 1)).all()
+
+
+def test_wrong_names_are_told() -> None:
+    with pytest.raises(KeyError, match="there are hunt_crossley, kelvin_voigt"):
+        element("voigt")
+    with pytest.raises(KeyError, match="maxwell has the parameters"):
+        impact("maxwell", {"K": 1.0}, MASS, VELOCITY, TIME)
