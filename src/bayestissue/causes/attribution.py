@@ -2,8 +2,8 @@
 
 A classifier that is trained on as many campaigns of every cause as of any other estimates the posterior
 probability of each cause given the statistics, at equal prior probabilities (Pudlo et al. 2016, for random
-forests). Votes of trees are too timid or too bold; a power of them, chosen on campaigns that the trees have
-not seen, makes them probabilities.
+forests). Votes of trees are no probabilities: a multinomial logistic regression on their logarithms, fitted to
+campaigns that the trees have not seen, makes them so (Dirichlet calibration; Kull et al. 2019).
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import minimize_scalar
 
 TREES = 200
 LEAF = 3
@@ -30,14 +29,12 @@ class Attribution:
     Attributes:
         probability: [cause], of the observed campaign.
         error: [cause], Monte Carlo standard error of that.
-        power: of the votes.
         unseen: [campaign, cause], probabilities of the simulated campaigns by trees that have not seen them.
         log_score: mean log probability of the true cause; that of guessing is -log(causes).
     """
 
     probability: Float[np.ndarray, " cause"]
     error: Float[np.ndarray, " cause"]
-    power: float
     unseen: Float[np.ndarray, "campaign cause"]
     log_score: float
 
@@ -54,22 +51,36 @@ def attribute(
         seed: of the trees.
         jobs: trees grown at a time; the numbers do not depend on it.
     """
-    whole, unseen = _votes(campaigns, cause, observed, seed, jobs)
-    power = _power(unseen, cause)
-    parts = []
-    for part in range(PARTS):
-        own = slice(part, None, PARTS)
-        votes, out = _votes(campaigns[own], cause[own], observed, seed + 1 + part, jobs)
-        parts.append(_raised(votes, _power(out, cause[own])))
-    probabilities = _raised(unseen, power)
-    score = np.mean(np.log(probabilities[np.arange(len(cause)), cause]))
+    probability, unseen = _probabilities(campaigns, cause, observed, seed, jobs)
+    parts = [
+        _probabilities(campaigns[part::PARTS], cause[part::PARTS], observed, seed + 1 + part, jobs)[0]
+        for part in range(PARTS)
+    ]
+    score = np.mean(np.log(unseen[np.arange(len(cause)), cause]))
     return Attribution(
-        probability=_raised(whole, power),
+        probability=probability,
         error=np.std(parts, axis=0, ddof=1) / np.sqrt(PARTS),
-        power=power,
-        unseen=probabilities,
+        unseen=unseen,
         log_score=float(score),
     )
+
+
+def _probabilities(
+    campaigns: Table, cause: Codes, observed: np.ndarray, seed: int, jobs: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Calibrated votes for the observed campaign, and for each simulated one."""
+    from sklearn.linear_model import LogisticRegression
+
+    whole, unseen = _votes(campaigns, cause, observed, seed, jobs)
+    calibration = LogisticRegression(solver="newton-cholesky").fit(_logarithms(unseen), cause)
+    return calibration.predict_proba(_logarithms(whole[None]))[0], calibration.predict_proba(
+        _logarithms(unseen)
+    )
+
+
+def _logarithms(votes: np.ndarray) -> np.ndarray:
+    """Of the votes and half a tree for every cause: no vote is no proof."""
+    return np.log(votes + 0.5 / TREES)
 
 
 def _votes(
@@ -83,21 +94,6 @@ def _votes(
     )
     forest.fit(campaigns, cause)
     return forest.predict_proba(observed[None])[0], np.nan_to_num(forest.oob_decision_function_)
-
-
-def _raised(votes: np.ndarray, power: float) -> np.ndarray:
-    """Votes to a power, of sum 1; half a tree is added to every cause, since no vote is no proof."""
-    raised = (votes + 0.5 / TREES) ** power
-    return raised / raised.sum(axis=-1, keepdims=True)
-
-
-def _power(unseen: np.ndarray, cause: Codes) -> float:
-    rows = np.arange(len(cause))
-
-    def loss(log_power: float) -> float:
-        return -float(np.mean(np.log(_raised(unseen, np.exp(log_power))[rows, cause])))
-
-    return float(np.exp(minimize_scalar(loss, bounds=(-2, 2), method="bounded").x))
 
 
 def confusion(attribution: Attribution, cause: Codes) -> Float[np.ndarray, "truth told"]:

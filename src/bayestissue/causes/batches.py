@@ -14,8 +14,8 @@ from bayestissue.causes.recording import decelerations, recorded
 from bayestissue.causes.specification import Cause, CausesSpecification
 from bayestissue.causes.statistics import of_campaigns
 
-# Long enough for an impact of three times the typical time to peak at the finest sampling.
-SAMPLES = 128
+# Long enough for an impact of three times the typical time to peak at the finest sampling of the prior.
+SAMPLES = 512
 
 
 @dataclass(frozen=True)

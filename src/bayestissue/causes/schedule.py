@@ -112,7 +112,7 @@ def _on_dask(batches: Sequence[Batch], address: str) -> Iterator[tuple[Batch, pd
         while left:
             futures = {client.submit(_settled, batch, pure=False): batch for batch in left.values()}
             try:
-                for future in distributed.as_completed(list(futures)):
+                for future in distributed.as_completed(list(futures), loop=client.loop):
                     batch, table = futures[future], future.result()
                     del left[batch.name]
                     deaths = 0

@@ -44,7 +44,7 @@ class Range(_Table):
 class Sizes(_Table):
     """How many campaigns."""
 
-    each: Annotated[int, Field(ge=40)] = Field(default=2000, description="campaigns of every cause")
+    each: Annotated[int, Field(ge=40)] = Field(default=1000, description="campaigns of every cause")
     batch: Annotated[int, Field(ge=1, le=500)] = Field(
         default=50, description="campaigns that are simulated together; another number gives other draws"
     )

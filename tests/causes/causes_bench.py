@@ -1,0 +1,26 @@
+"""Small specifications for the tests of causes."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from bayestissue.causes.batches import Batch, batches
+from bayestissue.causes.design import Design, published_design
+from bayestissue.causes.specification import CausesSpecification, Sizes, chosen, read_causes
+from bayestissue.dataset.published import read_published
+from bayestissue.resources import shared
+
+
+@cache
+def design() -> Design:
+    return published_design(read_published())[0]
+
+
+def specification(*causes: str, each: int = 40, batch: int = 10) -> CausesSpecification:
+    path = shared("models", "causes.toml")
+    small = chosen(read_causes(path), causes, str(path))
+    return small.model_copy(update={"campaigns": Sizes(each=each, batch=batch)})
+
+
+def work(*causes: str, each: int = 40, batch: int = 10) -> list[Batch]:
+    return batches(design(), specification(*causes, each=each, batch=batch), seed=3)
