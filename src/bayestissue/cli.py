@@ -215,6 +215,10 @@ def causes(
     cause: Annotated[
         list[str] | None, typer.Option("--cause", help="Only this cause of the model file; may be repeated.")
     ] = None,
+    campaigns: Annotated[
+        int | None,
+        typer.Option("--campaigns", help="Campaigns of every cause, instead of the model file's.", min=40),
+    ] = None,
     method: Annotated[
         Literal["exact", "dds"],
         typer.Option("--method", help="How a dataset's impacts are estimated, as in estimate."),
@@ -246,6 +250,7 @@ def causes(
         out=out,
         model=model,
         only=tuple(cause or ()),
+        campaigns=campaigns,
         method=method,
         jobs=jobs,
         scheduler=scheduler,

@@ -83,7 +83,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[int]]]:
     dask = [sys.executable, "-m", "dask"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     begun = [
-        subprocess.Popen(
+        subprocess.Popen(  # noqa: S603
             [*dask, "scheduler", "--port", "0", "--no-dashboard", "--scheduler-file", str(told)], **quiet
         )
     ]
@@ -94,7 +94,7 @@ def cluster(tmp_path: Path) -> Iterator[tuple[str, list[int]]]:
             time.sleep(0.1)
         address = json.loads(told.read_text())["address"]
         worker = [*dask, "worker", address, "--nthreads", "1", "--no-nanny", "--no-dashboard"]
-        begun += [subprocess.Popen(worker, **quiet) for _ in range(2)]
+        begun += [subprocess.Popen(worker, **quiet) for _ in range(2)]  # noqa: S603
         yield address, [process.pid for process in begun[1:]]
     finally:
         for process in reversed(begun):

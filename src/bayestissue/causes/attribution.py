@@ -2,8 +2,8 @@
 
 A classifier that is trained on as many campaigns of every cause as of any other estimates the posterior
 probability of each cause given the statistics, at equal prior probabilities (Pudlo et al. 2016, for random
-forests). Votes of trees are no probabilities: a multinomial logistic regression on their logarithms, fitted to
-campaigns that the trees have not seen, makes them so (Dirichlet calibration; Kull et al. 2019).
+forests). Votes of trees are no probabilities: a multinomial logistic regression on their logarithms, fitted
+to campaigns that the trees have not seen, makes them so (Dirichlet calibration; Kull et al. 2019).
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ def confusion(attribution: Attribution, cause: Codes) -> Float[np.ndarray, "trut
 
 
 def reliability(attribution: Attribution, cause: Codes, bins: int = 10) -> Float[np.ndarray, "bin 3"]:
-    """Mean probability, share that was right, and number of cases, in bins of probability; empty ones left out."""
+    """Mean probability, share that was right, and number of cases, in the bins of probability that occur."""
     probability = attribution.unseen.ravel()
     right = (cause[:, None] == np.arange(attribution.unseen.shape[1])).ravel()
     index = np.minimum((probability * bins).astype(int), bins - 1)

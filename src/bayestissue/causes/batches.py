@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
@@ -11,6 +12,7 @@ from bayestissue.causes.design import Design
 from bayestissue.causes.draws import Truth, draw_truth
 from bayestissue.causes.pipeline import Estimates, Treatment, thesis_estimates
 from bayestissue.causes.recording import decelerations, recorded
+from bayestissue.causes.recordings import estimated_from_recordings
 from bayestissue.causes.specification import Cause, CausesSpecification
 from bayestissue.causes.statistics import of_campaigns
 
@@ -62,9 +64,8 @@ def run_batch(batch: Batch) -> pd.DataFrame:
     stream = [batch.seed, batch.number, *batch.cause.encode()]
     random = np.random.default_rng(np.random.SeedSequence(stream))
     truth = draw_truth(cause, batch.specification, batch.design, random, size.batch)
-    estimates = estimated(truth, cause, batch.design, random)
     shape = (size.batch, len(batch.design.mass))
-    K, C = (np.asarray(part).reshape(shape) for part in (estimates.K, estimates.C))
+    K, C = (part.reshape(shape) for part in estimated(truth, cause, batch.design, random))
     table = pd.DataFrame(
         {
             "cause": batch.cause,
@@ -77,7 +78,19 @@ def run_batch(batch: Batch) -> pd.DataFrame:
     return table.iloc[: min(rest, size.batch)]
 
 
-def estimated(truth: Truth, cause: Cause, design: Design, random: np.random.Generator) -> Estimates:
+def estimated(
+    truth: Truth, cause: Cause, design: Design, random: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
+    """K and C of every impact, one campaign after the other, as the data's own were estimated."""
+    if design.recorder is not None:
+        return estimated_from_recordings(truth, cause, design, design.recorder, random)
+    found = _estimated_as_published(truth, cause, design, random)
+    return np.asarray(found.K), np.asarray(found.C)
+
+
+def _estimated_as_published(
+    truth: Truth, cause: Cause, design: Design, random: np.random.Generator
+) -> Estimates:
     """Record the campaigns and estimate every impact as the thesis did, but for what the cause changes."""
     count, impacts = truth.velocity.shape
 
@@ -98,14 +111,15 @@ def estimated(truth: Truth, cause: Cause, design: Design, random: np.random.Gene
         truth.strength.get("window_sd", np.zeros(count))[:, None] * random.standard_normal((count, impacts))
     )
     about_rest = cause.mechanism in ("none", "conversion")
-    treatment = Treatment(
-        dt=dt,
-        velocity=flat(design.velocity),
-        mass=mass,
-        window=flat(np.array(0.0) if own else window[:, None]),
-        share=flat(length[:, None] * by_eye if own else np.array(1.0)),
-        centred=flat(np.array(0.0 if about_rest else 1.0)),
-        nominal=flat(own * truth.time_to_peak[:, None]),
-        by_theta1=flat(np.array(float(cause.mechanism == "conversion"))),
-    )
+    choices = {
+        "dt": dt,
+        "velocity": flat(design.velocity),
+        "mass": mass,
+        "window": flat(np.array(0.0) if own else window[:, None]),
+        "share": flat(length[:, None] * by_eye if own else np.array(1.0)),
+        "centred": flat(np.array(0.0 if about_rest else 1.0)),
+        "nominal": flat(own * truth.time_to_peak[:, None]),
+        "by_theta1": flat(np.array(float(cause.mechanism == "conversion"))),
+    }
+    treatment = Treatment(**{name: jnp.asarray(values) for name, values in choices.items()})
     return thesis_estimates(d, treatment)

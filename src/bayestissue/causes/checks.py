@@ -1,4 +1,4 @@
-"""Whether a cause could have made what was observed: predictive p-values, and whether they keep their promise."""
+"""Whether a cause could have made what was observed: predictive p-values, and their calibration."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class JointCheck:
     def nearest(
         self, campaigns: Table, observed: Float[np.ndarray, " statistic"], share: float
     ) -> Int[np.ndarray, " near"]:
-        """Rows of the ``share`` of ``campaigns`` nearest to ``observed``, those without all statistics last."""
+        """Rows of the ``share`` of ``campaigns`` nearest to ``observed``; incomplete ones come last."""
         away = np.linalg.norm(self._whitening(campaigns) - self._whitening(observed[None]), axis=1)
         return np.argsort(np.where(np.isfinite(away), away, np.inf))[: max(1, round(share * len(campaigns)))]
 

@@ -11,6 +11,24 @@ from jaxtyping import Bool, Float, Int
 
 if TYPE_CHECKING:
     from bayestissue.dataset.published import PublishedTables
+    from bayestissue.inference.point import Method
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """How a dataset's impacts were recorded, and how its estimates are made.
+
+    Attributes:
+        dt: [impact], sampling interval, s.
+        quiet: samples before contact.
+        samples: samples from contact on.
+        method: of the point estimates.
+    """
+
+    dt: Float[np.ndarray, " impact"]
+    quiet: int
+    samples: int
+    method: Method
 
 
 @dataclass(frozen=True)
@@ -23,7 +41,7 @@ class Design:
         subject: [impact], number of the person, from 0.
         trial: [impact], number of the condition, from 0.
         in_rows: [impact], whether this impact's own estimate is known, and not only its condition's average.
-        reference_mass: mean of log mass over the conditions, back on the scale of kg.
+        recorder: of a dataset; None for published estimates, whose recorder isn't known.
     """
 
     mass: Float[np.ndarray, " impact"]
@@ -31,6 +49,7 @@ class Design:
     subject: Int[np.ndarray, " impact"]
     trial: Int[np.ndarray, " impact"]
     in_rows: Bool[np.ndarray, " impact"]
+    recorder: Recorder | None = None
 
     @property
     def trials(self) -> int:
@@ -82,7 +101,7 @@ def published_design(tables: PublishedTables) -> tuple[Design, Observed]:
 
     The averages of all nine conditions were printed (Tables 5.10 and 5.11); the rows of two are lost.
     """
-    averages = tables.averages.pivot(index="trial", columns="quantity", values="average").sort_index()
+    averages = tables.averages.set_index(["trial", "quantity"])["average"].unstack().sort_index()  # noqa: PD010
     conditions = tables.averages.drop_duplicates("trial").set_index("trial").loc[averages.index]
     rows = tables.estimates.set_index(["trial", "subject"])
     people = sorted(tables.estimates["subject"].unique())

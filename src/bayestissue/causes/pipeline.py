@@ -7,7 +7,6 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from bayestissue.inference.point_conditional import fit_conditional
@@ -31,14 +30,14 @@ class Treatment(NamedTuple):
         by_theta1: 1 to find the damped frequency from theta1, as section 2.11 writes it.
     """
 
-    dt: ArrayLike
-    velocity: ArrayLike
-    mass: ArrayLike
-    window: ArrayLike
-    share: ArrayLike
-    centred: ArrayLike
-    nominal: ArrayLike
-    by_theta1: ArrayLike
+    dt: Array
+    velocity: Array
+    mass: Array
+    window: Array
+    share: Array
+    centred: Array
+    nominal: Array
+    by_theta1: Array
 
 
 class Estimates(NamedTuple):
@@ -81,7 +80,7 @@ def thesis_estimates(deceleration: Float[Array, "impact sample"], treatment: Tre
     x = jnp.where(inside, x - (given.centred * mean)[:, None], 0)
     fit, _ = fit_conditional(SineTransforms(x, (), jnp.zeros(()), used - 2.0))
     w, zeta = from_differences(fit.c1, fit.c2, None, 1.0)
-    w, zeta = _by_theta1(fit.c1, fit.c2, fit.theta1, w, zeta, given.by_theta1)
+    w, zeta = damped_by_theta1(fit.c1, fit.c2, fit.theta1, w, zeta, given.by_theta1)
     interval = jnp.where(given.nominal > 0, given.nominal / used, given.dt)
     K, C = spring_damper(w / interval, zeta, given.mass)
     known = (n >= FEWEST_SAMPLES) & (K > 0) & (C > 0)
@@ -93,12 +92,21 @@ def _integral(rows: Array, dt: Array) -> Array:
     return jnp.concatenate([jnp.zeros_like(rows[:, :1]), jnp.cumsum(steps, axis=1)], axis=1)
 
 
-def _by_theta1(
+def damped_by_theta1(
     c1: Array, c2: Array, theta1: Array, w: Array, zeta: Array, wanted: Array
 ) -> tuple[Array, Array]:
-    """The damped frequency b from the autocovariance's a sin(b)/b, which the fitted theta1 enters.
+    """omega_n and zeta with the damped frequency b from the expression in theta1 + 1/theta1 (section 2.11).
 
-    For a theta1 that is that of a sampled A(2) this is the arccos itself (thesis, section 2.11).
+    The expression solves the autocovariance's a sin(b)/b for b. For a theta1 that is that of a sampled A(2)
+    it is the arccos itself. Real roots keep what they have.
+
+    Args:
+        c1: 2 - phi1.
+        c2: 1 - phi1 - phi2.
+        theta1: moving-average coefficient, as fitted.
+        w: omega_n dt by the arccos.
+        zeta: by the arccos.
+        wanted: above 0 where the expression is to be used.
     """
     a = zeta * w
     b = w * jnp.sqrt(jnp.maximum((1 - zeta) * (1 + zeta), 0))

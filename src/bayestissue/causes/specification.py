@@ -1,4 +1,4 @@
-"""What is simulated: ranges of tissue, of the measuring chain and of every cause's strength, from a TOML file."""
+"""What is simulated: ranges of tissue, measuring chain and every cause's strength, from a TOML file."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class TissuePrior(_Table):
 
 
 class RecordingPrior(_Table):
-    """The measuring chain; what is relative to the peak is relative to each impact's greatest deceleration."""
+    """The measuring chain; the peak is each impact's greatest deceleration."""
 
     samples_to_peak: Range
     noise_relative_to_peak: Range

@@ -9,22 +9,41 @@ from jaxtyping import Float
 
 from bayestissue.causes.design import Design, Observed
 
-# What each statistic is, as a reader is told it.
+# What each statistic is called, and what it means.
 WORDS: Mapping[str, str] = {
-    "mass_exponent_K": "exponent of K in the mass",
-    "mass_exponent_C": "exponent of C in the mass",
-    "velocity_exponent_K": "exponent of K in the velocity, at equal mass",
-    "velocity_exponent_C": "exponent of C in the velocity, at equal mass",
-    "K_over_M_scatter": "scatter of K/M (sd of its logarithm)",
-    "zeta_median": "median damping ratio ζ",
-    "omega_zeta_correlation": "correlation of ωₙ with ζ",
-    "omega_zeta_residual": "scatter of ωₙ left beside a curve in ζ",
+    "mass_exponent_K": "mass exponent of K",
+    "mass_exponent_C": "mass exponent of C",
+    "velocity_exponent_K": "velocity exponent of K",
+    "velocity_exponent_C": "velocity exponent of C",
+    "K_over_M_scatter": "scatter of K/M",
+    "zeta_median": "median ζ",
+    "omega_zeta_correlation": "correlation of ωₙ and ζ",
+    "omega_zeta_residual": "scatter about a curve ωₙ(ζ)",
     "sd_subject_K": "spread of K between people",
     "sd_subject_C": "spread of C between people",
-    "sd_rest_K": "scatter of K within a condition, beside people",
-    "sd_rest_C": "scatter of C within a condition, beside people",
-    "K_over_M_mean": "mean of K/M, (rad/s)²",
-    "without_estimate": "share of impacts without an estimate",
+    "sd_rest_K": "scatter of K within conditions",
+    "sd_rest_C": "scatter of C within conditions",
+    "K_over_M_mean": "size of K/M",
+    "without_estimate": "share of impacts without estimate",
+}
+MEANING: Mapping[str, str] = {
+    "mass_exponent_K": "slope of log K on log M over the conditions’ averages; 0 for a fixed K, 1 for a "
+    "fixed ωₙ",
+    "mass_exponent_C": "the same for C",
+    "velocity_exponent_K": "slope of log K on log V beside log M over the conditions’ averages",
+    "velocity_exponent_C": "the same for C",
+    "K_over_M_scatter": "standard deviation of log(K/M) over all impacts",
+    "zeta_median": "median damping ratio C/(2√(KM)) of all impacts",
+    "omega_zeta_correlation": "of log ωₙ and ζ over all impacts",
+    "omega_zeta_residual": "what a robust parabola in ζ leaves of the scatter of log ωₙ: median absolute "
+    "residual over median absolute deviation",
+    "sd_subject_K": "standard deviation of log K between people, beside conditions; a minus sign where "
+    "people differ less than chance would make them",
+    "sd_subject_C": "the same for C",
+    "sd_rest_K": "standard deviation of log K beside people and conditions",
+    "sd_rest_C": "the same for C",
+    "K_over_M_mean": "geometric mean of K/M over all impacts, s⁻²",
+    "without_estimate": "impacts to which no oscillator could be fitted",
 }
 # Told, but no part of the joint comparison: the size of K/M where its unit isn't known.
 APART = ("without_estimate",)
@@ -51,8 +70,10 @@ def of_campaigns(K: Batch, C: Batch, design: Design) -> dict[str, Float[np.ndarr
 
 def of_observed(observed: Observed, design: Design) -> dict[str, float]:
     """The same statistics of what was observed."""
-    parts = (observed.trial_K, observed.trial_C, observed.K, observed.C)
-    found = _statistics(*(part[None] for part in parts), design)
+    trial_K, trial_C, K, C = (
+        part[None] for part in (observed.trial_K, observed.trial_C, observed.K, observed.C)
+    )
+    found = _statistics(trial_K, trial_C, K, C, design)
     return {**{name: float(value[0]) for name, value in found.items()}, "without_estimate": 0.0}
 
 

@@ -1,4 +1,4 @@
-"""From simulated campaigns and what was observed to tables: one row a cause, and what its page is drawn from."""
+"""From simulated campaigns and what was observed to tables: one row a cause, and what a page needs."""
 
 from __future__ import annotations
 
@@ -145,7 +145,8 @@ def _nearest(campaigns: pd.DataFrame, near: np.ndarray) -> str:
     """Strengths of the campaigns nearest to what was observed: median and range, in words."""
     strengths = campaigns.filter(like="strength_").dropna(axis=1, how="all").iloc[near]
     return "; ".join(
-        f"{name.removeprefix('strength_')} {values.median():.2g} ({values.min():.2g} to {values.max():.2g})"
+        f"{str(name).removeprefix('strength_')} {values.median():.2g} "
+        f"({values.min():.2g} to {values.max():.2g})"
         for name, values in strengths.items()
     )
 
@@ -156,7 +157,7 @@ def _predictive(campaigns: pd.DataFrame, names: Sequence[str], statistics: Seque
         own = campaigns[campaigns["cause"] == name]
         for statistic in statistics:
             quantiles = own[statistic].quantile(list(LEVELS))
-            found = {f"q{100 * level:02.0f}": value for level, value in quantiles.items()}
+            found = {f"q{100 * level:02.0f}": q for level, q in zip(LEVELS, quantiles, strict=True)}
             rows.append({"cause": name, "statistic": statistic, **found})
     return pd.DataFrame(rows)
 

@@ -8,7 +8,7 @@ import shutil
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import typer
 
@@ -28,6 +28,7 @@ def run(
     out: Path,
     model: Path | None,
     only: tuple[str, ...],
+    campaigns: int | None,
     method: Method,
     jobs: int | None,
     scheduler: str | None,
@@ -48,6 +49,7 @@ def run(
         out: folder for the results.
         model: what is simulated; ``models/causes.toml`` unless given.
         only: names of the causes to compare; all of them if empty.
+        campaigns: of every cause; the specification's number unless given.
         method: of the estimates, for a dataset.
         jobs: worker processes; as many as cores unless given.
         scheduler: address of a Dask scheduler.
@@ -76,6 +78,9 @@ def run(
 
     model = model or resources.shared("models", "causes.toml")
     specification = chosen(read_causes(model), only, str(model))
+    if campaigns is not None:
+        sizes = specification.campaigns.model_copy(update={"each": campaigns})
+        specification = specification.model_copy(update={"campaigns": sizes})
     what = subject(target, method=method, skip_bad=skip_bad)
     specification = what.applicable(specification)
     work = batches(what.setting, specification, seed)
@@ -95,16 +100,16 @@ def run(
                 typer.echo("interrupted; run the same command again to go on from here", err=True)
             raise
         say("comparing the causes", 0, 1)
-        campaigns = pd.concat(tables, ignore_index=True)
+        simulated = pd.concat(tables, ignore_index=True)
         verdict = judge(
-            campaigns, what.observed, specification, level_known=what.level_known, seed=seed, jobs=jobs
+            simulated, what.observed, specification, level_known=what.level_known, seed=seed, jobs=jobs
         )
         with results.whole_folder(out, overwrite=overwrite) as folder:
             say("writing the results", 0, 1)
             for name in _TABLES:
                 getattr(verdict, name).to_csv(folder / f"{name}.csv", index=False)
-            campaigns.insert(1, "seed", seed)
-            campaigns.to_parquet(folder / "campaigns.parquet", index=False)
+            simulated.insert(1, "seed", seed)
+            simulated.to_parquet(folder / "campaigns.parquet", index=False)
             about = {
                 "program": "bayestissue",
                 "command": "causes",
@@ -114,7 +119,7 @@ def run(
                 "model": specification.model_dump(mode="json", exclude_none=True),
                 "seed": seed,
                 "input_hash": what.input_hash,
-                "campaigns": len(campaigns),
+                "campaigns": len(simulated),
                 "log_score": verdict.log_score,
                 "computed_by": _by(jobs, scheduler),
                 "started": started.isoformat(timespec="seconds"),
@@ -144,7 +149,6 @@ def _print(verdict: Verdict, what: Subject, out: Path) -> None:
     shown = Table(title=Text(f"{what.title}: could this cause have made the numbers?"), title_justify="left")
     for heading in ("cause", "p", "posterior", "±", "verdict"):
         shown.add_column(heading, justify="left" if heading in ("cause", "verdict") else "right")
-    row: dict[str, Any]
     for row in verdict.causes.to_dict("records"):
         small = "<" if row["p_joint"] <= row["smallest_p"] else ""
         shown.add_row(

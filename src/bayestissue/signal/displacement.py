@@ -126,6 +126,30 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
     return _joined(blocks)
 
 
+def integrated(
+    recordings: Recordings, mass: Column, velocity: Column, options: SignalOptions
+) -> Displacements:
+    """The same of decelerations, m/s², that already lie under one another.
+
+    Args:
+        recordings: one row per impact.
+        mass: [impact], kg.
+        velocity: [impact], at contact, m/s.
+        options: how x is made.
+
+    Raises:
+        InputError: the filter class asks for a higher sampling rate than an impact has.
+    """
+    size = max(1, _BLOCK // recordings.value.shape[1])
+    blocks = []
+    for begin in range(0, len(mass), size):
+        rows = slice(begin, begin + size)
+        parts = (recordings.value, recordings.n, recordings.start, recordings.dt)
+        part = Recordings(*(values[rows] for values in parts))
+        blocks.append(_integrated(part, mass[rows], velocity[rows], options))
+    return _joined(blocks)
+
+
 def _integrated(
     recordings: Recordings, mass: Column, velocity: Column, options: SignalOptions
 ) -> Displacements:

@@ -2,24 +2,45 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import pandas as pd
 
-from bayestissue.causes.statistics import WORDS
+from bayestissue.causes.statistics import LEVEL, WORDS
 from bayestissue.report.causes.run import CausesRun
-from bayestissue.report.wording import listed, number, probability
+from bayestissue.report.wording import likelihood_words, listed, number, probability, significant
 
 _ALIKE = 0.2
+_GRAVITY = 9.80665
+# How each mechanism makes K look as it does.
+_HOW = {
+    "none": "K then is what it seems",
+    "centring": "a fit about the window’s own mean takes part of the motion for the rest position",
+    "conversion": "the conversion from the discrete to the continuous model then goes astray",
+    "fixed window": "a fit about its own mean then takes its natural frequency from the window, which is the "
+    "same for every mass, and K = Mωₙ² is the mass rescaled",
+    "own time": "every impact then gets the natural frequency of its window, the same for every mass, and "
+    "K = Mωₙ² is the mass rescaled",
+    "velocity": "the displacement is then integrated from a wrong start, up to a wrong moment",
+    "active": "the tissue itself is then stiffer under harder blows",
+    "stiffening": "a heavier blow then goes deeper, where the tissue is stiffer",
+    "wall": "a heavier blow then comes nearer to the bone",
+    "maxwell": "one spring and damper side by side then stand for tissue that they are not",
+    "standard linear": "one spring and damper side by side then stand for tissue that they are not",
+}
+
+Row = dict[Any, Any]
 
 
-def p_words(row: dict) -> str:
-    """A joint p-value, or "below" the smallest that so many campaigns can give."""
+def p_words(row: Row) -> str:
+    """A joint p-value, or "below" the next above the smallest that so many campaigns can give."""
     p = float(row["p_joint"])
     if p <= float(row["smallest_p"]) * 1.001:
-        return f"below {number(2 * p, 3)}" if p < 0.1 else number(p, 2)
+        return f"below {significant(2 * p, 1)}"
     return number(p, 3 if p < 0.1 else 2)
 
 
-def failing(row: dict, most: int = 3) -> str:
+def failing(row: Row, most: int = 3) -> str:
     """The statistics that a cause misses, worst first, in words."""
     names = [name for name in str(row["fails"]).split(", ") if name]
     words = [WORDS[name] for name in names[:most]]
@@ -27,90 +48,113 @@ def failing(row: dict, most: int = 3) -> str:
     return listed([*words, f"{more} more"] if more > 0 else words)
 
 
-def standing(run: CausesRun) -> pd.DataFrame:
-    """Causes that are not refuted, the most probable first."""
+def standing(run: CausesRun) -> list[Row]:
+    """Causes that are not ruled out, the most probable first."""
     left = run.causes[run.causes["verdict"] != "refuted"]
-    return left.sort_values("probability", ascending=False)
-
-
-def question(run: CausesRun) -> str:
-    """What is to be explained."""
-    parts = []
-    for quantity in ("K", "C"):
-        name = f"mass_exponent_{quantity}"
-        if name in run.statistics:
-            parts.append(f"{quantity} grows as M to the power {number(run.value(name), 2)}")
-    return (
-        f"In {run.about['subject']['title']} {listed(parts)}." if parts else "The masses do not differ here."
-    )
+    return left.sort_values("probability", ascending=False).to_dict("records")
 
 
 def answer(run: CausesRun) -> str:
     """The whole answer in one paragraph."""
-    sentences = [question(run)]
-    left = standing(run).to_dict("records")
-    method = run.of_method
-    tissue = run.causes[~method].sort_values(["p_joint", "probability"], ascending=False).to_dict("records")
-    count = len(run.compared)
-    if left:
-        words = [f"“{row['title']}” (p = {p_words(row)})" for row in left]
+    rows = run.causes.sort_values("probability", ascending=False).to_dict("records")
+    sentences = [_question(run), _lead(run, rows[0]), _alone(run)]
+    tissue = run.causes[~run.of_method]
+    if len(tissue) and (tissue["verdict"] == "refuted").all():
+        best = max(tissue.to_dict("records"), key=lambda row: row["probability"])
+        missed = f": it misses the {failing(best)}" if best["fails"] else ""
         sentences.append(
-            f"Of {len(run.causes)} proposed causes, each acting alone, {len(left)} can't be ruled out as the maker of all "
-            f"{count} numbers compared: {listed(words)}."
+            f"No change of the tissue does it, not even the best of them, “{best['title']}” "
+            f"(p {_relation(best)}){missed}."
         )
+    return " ".join(sentence for sentence in sentences if sentence)
+
+
+def _question(run: CausesRun) -> str:
+    exponents = [
+        f"{quantity} goes with the mass to the power {number(run.value(f'mass_exponent_{quantity}'), 2)}"
+        for quantity in ("K", "C")
+        if f"mass_exponent_{quantity}" in run.statistics
+    ]
+    return f"In {run.about['subject']['title']} {listed(exponents)}."
+
+
+def _lead(run: CausesRun, best: Row) -> str:
+    """Method or tissue, and the likeliest cause."""
+    mechanism = run.mechanism(best["cause"])
+    how = f"“{best['title']}” ({_probability(best)}): {_HOW[mechanism]}."
+    if mechanism in ("none", "conversion") and best["verdict"] != "refuted":
+        return f"Of the proposed causes the likeliest is none at all, {how}"
+    in_method = float(run.causes.loc[run.of_method, "probability"].sum())
+    if in_method >= 0.5:
+        where = f"{likelihood_words(in_method)} lies in how K was found and not in the tissue"
+        share = in_method
     else:
-        sentences.append(
-            f"None of the {len(run.causes)} proposed causes, acting alone, makes all {count} numbers compared."
-        )
-    best = run.causes.sort_values("probability", ascending=False).to_dict("records")[0]
-    share = float(run.causes.loc[method, "probability"].sum())
-    sentences.append(
-        f"If one of them it was, the likeliest is “{best['title']}” (posterior probability "
-        f"{probability(best['probability'])} ± {number(best['probability_error'], 2)}, all equally probable before), and "
-        f"causes that lie in the method rather than in the tissue have {probability(share)} together."
+        where = f"{likelihood_words(1 - in_method)} lies in the tissue and not in how K was found"
+        share = 1 - in_method
+    return (
+        f"If one of the {len(run.causes)} proposed causes made that, it {where} (posterior probability "
+        f"{probability(share)}); the likeliest is {how}"
     )
-    if tissue and tissue[0]["verdict"] == "refuted":
-        row = max(tissue, key=lambda row: row["probability"])
-        sentences.append(
-            "No change of the tissue does it alone: the best of those, "
-            f"“{row['title']}”, misses the {failing(row)}."
-        )
-    return " ".join(sentences)
 
 
-def can_tell(run: CausesRun) -> list[str]:
+def _alone(run: CausesRun) -> str:
+    left, count = standing(run), len(run.compared)
+    if not left:
+        return f"But none of them, acting alone, makes all {count} numbers compared (every p below 0.01)."
+    words = [f"“{row['title']}” (p {_relation(row)})" for row in left]
+    which = "only " if len(left) <= 2 else ""
+    return f"Acting alone {which}{listed(words)} can have made all {count} numbers compared."
+
+
+def _relation(row: Row) -> str:
+    words = p_words(row)
+    return words if words.startswith("below") else f"= {words}"
+
+
+def _probability(row: Row) -> str:
+    return f"{probability(row['probability'])} ± {number(row['probability_error'], 2)}"
+
+
+def ruled_out(run: CausesRun) -> list[str]:
     """What the numbers exclude, cause by cause."""
     refuted = run.causes[run.causes["verdict"] == "refuted"].to_dict("records")
-    return [f"“{row['title']}” misses the {failing(row)}." for row in refuted if row["fails"]] + [
-        f"“{row['title']}” can make each number by itself, and not all of them together."
-        for row in refuted
-        if not row["fails"]
+    return [
+        f"{row['title']}: misses the {failing(row)}"
+        if row["fails"]
+        else f"{row['title']}: can make each number by itself, not all together"
+        for row in sorted(refuted, key=lambda row: -row["probability"])
     ]
 
 
 def alike(run: CausesRun) -> list[tuple[str, str]]:
     """Pairs of causes that these statistics confuse: each gives the other a fifth of its probability."""
-    table = run.confusion.set_index("truth")
+    table: pd.DataFrame = run.confusion.set_index("truth")
     titles = run.causes.set_index("cause")["title"]
     names = list(table.index)
     return [
         (str(titles[a]), str(titles[b]))
         for i, a in enumerate(names)
         for b in names[i + 1 :]
-        if min(table.loc[a, b], table.loc[b, a]) > _ALIKE
+        if min(float(table.loc[a, b]), float(table.loc[b, a])) > _ALIKE
     ]
 
 
 def cannot_tell(run: CausesRun) -> list[str]:
     """What the numbers leave open."""
     words = [
-        "Whether several causes acted together, or one that is not in the list: the probabilities compare the "
-        "listed ones only, and the p-values judge each by itself."
+        "Whether several causes acted together, or one that is not in the list: probabilities compare the "
+        "listed ones, p-values judge each by itself."
     ]
-    words += [f"“{a}” from “{b}”: their campaigns look alike." for a, b in alike(run)]
-    if "K_over_M_mean" not in run.compared and "K_over_M_mean" in run.statistics:
+    if not standing(run):
         words.append(
-            "What the size of K means: no unit was printed, so only numbers that no choice of unit changes are "
-            "compared."
+            "How far to trust the probabilities: what was observed lies at the edge of every cause’s "
+            "campaigns, where few decide."
+        )
+    words += [f"“{a}” from “{b}”: their campaigns look alike." for a, b in alike(run)]
+    if LEVEL not in run.compared:
+        length = _GRAVITY / run.value(LEVEL)
+        words.append(
+            "What the size of K means: no unit was printed. Were it N/m, K/M would also be that of a pendulum"
+            f" of {number(100 * length, 0)} cm swinging freely; the pendulum’s length was not printed either."
         )
     return words

@@ -33,7 +33,8 @@ def causes_page(folder: Path, about: dict[str, Any]) -> str:
     return render_page(
         "causes.html",
         title="Why does K grow with mass?",
-        subtitle=f"{len(run.causes)} proposed causes against {subject['title']}: {about['campaigns']} simulated campaigns",
+        subtitle=f"{len(run.causes)} proposed causes against {subject['title']}: "
+        f"{about['campaigns']} simulated campaigns",
         contents=_CONTENTS,
         about=about,
         versions=about.get("versions", {}),
@@ -41,13 +42,14 @@ def causes_page(folder: Path, about: dict[str, Any]) -> str:
         answer=answers.answer(run),
         standing=[
             {"title": row["title"], "p": answers.p_words(row), "probability": number(row["probability"], 2)}
-            for row in answers.standing(run).to_dict("records")
+            for row in answers.standing(run)
         ],
-        can_tell=answers.can_tell(run),
+        ruled_out=answers.ruled_out(run),
         cannot_tell=answers.cannot_tell(run),
         causes_table=tables.causes_table(run),
         probability_plot=figures.probability_figure(run),
         predictive_plots=[figures.predictive_figure(run, name) for name in run.statistics],
+        statistics_table=tables.statistics_table(run),
         p_table=tables.p_table(run),
         confusion_table=tables.confusion_table(run),
         calibration_table=tables.calibration_table(run),

@@ -60,13 +60,17 @@ class CausesRun:
 
     def value(self, statistic: str) -> float:
         """The observed value of a statistic."""
-        return float(self.observed.set_index("statistic").loc[statistic, "value"])
+        values = dict(zip(self.observed["statistic"], self.observed["value"], strict=True))
+        return float(values[statistic])
+
+    def mechanism(self, cause: str) -> str:
+        """What acts in a cause."""
+        return str(self.about["model"]["causes"][cause]["mechanism"])
 
     @property
     def of_method(self) -> pd.Series:
         """For each cause whether it lies in the method."""
-        mechanisms = {name: cause["mechanism"] for name, cause in self.about["model"]["causes"].items()}
-        return self.causes["cause"].map(mechanisms).isin(_OF_METHOD)
+        return self.causes["cause"].map(self.mechanism).isin(_OF_METHOD)
 
 
 def read_causes_run(folder: Path, about: dict[str, Any]) -> CausesRun:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from markupsafe import Markup
 
-from bayestissue.causes.statistics import WORDS
+from bayestissue.causes.statistics import MEANING, WORDS
 from bayestissue.report.causes.answers import failing, p_words
 from bayestissue.report.causes.figures import short
 from bayestissue.report.causes.run import CausesRun
@@ -34,6 +34,23 @@ def causes_table(run: CausesRun) -> Table:
     return Table(
         columns(*titles, number=("joint p", "posterior"), words=("cause", titles[4], titles[5])), rows
     )
+
+
+def statistics_table(run: CausesRun) -> Table:
+    """What each statistic is, and its observed value."""
+    rows = [
+        Row(
+            (
+                WORDS[name],
+                significant(run.value(name)),
+                "yes" if name in run.compared else "no",
+                MEANING[name],
+            )
+        )
+        for name in run.statistics
+    ]
+    titles = ("number", "observed", "compared", "what it is")
+    return Table(columns(*titles, number=("observed",), words=("what it is",)), rows)
 
 
 def p_table(run: CausesRun) -> Table:
