@@ -65,7 +65,7 @@ class ImpactParts(NamedTuple):
     Attributes:
         prior: D, as rows of entries.
         factor: lower Cholesky factor of P + D.
-        weight: W = D - D V D, the precision with which the trace tells X b.
+        weight: W = D V P, the precision with which the trace tells X b.
         pull: D V g, the slope of the log evidence where X b is the summary's centre.
         constant: the log evidence there.
     """
@@ -168,7 +168,7 @@ def log_evidence_of(
 
 
 def impact_parts(spread: Spread, summaries: Summaries) -> ImpactParts:
-    """With D the prior precision and V = (P + D)^-1: W = D - D V D and D V g, and the constant."""
+    """With D the prior precision and V = (P + D)^-1: W = D V P and D V g, and the constant."""
     size = summaries.centre.shape[1]
     kk, kc, cc = spread.own
     determinant = kk * cc - kc**2
@@ -180,19 +180,17 @@ def impact_parts(spread: Spread, summaries: Summaries) -> ImpactParts:
     for a, sd in enumerate(spread.nuisance, start=2):
         prior[a][a] = sd**-2.0
         log_prior = log_prior - jnp.log(sd)
-    own = small.entries(summaries.precision)
+    own, zeros = small.entries(summaries.precision), jnp.zeros_like(summaries.log_likelihood)
     factor = small.cholesky([[own[a][b] + prior[a][b] for b in range(size)] for a in range(size)])
-    # Columns of L^-1 D: W = D - (L^-1 D)' (L^-1 D).
-    columns = [
-        small.forward_solve(factor, [prior[a][c] + jnp.zeros_like(own[0][0]) for a in range(size)])
-        for c in range(size)
-    ]
+    # Columns of L^-1 D and L^-1 P: W = (L^-1 D)' (L^-1 P), which equals D - D V D but stays exact where a
+    # spread is so small that D dwarfs P, and where P has nothing to say.
+    columns, told = (
+        [small.forward_solve(factor, [entry + zeros for entry in column]) for column in matrix]
+        for matrix in (prior, own)
+    )
     slope = small.forward_solve(factor, [summaries.slope[:, a] for a in range(size)])
-    weight = [
-        [prior[a][b] - sum((columns[a][k] * columns[b][k] for k in range(size)), zero) for b in range(size)]
-        for a in range(size)
-    ]
-    pull = [sum((columns[a][k] * slope[k] for k in range(size)), zero) for a in range(size)]
+    weight = [[small.dot(columns[a], told[b]) for b in range(size)] for a in range(size)]
+    pull = [small.dot(columns[a], slope) for a in range(size)]
     constant = (
         summaries.log_likelihood
         + log_prior

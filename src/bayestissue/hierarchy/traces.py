@@ -35,6 +35,7 @@ from bayestissue.hierarchy.population import (
     spread_of_population,
 )
 from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.warp import Warp
 from bayestissue.likelihood.deceleration import DecelerationRecord, MeasuredDeceleration
 from bayestissue.likelihood.displacement import DisplacementRecord, MeasuredDisplacement
 
@@ -143,6 +144,13 @@ def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[
     return trace_distribution(model, data, u).log_prob(observed(data))
 
 
+def with_normal_errors(data: TraceData) -> TraceData:
+    """The same traces, every error of the measuring chain taken as normal with its standard deviation."""
+    if not isinstance(data.record, DecelerationRecord):
+        return data
+    return data._replace(record=data.record._replace(uniform=jnp.zeros_like(data.record.uniform)))
+
+
 def sample_spreads(model: TraceModel) -> dict[str, Array]:
     """Sample all standard deviations and the correlation from their priors."""
     return {name: numpyro.sample(name, model.prior_of(name)) for name in model.spreads}
@@ -182,20 +190,30 @@ def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True)
         numpyro.sample("trace", trace_distribution(model, data, u), obs=seen)
 
 
-def sampled_model(model: TraceModel, data: TraceData, summaries: Summaries) -> None:
+def sampled_model(model: TraceModel, data: TraceData, summaries: Summaries, warp: Warp | None = None) -> None:
     """The same density over standard normals; `from_standard` gives b and u back.
 
     The factor is log p(b, u) + log |d(b, u) / d(standard normals)| less the standard normals' own density.
+    Where the last location's standard normal is far from normal in the posterior, ``warp`` is the map to it
+    from the coordinate that is sampled.
     """
     sites = sample_spreads(model)
     number, size = summaries.centre.shape
     z_b = numpyro.sample("standard_locations", _standard(model.locations.size))
     z_u = numpyro.sample("standard_impacts", _standard(number, size))
+    if warp is not None:
+        y, z_b = z_b[-1], warped(z_b, warp)
+        numpyro.factor("warp", warp.log_slope(y) + (y**2 - z_b[-1] ** 2) / 2)
     found = from_standard(model, data, summaries, sites, z_b, z_u)
     density = found.conditional.log_evidence - summaries.log_summary(found.u).sum()
     numpyro.factor("change_of_variables", density)
     with numpyro.plate("impact", number):
         numpyro.sample("trace", trace_distribution(model, data, found.u), obs=observed(data))
+
+
+def warped(z_b: Float[Array, "*batch location"], warp: Warp) -> Float[Array, "*batch location"]:
+    """The locations' standard normals with the last one warped."""
+    return z_b.at[..., -1].set(warp(z_b[..., -1]))
 
 
 def _standard(*shape: int) -> dist.Distribution:

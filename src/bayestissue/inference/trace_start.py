@@ -15,12 +15,21 @@ import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Float
 from numpyro.infer.util import potential_energy
-from scipy.optimize import minimize
+from scipy.optimize import least_squares, minimize
+from scipy.stats import norm
 
 from bayestissue.hierarchy.conditional import Summaries, condition
 from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, population, sample_spreads
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    constrained,
+    population,
+    sample_spreads,
+    with_normal_errors,
+)
+from bayestissue.hierarchy.warp import Warp
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_correction import (
@@ -94,12 +103,15 @@ def _noise(prepared: Prepared, fit: PointFit) -> np.ndarray:
 class Summarised:
     """All that the sampler needs to know of the traces beforehand.
 
-    ``profile`` is what the traces say of theta1, where the model leaves it free.
+    ``profile`` is what the traces say of theta1, where the model leaves it free, and ``warp`` makes the
+    posterior of its mean normal: traces whose theta1 is at -1 leave that mean a wall on one side and nothing
+    but its prior on the other.
     """
 
     summaries: Summaries
     spreads: Spreads
     profile: Profile | None
+    warp: Warp | None = None
 
 
 def summarise(prepared: Prepared, *, say: Progress = silent) -> Summarised:
@@ -112,13 +124,15 @@ def summarise(prepared: Prepared, *, say: Progress = silent) -> Summarised:
     model, data = prepared.model, prepared.data
     start = first_guess(prepared)
     passes = 2 + REFINEMENTS
-    summaries = summarise_traces(model, data, jnp.asarray(start), loose_anchor(start))
+    # A uniform error leaves its likelihood flat on top, which no expansion can describe.
+    smooth = with_normal_errors(data)
+    summaries = summarise_traces(model, smooth, jnp.asarray(start), loose_anchor(start))
     say(1, passes)
     profile = flat_profile(len(start)) if model.kind == "arma" else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
     anchor = _anchor(model, data, summaries, finder.constrained(mode))
-    summaries = summarise_traces(model, data, summaries.centre, anchor)
+    summaries = summarise_traces(model, smooth, summaries.centre, anchor)
     say(2, passes)
     standard = jnp.asarray(standard_points(start.shape[1]))
     for number in range(REFINEMENTS):
@@ -135,7 +149,53 @@ def summarise(prepared: Prepared, *, say: Progress = silent) -> Summarised:
     summaries, profile = profile_last(model, data, summaries, sites, jnp.asarray(few))
     finder.profile = profile
     mode = finder.mode(summaries, mode)
-    return Summarised(summaries, finder.spreads(summaries, mode), profile)
+    spreads = finder.spreads(summaries, mode)
+    sites = finder.constrained(mode)
+    return Summarised(
+        summaries, spreads, profile, _warp_of_mean(model, finder.data, summaries, sites, profile)
+    )
+
+
+_PROBABILITIES = np.linspace(0.01, 0.99, 50)
+
+
+def _warp_of_mean(
+    model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any], profile: Profile
+) -> Warp:
+    """The warp whose quantiles are nearest to those of the last location, the spreads given."""
+    z = jnp.linspace(-8.0, 8.0, 641)
+    density = np.asarray(_density_of_mean(model, data, summaries, sites, profile, z))
+    below = np.cumsum(np.exp(density - density.max()))
+    quantiles = np.interp(_PROBABILITIES, below / below[-1], np.asarray(z))
+    normal = norm.ppf(_PROBABILITIES)
+
+    def away(parameters: np.ndarray) -> np.ndarray:
+        location, log_scale, skew = parameters
+        return location + np.exp(log_scale) * np.sinh(np.arcsinh(normal) + skew) - quantiles
+
+    begin = [np.median(quantiles), np.log(quantiles.std() + 1e-3), 0.0]
+    location, log_scale, skew = least_squares(away, begin).x
+    return Warp(*(jnp.asarray(value) for value in (location, np.exp(log_scale), skew)))
+
+
+@partial(jax.jit, static_argnames="model")
+def _density_of_mean(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    sites: dict[str, Any],
+    profile: Profile,
+    z: Float[Array, " point"],
+) -> Float[Array, " point"]:
+    """Log density of the last location's standard normal, up to a constant."""
+    spread = population(model, sites)
+    found = condition(data.design, spread, data.location_mean, summaries)
+
+    def one(value: Array) -> Array:
+        mean = found.mean[-1] + value / found.factor[-1, -1]
+        return profile.log_evidence(mean, spread.nuisance[-1]).sum() - value**2 / 2
+
+    return jax.lax.map(one, z)
 
 
 @partial(jax.jit, static_argnames=("model", "names"))
@@ -161,12 +221,12 @@ class _SpreadsFinder:
 
     def __init__(self, model: TraceModel, data: TraceData, profile: Profile | None = None) -> None:
         self._model, self.profile = model, profile
-        self._data = data._replace(record=None)  # type: ignore[arg-type]
+        self.data = data._replace(record=None)  # type: ignore[arg-type]
         self._names = tuple(sorted([*model.spreads, *(["standard_last"] if profile is not None else [])]))
 
     def _at(self, flat: np.ndarray, summaries: Summaries) -> tuple[float, np.ndarray]:
         value, slope = _value_and_slope(
-            self._model, self._names, jnp.asarray(flat), self._data, summaries, self.profile
+            self._model, self._names, jnp.asarray(flat), self.data, summaries, self.profile
         )
         return float(value), np.asarray(slope)
 
