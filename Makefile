@@ -10,10 +10,10 @@ READY := $(VENV)/.ready
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test check-code test-long benchmark lock clean
+.PHONY: help setup report test check-code test-long benchmark benchmark-fit lock clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-11s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: $(READY)  ## create the environment in .venv
 
@@ -45,6 +45,10 @@ test-long: $(READY)  ## the checks that take minutes to hours
 benchmark: $(READY)  ## time the likelihood beside its peers (installs them first)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.lock
 	@$(BIN)/python benchmarks/likelihood.py
+
+benchmark-fit: $(READY)  ## time a fit beside its peers: half an hour and more
+	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.lock
+	@$(BIN)/python benchmarks/fit_efficiency.py
 
 lock: $(READY)  ## resolve the pinned versions anew (needs uv)
 	uv pip compile pyproject.toml --group dev --universal --python-version 3.12 --no-emit-index-url --no-header --upgrade --output-file requirements.lock

@@ -1,0 +1,464 @@
+"""Effective samples per second of a fit beside the same model written plainly and beside nutpie, in one run.
+
+    .venv/bin/python benchmarks/fit_efficiency.py
+
+Every contender samples the posterior of `models/arma.toml` on `data/example`, one after the other on one
+core. What counts is the least bulk effective sample size over the standard deviations, the population (b of
+`bayestissue.hierarchy.population`) and K and C of every impact. See README.md for what each one is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib.metadata import version
+from pathlib import Path
+from time import perf_counter, process_time
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jax.flatten_util import ravel_pytree
+from numpyro.distributions import biject_to
+from numpyro.infer import NUTS
+from numpyro.infer.util import initialize_model
+from plain_hierarchy import check_density, plain
+
+from bayestissue import runtime
+from bayestissue.dataset import read_dataset
+from bayestissue.hierarchy.effects import cholesky_factor
+from bayestissue.hierarchy.specification import ModelSpecification, read_specification
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import (
+    constrained,
+    from_standard,
+    physical,
+    population,
+    sampled_model,
+    trace_distribution,
+    warped,
+)
+from bayestissue.inference.chains import run_chains
+from bayestissue.inference.sampling import Draws
+from bayestissue.inference.summary_path import summary_draws
+from bayestissue.inference.trace_draws import unfold
+from bayestissue.inference.trace_start import Summarised, summarise
+from bayestissue.inference.traces import start_of
+from bayestissue.likelihood.linear_errors import draw_errors
+from bayestissue.resources import shared
+from likelihood import machine
+
+HERE = Path(__file__).parent
+SEED, CHAINS = 1, 4
+USUAL = "4 chains of 400 and 1000"
+# A plain chain's first transitions, not counted: fewer than usual, so that the budget leaves draws to count.
+PLAIN_WARMUP, BLOCK = 300, 5
+Arrays = dict[str, np.ndarray]
+
+
+class Time(NamedTuple):
+    """Seconds by the clock on the wall, and of this process: the core is also asked for by others."""
+
+    wall: float
+    own: float
+
+    def __add__(self, other: Time) -> Time:  # type: ignore[override]
+        """Both spent."""
+        return Time(self.wall + other.wall, self.own + other.own)
+
+    def __sub__(self, other: Time) -> Time:
+        """What one took more than the other."""
+        return Time(self.wall - other.wall, self.own - other.own)
+
+    @classmethod
+    def now(cls) -> Time:
+        """Both clocks."""
+        return cls(perf_counter(), process_time())
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a contender came to: draws [chain, draw, ...] and the time that they took."""
+
+    compiling: Time
+    sampling: Time
+    draws: Arrays
+    gradients: float
+    remark: str = ""
+
+
+@dataclass
+class Bench:
+    """The job that all contenders do."""
+
+    prepared: Prepared
+    specification: ModelSpecification
+    budget: float
+    summarised: Summarised = field(init=False)
+    summarising: Time = field(init=False)
+    summarising_cold: Time = field(init=False)
+
+    def __post_init__(self) -> None:
+        _, self.summarising_cold = timed(lambda: summarise(self.prepared))
+        self.summarised, self.summarising = timed(lambda: summarise(self.prepared))
+
+    def quantities(self, draws: Draws) -> Arrays:
+        """What is reported of draws of the fit's standard normals."""
+        found = unfold(self.prepared, self.summarised.summaries, draws, jax.random.PRNGKey(SEED))
+        model = self.prepared.model
+        parts = {name: found.sites[name] for name in (*model.spreads, *model.locations.parts)}
+        return parts | {name: np.log(found.impacts[name]) for name in ("K", "C")}
+
+
+def timed(call: Callable[[], Any]) -> tuple[Any, Time]:
+    begin = Time.now()
+    return call(), Time.now() - begin
+
+
+def twice(bench: Bench, sample: Callable[[], Draws], remark: str) -> Outcome:
+    """The same work twice: the first pass compiles as well, the second is what sampling takes."""
+
+    def whole() -> tuple[Draws, Arrays]:
+        draws = sample()
+        return draws, bench.quantities(draws)
+
+    _, cold = timed(whole)
+    (draws, quantities), warm = timed(whole)
+    steps = float(np.sum(draws.statistics["num_steps"])) if draws.statistics else np.nan
+    compiling = cold - warm + bench.summarising_cold - bench.summarising
+    return Outcome(compiling, warm + bench.summarising, quantities, steps, remark)
+
+
+def summary_path(bench: Bench) -> Outcome:
+    settings = bench.specification.sampler
+    return twice(
+        bench,
+        lambda: summary_draws(bench.prepared, bench.summarised, settings, SEED)[0],
+        USUAL,
+    )
+
+
+def exact_path(bench: Bench) -> Outcome:
+    model, arguments = exact_density(bench)
+    start, settings = start_of(bench.prepared, bench.summarised), bench.specification.sampler
+
+    def sample() -> Draws:
+        draws = run_chains(model, arguments, start, settings, SEED, processes=False)
+        return replace(draws, sites=straightened(bench, draws.sites))
+
+    return twice(bench, sample, USUAL)
+
+
+def exact_density(bench: Bench) -> tuple[Callable[..., None], tuple[Any, ...]]:
+    """The numpyro model of the exact path, and its arguments."""
+    summarised = bench.summarised
+    arguments = (bench.prepared.data, summarised.summaries, summarised.warp)
+    return partial(sampled_model, bench.prepared.model), arguments
+
+
+def straightened(bench: Bench, sites: Arrays) -> Arrays:
+    """The last location's standard normal back from the coordinate in which it was sampled."""
+    if bench.summarised.warp is None:
+        return sites
+    straight = warped(jnp.asarray(sites["standard_locations"]), bench.summarised.warp)
+    return sites | {"standard_locations": np.asarray(straight)}
+
+
+class FlatDensity:
+    """A numpyro model's unconstrained log density as a function of one vector, compiled."""
+
+    def __init__(self, model: Callable[..., None], arguments: tuple[Any, ...]) -> None:
+        found = initialize_model(jax.random.PRNGKey(0), model, model_args=arguments)
+        middle, self.unravel = ravel_pytree(found.param_info.z)
+        self.size = middle.size
+        potential = found.potential_fn
+        both = jax.jit(jax.value_and_grad(lambda flat: -potential(self.unravel(flat))))
+        self._both, self.compiling = timed(lambda: both.lower(middle).compile())
+
+    def __call__(self, flat: np.ndarray) -> tuple[float, np.ndarray]:
+        """Value and gradient."""
+        value, slope = self._both(flat)
+        return float(value), np.asarray(slope)
+
+
+def nutpie_draws(
+    density: FlatDensity,
+    starts: Callable[[int], np.ndarray],
+    *,
+    tune: int,
+    draws: int,
+    chains: int,
+    adaptation: str,
+    seconds: float = np.inf,
+) -> tuple[Arrays, Time, float]:
+    """Nutpie's draws by site, the time that they took, and gradients; stopped after ``seconds``."""
+    import nutpie
+    from nutpie.compiled_pyfunc import from_pyfunc
+
+    model = from_pyfunc(
+        density.size,
+        lambda: density,
+        lambda *_: lambda flat: {"flat": flat},
+        [np.dtype("float64")],
+        [(density.size,)],
+        ["flat"],
+        make_initial_point_fn=starts,
+    )
+    begin = Time.now()
+    running = nutpie.sample(
+        model,
+        tune=tune,
+        draws=draws,
+        chains=chains,
+        cores=1,
+        seed=SEED,
+        adaptation=adaptation,
+        save_warmup=True,
+        progress_bar=False,
+        blocking=False,
+    )
+    try:
+        tree = running.wait(timeout=None if np.isinf(seconds) else seconds)
+    except TimeoutError:
+        tree = running.abort()
+    spent = Time.now() - begin
+    flat = tree["posterior"]["flat"].to_numpy()
+    steps = sum(float(tree[g]["n_steps"].sum()) for g in ("sample_stats", "warmup_sample_stats"))
+    sites = jax.vmap(jax.vmap(density.unravel))(jnp.asarray(flat))
+    return {name: np.asarray(values) for name, values in sites.items()}, spent, steps
+
+
+def nutpie_exact(bench: Bench, adaptation: str) -> Outcome:
+    """Nutpie on the density of the exact path, its chains begun where the exact path's begin."""
+    density, made = timed(lambda: FlatDensity(*exact_density(bench)))
+    start = start_of(bench.prepared, bench.summarised)
+    scale = np.linalg.cholesky(start.inverse_mass)
+
+    def begin(seed: int) -> np.ndarray:
+        rng = np.random.default_rng(seed % 2**63)
+        point = {
+            name: value + 0.5 * rng.standard_normal(np.shape(value)) for name, value in start.centre.items()
+        }
+        moved = 0.5 * scale @ rng.standard_normal(len(scale))
+        point |= {name: start.centre[name] + moved[i] for i, name in enumerate(start.dense)}
+        return np.asarray(ravel_pytree(point)[0])
+
+    settings = bench.specification.sampler
+    found, spent, steps = nutpie_draws(
+        density, begin, tune=settings.warmup, draws=settings.draws, chains=CHAINS, adaptation=adaptation
+    )
+    draws = Draws(straightened(bench, found), {}, settings.max_tree_depth)
+    bench.quantities(draws)
+    quantities, unfolding = timed(lambda: bench.quantities(draws))
+    compiling = made + bench.summarising_cold - bench.summarising
+    return Outcome(compiling, spent + unfolding + bench.summarising, quantities, steps, USUAL)
+
+
+def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
+    """A point of the plain model where its posterior is: the middle of our summary, errors drawn given it."""
+    model, data = bench.prepared.model, bench.prepared.data
+    raw = {name: jnp.asarray(bench.summarised.spreads.mode[name]) for name in model.spreads}
+    sites = constrained(model, raw)
+    summaries = bench.summarised.summaries
+    middle = jnp.zeros(model.locations.size), jnp.zeros(summaries.centre.shape)
+    found = from_standard(model, data, summaries, sites, *middle)
+    spread = population(model, sites)
+    factor = cholesky_factor(sites["sd_impact_K"], sites["sd_impact_C"], sites["residual_correlation"])
+    away = [u - about for u, about in zip(found.u, found.about, strict=True)]
+    products = trace_distribution(model, data, found.u).products()
+    errors = draw_errors(key, products, physical(model, data, found.u).log_sigma, data.record.error_sd)
+    return raw | {
+        "standard_locations": (found.b - data.location_mean) / spread.locations,
+        "standard_pair": jnp.linalg.solve(factor, jnp.stack(away[:2])).T,
+        "standard_mass_error": jnp.zeros(len(data.log_mass)),
+        "standard_errors": errors / data.record.error_sd,
+        **{
+            f"standard_{name}": away[a] / sd
+            for a, (name, sd) in enumerate(zip(model.nuisance, spread.nuisance, strict=True), start=2)
+        },
+    }
+
+
+def plain_quantities(bench: Bench, found: Arrays) -> Arrays:
+    """The compared quantities from unconstrained draws of the plain model, [chain, draw, ...]."""
+    model, data = bench.prepared.model, bench.prepared.data
+
+    def one(raw: dict[str, jax.Array]) -> dict[str, jax.Array]:
+        from numpyro.handlers import seed, substitute, trace
+
+        values = {
+            name: biject_to(model.prior_of(name).support)(value) if name in model.spreads else value
+            for name, value in raw.items()
+        }
+        sites = trace(substitute(seed(partial(plain, model), 0), values)).get_trace(data)
+        b = sites["locations"]["value"]
+        parts = {name: b[part] for name, part in model.locations.parts.items()}
+        spreads = {name: values[name] for name in model.spreads}
+        return spreads | parts | {"K": sites["log_K"]["value"], "C": sites["log_C"]["value"]}
+
+    made = jax.lax.map(one, {name: jnp.asarray(v.reshape(-1, *v.shape[2:])) for name, v in found.items()})
+    shape = next(iter(found.values())).shape[:2]
+    return {name: np.asarray(v).reshape(*shape, *v.shape[1:]) for name, v in made.items()}
+
+
+def plain_numpyro(bench: Bench, *, started: bool) -> Outcome:
+    """One chain of numpyro's NUTS with its defaults, until the budget is spent."""
+    data = bench.prepared.data
+    kernel = NUTS(partial(plain, bench.prepared.model))
+    key, own = jax.random.split(jax.random.PRNGKey(SEED))
+    start = plain_start(bench, own) if started else None
+    begin = Time.now()
+    state = kernel.init(key, PLAIN_WARMUP, start, (data,), {})
+
+    def step(state: Any, _: None) -> tuple[Any, Any]:
+        state = kernel.sample(state, (data,), {})
+        return state, (state.z, state.num_steps)
+
+    advance = jax.jit(lambda state: jax.lax.scan(step, state, None, length=BLOCK)).lower(state).compile()
+    compiling, begin = Time.now() - begin, Time.now()
+    blocks, steps = [], 0
+    while perf_counter() - begin.wall < bench.budget:
+        state, (z, num_steps) = jax.device_get(advance(state))
+        blocks.append(z)
+        steps += int(num_steps.sum())
+    spent = Time.now() - begin
+    every = jax.tree.map(lambda *rows: np.concatenate(rows)[None], *blocks)
+    kept = {name: values[:, PLAIN_WARMUP:] for name, values in every.items()}
+    count = next(iter(kept.values())).shape[1]
+    remark = f"1 chain of {PLAIN_WARMUP} and {count}, cut off by the budget"
+    return Outcome(compiling, spent, plain_quantities(bench, kept), steps, remark)
+
+
+def plain_nutpie(bench: Bench, adaptation: str) -> Outcome:
+    """One chain of nutpie on the plain density, begun as numpyro's, until the budget is spent."""
+    density = FlatDensity(partial(plain, bench.prepared.model), (bench.prepared.data,))
+    start = plain_start(bench, jax.random.split(jax.random.PRNGKey(SEED))[1])
+    flat = np.asarray(ravel_pytree(start)[0])
+    found, spent, steps = nutpie_draws(
+        density,
+        lambda _: flat,
+        tune=PLAIN_WARMUP,
+        draws=100_000,
+        chains=1,
+        adaptation=adaptation,
+        seconds=bench.budget,
+    )
+    count = next(iter(found.values())).shape[1]
+    remark = f"1 chain of {PLAIN_WARMUP} and {count}, cut off by the budget"
+    return Outcome(density.compiling, spent, plain_quantities(bench, found), steps, remark)
+
+
+def per_element(draws: Arrays, measure: str, **options: str) -> Arrays:
+    """One of ArviZ's measures of every element of every quantity."""
+    # Imported before numpyro, ArviZ leaves numpyro.distributions without a module that numpyro asks for.
+    from arviz_stats.base import array_stats
+
+    of = getattr(array_stats, measure)
+    return {
+        name: np.array([float(of(values[:, :, i], **options)) for i in range(values.shape[2])])
+        for name, values in ((n, v.reshape(*v.shape[:2], -1)) for n, v in draws.items())
+    }
+
+
+def row(name: str, outcome: Outcome) -> dict[str, Any]:
+    """One line of the table; a chain that is cut off before it has 20 draws has no effective sample size."""
+    chains, draws = next(iter(outcome.draws.values())).shape[:2]
+    line = {
+        "contender": name,
+        "chains": chains,
+        "draws": draws,
+        "compiling_s": outcome.compiling.wall,
+        "sampling_s": outcome.sampling.wall,
+        "own_sampling_s": outcome.sampling.own,
+        "gradients": outcome.gradients,
+        "remark": outcome.remark,
+    }
+    if draws < 20:
+        return line | {
+            "worst": "-",
+            "ess_bulk": np.nan,
+            "r_hat": np.nan,
+            "per_s": np.nan,
+            "per_s_overall": np.nan,
+        }
+    ess = per_element(outcome.draws, "ess", method="bulk")
+    halves = outcome.draws if chains > 1 else {name: in_halves(v) for name, v in outcome.draws.items()}
+    r_hat = per_element(halves, "rhat")
+    worst = min(ess, key=lambda each: ess[each].min())
+    least = float(ess[worst].min())
+    return line | {
+        "worst": worst,
+        "ess_bulk": least,
+        "r_hat": max(float(np.nanmax(values)) for values in r_hat.values()),
+        "per_s": least / outcome.sampling.wall,
+        "per_own_s": least / outcome.sampling.own,
+        "per_s_overall": least / (outcome.sampling + outcome.compiling).wall,
+    }
+
+
+def in_halves(values: np.ndarray) -> np.ndarray:
+    """One chain as two."""
+    half = values.shape[1] // 2
+    return np.concatenate([values[:, :half], values[:, half : 2 * half]])
+
+
+def disagreement(ours: Arrays, other: Arrays) -> float:
+    """The largest difference of two posterior means over its Monte Carlo standard error."""
+
+    def moments(draws: Arrays) -> tuple[np.ndarray, np.ndarray]:
+        errors = per_element(draws, "mcse", method="mean")
+        means = {name: v.mean(axis=(0, 1)).reshape(-1) for name, v in draws.items()}
+        return np.concatenate([means[n] for n in sorted(means)]), np.concatenate(
+            [errors[n] for n in sorted(errors)]
+        )
+
+    (a, sd_a), (b, sd_b) = moments(ours), moments(other)
+    return float(np.max(np.abs(a - b) / np.hypot(sd_a, sd_b)))
+
+
+def contenders(bench: Bench) -> Iterator[tuple[str, Outcome]]:
+    yield "bayestissue, summary path", summary_path(bench)
+    yield "bayestissue, exact path", exact_path(bench)
+    for adaptation in ("diag", "low_rank"):
+        yield f"nutpie ({adaptation}), the exact path's density", nutpie_exact(bench, adaptation)
+    yield "numpyro, plain model, its own start", plain_numpyro(bench, started=False)
+    yield "numpyro, plain model, started at our summary", plain_numpyro(bench, started=True)
+    yield "nutpie (low_rank), plain model, started at our summary", plain_nutpie(bench, "low_rank")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--minutes", type=float, default=8.0, help="of sampling, for each plain contender")
+    parser.add_argument("--model", type=Path, default=shared("models", "arma.toml"))
+    chosen = parser.parse_args()
+    runtime.configure(one_core=True)
+    specification = read_specification(chosen.model)
+    dataset = read_dataset(shared("data", "example"))
+    prepared = prepare(dataset, specification, source=chosen.model.name)
+    print(f"Machine: {machine()}, of which one is used.")
+    print(", ".join(f"{name} {version(name)}" for name in ("jax", "numpyro", "nutpie")))
+    bench = Bench(prepared, specification, 60 * chosen.minutes)
+    centre = bench.summarised.summaries.centre
+    check_density(prepared.model, prepared.data, [centre[:, a] for a in range(centre.shape[1])])
+    rows: list[dict[str, Any]] = []
+    reference: Arrays | None = None
+    for name, outcome in contenders(bench):
+        line = row(name, outcome) | {"load": os.getloadavg()[0]}
+        if name == "bayestissue, exact path":
+            reference = outcome.draws
+        if reference is not None and outcome.draws is not reference and line["r_hat"] < 1.01:
+            line["means_apart"] = disagreement(reference, outcome.draws)
+        rows.append(line)
+        print(line, flush=True)
+        pd.DataFrame(rows).to_csv(
+            HERE / f"fit_efficiency_{specification.name}.csv", index=False, float_format="%.5g"
+        )
+
+
+if __name__ == "__main__":
+    main()
