@@ -48,6 +48,8 @@ MEANING: Mapping[str, str] = {
 # Told, but no part of the joint comparison: the size of K/M where its unit isn't known.
 APART = ("without_estimate",)
 LEVEL = "K_over_M_mean"
+# Positive sizes, whose ratios count and not their differences.
+SIZES = (LEVEL, "K_over_M_scatter", "zeta_median", "omega_zeta_residual", "sd_rest_K", "sd_rest_C")
 _TUKEY = 4.685
 _STEPS = 15
 

@@ -11,7 +11,7 @@ import pandas as pd
 from bayestissue.causes.attribution import Attribution, attribute, confusion, reliability
 from bayestissue.causes.checks import JointCheck, two_sided
 from bayestissue.causes.specification import CausesSpecification
-from bayestissue.causes.statistics import APART, LEVEL
+from bayestissue.causes.statistics import APART, LEVEL, SIZES
 
 # Below the first a cause is said not to have made the numbers, below the second hardly.
 REFUTED, DOUBTFUL = 0.01, 0.1
@@ -48,7 +48,6 @@ def judge(
     *,
     level_known: bool,
     seed: int,
-    jobs: int = 1,
 ) -> Verdict:
     """Compare every cause's campaigns with what was observed.
 
@@ -58,7 +57,6 @@ def judge(
         specification: of the causes, in whose order they are told.
         level_known: whether the size of K/M belongs to the joint comparison.
         seed: of the classifier.
-        jobs: of the classifier.
     """
     names = list(specification.causes)
     joint = [name for name in observed if name not in APART and (level_known or name != LEVEL)]
@@ -67,7 +65,7 @@ def judge(
     campaigns = campaigns.assign(code=order).sort_values(["batch", "campaign", "code"], kind="stable")
     values = _compared(campaigns, joint)
     at = np.array([observed[name] for name in joint])
-    attribution = attribute(values, campaigns["code"].to_numpy(), _scaled(at, joint), seed, jobs)
+    attribution = attribute(values, campaigns["code"].to_numpy(), _scaled(at, joint), seed)
     rows = [
         _row(name, campaigns[campaigns["cause"] == name], observed, joint, specification) for name in names
     ]
@@ -84,9 +82,9 @@ def judge(
                 "compared": ["yes" if name in joint else "no" for name in observed],
             }
         ),
-        confusion=_confusion(attribution, campaigns["code"].to_numpy(), names),
+        confusion=_confusion(attribution, names),
         reliability=pd.DataFrame(
-            reliability(attribution, campaigns["code"].to_numpy()),
+            reliability(attribution),
             columns=["probability", "right", "cases"],
         ),
         log_score=(attribution.log_score, -float(np.log(len(names)))),
@@ -99,10 +97,10 @@ def _compared(campaigns: pd.DataFrame, joint: Sequence[str]) -> np.ndarray:
 
 
 def _scaled(values: np.ndarray, joint: Sequence[str]) -> np.ndarray:
-    """The size of K/M on a logarithmic scale; everything else as it is."""
-    is_level = np.array([name == LEVEL for name in joint])
+    """Positive sizes on a logarithmic scale; everything else as it is."""
+    is_size = np.array([name in SIZES for name in joint])
     with np.errstate(divide="ignore", invalid="ignore"):
-        return np.where(is_level, np.log(np.where(is_level, values, 1.0)), values)
+        return np.where(is_size, np.log(np.where(is_size, values, 1.0)), values)
 
 
 def _row(
@@ -162,7 +160,7 @@ def _predictive(campaigns: pd.DataFrame, names: Sequence[str], statistics: Seque
     return pd.DataFrame(rows)
 
 
-def _confusion(attribution: Attribution, code: np.ndarray, names: Sequence[str]) -> pd.DataFrame:
-    table = pd.DataFrame(confusion(attribution, code), columns=list(names))
+def _confusion(attribution: Attribution, names: Sequence[str]) -> pd.DataFrame:
+    table = pd.DataFrame(confusion(attribution), columns=list(names))
     table.insert(0, "truth", list(names))
     return table

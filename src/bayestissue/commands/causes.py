@@ -101,9 +101,7 @@ def run(
             raise
         say("comparing the causes", 0, 1)
         simulated = pd.concat(tables, ignore_index=True)
-        verdict = judge(
-            simulated, what.observed, specification, level_known=what.level_known, seed=seed, jobs=jobs
-        )
+        verdict = judge(simulated, what.observed, specification, level_known=what.level_known, seed=seed)
         with results.whole_folder(out, overwrite=overwrite) as folder:
             say("writing the results", 0, 1)
             for name in _TABLES:

@@ -71,11 +71,12 @@ def answer(run: CausesRun) -> str:
 
 def _question(run: CausesRun) -> str:
     exponents = [
-        f"{quantity} goes with the mass to the power {number(run.value(f'mass_exponent_{quantity}'), 2)}"
+        f"{quantity} to the power {number(run.value(f'mass_exponent_{quantity}'), 2)}"
         for quantity in ("K", "C")
         if f"mass_exponent_{quantity}" in run.statistics
     ]
-    return f"In {run.about['subject']['title']} {listed(exponents)}."
+    told = listed(exponents).replace("K to", "K goes with the mass to", 1)
+    return f"In {run.about['subject']['title']} {told}."
 
 
 def _lead(run: CausesRun, best: Row) -> str:
@@ -101,9 +102,16 @@ def _alone(run: CausesRun) -> str:
     left, count = standing(run), len(run.compared)
     if not left:
         return f"But none of them, acting alone, makes all {count} numbers compared (every p below 0.01)."
-    words = [f"“{row['title']}” (p {_relation(row)})" for row in left]
-    which = "only " if len(left) <= 2 else ""
-    return f"Acting alone {which}{listed(words)} can have made all {count} numbers compared."
+    named = listed([f"“{row['title']}” (p {_relation(row)})" for row in left])
+    rest = "; every other misses" if len(left) < len(run.causes) else ""
+    if any(row["verdict"] == "possible" for row in left):
+        return (
+            f"Acting alone {named} can have made all {count} numbers compared{rest}{' some' if rest else ''}."
+        )
+    return (
+        f"Acting alone even {named} would rarely make all {count} numbers compared at once"
+        f"{', and every other more rarely than once in a hundred times' if rest else ''}."
+    )
 
 
 def _relation(row: Row) -> str:
@@ -145,16 +153,21 @@ def cannot_tell(run: CausesRun) -> list[str]:
         "Whether several causes acted together, or one that is not in the list: probabilities compare the "
         "listed ones, p-values judge each by itself."
     ]
-    if not standing(run):
+    if all(row["verdict"] != "possible" for row in standing(run)):
         words.append(
             "How far to trust the probabilities: what was observed lies at the edge of every cause’s "
             "campaigns, where few decide."
         )
-    words += [f"“{a}” from “{b}”: their campaigns look alike." for a, b in alike(run)]
+    if pairs := alike(run):
+        named = "; ".join(f"“{a}” and “{b}”" for a, b in pairs)
+        words.append(f"These from each other, since their campaigns look alike: {named}.")
     if LEVEL not in run.compared:
         length = _GRAVITY / run.value(LEVEL)
         words.append(
             "What the size of K means: no unit was printed. Were it N/m, K/M would also be that of a pendulum"
             f" of {number(100 * length, 0)} cm swinging freely; the pendulum’s length was not printed either."
+        )
+        words.append(
+            "Recordings would settle it: they show where each window ended and how its time was counted."
         )
     return words
