@@ -8,10 +8,19 @@ import numpy as np
 import pytest
 
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
+from bayestissue.hierarchy.conditional import condition, impact_parameters
+from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import constrained, log_likelihood, population
 from bayestissue.inference.summary_path import summary_draws
-from bayestissue.inference.trace_correction import flat_profile, standard_points
+from bayestissue.inference.trace_correction import (
+    compare_over,
+    flat_profile,
+    log_corrections,
+    pareto_smoothed,
+    standard_points,
+)
 from bayestissue.inference.trace_draws import unfold
 from bayestissue.inference.trace_start import summarise
 from bayestissue.inference.traces import fit_traces
@@ -20,7 +29,7 @@ from bayestissue.simulation.specification import Simulation
 
 
 @pytest.fixture(scope="module")
-def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
+def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     conditions = [
         {"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.6, 0.9, 1.3)
     ]
@@ -52,7 +61,7 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
         Trace(campaign.time[end - n : end], campaign.value[end - n : end].astype(float))
         for n, end in zip(campaign.n_samples, ends, strict=True)
     ]
-    dataset = Dataset(
+    return Dataset(
         name="four by four",
         description="",
         impacts=campaign.impacts,
@@ -64,6 +73,10 @@ def prepared(tmp_path_factory: pytest.TempPathFactory) -> Prepared:
         folder=tmp_path_factory.mktemp("none"),
         input_hash="",
     )
+
+
+@pytest.fixture(scope="module")
+def prepared(dataset: Dataset) -> Prepared:
     return prepare(dataset, ModelSpecification(name="a2", likelihood="a2"), source="model")
 
 
@@ -100,6 +113,63 @@ def test_summaries_stand_for_the_traces(prepared: Prepared) -> None:
     unfolded = unfold(prepared, summarised.summaries, draws, jax.random.PRNGKey(1))
     assert unfolded.impacts["K"].shape == (2, 500, 16)
     assert np.isfinite(unfolded.log_likelihood["trace"]).all()
+
+
+def test_corrections_are_what_many_points_of_each_population_say(dataset: Dataset) -> None:
+    """Where contact lies anywhere between two samples, no trace's likelihood is normal."""
+    prepared = prepare(dataset, ModelSpecification(name="impact", likelihood="impact"), source="model")
+    assert np.asarray(prepared.data.record.uniform).all()
+    summarised = summarise(prepared)
+    model, data, summaries = prepared.model, prepared.data, summarised.summaries
+    rng = np.random.default_rng(3)
+    # Populations as the posterior has them, one with hardly any spread of the noise among them.
+    names = sorted(summarised.spreads.mode)
+    scatter = rng.multivariate_normal(np.zeros(len(names)), summarised.spreads.covariance, 64)
+    raw = {
+        name: jnp.asarray(summarised.spreads.mode[name] + np.clip(scatter[:, i], -1, 1))
+        for i, name in enumerate(names)
+    }
+    raw["sd_noise"] = raw["sd_noise"].at[:2].set(-7.0)
+    sites = constrained(model, raw)
+
+    def given(sites: dict) -> tuple:
+        spread = population(model, sites)
+        return condition(data.design, spread, data.location_mean, summaries)
+
+    b = jax.lax.map(lambda draw: given(draw).mean, sites)
+    ratios = compare_over(model, data, summaries, (sites, b), jnp.asarray(standard_points(3)))
+    many = jnp.asarray(standard_points(3, 2048))
+
+    def both(draw: tuple) -> tuple:
+        found = given(draw[0])
+        about = expected(data.design, draw[1])
+
+        def ratio(z: jax.Array) -> jax.Array:
+            u = impact_parameters(found, summaries, about, jnp.broadcast_to(z, summaries.centre.shape))
+            return log_likelihood(model, data, u) - summaries.log_summary(u)
+
+        direct = jax.nn.logsumexp(jax.lax.map(ratio, many), axis=0) - np.log(len(many))
+        return log_corrections(ratios, summaries, found.parts, about), direct
+
+    first = jax.tree.map(lambda values: values[:8], (sites, b))
+    tabulated, direct = (np.asarray(values) for values in jax.jit(lambda d: jax.lax.map(both, d))(first))
+    error = tabulated - direct
+    error = error - error.mean(0)
+    # Log weights matter by their differences between populations. Against 64 points' scatter of 0.5 / 8 each,
+    # most of which all populations share, what is left must not move a sum over impacts by its own scatter.
+    assert np.abs(error.sum(1)).max() < 0.25
+    assert np.abs(error).max() < 0.15
+
+
+def test_smoothed_weights_lead_from_draws_to_their_target() -> None:
+    draws = np.random.default_rng(5).normal(size=4000)
+    # From N(0, 1) to N(0.5, 1): weights exp(x / 2), whose effective number is exp(-1 / 4) of all.
+    smoothed, k = pareto_smoothed(0.5 * draws)
+    weight = np.exp(smoothed - smoothed.max())
+    mean = (weight * draws).sum() / weight.sum()
+    assert k < 0.4
+    # Five standard errors.
+    assert abs(mean - 0.5) < 5 / np.sqrt(4000 * np.exp(-0.25))
 
 
 @pytest.mark.long

@@ -26,9 +26,10 @@ from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.sampling import Draws, Progress, silent
 from bayestissue.inference.trace_correction import (
-    Points,
+    Ratios,
     compare_over,
     log_corrections,
+    pareto_smoothed,
     standard_points,
 )
 from bayestissue.inference.trace_start import Summarised, spreads_model
@@ -76,8 +77,6 @@ def summary_draws(
     progress: Progress = silent,
 ) -> tuple[Draws, Correction]:
     """Draws of the same sites as `sampled_model` has, corrected to the same posterior."""
-    from arviz_stats.base import array_stats
-
     model, summaries, spreads = prepared.model, summarised.summaries, summarised.spreads
     profile = summarised.profile
     # The record stays behind: the population asks only for the summaries.
@@ -101,10 +100,10 @@ def summary_draws(
     standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
     part = _locations(model, data, summaries, {name: values[some] for name, values in raw.items()}, z_b[some])
-    points = compare_over(model, prepared.data, summaries, part, standard, profile)
-    log_weight = np.asarray(_log_weights(model, data, summaries, points, raw, z_b))
-    smoothed, k = array_stats.psislw(log_weight)
-    weight = np.exp(np.asarray(smoothed).reshape(shape))
+    ratios = compare_over(model, prepared.data, summaries, part, standard, profile)
+    log_weight = np.asarray(_log_weights(model, data, summaries, ratios, raw, z_b))
+    smoothed, k = pareto_smoothed(log_weight)
+    weight = np.exp(smoothed.reshape(shape))
     chosen = _resample(weight, np.random.default_rng([seed, 21]))
     raw = {name: values[chosen] for name, values in raw.items()}
     z_b = z_b[chosen]
@@ -116,7 +115,7 @@ def summary_draws(
         found.max_tree_depth,
     )
     effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
-    return draws, Correction(float(k), float(effective))
+    return draws, Correction(k, float(effective))
 
 
 @lru_cache(maxsize=8)
@@ -144,7 +143,7 @@ def _log_weights(
     model: TraceModel,
     data: TraceData,
     summaries: Summaries,
-    points: Points,
+    ratios: Ratios,
     raw: dict[str, Array],
     z_b: Array,
 ) -> Array:
@@ -154,7 +153,7 @@ def _log_weights(
         spread = population(model, constrained(model, draw[0]))
         found = condition(data.design, spread, data.location_mean, summaries)
         about = expected(data.design, locations(found, draw[1]))
-        return log_corrections(points, summaries, found.parts, about).sum()
+        return log_corrections(ratios, summaries, found.parts, about).sum()
 
     return jax.lax.map(one, (raw, z_b))
 

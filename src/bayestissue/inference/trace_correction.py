@@ -203,8 +203,8 @@ def profile_last(
 def cleared_of_last(summaries: Summaries) -> Summaries:
     """Summaries that say nothing of the last parameter."""
     last = summaries.centre.shape[1] - 1
-    precision = summaries.precision.at[:, last, :].set(0.0).at[:, :, last].set(0.0)
-    return summaries._replace(precision=precision, slope=summaries.slope.at[:, last].set(0.0))
+    precision = jnp.asarray(summaries.precision).at[:, last, :].set(0.0).at[:, :, last].set(0.0)
+    return summaries._replace(precision=precision, slope=jnp.asarray(summaries.slope).at[:, last].set(0.0))
 
 
 def profile_about(
@@ -232,6 +232,46 @@ def profile_about(
     return flat_profile(count)._replace(log_likelihood=table)
 
 
+class Ratios(NamedTuple):
+    """Likelihood over summary of each impact, wherever the posterior lets its parameters be.
+
+    The spread of the noise between impacts may be next to nothing, and each draw of the population then asks
+    for another value of the noise than all others: no set of points serves them all. So the dependence on
+    the noise is tabulated apart, everything else integrated out, and the points lie at one noise.
+
+    Attributes:
+        u: points, [point, impact, parameter], the noise of each impact at its reference.
+        log_density: log density of the other parameters there, given that noise, up to a constant.
+        log_ratio: log of likelihood over summary there.
+        reach: of the table of noise, on either side of the reference.
+        coefficients: of the log ratio's Chebyshev polynomials in the noise.
+    """
+
+    u: Float[Array, "point impact parameter"]
+    log_density: Float[Array, "point impact"]
+    log_ratio: Float[Array, "point impact"]
+    reach: Float[Array, " impact"]
+    coefficients: Float[Array, "power impact"]
+
+    def log_mean_over_noise(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
+        """Log of the mean of the tabulated ratio under a normal noise."""
+        away = mean - self.u[0, :, NOISE] + sd * jnp.asarray(_NOISE_POINTS)[:, None]
+        x = jnp.clip(away / self.reach, -1.0, 1.0)
+        before, now = jnp.ones_like(x), x
+        total = self.coefficients[0] + self.coefficients[1] * now
+        for coefficient in self.coefficients[2:]:
+            before, now = now, 2 * x * now - before
+            total = total + coefficient * now
+        return jax.nn.logsumexp(total, axis=0, b=jnp.asarray(_NOISE_WEIGHTS)[:, None])
+
+
+NOISE = 2
+_NODES = 7
+_POINTS_A_NODE = 16
+_NOISE_POINTS, _NOISE_WEIGHTS = np.polynomial.hermite_e.hermegauss(7)
+_NOISE_WEIGHTS = _NOISE_WEIGHTS / _NOISE_WEIGHTS.sum()
+
+
 @partial(jax.jit, static_argnames="model")
 def compare_over(
     model: TraceModel,
@@ -240,7 +280,7 @@ def compare_over(
     draws: tuple[dict[str, Array], Array],
     standard: Float[Array, "point parameter"],
     profile: Profile | None = None,
-) -> Points:
+) -> Ratios:
     """Compare at one point from each of several draws of the population, (spreads, b).
 
     The points' density is the mixture over these draws, so that wherever the posterior lets an impact's
@@ -261,63 +301,134 @@ def compare_over_about(
     abouts: list[Float[Array, "draw impact"]],
     standard: Float[Array, "point parameter"],
     profile: Profile | None = None,
-) -> Points:
+) -> Ratios:
     """`compare_over` for the spreads and X b of each draw."""
-    count, size = summaries.centre.shape
+    size = summaries.centre.shape[1]
+    known = size if profile is None else size - 1
+    lasts = abouts[-1] + spreads.nuisance[-1][:, None] * standard[:, -1:]
 
-    def one(part: tuple[Spread, list[Array], Array]) -> tuple[Array, Array, Array, Array]:
-        spread, about, z = part
-        parts = impact_parts(spread, summaries)
-        shift, factor = _conditional(parts, summaries, about)
-        u = impact_values(parts, summaries, about, jnp.broadcast_to(z, (count, size)))
-        found = log_likelihood(model, data, u) - summaries.log_summary(u)
-        ratio = jnp.where(jnp.isfinite(found), found, -jnp.inf)
-        return jnp.stack(u, axis=-1), ratio, shift, factor
+    def conditional(part: tuple[Spread, list[Array]]) -> tuple[Array, Array]:
+        spread, about = part
+        return _conditional(impact_parts(spread, summaries), summaries, about, known)
 
-    u, log_ratio, shifts, factors = jax.lax.map(one, (spreads, abouts, standard))
-    if profile is not None:
-        log_ratio = log_ratio - jax.lax.map(profile.at, u[..., -1])
-        u = u[..., :-1]
+    shifts, factors = jax.lax.map(conditional, (spreads, abouts))
+    noise, noise_sd = _noise_of(shifts, factors)
+    reference = noise.mean(0)
+    reach = jnp.abs(noise - reference).max(0) + 4 * noise_sd.max(0)
+
+    def ratio(away: Array, shift: Array, factor: Array, z: Array, last: Array) -> tuple[Array, Array]:
+        """At a noise so far from the centre; the others from their conditional."""
+        others = _given_noise(shift, factor, away, z)
+        columns = [*others[:NOISE], away, *others[NOISE:]]
+        u = [summaries.centre[:, a] + columns[a] for a in range(known)]
+        whole = u if profile is None else [*u, last]
+        found = log_likelihood(model, data, whole) - summaries.log_summary(whole)
+        if profile is not None:
+            found = found - profile.at(last)
+        return jnp.stack(u, axis=-1), jnp.where(jnp.isfinite(found), found, -jnp.inf)
+
+    rows = (shifts, factors, standard[:, : known - 1], lasts)
+    u, log_ratio = jax.lax.map(lambda row: ratio(reference, *row), rows)
 
     def add(total: Array, part: tuple[Array, Array]) -> tuple[Array, None]:
-        own = _log_normal(u, summaries, *part)
-        return jnp.logaddexp(total, own), None
+        return jnp.logaddexp(total, _log_normal(u, summaries, *part)), None
 
     start = jnp.full(log_ratio.shape, -jnp.inf)
     log_density, _ = jax.lax.scan(add, start, (shifts, factors))
-    return Points(u, log_density, log_ratio)
+    nodes = jnp.asarray(np.polynomial.chebyshev.chebpts1(_NODES))
+    few = jax.tree.map(lambda each: each[:: max(1, len(standard) // _POINTS_A_NODE)], rows)
+
+    def at_node(node: Array) -> Array:
+        ratios = jax.lax.map(lambda row: ratio(reference + node * reach, *row)[1], few)
+        return jax.nn.logsumexp(ratios, axis=0)
+
+    table = jax.lax.map(at_node, nodes)
+    # Where no point has any likelihood the polynomial must not be torn by minus infinity.
+    table = jnp.maximum(table - table.max(0), _LEAST_RATIO)
+    coefficients = jnp.asarray(_chebyshev()) @ table
+    return Ratios(u, log_density, log_ratio, reach, coefficients)
+
+
+_LEAST_RATIO = -50.0
+
+
+def _chebyshev() -> np.ndarray:
+    """From values at the nodes to coefficients."""
+    nodes = np.polynomial.chebyshev.chebpts1(_NODES)
+    return np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, _NODES - 1))
 
 
 def log_corrections(
-    points: Points, summaries: Summaries, parts: ImpactParts, about: list[Array]
+    ratios: Ratios, summaries: Summaries, parts: ImpactParts, about: list[Array]
 ) -> Float[Array, " impact"]:
-    """Log of each trace's true evidence over its summary's, given X b and the spreads.
+    """Log of each trace's true evidence over its summary's, given X b and the spreads, up to a constant.
 
-    The mean of likelihood over summary under the normal conditional of u, by reweighting the points.
+    The mean of likelihood over summary under the normal conditional of u: that of the table over the noise,
+    times that of the points, reweighted, over the other parameters.
     """
-    log_weight = _log_normal(points.u, summaries, *_conditional(parts, summaries, about))
-    log_weight = log_weight - points.log_density
-    return jax.nn.logsumexp(log_weight + points.log_ratio, axis=0) - jax.nn.logsumexp(log_weight, axis=0)
+    shift, factor = _conditional(parts, summaries, about, ratios.u.shape[-1])
+    log_weight = _log_normal(ratios.u, summaries, shift, factor) - ratios.log_density
+    weighted, weight = (jax.nn.logsumexp(w, axis=0) for w in (log_weight + ratios.log_ratio, log_weight))
+    noise, noise_sd = _noise_of(shift, factor)
+    return weighted - weight + ratios.log_mean_over_noise(summaries.centre[:, NOISE] + noise, noise_sd)
 
 
-def _conditional(parts: ImpactParts, summaries: Summaries, about: list[Array]) -> tuple[Array, Array]:
-    """L^-1 (g + D (X b - m)) and L of the normal conditional of u, with L L' = P + D."""
-    size = len(about)
+def pareto_smoothed(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
+    """Log importance weights with their greatest smoothed, and the Pareto k of these (Vehtari et al. 2024).
+
+    Args:
+        log_weight: [draw].
+    """
+    from arviz_stats.base import array_stats
+
+    # The library takes log likelihoods to leave out, whose weights are their inverses.
+    smoothed, k = array_stats.psislw(-np.asarray(log_weight))
+    return np.asarray(smoothed), float(k)
+
+
+def _noise_of(shift: Array, factor: Array) -> tuple[Array, Array]:
+    """Mean, less the summaries' centre, and standard deviation of the noise under `_conditional`."""
+    diagonal = factor[..., -1, -1, :]
+    return shift[..., -1, :] / diagonal, 1 / diagonal
+
+
+def _given_noise(shift: Array, factor: Array, away: Array, z: Array) -> list[Array]:
+    """The other parameters, less the centre, from standard normals, the noise being ``away`` from it."""
+    others = factor.shape[0] - 1
+    lower = [[factor[a, b] for b in range(a + 1)] for a in range(others)]
+    right = [shift[a] - factor[others, a] * away + z[a] for a in range(others)]
+    return small.backward_solve(lower, right)
+
+
+def _conditional(
+    parts: ImpactParts, summaries: Summaries, about: list[Array], size: int
+) -> tuple[Float[Array, "parameter impact"], Float[Array, "parameter parameter impact"]]:
+    """The normal conditional of an impact's first ``size`` parameters: L^-1 (g + D (X b - m)) and L.
+
+    L L' = P + D, with the noise as the last row, so that the rows before it belong to the others' conditional
+    given the noise. Parameters beyond have no part in the summaries.
+    """
+    order = [*range(NOISE), *range(NOISE + 1, size), NOISE]
+    own = small.entries(summaries.precision)
+    factor = small.cholesky([[own[a][b] + parts.prior[a][b] for b in order] for a in order])
     away = [about[a] - summaries.centre[:, a] for a in range(size)]
-    pulled = small.times(parts.prior, away)
-    shift = small.forward_solve(parts.factor, [summaries.slope[:, a] + pulled[a] for a in range(size)])
-    lower = [
-        [parts.factor[a][b] if b <= a else jnp.zeros_like(shift[0]) for b in range(size)] for a in range(size)
-    ]
+    pulled = [small.dot(parts.prior[a][:size], away) for a in range(size)]
+    shift = small.forward_solve(factor, [summaries.slope[:, a] + pulled[a] for a in order])
+    zero = jnp.zeros_like(shift[0])
+    lower = [[factor[a][b] + zero if b <= a else zero for b in range(size)] for a in range(size)]
     return jnp.stack(shift), jnp.stack([jnp.stack(row) for row in lower])
 
 
 def _log_normal(u: Array, summaries: Summaries, shift: Array, factor: Array) -> Array:
-    """Log density at the points, up to a constant: L' (u - m) - L^-1 (...) is standard normal."""
+    """Log density of the parameters but the noise at the points, given their noise, up to a constant.
+
+    L' (u - m) - L^-1 (...) is standard normal.
+    """
     size = u.shape[-1]
-    moved = [u[..., a] - summaries.centre[:, a] for a in range(size)]
-    total = jnp.log(jnp.stack([factor[a, a] for a in range(size)])).sum(0)
-    for a in range(size):
+    order = [*range(NOISE), *range(NOISE + 1, size), NOISE]
+    moved = [u[..., a] - summaries.centre[:, a] for a in order]
+    total = jnp.log(jnp.stack([factor[a, a] for a in range(size - 1)])).sum(0)
+    for a in range(size - 1):
         z = sum(factor[b, a] * moved[b] for b in range(a, size)) - shift[a]
         total = total - z**2 / 2
     return total
