@@ -49,26 +49,25 @@ class Arrangement(NamedTuple):
     columns: tuple[Float[np.ndarray, "#level slot part"], ...]
 
 
-def arrange(locations: Locations, design: PopulationDesign) -> Arrangement:
+def arrange(locations: Locations, design: PopulationDesign, group: str | None = None) -> Arrangement:
     """Lay the impacts out by person and cell.
-
-    Eliminated first are the effects of the group that has most levels.
 
     Args:
         locations: what the elements of b are.
         design: X over cells.
+        group: "subject" or "trial", whose effects are eliminated first; the one of most levels unless given.
     """
     columns = [np.asarray(matrix) for matrix in design.columns]
     begin = np.cumsum([0, *(matrix.shape[1] for matrix in columns)])
     parts = {
-        (group, a): locations.parts[f"{group}_effect_{q}"]
-        for group in GROUPS
+        (each, a): locations.parts[f"{each}_effect_{q}"]
+        for each in GROUPS
         for a, q in enumerate(RESPONSES)
-        if f"{group}_effect_{q}" in locations.parts
+        if f"{each}_effect_{q}" in locations.parts
     }
-    sizes = {group: part.stop - part.start for (group, _), part in parts.items()}
-    chosen = max(sizes, key=lambda group: sizes[group]) if sizes else ""
-    inner = {a: np.arange(part.start, part.stop) for (group, a), part in parts.items() if group == chosen}
+    sizes = {each: part.stop - part.start for (each, _), part in parts.items()}
+    chosen = max(sizes, key=lambda each: sizes[each], default="") if group is None else group
+    inner = {a: np.arange(part.start, part.stop) for (each, a), part in parts.items() if each == chosen}
     cells = len(columns[0])
     level = np.zeros(cells, int)
     for a, elements in inner.items():
@@ -110,6 +109,23 @@ def _positions(codes: np.ndarray, count: int) -> tuple[np.ndarray, int]:
     return position, int(number.max())
 
 
+class Expansion(NamedTuple):
+    """What the summaries leave out of the log evidence, to second order in what the population says.
+
+    v holds what the population expects of an impact's parameters, then the covariance of log K and log C
+    about that (KK, KC, CC), then the other variances.
+
+    Attributes:
+        spreads: the part of v that is every impact's, about which it was made; the rest is the reference's.
+        slope: first derivatives, summed over a place's impacts.
+        bend: second derivatives.
+    """
+
+    spreads: Float[Array, " spread"]
+    slope: Float[Array, "place v"]
+    bend: Float[Array, "place v v"]
+
+
 class Cells(NamedTuple):
     """Summaries by place, expanded about X b at a reference b.
 
@@ -117,17 +133,19 @@ class Cells(NamedTuple):
         arrangement: where everything lies.
         precision: of the summaries, the lower triangle's entries.
         slope: of the log summaries, where an impact's parameters are those that the reference expects.
-        constant: sum of the log summaries there.
+        level: sum over a place's impacts of the log summaries there.
         reference: b that everything is measured from.
         mean: prior mean of b.
+        expansion: of what the summaries leave out, once that is known.
     """
 
     arrangement: Arrangement
     precision: tuple[Float[Array, "repeat place"], ...]
     slope: tuple[Float[Array, "repeat place"], ...]
-    constant: Float[Array, ""]
+    level: Float[Array, " place"]
     reference: Float[Array, " location"]
     mean: Float[Array, " location"]
+    expansion: Expansion | None = None
 
 
 def in_cells(
@@ -163,7 +181,7 @@ def in_cells(
         arrangement,
         tuple(laid(precision[:, a, b]) for a, b in lower),
         tuple(laid(slope[:, a]) for a in range(size)),
-        jnp.asarray(level.sum()),
+        laid(level).sum(0),
         jnp.asarray(reference),
         jnp.asarray(mean),
     )
@@ -193,7 +211,7 @@ class CellSums(NamedTuple):
     Attributes:
         weight: W, the lower triangle's entries: minus the second derivatives of the log evidence by X b.
         pull: its first derivatives.
-        constant: the log evidence less the constant of `Cells`.
+        constant: the log evidence less the level of `Cells`.
     """
 
     weight: tuple[Float[Array, " place"], ...]
@@ -210,7 +228,22 @@ def cell_sums(cells: Cells, spread: Spread) -> CellSums:
     nuisance = spread.nuisance[: len(cells.slope) - 2]
     sums = _summed((*spread.own, *nuisance), cells.precision, cells.slope)
     number = len(cells.precision)
-    return CellSums(tuple(sums[:number]), tuple(sums[number:-1]), sums[-1])
+    found = CellSums(tuple(sums[:number]), tuple(sums[number:-1]), sums[-1])
+    return found if cells.expansion is None else _corrected(found, cells.expansion, spread)
+
+
+def flat_spreads(spread: Spread, size: int) -> Float[Array, "*batch spread"]:
+    """The spreads as `Expansion` has them, for impacts of ``size`` parameters."""
+    return jnp.stack([*spread.own, *(sd**2 for sd in spread.nuisance[: size - 2])], axis=-1)
+
+
+def _corrected(sums: CellSums, expansion: Expansion, spread: Spread) -> CellSums:
+    size = len(sums.pull)
+    away = flat_spreads(spread, size) - expansion.spreads
+    bent = expansion.bend[:, :, size:] @ away
+    weight = tuple(sums.entry(a, b) - expansion.bend[:, a, b] for a in range(size) for b in range(a + 1))
+    pull = tuple(sums.pull[a] + expansion.slope[:, a] + bent[:, a] for a in range(size))
+    return CellSums(weight, pull, sums.constant + (expansion.slope[:, size:] + bent[:, size:] / 2) @ away)
 
 
 def _lower(a: int, b: int) -> int:
@@ -336,9 +369,9 @@ def solve(cells: Cells, spread: Spread) -> tuple[Solution, CellSums]:
     """Integrate b out, or rather all that is needed to do so and to draw it back."""
     layout, sums = cells.arrangement, cell_sums(cells, spread)
     size, own = len(cells.slope), sorted(layout.inner)
-    prior = spread.locations**-2.0
+    prior, between = spread.precision()
     away = cells.mean - cells.reference
-    pulled = prior * away
+    pulled = spread.weigh(away)
     levels = len(layout.inner[own[0]]) if own else 1
     columns = [jnp.asarray(matrix) for matrix in layout.columns]
 
@@ -347,7 +380,7 @@ def solve(cells: Cells, spread: Spread) -> tuple[Solution, CellSums]:
 
     inner = small.cholesky(
         [
-            [by_level(sums.entry(a, b)) + (prior[layout.inner[a]] if a == b else 0.0) for b in own[: i + 1]]
+            [by_level(sums.entry(a, b)) + _prior_of(prior, between, layout, a, b) for b in own[: i + 1]]
             for i, a in enumerate(own)
         ]
     )
@@ -367,14 +400,20 @@ def solve(cells: Cells, spread: Spread) -> tuple[Solution, CellSums]:
     factor = jnp.linalg.cholesky(precision)
     half = solve_triangular(factor, toward, lower=True)
     log_evidence = (
-        cells.constant
-        + sums.constant.sum()
-        - jnp.log(spread.locations).sum()
+        (cells.level + sums.constant).sum()
+        - spread.log_scale()
         - sum(jnp.log(inner[i][i]).sum() for i in range(len(own)))
         - jnp.log(jnp.diagonal(factor)).sum()
         + (sum((h**2).sum() for h in inner_half) + (half**2).sum() - (pulled * away).sum()) / 2
     )
     return Solution(log_evidence, inner, coupling, inner_half, factor, half), sums
+
+
+def _prior_of(prior: Array, between: Array | None, layout: Arrangement, a: int, b: int) -> Array | float:
+    """Prior precision between a level's effects on parameters ``a`` and ``b``."""
+    if a == b:
+        return prior[layout.inner[a]]
+    return 0.0 if between is None else between
 
 
 def _across(sums: CellSums, a: int, matrix: Array, b: int, levels: int, size: int) -> Array:

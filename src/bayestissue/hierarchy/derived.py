@@ -42,15 +42,17 @@ def group_effect(design: Design, sites: Draws, group: str, response: str) -> np.
     return effects if group in design.responses[response].groups else np.zeros_like(effects)
 
 
-def common_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
+def common_logs(
+    design: Design, sites: Draws, response: str, rows: np.ndarray | slice = slice(None)
+) -> np.ndarray:
     """Intercept, mass and covariates: the expected log of a typical person's K or C, [chain, draw, row]."""
     part = design.responses[response]
-    expected = sites[f"intercept_{response}"][..., None] + np.zeros(len(design.subject))
+    expected = sites[f"intercept_{response}"][..., None] + np.zeros(len(design.subject[rows]))
     if part.log_mass is not None:
-        expected = expected + sites[f"mass_exponent_{response}"][..., None] * part.log_mass
+        expected = expected + sites[f"mass_exponent_{response}"][..., None] * part.log_mass[rows]
     if part.names:
         effects = sites[f"covariate_effect_{response}"][..., : len(part.names)]
-        expected = expected + effects @ part.covariates.T
+        expected = expected + effects @ part.covariates[rows].T
     return expected
 
 
@@ -66,16 +68,23 @@ def row_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
 def stiffness_and_damping(design: Design, sites: Draws) -> dict[str, np.ndarray]:
     """K and C of every row, person and condition; ``*_row`` [chain, draw, row] and so on.
 
-    A person's value is at the reference mass, a condition's is a typical person's. All are medians over
-    the impact's own scatter.
+    See `people_and_conditions`. All are medians over the impact's own scatter.
+    """
+    rows = {f"{response}_row": np.exp(row_logs(design, sites, response)) for response in RESPONSES}
+    return rows | people_and_conditions(design, sites)
+
+
+def people_and_conditions(design: Design, sites: Draws) -> dict[str, np.ndarray]:
+    """K and C of every person and condition, ``*_subject`` [chain, draw, subject] and ``*_trial``.
+
+    A person's value is at the reference mass, a condition's is a typical person's.
     """
     values = {}
     first = np.unique(design.trial, return_index=True)[1]
     for response in RESPONSES:
         intercept = sites[f"intercept_{response}"][..., None]
-        values[f"{response}_row"] = np.exp(row_logs(design, sites, response))
         values[f"{response}_subject"] = np.exp(intercept + group_effect(design, sites, "subject", response))
-        typical = common_logs(design, sites, response)[..., first]
+        typical = common_logs(design, sites, response, first)
         values[f"{response}_trial"] = np.exp(typical + group_effect(design, sites, "trial", response))
     return values
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import numpy as np
 import xarray as xr
@@ -42,6 +42,7 @@ _TRACE_ATTRIBUTES = {
         ("deceleration", "m/s^2", "deceleration of the impactor"),
         ("time", "s", "time since contact"),
         ("trace", "1", "log density of the impact's trace, its own parameters integrated out"),
+        ("traces", "1", "log density of all traces, the impacts' own parameters integrated out"),
         ("traces_of_subject", "1", "log density of a subject's traces, the subject's effects integrated out"),
         ("traces_of_trial", "1", "log density of a trial's traces, the trial's effects integrated out"),
         ("level_error", "m", "error of the displacement at contact"),
@@ -105,15 +106,16 @@ def labelled(
     coordinates: Mapping[str, list[str] | np.ndarray],
     *,
     sampled: bool = True,
+    kept: Collection[str] = (),
 ) -> xr.Dataset:
     """``arrays`` [chain, draw, ...] as a Dataset with named dimensions, units and meanings.
 
     ``dimensions`` gives what follows chain and draw; a name that it lacks is a scalar. With ``sampled``
-    false the arrays have no chain and draw.
+    false the arrays have no chain and draw; those named in ``kept`` have some draws only, "kept_draw".
     """
-    leading = ("chain", "draw") if sampled else ()
     variables = {}
     for name, values in arrays.items():
+        leading = ("chain", "kept_draw" if name in kept else "draw") if sampled else ()
         dims = (*leading, *dimensions.get(name, ()))
         variables[name] = xr.Variable(dims, np.asarray(values), ATTRIBUTES.get(name, {"unit": "1"}))
     used = {dimension for variable in variables.values() for dimension in variable.dims}

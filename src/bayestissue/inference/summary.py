@@ -31,8 +31,34 @@ def summarise(posterior: xr.Dataset) -> pd.DataFrame:
     """Moments, equal-tailed 50 % and 90 % intervals and reliability of every element of every variable.
 
     ``label`` joins the coordinates of the element's dimensions, such as ``7, s03``; the unit is the
-    variable's attribute.
+    variable's attribute. Of what has some draws only ("kept_draw"), drawn afresh for each of them, no chain
+    has to be judged: its sample sizes and R-hat are left open.
     """
+    table = _of_chains(posterior.drop_dims("kept_draw", errors="ignore"))
+    if "kept_draw" not in posterior.dims:
+        return table
+    kept = [name for name, array in posterior.data_vars.items() if "kept_draw" in array.dims]
+    return pd.concat([table, *(_of_kept(str(name), posterior[name]) for name in kept)], ignore_index=True)
+
+
+def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
+    labels = array.dims[2]
+    draws = array.transpose("chain", "kept_draw", labels).to_numpy()
+    draws = draws.reshape(-1, draws.shape[2])
+    sd = draws.std(0, ddof=1, dtype=float)
+    columns = {
+        "variable": name,
+        "label": array[labels].to_numpy().astype(str),
+        "unit": array.attrs.get("unit", ""),
+        "mean": draws.mean(0, dtype=float),
+        "sd": sd,
+        "mcse_mean": sd / np.sqrt(len(draws)),
+        **dict(zip(QUANTILES, np.quantile(draws, list(QUANTILES.values()), axis=0), strict=True)),
+    }
+    return pd.DataFrame(columns).reindex(columns=COLUMNS)
+
+
+def _of_chains(posterior: xr.Dataset) -> pd.DataFrame:
     import arviz as az
 
     over = ["chain", "draw"]

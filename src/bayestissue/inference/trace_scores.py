@@ -39,15 +39,24 @@ def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
 def densities_of(tree: xr.DataTree, dimension: str) -> xr.DataTree:
     """The posterior with the log densities of one scheme alone ("impact", "subject" or "trial")."""
     _, group, variable = SCHEMES[dimension]
-    return xr.DataTree.from_dict(
-        {"posterior": tree["posterior"].dataset, "log_likelihood": tree[group].dataset[[variable]]}
-    )
+    posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
+    return xr.DataTree.from_dict({"posterior": posterior, "log_likelihood": tree[group].dataset[[variable]]})
 
 
 def prior_sensitivity(tree: xr.DataTree) -> pd.DataFrame:
     """Power-scaling sensitivity of population quantities to priors and data (Kallioinen et al. 2024)."""
     import arviz as az
 
+    together = tree["log_likelihood_of_groups"].dataset
+    if "traces" in together:
+        # Of many impacts only some have log densities of their own; the data are all of them.
+        tree = xr.DataTree.from_dict(
+            {
+                "posterior": tree["posterior"].dataset.drop_dims("kept_draw"),
+                "log_prior": tree["log_prior"].dataset,
+                "log_likelihood": together[["traces"]],
+            }
+        )
     posterior = tree["posterior"].dataset
     names = [name for name, array in posterior.data_vars.items() if array.ndim == 2]
     # The table's own column says what ArviZ would say in the log.

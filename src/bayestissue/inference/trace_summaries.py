@@ -33,7 +33,11 @@ class Anchor(NamedTuple):
 
 @partial(jax.jit, static_argnames="model")
 def summarise_traces(
-    model: TraceModel, data: TraceData, start: Float[Array, "impact parameter"], anchor: Anchor
+    model: TraceModel,
+    data: TraceData,
+    start: Float[Array, "impact parameter"],
+    anchor: Anchor,
+    iterations: int = ITERATIONS,
 ) -> Summaries:
     """Expand each log likelihood to second order where it, times the anchor, is greatest.
 
@@ -45,6 +49,7 @@ def summarise_traces(
         data: the dataset.
         start: first guess.
         anchor: prior that keeps an impact whose trace says little where the others are.
+        iterations: steps tried.
     """
     size = start.shape[1]
 
@@ -80,7 +85,7 @@ def summarise_traces(
         return u, jnp.where(better, value, best), jnp.maximum(damping, 1e-14)
 
     begin = (start, target(start), jnp.full(start.shape[0], 1e-4))
-    u, _, _ = jax.lax.fori_loop(0, ITERATIONS, step, begin)
+    u, _, _ = jax.lax.fori_loop(0, iterations, step, begin)
     slope, curvature = bend(u)
     values, axes = jnp.linalg.eigh(curvature)
     precision = jnp.einsum("iab,ib,icb->iac", axes, jnp.maximum(values, 1e-9), axes)

@@ -23,6 +23,7 @@ from bayestissue.hierarchy.traces import (
     trace_distribution,
 )
 from bayestissue.inference.labels import labelled, labelled_statistics
+from bayestissue.inference.many_draws import some_impacts, some_of
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.trace_draws import Unfolded, named_sites, thinned
 from bayestissue.likelihood.deceleration import DecelerationRecord
@@ -45,22 +46,38 @@ def posterior_tree(
     unfolded: Unfolded,
     seed: int,
 ) -> xr.DataTree:
-    """All groups of a finished fit; see `bayestissue.inference.labels` for units and meanings."""
+    """All groups of a finished fit; see `bayestissue.inference.labels` for units and meanings.
+
+    Where impacts are many, theirs are the draws that were kept, along a dimension of their own, and what
+    multiplies draws by impacts once more (predictions, priors, log densities) is of some impacts.
+    """
     rng = np.random.default_rng(seed)
     put = partial(labelled, dimensions=_dimensions(), coordinates=_coordinates(prepared))
-    quantities = _quantities(prepared, unfolded.sites, unfolded.impacts, rng)
+    every, whole = put, prepared
+    if unfolded.kept is not None:
+        rows = some_impacts(len(prepared.impacts))
+        prepared = some_of(prepared, rows)
+        fewer = {**_coordinates(prepared), "kept_draw": unfolded.kept}
+        put = partial(labelled, dimensions=_dimensions(), coordinates=fewer)
+        every = partial(
+            labelled,
+            dimensions=_dimensions(),
+            coordinates={**_coordinates(whole), "kept_draw": unfolded.kept},
+            kept=frozenset({*PER_IMPACT, *(name for names in ERRORS.values() for name in names)}),
+        )
+    quantities = _quantities(whole, unfolded.sites, unfolded.impacts, rng)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
     priors = specification.priors.log_densities({k: v for k, v in unfolded.sites.items() if k in quantities})
     log_likelihood = unfolded.log_likelihood
     groups = {
-        "posterior": put(quantities),
+        "posterior": every(quantities),
         "sample_stats": labelled_statistics(draws),
         "log_likelihood": put({"trace": log_likelihood["trace"]}),
         "log_likelihood_of_groups": put({k: v for k, v in log_likelihood.items() if k != "trace"}),
         "log_prior": put({name: np.asarray(v) for name, v in priors.items()}),
         "posterior_predictive": put(_predicted(prepared, unfolded, seed)),
         "observed_data": put(_observed(prepared), sampled=False),
-        "constant_data": put(_constants(prepared), sampled=False),
+        "constant_data": every(_constants(whole), sampled=False),
         **_prior_groups(prepared, put, seed, rng),
     }
     return xr.DataTree.from_dict(groups)
@@ -100,8 +117,7 @@ def _quantities(
     values = derived.reported_sites(design, sites)
     for name in prepared.model.nuisance:
         values |= {f"{name}_mean": sites[f"{name}_mean"], f"sd_{name}": sites[f"sd_{name}"]}
-    made = derived.stiffness_and_damping(design, sites)
-    values |= {f"{q}_{group}": made[f"{q}_{group}"] for q in RESPONSES for group in GROUPS}
+    values |= derived.people_and_conditions(design, sites)
     values |= {name: impacts[name] for name in PER_IMPACT if name in impacts}
     if "chain_error" in impacts:
         names = _error_names(prepared)
@@ -115,7 +131,10 @@ def _error_names(prepared: Prepared) -> tuple[str, str, str]:
 
 
 def _predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, np.ndarray]:
-    some = thinned({"u": unfolded.impacts["parameters"]}, PREDICTIVE_DRAWS)["u"]
+    parameters = unfolded.impacts["parameters"]
+    if unfolded.kept is not None:
+        parameters = parameters[:, :, some_impacts(parameters.shape[2])].astype(float)
+    some = thinned({"u": parameters}, PREDICTIVE_DRAWS)["u"]
     flat = jnp.asarray(some.reshape(-1, *some.shape[2:]))
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), len(flat))
     made = _replicates(prepared.model, prepared.data, flat, keys)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -17,13 +18,15 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import sampled_model
+from bayestissue.hierarchy.traces import sampled_model, warped
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.diagnostics import diagnose
+from bayestissue.inference.many_draws import MANY, many_draws
+from bayestissue.inference.many_summaries import summarise_many
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.summary import summarise as summary_table
 from bayestissue.inference.summary_path import Correction, summary_draws
-from bayestissue.inference.trace_draws import unfold
+from bayestissue.inference.trace_draws import Unfolded, unfold
 from bayestissue.inference.trace_scores import cross_validation, prior_sensitivity
 from bayestissue.inference.trace_start import Summarised, summarise
 from bayestissue.inference.trace_tree import posterior_tree
@@ -60,12 +63,19 @@ def fit_traces(
         say: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
 
+    Many impacts go by a summary path of their own, unless the model file says "exact": see
+    `bayestissue.inference.many_draws`.
+
     By the summary path the population is sampled with each trace's summary in its place, and the draws are
     then corrected; "automatic" goes on to the exact path, every trace in every step, where the Pareto k of
     the correction says that it can't be trusted.
     """
     done = partial(say, "summarising each trace")
     done(0, 1)
+    if specification.sampler.path != "exact" and len(prepared.impacts) >= MANY:
+        many = summarise_many(prepared, say=done)
+        drawn, unfolded, corrected = many_draws(prepared, many, specification.sampler, seed, say)
+        return analyse(prepared, specification, unfolded, drawn, seed, say, corrected)
     summarised = summarise(prepared, say=done)
     path, settings = specification.sampler.path, specification.sampler
     correction = None
@@ -78,13 +88,16 @@ def fit_traces(
     if path == "exact":
         draws = run_chains(
             partial(sampled_model, prepared.model),
-            (prepared.data, summarised.summaries),
+            (prepared.data, summarised.summaries, summarised.warp),
             start_of(prepared, summarised),
             settings,
             seed,
             progress=partial(say, "sampling the posterior"),
             checkpoints=checkpoints,
         )
+        if summarised.warp is not None:
+            straight = warped(jnp.asarray(draws.sites["standard_locations"]), summarised.warp)
+            draws.sites["standard_locations"] = np.asarray(straight)
         correction = None
     return label(prepared, specification, summarised.summaries, draws, seed, say, correction)
 
@@ -114,6 +127,19 @@ def label(
     """Everything that follows from the draws."""
     say("predicting", 0, 1)
     unfolded = unfold(prepared, summaries, draws, jax.random.PRNGKey(seed))
+    return analyse(prepared, specification, unfolded, draws, seed, say, correction)
+
+
+def analyse(
+    prepared: Prepared,
+    specification: ModelSpecification,
+    unfolded: Unfolded,
+    draws: Draws,
+    seed: int,
+    say: Say,
+    correction: Correction | None = None,
+) -> TraceAnalysis:
+    """Labels, tables, checks and scores of draws of everything."""
     tree = posterior_tree(prepared, specification, draws, unfolded, seed)
     posterior = tree["posterior"].dataset
     exponents = {
@@ -125,8 +151,14 @@ def label(
     return TraceAnalysis(
         tree,
         summary_table(posterior),
-        diagnose(tree, () if correction is None else (correction.check(),)),
+        diagnose(_of_chains(tree), () if correction is None else (correction.check(),)),
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         cross_validation(tree),
         prior_sensitivity(tree),
     )
+
+
+def _of_chains(tree: xr.DataTree) -> xr.DataTree:
+    """Without what is drawn afresh for each kept draw, which no chain has made."""
+    posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
+    return xr.DataTree.from_dict({"posterior": posterior, "sample_stats": tree["sample_stats"].dataset})
