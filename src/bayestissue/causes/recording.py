@@ -41,8 +41,9 @@ def decelerations(
     which, p, y = _path(element, parameters, mass, velocity, first_time, dt, count)
     columns = {name: value if value.ndim == 0 else value[:, None] for name, value in p.items()}
     d = deceleration_of(which, columns, mass[:, None], y)
-    pushed = jnp.cumsum(d <= 0, axis=1) == 0
-    return jnp.where(pushed, d, 0.0)
+    has_pushed = jnp.cumsum(d > 0, axis=1) > 0
+    let_go = jnp.cumsum((d <= 0) & has_pushed, axis=1) > 0
+    return jnp.where(let_go, 0.0, jnp.maximum(d, 0.0))
 
 
 @partial(jax.jit, static_argnames="element")
