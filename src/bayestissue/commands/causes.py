@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from bayestissue import resources, results, runtime
+from bayestissue.errors import InputError
 
 if TYPE_CHECKING:
     from bayestissue.causes.subject import Subject
@@ -95,6 +96,10 @@ def run(
                 kept=kept,
                 progress=lambda done, total: say("simulating campaigns", done, total),
             )
+        except InputError:
+            if not any(kept.glob("*.parquet")):
+                shutil.rmtree(kept)
+            raise
         except KeyboardInterrupt:
             if not quiet:
                 typer.echo("interrupted; run the same command again to go on from here", err=True)
