@@ -86,10 +86,18 @@ def declared_words(run: FitRun) -> str:
         for name, (words, shown) in _DECLARED.items()
         if given.get(name)
     ]
-    return f"Declared standard deviations: {listed(parts)}." if parts else (
-        "The dataset declares no uncertainty of its measuring chain, so mass, velocity, gain and zero are "
-        "taken as exact: the intervals of K and C are narrower than the truth if they are not."
-    )  # fmt: skip
+    if not parts:
+        return (
+            "The dataset declares no uncertainty of its measuring chain, so mass, velocity, gain and zero "
+            "are taken as exact: the intervals of K and C are narrower than the truth if they are not."
+        )
+    persons = ""
+    if run.about.get("model", {}).get("mass_error") == "subject" and given.get("relative_mass_sd"):
+        persons = (
+            " The error of the mass is a person's, the same in all of the person's impacts, so that K and C "
+            "of a person are no surer than that mass."
+        )
+    return f"Declared standard deviations: {listed(parts)}.{persons}"
 
 
 def left_out_summary(run: FitRun) -> Table:
