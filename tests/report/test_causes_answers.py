@@ -25,7 +25,12 @@ def run(
     compared = ["yes", "yes", "yes", "yes" if level else "no"]
     return CausesRun(
         about={
-            "model": {"causes": {name: {"mechanism": words} for name, words in MECHANISMS.items()}},
+            "model": {
+                "causes": {
+                    name: {"mechanism": mechanism, "after_the_fact": name == "own_time"}
+                    for name, mechanism in MECHANISMS.items()
+                }
+            },
             "subject": {"title": "the estimates"},
         },
         causes=causes,
@@ -81,6 +86,13 @@ def test_what_is_left_open() -> None:
     # g / 24 s^-2 is 41 cm.
     assert any("a pendulum of 41 cm" in words for words in told)
     assert len(ruled_out(run((0.4, 0.002, 0.002), (0.9, 0.1, 0.0)))) == 2
+
+
+def test_a_cause_made_for_the_numbers_says_so() -> None:
+    told = cannot_tell(run((0.4, 0.002, 0.002), (0.9, 0.08, 0.02)))
+    assert "after seeing these numbers" in told[0]
+    assert "Without it the likeliest is “tense muscles” (p below 0.004), with 0.80 of their" in told[0]
+    assert "seeing" not in cannot_tell(run((0.002, 0.4, 0.002), (0.1, 0.8, 0.1)))[0]
 
 
 @pytest.mark.parametrize(

@@ -110,6 +110,9 @@ class Cause(_Table):
     mechanism: Mechanism
     words: Annotated[str, Field(min_length=1)]
     driver: Driver | None = None
+    after_the_fact: bool = Field(
+        default=False, description="whether it was proposed by people who had seen what it is to explain"
+    )
     strength: dict[str, Range] = {}
 
     @model_validator(mode="after")

@@ -147,9 +147,33 @@ def alike(run: CausesRun) -> list[tuple[str, str]]:
     ]
 
 
+def alike_words(run: CausesRun) -> str:
+    """Which causes can't be told from each other; empty if all can."""
+    named = "; ".join(f"“{a}” and “{b}”" for a, b in alike(run))
+    return (
+        f"These look alike, and no such table of estimates can tell one from the other: {named}."
+        if named
+        else ""
+    )
+
+
+def _hindsight(run: CausesRun) -> str:
+    """What becomes of the answer without the likeliest cause, if that was proposed in view of the data."""
+    best, *others = run.causes.sort_values("probability", ascending=False).to_dict("records")
+    if not others or not run.about["model"]["causes"][best["cause"]].get("after_the_fact"):
+        return ""
+    rest = sum(float(row["probability"]) for row in others)
+    share = f", with {probability(others[0]['probability'] / rest)} of their probability" if rest > 0 else ""
+    return (
+        f"How probable “{best['title']}” was beforehand: it was proposed, and its ranges set, after seeing "
+        f"these numbers. Without it the likeliest is “{others[0]['title']}” (p {_relation(others[0])}){share}."
+    )
+
+
 def cannot_tell(run: CausesRun) -> list[str]:
     """What the numbers leave open."""
-    words = [
+    words = [hindsight] if (hindsight := _hindsight(run)) else []
+    words += [
         "Whether several causes acted together, or one that is not in the list: probabilities compare the "
         "listed ones, p-values judge each by itself."
     ]
@@ -158,9 +182,6 @@ def cannot_tell(run: CausesRun) -> list[str]:
             "How far to trust the probabilities: what was observed lies at the edge of every cause’s "
             "campaigns, where few decide."
         )
-    if pairs := alike(run):
-        named = "; ".join(f"“{a}” and “{b}”" for a, b in pairs)
-        words.append(f"These from each other, since their campaigns look alike: {named}.")
     if LEVEL not in run.compared:
         length = _GRAVITY / run.value(LEVEL)
         words.append(

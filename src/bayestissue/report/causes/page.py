@@ -46,6 +46,7 @@ def causes_page(folder: Path, about: dict[str, Any]) -> str:
         ],
         ruled_out=answers.ruled_out(run),
         cannot_tell=answers.cannot_tell(run),
+        alike=answers.alike_words(run),
         causes_table=tables.causes_table(run),
         probability_plot=figures.probability_figure(run),
         predictive_plots=[figures.predictive_figure(run, name) for name in run.statistics],
