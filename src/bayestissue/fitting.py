@@ -204,8 +204,15 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "input_hash": data.input_hash,
         "started": fit.started.isoformat(timespec="seconds"),
         "wall_time_s": round(fit.wall_time_s, 1),
+        **_kept_of_impacts(fit),
         "verdict": {"passed": fit.diagnostics["passed"], "words": fit.verdict},
     }
+
+
+def _kept_of_impacts(fit: Fit) -> dict[str, int]:
+    """How many draws of a single impact there are, where they are fewer than the population's."""
+    sizes = fit.posterior["posterior"].sizes
+    return {"kept_draws_of_an_impact": sizes["chain"] * sizes["kept_draw"]} if "kept_draw" in sizes else {}
 
 
 def _silent(stage: str, done: int, total: int) -> None:

@@ -31,8 +31,7 @@ from bayestissue.inference.many_summaries import ManySummarised, cells_model
 from bayestissue.inference.sampling import Draws, Progress
 from bayestissue.inference.summary_path import CANDIDATES, Correction
 from bayestissue.inference.trace_blocks import impacts_of, in_blocks
-from bayestissue.inference.trace_correction import POINTS
-from bayestissue.inference.trace_correction import pareto_smoothed
+from bayestissue.inference.trace_correction import POINTS, pareto_smoothed
 from bayestissue.inference.trace_draws import (
     Unfolded,
     error_of_people,
@@ -43,9 +42,9 @@ from bayestissue.inference.trace_draws import (
 )
 
 MANY = 5000
-MOST_VALUES = 20_000_000
+MOST_VALUES = 10_000_000
 SHOWN = 1000
-CHECKS = 100
+CHECKS = 40
 
 
 def some_impacts(count: int) -> Int[np.ndarray, " shown"]:

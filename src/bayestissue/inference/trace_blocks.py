@@ -2,20 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import tempfile
+from collections.abc import Callable, Sequence
+from concurrent.futures import wait
+from pathlib import Path
 from typing import Any
 
 import jax
 import numpy as np
 from jaxtyping import Int
 
+from bayestissue import runtime
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.sampling import Progress, silent
+from bayestissue.results import whole_file
 
 BLOCK = 512
+# With fewer blocks a second process takes longer to begin than it saves.
+_FEW = 40
+Rows = Int[np.ndarray, " row"]
+OfBlock = Callable[[TraceData, Rows], Any]
 
 
-def impacts_of(data: TraceData, rows: Int[np.ndarray, " row"]) -> TraceData:
+def impacts_of(data: TraceData, rows: Rows) -> TraceData:
     """Some impacts' traces, masses and cells."""
 
     def chosen(leaf: Any) -> Any:
@@ -31,24 +40,64 @@ def impacts_of(data: TraceData, rows: Int[np.ndarray, " row"]) -> TraceData:
     )
 
 
-def in_blocks(
-    data: TraceData, function: Callable[[TraceData, np.ndarray], Any], *, progress: Progress = silent
-) -> Any:
+def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent) -> Any:
     """What ``function`` makes of each block and its rows, one after another along the first axis.
 
     Every block has the same number of impacts, so that one compilation serves all: the last is filled up
-    with its last impact. ``progress`` is told how many are done, and of how many.
+    with its last impact. Many blocks are shared out over worker processes, one a core, bound as chains are.
+    ``progress`` is told how many blocks are done, and of how many.
     """
     count = len(data.log_mass)
     blocks = -(-count // BLOCK)
     size = -(-count // blocks)
     # The design matrices stay behind: what is done block by block is told X b.
     data = data._replace(design=data.design._replace(columns=()))
+    rows = [np.minimum(np.arange(number * size, (number + 1) * size), count - 1) for number in range(blocks)]
+    if jax.default_backend() == "cpu" and runtime.cores() > 1 and blocks >= _FEW:
+        parts = _in_processes(data, function, rows, progress)
+    else:
+        parts = []
+        for each in rows:
+            parts.append(_of_block(function, impacts_of(data, each), each))
+            progress(len(parts), blocks)
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *parts)
+
+
+def _of_block(function: OfBlock, part: TraceData, rows: Rows) -> Any:
+    return jax.tree.map(np.asarray, function(part, rows))
+
+
+def _in_processes(data: TraceData, function: OfBlock, rows: list[Rows], progress: Progress) -> list[Any]:
+    from loky import ProcessPoolExecutor
+
+    workers, blocks = min(runtime.cores(), len(rows)), len(rows)
+    shares = [part.tolist() for part in np.array_split(np.arange(blocks), workers)]
+    with tempfile.TemporaryDirectory() as told:
+        counts = [Path(told) / f"{number}" for number in range(workers)]
+        pool = ProcessPoolExecutor(workers, initializer=runtime.settle, initargs=(told, runtime.CORES))
+        try:
+            futures = []
+            for share, path in zip(shares, counts, strict=True):
+                own = [rows[number] for number in share]
+                first = int(own[0][0])
+                part = impacts_of(data, np.arange(first, int(own[-1][-1]) + 1))
+                futures.append(pool.submit(_share, function, part, own, first, path))
+            while wait(futures, timeout=0.5).not_done:
+                progress(sum(int(path.read_text() or 0) for path in counts if path.is_file()), blocks)
+                if any(future.done() and future.exception() for future in futures):
+                    break
+            parts = [part for future in futures for part in future.result()]
+        finally:
+            pool.shutdown(wait=True, kill_workers=True)
+    progress(blocks, blocks)
+    return parts
+
+
+def _share(function: OfBlock, data: TraceData, rows: Sequence[Rows], first: int, told: Path) -> list[Any]:
+    """What one worker does: its blocks, whose impacts ``data`` holds from number ``first`` on."""
     parts = []
-    for number in range(blocks):
-        rows = np.minimum(np.arange(number * size, (number + 1) * size), count - 1)
-        part = jax.tree.map(np.asarray, function(impacts_of(data, rows), rows))
-        kept = min(size, count - number * size)
-        parts.append(jax.tree.map(lambda leaf: leaf[:kept], part))  # noqa: B023
-        progress(number + 1, blocks)
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    for each in rows:
+        parts.append(_of_block(function, impacts_of(data, each - first), each))
+        with whole_file(told) as staging:
+            staging.write_text(str(len(parts)))
+    return parts

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from bayestissue.report.fit.estimates import side_by_side
+from bayestissue.report.fit.estimates import shown_rows, side_by_side
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
 from bayestissue.report.posterior_figures import NAMES
@@ -21,12 +21,13 @@ _EXACT, _DDS = PALETTE[1], PALETTE[3]
 
 
 def estimates_figure(run: FitRun, quantity: str) -> Markup:
-    """All impacts in the order of their posterior median: the values, and how far each is off the posterior.
+    """Impacts in the order of their posterior median: the values, and how far each is off the posterior.
 
     Above, on a log scale, both methods' estimates; below, in percent of the posterior median, its 50 % and
     90 % intervals with what lies near them.
     """
-    table = side_by_side(run, quantity).sort_values("median", kind="stable")
+    every = side_by_side(run, quantity)
+    table = shown_rows(every.sort_values("median", kind="stable"))
     place = np.arange(len(table))
     with style():
         fig, (above, below) = new_figure((9.6, 5.6), 2, 1, sharex=True)
@@ -48,9 +49,10 @@ def estimates_figure(run: FitRun, quantity: str) -> Markup:
         ]
         fig.legend(*zip(*marks, strict=True), loc="outside upper left", ncols=len(marks))
         note = f" {off_scale} estimates lie off the lower scale." if off_scale else ""
+        whose = "every impact" if len(table) == len(every) else f"{len(table)} of {len(every)} impacts"
         return figure(
             fig,
-            f"{NAMES[quantity]} of every impact by posterior, by both point estimates and, where known, the "
+            f"{NAMES[quantity]} of {whose} by posterior, by both point estimates and, where known, the "
             f"truth: values above, deviations from the posterior median below.{note}",
             raster=True,
         )

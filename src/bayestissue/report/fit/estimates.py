@@ -15,6 +15,7 @@ from bayestissue.report.wording import UNITS, significant
 
 METHODS = {"exact": "estimates_exact", "dds": "estimates_dds"}
 MOST_ROWS = 300
+_MOST_DRAWN = 1000
 _MASS_MUST_VARY = 1.01
 
 
@@ -31,6 +32,11 @@ def side_by_side(run: FitRun, quantity: str) -> pd.DataFrame:
     known = None if run.truth is None else run.truth.set_index("impact")[COLUMN[quantity]]
     table["truth"] = np.nan if known is None else known.reindex(table.index)
     return table
+
+
+def shown_rows(table: pd.DataFrame) -> pd.DataFrame:
+    """The rows that a figure shows: all, or a thousand evenly spaced ones if there are more."""
+    return table.iloc[np.unique(np.linspace(0, len(table) - 1, min(len(table), _MOST_DRAWN)).astype(int))]
 
 
 @dataclass(frozen=True)
@@ -97,14 +103,14 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
 
 def estimates_table(run: FitRun) -> Table:
     """Posterior beside the point estimates and, where known, the truth, of the first 300 impacts."""
-    tables = {quantity: side_by_side(run, quantity) for quantity in QUANTITIES}
+    tables = {quantity: side_by_side(run, quantity)[:MOST_ROWS] for quantity in QUANTITIES}
     known = run.truth is not None
     titles = ["impact", "person", "condition", "M (kg)"]
     cells: list[list[str]] = [
-        run.impacts,
-        [str(name) for name in run.constant("impact_subject")],
-        [str(name) for name in run.constant("impact_trial")],
-        [f"{mass:.3f}" for mass in run.constant("mass_kg")],
+        run.impacts[:MOST_ROWS],
+        [str(name) for name in run.constant("impact_subject")[:MOST_ROWS]],
+        [str(name) for name in run.constant("impact_trial")[:MOST_ROWS]],
+        [f"{mass:.3f}" for mass in run.constant("mass_kg")[:MOST_ROWS]],
     ]
     for quantity, table in tables.items():
         spreads = [Spread(*row) for row in table[["median", "eti90_low", "eti90_high"]].to_numpy()]
@@ -119,6 +125,4 @@ def estimates_table(run: FitRun) -> Table:
         if known:
             titles.append(f"true {quantity}")
             cells.append([significant(value, 4) for value in table["truth"]])
-    return Table(
-        columns(*titles, number=titles[3:]), [Row(row) for row in list(zip(*cells, strict=True))[:MOST_ROWS]]
-    )
+    return Table(columns(*titles, number=titles[3:]), [Row(row) for row in zip(*cells, strict=True)])

@@ -86,6 +86,7 @@ def _impacts(run: FitRun) -> dict[str, Any]:
         "estimate_plots": [estimates_figure(run, quantity) for quantity in posterior.QUANTITIES],
         "estimates_table": estimates.estimates_table(run),
         "held_table": tables.held_table(held),
+        "thinned": words.thinned(run),
     }
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from bayestissue.report.fit.estimates import apparent_exponent, side_by_side
+from bayestissue.report.fit.estimates import apparent_exponent, shown_rows, side_by_side
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
 from bayestissue.report.posterior import QUANTITIES, Quantity
@@ -75,18 +75,19 @@ def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
     mass = run.constant("mass_kg")
     grid = np.geomspace(0.93 * mass.min(), 1.07 * mass.max(), _GRID)
     ratio = np.log(grid / run.reference_mass)
-    table = side_by_side(run, quantity)
+    table = shown_rows(side_by_side(run, quantity).assign(mass=mass))
     apparent = apparent_exponent(run, quantity)
     level = float(np.median(np.exp(run.draws(f"intercept_{quantity}"))))
     with style():
         fig, axes = new_figure((4.8, 4.2))
         axes.plot(
-            mass, table["dds"], "D", ms=3, mfc="none", mew=0.7, color=PUBLISHED, label="thesis's method (dds)"
-        )
+            table["mass"], table["dds"], "D", ms=3, mfc="none", mew=0.7, color=PUBLISHED,
+            label="thesis's method (dds)",
+        )  # fmt: skip
         if apparent:
             line = np.exp(apparent.intercept + apparent.slope.median * ratio)
             axes.plot(grid, line, color=PUBLISHED, lw=1.2)
-        axes.plot(mass, table["median"], ".", ms=3.5, color=MUTED, label="impact, posterior median")
+        axes.plot(table["mass"], table["median"], ".", ms=3.5, color=MUTED, label="impact, posterior median")
         at, drawn = _conditions(run, quantity)
         low, median, high = np.percentile(drawn, [5, 50, 95], axis=0)
         axes.errorbar(

@@ -17,18 +17,22 @@ _SCALES = {"deceleration": ("m/s²", 1.0), "displacement": ("mm", 1e3)}
 
 
 def traces_figure(run: FitRun, which: list[int]) -> Markup:
-    """For each impact in ``which``: the measured trace over its predictive band, and under it the rest."""
+    """For each of ``which``: the measured trace over its predictive band, and under it the rest.
+
+    They are numbers among the impacts that have predictions.
+    """
     rows = -(-len(which) // _COLUMNS)
     unit, scale = _SCALES[run.shown]
     replicates = scale * run.draws(run.shown, "posterior_predictive")[:, which]
     bands = np.percentile(replicates, [5, 25, 50, 75, 95], axis=0)
     measured = scale * run.groups["observed_data"][run.shown].to_numpy()[which]
-    time = 1e3 * run.constant("time")[which]
+    rows_of_run = run.predicted[which]
+    time = 1e3 * run.constant("time")[rows_of_run]
     with style():
         fig, axes = new_figure(
             (9.6, 0.7 + 2.3 * rows), 2 * rows, _COLUMNS, squeeze=False, height_ratios=[2, 1] * rows
         )
-        for at, index in enumerate(which):
+        for at, index in enumerate(rows_of_run):
             row, column = divmod(at, _COLUMNS)
             above, below = axes[2 * row, column], axes[2 * row + 1, column]
             _panel(above, below, time[at], measured[at], bands[:, at])

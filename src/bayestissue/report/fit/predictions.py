@@ -78,12 +78,12 @@ def _lag_one(
 
 def residuals(run: FitRun) -> Residuals:
     """The residuals of every impact, or of 250 evenly spaced ones if there are more."""
-    count = len(run.impacts)
+    count = len(run.predicted)
     which = np.unique(np.linspace(0, count - 1, min(count, _MOST_TESTED)).round().astype(int))
     replicates = run.draws(run.shown, "posterior_predictive")[:, which].astype(float)
     middle = np.median(replicates, axis=0)
     measured = run.groups["observed_data"][run.shown].to_numpy()[which]
-    return Residuals(measured - middle, replicates - middle, which)
+    return Residuals(measured - middle, replicates - middle, run.predicted[which])
 
 
 def inside_band(left: Residuals) -> float:
@@ -94,8 +94,11 @@ def inside_band(left: Residuals) -> float:
 
 
 def chosen_impacts(run: FitRun) -> list[int]:
-    """Nine impacts at even steps of rank from the softest to the stiffest, by posterior median of K."""
-    order = np.argsort(run.of_impacts("K")["median"].to_numpy(), kind="stable")
+    """Nine impacts at even steps of rank from the softest to the stiffest, by posterior median of K.
+
+    Numbers among those that have predictions.
+    """
+    order = np.argsort(run.of_impacts("K")["median"].to_numpy()[run.predicted], kind="stable")
     steps = np.linspace(0, len(order) - 1, min(PANELS, len(order))).round().astype(int)
     return [int(order[step]) for step in np.unique(steps)]
 

@@ -89,6 +89,19 @@ class FitRun:
         return [str(label) for label in self.groups["constant_data"]["impact"].to_numpy()]
 
     @property
+    def predicted(self) -> np.ndarray:
+        """The rows of `impacts` that have predicted traces: all, or some where impacts are many."""
+        names = self.groups["posterior_predictive"]["impact"].to_numpy().astype(str)
+        places = pd.Index(self.impacts).get_indexer(names)
+        return np.asarray(places)
+
+    @property
+    def kept(self) -> int | None:
+        """How many draws of each single impact were kept; None if all."""
+        kept = self.about.get("kept_draws_of_an_impact")
+        return None if kept is None else int(kept)
+
+    @property
     def reference_mass(self) -> float:
         """The mass in kg at which people are reported."""
         given = self.about.get("model", {}).get("reference_mass_kg")

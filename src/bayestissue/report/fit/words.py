@@ -42,6 +42,9 @@ _NOISE = {
     "ARMA(2,1): where the sensor's noise is not small, the intervals of K and C promise more than they "
     "hold. models/impact.toml has white noise, but of a recorded deceleration, which these data lack.",
 }
+# Of a normal's 5 % point from one draw, over the width from there to its 95 % point: the error of a quantile
+# is (p (1 - p))^1/2 over the density there.
+_ERROR_OF_END = 0.642
 _SHAPE = (
     "No spring and damper of constant K and C is a tissue: stiffening, bottoming out on bone and reflexes "
     "are not in this model, and show as structure in the residuals."
@@ -79,6 +82,19 @@ def limits(run: FitRun) -> list[str]:
         near = int((theta1["median"] < -0.99).sum())
         paragraphs.append(f"Here θ₁ lies below −0.99 in {near} of {len(theta1)} impacts (posterior median).")
     return [*paragraphs, _SHAPE]
+
+
+def thinned(run: FitRun) -> str:
+    """What was kept of single impacts, where they are too many to keep everything; else empty."""
+    if run.kept is None:
+        return ""
+    return (
+        f"Impacts are many. Of each of them {run.kept} draws are kept, evenly spaced among the population's, "
+        "of which all are kept; so few draws tell the ends of an impact's 90 % interval to "
+        f"{percent(_ERROR_OF_END / np.sqrt(run.kept))} of its width. Predictions, leaving one impact out "
+        f"and priors of impacts are of {len(run.predicted)} evenly spaced impacts; figures show at most a "
+        "thousand."
+    )
 
 
 def coverage_table(run: FitRun) -> Table | None:
