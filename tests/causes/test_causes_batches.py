@@ -55,7 +55,7 @@ def test_tissue_is_drawn_from_its_prior() -> None:
 
 @pytest.mark.parametrize(
     ("element", "extra"),
-    [("wall", {"thickness_m": 0.03}), ("stiffening", {"stiffening_depth_m": 0.02}), ("maxwell", {})],
+    [("wall", {"thickness_m": 0.03}), ("maxwell", {})],
 )
 def test_recordings_are_impacts_on_the_element(element: str, extra: dict[str, float]) -> None:
     mass, velocity = np.array([0.5, 1.2]), np.array([1.2, 1.7])

@@ -165,8 +165,9 @@ def _hindsight(run: CausesRun) -> str:
     rest = sum(float(row["probability"]) for row in others)
     share = f", with {probability(others[0]['probability'] / rest)} of their probability" if rest > 0 else ""
     return (
-        f"How probable “{best['title']}” was beforehand: it was proposed, and its ranges set, after seeing "
-        f"these numbers. Without it the likeliest is “{others[0]['title']}” (p {_relation(others[0])}){share}."
+        f"How probable “{best['title']}” was beforehand: it was proposed, and its ranges set, with these "
+        f"numbers in view. Without it the likeliest is “{others[0]['title']}” "
+        f"(p {_relation(others[0])}){share}."
     )
 
 
