@@ -37,7 +37,6 @@ from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import (
     constrained,
     from_standard,
-    physical,
     population,
     sampled_model,
     trace_distribution,
@@ -49,7 +48,6 @@ from bayestissue.inference.summary_path import summary_draws
 from bayestissue.inference.trace_draws import unfold
 from bayestissue.inference.trace_start import Summarised, summarise
 from bayestissue.inference.traces import start_of
-from bayestissue.likelihood.linear_errors import draw_errors
 from bayestissue.resources import shared
 from likelihood import machine
 
@@ -57,7 +55,7 @@ HERE = Path(__file__).parent
 SEED, CHAINS = 1, 4
 USUAL = "4 chains of 400 and 1000"
 # A plain chain's first transitions, not counted: fewer than usual, so that the budget leaves draws to count.
-PLAIN_WARMUP, BLOCK = 300, 5
+PLAIN_WARMUP, BLOCK = 100, 5
 Arrays = dict[str, np.ndarray]
 
 
@@ -227,8 +225,11 @@ def nutpie_draws(
     except TimeoutError:
         tree = running.abort()
     spent = Time.now() - begin
-    flat = tree["posterior"]["flat"].to_numpy()
-    steps = sum(float(tree[g]["n_steps"].sum()) for g in ("sample_stats", "warmup_sample_stats"))
+    warming = tree["warmup_posterior"]["flat"].to_numpy()
+    # Cut off while it warms up, it has drawn nothing.
+    flat = tree["posterior"]["flat"].to_numpy() if "posterior" in tree.children else warming[:, :0]
+    groups = {"sample_stats", "warmup_sample_stats"} & set(tree.children)
+    steps = sum(float(tree[group]["n_steps"].sum()) for group in groups)
     sites = jax.vmap(jax.vmap(density.unravel))(jnp.asarray(flat))
     return {name: np.asarray(values) for name, values in sites.items()}, spent, steps
 
@@ -270,8 +271,7 @@ def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
     spread = population(model, sites)
     factor = cholesky_factor(sites["sd_impact_K"], sites["sd_impact_C"], sites["residual_correlation"])
     away = [u - about for u, about in zip(found.u, found.about, strict=True)]
-    products = trace_distribution(model, data, found.u).products()
-    errors = draw_errors(key, products, physical(model, data, found.u).log_sigma, data.record.error_sd)
+    errors = trace_distribution(model, data, found.u).draw_errors(key)
     return raw | {
         "standard_locations": (found.b - data.location_mean) / spread.locations,
         "standard_pair": jnp.linalg.solve(factor, jnp.stack(away[:2])).T,
@@ -287,6 +287,9 @@ def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
 def plain_quantities(bench: Bench, found: Arrays) -> Arrays:
     """The compared quantities from unconstrained draws of the plain model, [chain, draw, ...]."""
     model, data = bench.prepared.model, bench.prepared.data
+    shape = next(iter(found.values())).shape[:2]
+    if shape[1] == 0:
+        return {"K": np.empty(shape)}
 
     def one(raw: dict[str, jax.Array]) -> dict[str, jax.Array]:
         from numpyro.handlers import seed, substitute, trace
@@ -302,7 +305,6 @@ def plain_quantities(bench: Bench, found: Arrays) -> Arrays:
         return spreads | parts | {"K": sites["log_K"]["value"], "C": sites["log_C"]["value"]}
 
     made = jax.lax.map(one, {name: jnp.asarray(v.reshape(-1, *v.shape[2:])) for name, v in found.items()})
-    shape = next(iter(found.values())).shape[:2]
     return {name: np.asarray(v).reshape(*shape, *v.shape[1:]) for name, v in made.items()}
 
 
@@ -379,13 +381,8 @@ def row(name: str, outcome: Outcome) -> dict[str, Any]:
         "remark": outcome.remark,
     }
     if draws < 20:
-        return line | {
-            "worst": "-",
-            "ess_bulk": np.nan,
-            "r_hat": np.nan,
-            "per_s": np.nan,
-            "per_s_overall": np.nan,
-        }
+        nothing = ("ess_bulk", "r_hat", "per_s", "per_own_s", "per_s_overall")
+        return line | {"worst": "none"} | dict.fromkeys(nothing, np.nan)
     ess = per_element(outcome.draws, "ess", method="bulk")
     halves = outcome.draws if chains > 1 else {name: in_halves(v) for name, v in outcome.draws.items()}
     r_hat = per_element(halves, "rhat")
@@ -433,7 +430,7 @@ def contenders(bench: Bench) -> Iterator[tuple[str, Outcome]]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--minutes", type=float, default=8.0, help="of sampling, for each plain contender")
+    parser.add_argument("--minutes", type=float, default=5.0, help="of sampling, for each plain contender")
     parser.add_argument("--model", type=Path, default=shared("models", "arma.toml"))
     chosen = parser.parse_args()
     runtime.configure(one_core=True)
