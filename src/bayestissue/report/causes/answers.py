@@ -14,7 +14,7 @@ _ALIKE = 0.2
 _GRAVITY = 9.80665
 # How each mechanism makes K look as it does.
 _HOW = {
-    "none": "K then is what it seems",
+    "none": "the estimates then scatter as they do by chance",
     "centring": "a fit about the window’s own mean takes part of the motion for the rest position",
     "conversion": "the conversion from the discrete to the continuous model then goes astray",
     "fixed window": "a fit about its own mean then takes its natural frequency from the window, which is the "
@@ -59,7 +59,7 @@ def answer(run: CausesRun) -> str:
     rows = run.causes.sort_values("probability", ascending=False).to_dict("records")
     sentences = [_question(run), _lead(run, rows[0]), _alone(run)]
     tissue = run.causes[~run.of_method]
-    if len(tissue) and (tissue["verdict"] == "refuted").all():
+    if not _fixed_tissue(run, rows[0]) and len(tissue) and (tissue["verdict"] == "refuted").all():
         best = max(tissue.to_dict("records"), key=lambda row: row["probability"])
         missed = f": it misses the {failing(best)}" if best["fails"] else ""
         sentences.append(
@@ -81,10 +81,12 @@ def _question(run: CausesRun) -> str:
 
 def _lead(run: CausesRun, best: Row) -> str:
     """Method or tissue, and the likeliest cause."""
-    mechanism = run.mechanism(best["cause"])
-    how = f"“{best['title']}” ({_probability(best)}): {_HOW[mechanism]}."
-    if mechanism in ("none", "conversion") and best["verdict"] != "refuted":
-        return f"Of the proposed causes the likeliest is none at all, {how}"
+    if fixed := _fixed_tissue(run, best):
+        return (
+            f"That needs no cause: “{fixed['title']}” makes such numbers (p {_relation(fixed)}, posterior "
+            f"probability {_probability(fixed)})."
+        )
+    how = f"“{best['title']}” ({_probability(best)}): {_HOW[run.mechanism(best['cause'])]}."
     in_method = float(run.causes.loc[run.of_method, "probability"].sum())
     if in_method >= 0.5:
         where = f"{likelihood_words(in_method)} lies in how K was found and not in the tissue"
@@ -96,6 +98,15 @@ def _lead(run: CausesRun, best: Row) -> str:
         f"If one of the {len(run.causes)} proposed causes made that, it {where} (posterior probability "
         f"{probability(share)}); the likeliest is {how}"
     )
+
+
+def _fixed_tissue(run: CausesRun, best: Row) -> Row | None:
+    """The cause that is none, if it is not ruled out and the likeliest or not to be told from that."""
+    for row in run.causes.to_dict("records"):
+        if run.mechanism(row["cause"]) == "none" and row["verdict"] != "refuted":
+            alike_best = {row["title"], best["title"]} in [set(pair) for pair in alike(run)]
+            return row if row["cause"] == best["cause"] or alike_best else None
+    return None
 
 
 def _alone(run: CausesRun) -> str:
