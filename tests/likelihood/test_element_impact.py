@@ -1,0 +1,128 @@
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from bayestissue.elements import element, element_names, impact
+from bayestissue.likelihood.deceleration import DecelerationRecord, recorded_log_likelihood
+from bayestissue.likelihood.element_impact import ElementRecord, MeasuredImpact, displacement
+
+MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
+DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])
+COUNT = np.array([38, 45])
+SD = np.array([[0.01, 0.02, 0.5, 1e-4], [0.02, 0.01, 0.2, 5e-5]])
+EXTRA = {"arm_ratio": 1.5, "stiffening_depth_m": 0.015, "thickness_m": 0.03}
+LOG_SIGMA = jnp.log(jnp.array([0.4, 0.6]))
+
+
+def values(name: str) -> dict[str, float]:
+    return {p.name: {"K": 2500.0, "C": 30.0, **EXTRA}[p.name] for p in element(name).parameters}
+
+
+def record(name: str, *, uniform: bool = False) -> ElementRecord:
+    time = FIRST[:, None] + DT[:, None] * np.arange(COUNT.max())
+    d = np.array(impact(name, values(name), MASS, 0.99 * VELOCITY, time).deceleration) + 0.3
+    d += 0.5 * np.random.default_rng(4).standard_normal(d.shape)
+    return ElementRecord.of(
+        d, COUNT, FIRST, DT, VELOCITY, SD, np.array([uniform, False]), MASS, np.full(2, 0.0318)
+    )
+
+
+def parameters(name: str) -> jax.Array:
+    return jnp.array([np.full(2, value) for value in values(name).values()])
+
+
+@pytest.mark.parametrize("name", element_names())
+def test_density_is_that_of_the_whole_covariance(name: str) -> None:
+    """Against the multivariate normal, its columns by differences of the simulated impact."""
+    traces = record(name)
+    found = MeasuredImpact(element(name), parameters(name), LOG_SIGMA, traces).log_prob(traces.d)
+    for row in range(2):
+        n = COUNT[row]
+        time = FIRST[row] + DT[row] * np.arange(n)
+
+        def d(time: np.ndarray, velocity: float, row: int = row) -> np.ndarray:
+            return np.asarray(impact(name, values(name), MASS[row], velocity, time[None]).deceleration)[0]
+
+        middle, step = d(time, VELOCITY[row]), 1e-6
+        faster = d(time, VELOCITY[row] + step) - d(time, VELOCITY[row] - step)
+        later = d(time - step, VELOCITY[row]) - d(time + step, VELOCITY[row])
+        columns = np.stack([faster / (2 * step), middle, np.ones(n), later / (2 * step)], axis=1) * SD[row]
+        covariance = np.exp(2 * LOG_SIGMA[row]) * np.eye(n) + columns @ columns.T
+        expected = multivariate_normal(middle, covariance).logpdf(np.asarray(traces.d)[row, :n])
+        # The differences are good to 1e-5 of columns that change the density by some tens.
+        np.testing.assert_allclose(found[row], expected, atol=1e-3)
+
+
+def test_kelvin_voigt_has_the_density_of_the_closed_form() -> None:
+    traces = record("kelvin_voigt", uniform=True)
+    sd = np.stack([np.hypot(SD[:, 0], SD[:, 1] * VELOCITY), SD[:, 2], SD[:, 3]], axis=1)
+    closed = DecelerationRecord.of(
+        *(np.asarray(each) for each in traces[:4]), VELOCITY, sd, np.array([True, False])
+    )
+    omega_n = jnp.sqrt(2500.0 / MASS)
+    found = MeasuredImpact(element("kelvin_voigt"), parameters("kelvin_voigt"), LOG_SIGMA, traces)
+    expected = recorded_log_likelihood(omega_n, 30.0 / (2 * omega_n * MASS), LOG_SIGMA, closed)
+    np.testing.assert_allclose(found.log_prob(traces.d), expected, rtol=1e-10)
+
+
+@pytest.mark.parametrize("name", element_names())
+def test_slopes_agree_with_differences_and_with_the_path_through_any_value(name: str) -> None:
+    traces, which = record(name, uniform=True), element(name)
+
+    @jax.jit
+    def both(logs: jax.Array) -> tuple[jax.Array, jax.Array]:
+        given = MeasuredImpact(which, jnp.exp(logs[:-1]), logs[-1], traces)
+        return given.log_prob(traces.d), given.log_prob(traces.d + 0.0)
+
+    logs = jnp.concatenate([jnp.log(parameters(name)), LOG_SIGMA[None]])
+    np.testing.assert_allclose(*both(logs), rtol=1e-12)
+    slopes = jax.jit(jax.grad(lambda logs: both(logs)[0].sum()))(logs)
+    step = 1e-5
+    for k in range(len(logs)):
+        difference = (both(logs.at[k].add(step))[0] - both(logs.at[k].add(-step))[0]) / (2 * step)
+        # Densities of about 100 are good to 1e-13, their differences over 2e-5 to 1e-6.
+        np.testing.assert_allclose(slopes[k], difference, rtol=1e-5, atol=1e-5)
+
+
+def test_samples_have_the_mean_and_spread_of_the_chain() -> None:
+    traces = record("stiffening", uniform=True)
+    given = MeasuredImpact(element("stiffening"), parameters("stiffening"), LOG_SIGMA, traces)
+    number = 4000
+    drawn = np.asarray(given.sample(jax.random.PRNGKey(0), (number,)))
+    assert not drawn[:, 0, COUNT[0] :].any()
+    found = given.response()
+    columns = np.stack([found.by_velocity, found.d, np.ones_like(found.d), found.jerk])
+    variance = (columns**2 * SD.T[..., None] ** 2).sum(0) + np.exp(2 * LOG_SIGMA)[:, None]
+    inside = np.asarray(traces.inside())
+    away = (drawn.mean(0) - found.d) / np.sqrt(variance / number)
+    # 83 values, normal: five standard errors.
+    assert np.abs(away[inside]).max() < 5
+    ratio = drawn.var(0)[inside] / variance[inside]
+    assert np.abs(ratio - 1).max() < 5 * np.sqrt(2 / number)
+
+
+def test_errors_of_the_chain_are_found_again() -> None:
+    """Traces shifted by a velocity error and an offset, noise as small as makes both plain."""
+    name = "hunt_crossley"
+    given = MeasuredImpact(element(name), parameters(name), jnp.log(jnp.full(2, 1e-3)), record(name))
+    sd = jnp.array([[0.02, 0.0, 0.5, 0.0], [0.02, 0.0, 0.5, 0.0]])
+    found = given.response()
+    seen = found.d + 0.01 * found.by_velocity - 0.2
+    made = given.record._replace(error_sd=sd, d=jnp.where(given.record.inside(), seen, 0.0))
+    errors = MeasuredImpact(element(name), parameters(name), given.log_sigma, made).draw_errors(
+        jax.random.PRNGKey(1)
+    )
+    # Noise of 1e-3 over some forty samples that change by about 100 and 1 per unit.
+    np.testing.assert_allclose(errors[:, 0], 0.01, atol=1e-4)
+    np.testing.assert_allclose(errors[:, 2], -0.2, atol=3e-3)
+
+
+def test_displacement_is_the_simulated_one() -> None:
+    traces = record("wall")
+    x = displacement(element("wall"), parameters("wall"), traces)
+    expected = impact("wall", values("wall"), MASS, VELOCITY, traces.time()).x
+    np.testing.assert_allclose(np.where(traces.inside(), x - expected, 0.0), 0.0, atol=1e-8)
