@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.ticker import LogLocator, NullLocator
 
 from bayestissue.causes.statistics import LEVEL, WORDS
 from bayestissue.report.causes.run import CausesRun
@@ -32,7 +33,9 @@ def predictive_figure(run: CausesRun, statistic: str) -> Markup:
         axes.set(yticks=height, yticklabels=[short(name) for name in names], xlabel=WORDS[statistic])
         if statistic == LEVEL:
             axes.set_xscale("log")
-            log_ticks(axes.xaxis, [observed, *rows["q05"], *rows["q95"]])
+            # Decades: there are too many of them for anything between.
+            axes.xaxis.set_major_locator(LogLocator(numticks=6))
+            axes.xaxis.set_minor_locator(NullLocator())
         axes.grid(visible=False, axis="y")
         return figure(
             fig,

@@ -24,7 +24,7 @@ def causes_table(run: CausesRun) -> Table:
                 p_words(row),
                 f"{number(row['probability'], 3)} ± {number(row['probability_error'], 3)}",
                 failing(row) or "none by itself",
-                row["nearest"].replace("_", " ") or "has no strength",
+                row["nearest"].replace("_m_s ", " in m/s ").replace("_", " ") or "has no strength",
             ),
             "disagrees" if row["verdict"] == "refuted" else "",
         )
