@@ -127,7 +127,8 @@ def _fit(network: Any, campaigns: Table, cause: Codes) -> None:
 def confusion(attribution: Attribution) -> Float[np.ndarray, "truth told"]:
     """Mean probability given to each cause (columns) by campaigns of each true cause (rows)."""
     number = attribution.unseen.shape[1]
-    return np.stack([attribution.unseen[attribution.cause == k].mean(axis=0) for k in range(number)])
+    member = (attribution.cause[:, None] == np.arange(number)).astype(float)
+    return member.T @ attribution.unseen / np.maximum(member.sum(axis=0), 1)[:, None]
 
 
 def reliability(attribution: Attribution, bins: int = 10) -> Float[np.ndarray, "bin 3"]:

@@ -16,8 +16,8 @@ from bayestissue.causes.recordings import estimated_from_recordings
 from bayestissue.causes.specification import Cause, CausesSpecification
 from bayestissue.causes.statistics import of_campaigns
 
-# Long enough for an impact of three times the typical time to peak at the finest sampling of the prior.
-SAMPLES = 512
+# A recording goes on to this many times the typical time to peak.
+REACH = 3.2
 
 
 @dataclass(frozen=True)
@@ -65,7 +65,8 @@ def run_batch(batch: Batch) -> pd.DataFrame:
     random = np.random.default_rng(np.random.SeedSequence(stream))
     truth = draw_truth(cause, batch.specification, batch.design, random, size.batch)
     shape = (size.batch, len(batch.design.mass))
-    K, C = (part.reshape(shape) for part in estimated(truth, cause, batch.design, random))
+    samples = int(np.ceil(REACH * batch.specification.recording.samples_to_peak.high))
+    K, C = (part.reshape(shape) for part in estimated(truth, cause, batch.design, samples, random))
     table = pd.DataFrame(
         {
             "cause": batch.cause,
@@ -79,17 +80,20 @@ def run_batch(batch: Batch) -> pd.DataFrame:
 
 
 def estimated(
-    truth: Truth, cause: Cause, design: Design, random: np.random.Generator
+    truth: Truth, cause: Cause, design: Design, samples: int, random: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """K and C of every impact, one campaign after the other, as the data's own were estimated."""
+    """K and C of every impact, one campaign after the other, as the data's own were estimated.
+
+    ``samples`` is the length of a recording where the design doesn't tell.
+    """
     if design.recorder is not None:
         return estimated_from_recordings(truth, cause, design, design.recorder, random)
-    found = _estimated_as_published(truth, cause, design, random)
+    found = _estimated_as_published(truth, cause, design, samples, random)
     return np.asarray(found.K), np.asarray(found.C)
 
 
 def _estimated_as_published(
-    truth: Truth, cause: Cause, design: Design, random: np.random.Generator
+    truth: Truth, cause: Cause, design: Design, samples: int, random: np.random.Generator
 ) -> Estimates:
     """Record the campaigns and estimate every impact as the thesis did, but for what the cause changes."""
     count, impacts = truth.velocity.shape
@@ -100,9 +104,9 @@ def _estimated_as_published(
     mass, dt = flat(design.mass), flat(truth.dt[:, None])
     phase = random.uniform(size=count * impacts) * dt
     parameters = {name: flat(value) for name, value in truth.parameters.items()}
-    d = decelerations(truth.element, parameters, mass, flat(truth.velocity), phase, dt, SAMPLES)
+    d = decelerations(truth.element, parameters, mass, flat(truth.velocity), phase, dt, samples)
     offset = flat(truth.offset_sd[:, None]) * random.standard_normal(count * impacts)
-    noise = flat(truth.noise[:, None])[:, None] * random.standard_normal((count * impacts, SAMPLES))
+    noise = flat(truth.noise[:, None])[:, None] * random.standard_normal((count * impacts, samples))
     d = recorded(d, flat(truth.gain[:, None]), offset, noise)
     length = truth.strength.get("window_over_time_to_peak", np.zeros(count))
     own = cause.mechanism == "own time"

@@ -10,6 +10,7 @@ from scipy import stats
 from scipy.spatial import KDTree
 
 NEIGHBOURS = 10
+FEWEST = 2 * NEIGHBOURS
 _CLIP = 6.0
 
 type Table = Float[np.ndarray, "campaign statistic"]
@@ -82,8 +83,8 @@ class JointCheck:
 
     def __init__(self, campaigns: Table) -> None:
         known = campaigns[np.isfinite(campaigns).all(axis=1)]
-        if len(known) <= 2 * NEIGHBOURS:
-            raise ValueError(f"a joint check needs more than {2 * NEIGHBOURS} campaigns with all statistics")
+        if len(known) <= FEWEST:
+            raise ValueError(f"a joint check needs more than {FEWEST} campaigns with all statistics")
         self._whitening = Whitening(known[::2])
         self._tree = KDTree(self._whitening(known[::2]))
         self._others = self._strangeness(known[1::2])

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -11,6 +11,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from bayestissue.errors import InputError, Problem
 from bayestissue.settings import checked, parse_toml, read_text
 
+Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]+$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
@@ -132,7 +133,7 @@ class CausesSpecification(_Table):
     campaigns: Sizes = Sizes()
     tissue: TissuePrior
     recording: RecordingPrior
-    causes: Annotated[dict[str, Cause], Field(min_length=2)]
+    causes: Annotated[dict[Name, Cause], Field(min_length=2)]
 
 
 def read_causes(path: Path) -> CausesSpecification:
@@ -160,5 +161,14 @@ def chosen(specification: CausesSpecification, names: tuple[str, ...], file: str
             Problem(file, f"one of {known}", "Name causes of the file.", column="causes", value=name)
             for name in unknown
         )
-    content: dict[str, Any] = {name: specification.causes[name] for name in names}
-    return specification.model_copy(update={"causes": content})
+    kept = {name: specification.causes[name] for name in names}
+    return specification.model_copy(update={"causes": kept})
+
+
+def require_several(specification: CausesSpecification, file: str) -> None:
+    """Raise an `InputError` where fewer than two causes are left to compare."""
+    if len(specification.causes) < 2:
+        named = ", ".join(specification.causes) or "none"
+        raise InputError(
+            Problem(file, "at least two causes to compare", "Name one more.", column="causes", value=named)
+        )

@@ -124,7 +124,7 @@ def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
     return Subject(
         dataset.name,
         design,
-        {name: float(value[0]) for name, value in found.items()},
+        {name: float(value[0]) for name, value in found.items() if np.isfinite(value[0])},
         True,
         dataset.input_hash,
         {

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.causes.attribution import Attribution, attribute, confusion, reliability
-from bayestissue.causes.checks import JointCheck, two_sided
+from bayestissue.causes.checks import FEWEST, Calibration, JointCheck, two_sided
 from bayestissue.causes.specification import CausesSpecification
 from bayestissue.causes.statistics import APART, LEVEL, SIZES
 
@@ -112,29 +112,35 @@ def _row(
 ) -> dict[str, object]:
     values = _compared(campaigns, joint)
     at = _scaled(np.array([observed[statistic] for statistic in joint]), joint)
-    check = JointCheck(values)
-    calibration = check.calibration()
+    complete = int(np.isfinite(values).all(axis=1).sum())
     single = {
         f"p_{statistic}": two_sided(campaigns[statistic].to_numpy(float), observed[statistic])
         for statistic in observed
         if statistic not in APART
     }
-    p = check.p_value(at)
-    failing = sorted((single[f"p_{s}"], s) for s in joint if single[f"p_{s}"] < REFUTED)
+    failing = [s for p, s in sorted((single[f"p_{s}"], s) for s in joint) if p < REFUTED]
+    if complete > FEWEST:
+        check = JointCheck(values)
+        p, smallest, calibration = check.p_value(at), check.smallest_p, check.calibration()
+        nearest = _nearest(campaigns, check.nearest(values, at, _NEAREST))
+    else:
+        # What was observed is complete, which this cause's campaigns are this seldom.
+        p, smallest = (1 + complete) / (1 + len(values)), 1 / (1 + len(values))
+        calibration, nearest, failing = Calibration(np.nan, np.nan, 0, np.nan), "", list(APART)
     return {
         "cause": name,
         "title": specification.causes[name].words,
         "campaigns": len(campaigns),
-        "complete": float(np.isfinite(values).all(axis=1).mean()),
+        "complete": complete / len(values),
         "p_joint": p,
-        "smallest_p": check.smallest_p,
+        "smallest_p": smallest,
         **single,
         "calibration_below_10": calibration.below_10,
         "calibration_below_50": calibration.below_50,
         "calibration_campaigns": calibration.campaigns,
         "calibration_p": calibration.uniform_p,
-        "nearest": _nearest(campaigns, check.nearest(values, at, _NEAREST)),
-        "fails": ", ".join(statistic for _, statistic in failing),
+        "nearest": nearest,
+        "fails": ", ".join(failing),
         "verdict": "refuted" if p < REFUTED else "doubtful" if p < DOUBTFUL else "possible",
     }
 

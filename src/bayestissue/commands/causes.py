@@ -71,7 +71,7 @@ def run(
 
     from bayestissue.causes.batches import batches
     from bayestissue.causes.schedule import run_batches
-    from bayestissue.causes.specification import chosen, read_causes
+    from bayestissue.causes.specification import chosen, read_causes, require_several
     from bayestissue.causes.subject import subject
     from bayestissue.causes.verdict import judge
     from bayestissue.commands.console import Stages
@@ -84,6 +84,7 @@ def run(
         specification = specification.model_copy(update={"campaigns": sizes})
     what = subject(target, method=method, skip_bad=skip_bad)
     specification = what.applicable(specification)
+    require_several(specification, str(model))
     work = batches(what.setting, specification, seed)
     job = [what.input_hash, method, specification.model_dump_json(), seed, runtime.versions()]
     kept = results.unfinished(out, hashlib.sha256(json.dumps(job).encode()).hexdigest())

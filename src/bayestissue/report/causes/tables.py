@@ -94,7 +94,7 @@ def calibration_table(run: CausesRun) -> Table:
                 number(row["complete"], 3),
                 number(row["calibration_below_10"], 3),
                 number(row["calibration_below_50"], 3),
-                number((0.09 * 2 / row["calibration_campaigns"]) ** 0.5, 3),
+                number((0.09 * 2 / max(row["calibration_campaigns"], 1)) ** 0.5, 3),
                 number(row["calibration_p"], 2),
             )
         )
