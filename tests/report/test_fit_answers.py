@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -100,6 +102,15 @@ def test_the_chain_table_sets_what_was_declared_beside_what_was_found(run):
     # The made-up draws are the declared error's: a standard deviation of 2 * DRAWS of them.
     assert share == pytest.approx(100, abs=4 * 100 / np.sqrt(2 * 2 * DRAWS))
     assert rows["displacement at contact, from the time of contact"][2] == "read off each trace"
+
+
+def test_an_error_of_mass_that_is_a_persons_is_said(run):
+    assert "no surer than that mass" not in tables.declared_words(run)
+    model = run.about["model"] | {"mass_error": "subject"}
+    given = run.about["uncertainty"] | {"relative_mass_sd": 0.2}
+    shared = replace(run, about=run.about | {"model": model, "uncertainty": given})
+    assert "mass 20 %" in tables.declared_words(shared).replace("\N{NO-BREAK SPACE}", " ")
+    assert "no surer than that mass" in tables.declared_words(shared)
 
 
 def test_theta1_at_its_edge_is_counted_and_impact_toml_named(run, arma):
