@@ -81,12 +81,11 @@ class Problem:
     scope="module",
     params=[
         (Formulas(), 1, 0.0),
-        (Formulas(), 3, 0.0),
         (OF_PEOPLE, 2, 0.0),
         (WITHOUT_PEOPLE, 2, 0.0),
         (Formulas(), 2, 0.3),
     ],
-    ids=["one each", "repeats", "covariate of people", "no people", "shared error"],
+    ids=["one each", "covariate of people", "no people", "shared error"],
 )
 def problem(request: pytest.FixtureRequest) -> Problem:
     return Problem(*request.param)

@@ -320,7 +320,9 @@ def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
         return value[rows] if len(value) == count else value
 
     data = impacts_of(prepared.data, rows)
-    data = jax.tree.map(jnp.asarray, data)
+    cells, cell = np.unique(data.design.cell, return_inverse=True)
+    columns = tuple(np.asarray(matrix)[cells] for matrix in data.design.columns)
+    data = jax.tree.map(jnp.asarray, data._replace(design=data.design._replace(columns=columns, cell=cell)))
     return replace(
         prepared,
         data=data,

@@ -1,0 +1,146 @@
+"""Fits of many impacts: shared out in blocks, kept in part, and the posterior that every path has."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import xarray as xr
+
+from bayestissue.hierarchy.population import PopulationDesign
+from bayestissue.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import TraceData
+from bayestissue.inference import many_draws, trace_blocks, traces
+from bayestissue.inference.many_draws import kept_draws, some_impacts
+from bayestissue.inference.profile_surface import surface_of
+from bayestissue.inference.summary import summarise
+from bayestissue.inference.trace_blocks import in_blocks
+from bayestissue.inference.trace_correction import Profile, flat_profile
+from bayestissue.likelihood.displacement import displacement_record
+from bayestissue.simulation import simulate
+from bayestissue.simulation.specification import Simulation
+
+COUNT = 21
+
+
+def data_of_sines() -> TraceData:
+    time = np.arange(30) * 1e-3
+    x = np.sin(40 * time) * np.arange(1, COUNT + 1)[:, None] * 1e-3
+    same = np.ones(COUNT)
+    record = displacement_record(x, np.full(COUNT, 30), 0 * same, 1e-3 * same, np.zeros((COUNT, 3)))
+    design = PopulationDesign((np.ones((3, 2)),), np.arange(COUNT) % 3)
+    return TraceData(record, design, jnp.zeros(2), jnp.arange(COUNT) * 1.0, jnp.zeros(COUNT))
+
+
+def sums(part: TraceData, rows: np.ndarray) -> dict[str, Any]:
+    spectrum = sum(jnp.asarray(column).sum((0, 2)) for column in part.record.columns)
+    return {"x": jnp.asarray(part.record.x).sum(1), "spectrum": spectrum, "rows": rows, "mass": part.log_mass}
+
+
+@pytest.mark.parametrize("few", [1, 100], ids=["in processes", "in this process"])
+def test_blocks_end_to_end_are_the_whole(monkeypatch: pytest.MonkeyPatch, few: int) -> None:
+    monkeypatch.setattr(trace_blocks, "BLOCK", 4)
+    monkeypatch.setattr(trace_blocks, "_FEW", few)
+    data, told = data_of_sines(), []
+    found = in_blocks(data, sums, progress=lambda done, total: told.append((done, total)))
+    whole = sums(data, np.arange(COUNT))
+    for name, values in whole.items():
+        np.testing.assert_allclose(found[name], values, rtol=1e-13, atol=1e-15)
+    assert told[-1] == (6, 6)
+
+
+def test_draws_and_impacts_that_are_kept_are_evenly_spaced_and_no_more_than_allowed() -> None:
+    assert list(kept_draws(4, 1000, 90)) == list(range(1000))
+    kept = kept_draws(4, 1000, 100_000)
+    assert 4 * len(kept) * 100_000 <= many_draws.MOST_VALUES
+    assert len(set(np.diff(kept))) == 1
+    assert list(some_impacts(7)) == list(range(7))
+    shown = some_impacts(100_000)
+    assert (len(shown), shown[0], shown[-1]) == (many_draws.SHOWN, 0, 99_999)
+
+
+def test_a_surface_is_the_traces_evidence_together() -> None:
+    count, rng = 40, np.random.default_rng(1)
+    grid = np.linspace(-8, 8, 161)[:, None]
+    # Traces that say nothing of a parameter far below, and rule it out above, as of theta1 near -1.
+    turns, sharpness = rng.normal(-2.5, 0.5, count), rng.uniform(3, 12, count)
+    table = -np.logaddexp(0, 3 * (grid - turns)) * sharpness
+    profile: Profile = flat_profile(1)._replace(log_likelihood=jnp.asarray(table))
+    low, high = np.array([-6.0, np.log(0.03)]), np.array([-2.0, np.log(2.0)])
+    surface = surface_of(profile, low, high)
+    fine = np.linspace(-12, 4, 40_001)
+    for mean, sd in ((-3.5, 0.3), (-4.2, 0.1), (-2.5, 1.0), (-5.0, 0.05)):
+        normal = np.exp(-(((fine - mean) / sd) ** 2) / 2) / (sd * np.sqrt(2 * np.pi))
+        likelihood = np.exp(-np.logaddexp(0, 3 * (fine[:, None] - turns)) * sharpness)
+        exact = np.log((normal[:, None] * likelihood).sum(0) * (fine[1] - fine[0])).sum()
+        # A cubic's error between points 0.1 apart: 0.1^4 / 384 times fourth derivatives of a few hundred.
+        assert abs(float(surface.at(jnp.asarray(mean), jnp.log(sd))) - exact) < count * 1e-3
+
+
+def test_intervals_of_few_kept_draws_hold_what_they_promise() -> None:
+    rng = np.random.default_rng(5)
+    impacts, kept = 4000, 50
+    draws = rng.normal(size=(2, kept, impacts))
+    posterior = xr.Dataset(
+        {
+            "K": (("chain", "kept_draw", "impact"), draws),
+            "sd": (("chain", "draw"), rng.normal(size=(2, 400))),
+        },
+        {"impact": np.arange(impacts).astype(str)},
+    )
+    table = summarise(posterior)
+    of_impacts = table[table["variable"] == "K"]
+    new = rng.normal(size=impacts)
+    held = ((of_impacts["eti90_low"] < new) & (new < of_impacts["eti90_high"])).mean()
+    # Three standard errors of a share of 90 % among 4000.
+    assert abs(held - 0.9) < 3 * np.sqrt(0.09 / impacts)
+    assert of_impacts["r_hat"].isna().all()
+    assert table.loc[table["variable"] == "sd", "r_hat"].notna().all()
+
+
+@pytest.fixture(scope="module")
+def prepared() -> Prepared:
+    conditions = [
+        {"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.6, 0.9, 1.3)
+    ]
+    tissue = {f"sd_{level}_{q}": sd for level, sd in (("subject", 0.2), ("impact", 0.1)) for q in "KC"}
+    campaign = simulate(
+        Simulation.model_validate(
+            {
+                "name": "many",
+                "seed": 4,
+                "design": {"subjects": 12, "repeats": 8, "conditions": conditions},
+                "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, **tissue},
+                "recording": {
+                    "sampling_rate_hz": 2000.0,
+                    "noise_relative_to_peak": 0.002,
+                    "noise_sd_m_s2": 0.5,
+                    "relative_mass_sd": 0.002,
+                    "velocity_sd_m_s": 0.005,
+                },
+            }
+        )
+    )
+    return prepare(
+        campaign.dataset("many"), ModelSpecification(name="impact", likelihood="impact"), source="model"
+    )
+
+
+@pytest.mark.long
+def test_the_path_for_many_impacts_has_the_posterior_of_the_other(
+    prepared: Prepared, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sampler = Sampler(path="summary", chains=2, warmup=300, draws=1000)
+    specification = ModelSpecification(name="impact", likelihood="impact", sampler=sampler)
+    fit = partial(traces.fit_traces, prepared, specification, 1, lambda *_: None)
+    one = fit().summary.set_index(["variable", "label"])
+    monkeypatch.setattr(traces, "MANY", 1)
+    other = fit().summary.set_index(["variable", "label"]).loc[one.index]
+    error = np.hypot(one["mcse_mean"], other["mcse_mean"])
+    distance = ((one["mean"] - other["mean"]) / error).abs()
+    # The greatest of some 3000 standard normals is beyond 5 once in 500 times.
+    assert distance.max() < 5, distance.nlargest(5)
