@@ -89,7 +89,7 @@ def estimated(
     if design.recorder is not None:
         return estimated_from_recordings(truth, cause, design, design.recorder, random)
     found = _estimated_as_published(truth, cause, design, samples, random)
-    return np.asarray(found.K), np.asarray(found.C)
+    return found.K, found.C
 
 
 def _estimated_as_published(

@@ -6,14 +6,17 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayestissue.inference.point_conditional import fit_conditional
 from bayestissue.likelihood.transforms import SineTransforms
 from bayestissue.oscillator import from_differences, spring_damper
 
 FEWEST_SAMPLES = 8
+_TOGETHER = 500
+_NARROWEST = 64
 
 
 class Treatment(NamedTuple):
@@ -48,12 +51,11 @@ class Estimates(NamedTuple):
         n_samples: samples in the window.
     """
 
-    K: Array
-    C: Array
-    n_samples: Array
+    K: Float[np.ndarray, " impact"]
+    C: Float[np.ndarray, " impact"]
+    n_samples: Int[np.ndarray, " impact"]
 
 
-@jax.jit
 def thesis_estimates(deceleration: Float[Array, "impact sample"], treatment: Treatment) -> Estimates:
     """K and C of each impact by the thesis's chain (chapters 2 and 4), as ``estimate --method dds``.
 
@@ -61,10 +63,34 @@ def thesis_estimates(deceleration: Float[Array, "impact sample"], treatment: Tre
     up to zero velocity or the end of the recording; the conditional fit of an ARMA(2,1) to deviations from
     the mean; its A(2) by equal autocovariance; K = M ω_n² and C = 2 ζ ω_n M.
 
+    The fit's cost is that of the longest window beside which an impact is fitted, so impacts are fitted
+    together with others of about their length.
+
     Args:
         deceleration: [impact, sample], m/s².
         treatment: the analyst's choices.
     """
+    x, n = (np.asarray(part) for part in _windowed(deceleration, treatment))
+    order = np.argsort(n, kind="stable")
+    K, C = np.empty(len(n)), np.empty(len(n))
+    columns = [np.asarray(part, float) for part in treatment]
+    for begin in range(0, len(order), _TOGETHER):
+        # As many rows each time, so that one compilation serves all of one width.
+        rows = order[np.minimum(np.arange(begin, begin + _TOGETHER), len(order) - 1)]
+        width = _width(int(n[rows].max()), x.shape[1])
+        found = _fitted(x[rows, :width], n[rows], Treatment(*(jnp.asarray(part[rows]) for part in columns)))
+        K[rows], C[rows] = (np.asarray(part) for part in found)
+    return Estimates(K, C, n)
+
+
+def _width(samples: int, most: int) -> int:
+    """The next power of two, so that few widths are ever compiled."""
+    return min(most, max(_NARROWEST, 1 << (samples - 1).bit_length()))
+
+
+@jax.jit
+def _windowed(deceleration: Array, treatment: Treatment) -> tuple[Array, Array]:
+    """Deviations from the mean, or displacements, over each window, and its number of samples."""
     given = Treatment(*(jnp.asarray(part, float) for part in treatment))
     dt = given.dt[:, None]
     v = given.velocity[:, None] - _integral(deceleration, dt)
@@ -77,14 +103,19 @@ def thesis_estimates(deceleration: Float[Array, "impact sample"], treatment: Tre
     used = jnp.maximum(n, FEWEST_SAMPLES)
     inside = sample < used[:, None]
     mean = jnp.where(inside, x, 0).sum(axis=1) / used
-    x = jnp.where(inside, x - (given.centred * mean)[:, None], 0)
+    return jnp.where(inside, x - (given.centred * mean)[:, None], 0), n.astype(int)
+
+
+@jax.jit
+def _fitted(x: Array, n: Array, given: Treatment) -> tuple[Array, Array]:
+    used = jnp.maximum(n, FEWEST_SAMPLES).astype(float)
     fit, _ = fit_conditional(SineTransforms(x, (), jnp.zeros(()), used - 2.0))
     w, zeta = from_differences(fit.c1, fit.c2, None, 1.0)
     w, zeta = damped_by_theta1(fit.c1, fit.c2, fit.theta1, w, zeta, given.by_theta1)
     interval = jnp.where(given.nominal > 0, given.nominal / used, given.dt)
     K, C = spring_damper(w / interval, zeta, given.mass)
     known = (n >= FEWEST_SAMPLES) & (K > 0) & (C > 0)
-    return Estimates(jnp.where(known, K, jnp.nan), jnp.where(known, C, jnp.nan), n)
+    return jnp.where(known, K, jnp.nan), jnp.where(known, C, jnp.nan)
 
 
 def _integral(rows: Array, dt: Array) -> Array:
