@@ -18,15 +18,30 @@ Law = Callable[[Array, Array, States, Parameters], Array]
 
 @dataclass(frozen=True)
 class Parameter:
-    """A positive quantity of an element: ``name`` as model files write it, ``unit``, and what it means."""
+    """A positive quantity of an element.
+
+    Attributes:
+        name: as model files write it.
+        unit: its unit.
+        meaning: what it is.
+        typical: what it is unless something is known; not for K and C.
+        log_sd: how well that is known: standard deviation of the log.
+    """
 
     name: str
     unit: str
     meaning: str
+    typical: float = 1.0
+    log_sd: float = 1.0
 
 
 STIFFNESS = "K"
 DAMPING = "C"
+
+
+def unchanged(K: Array, C: Array, mass: Array) -> tuple[Array, Array]:
+    """K and C of an element that is nearly a spring and damper side by side."""
+    return K, C
 
 
 def no_rates(x: Array, v: Array, s: States, p: Parameters) -> States:
@@ -52,6 +67,8 @@ class Element:
         rates: of the internal lengths [m/s], one each.
         states: number of internal lengths.
         linear: whether force and rates are linear in x, v and s.
+        guess: K and C of an impact that spring and damper side by side with (K, C) describe roughly, at
+            this mass [kg].
     """
 
     name: str
@@ -62,6 +79,7 @@ class Element:
     rates: Callable[[Array, Array, States, Parameters], States] = no_rates
     states: int = 0
     linear: bool = False
+    guess: Callable[[Array, Array, Array], tuple[Array, Array]] = unchanged
 
     @property
     def extra(self) -> tuple[Parameter, ...]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
-import diffrax
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -56,6 +55,8 @@ def nodes(
         fractions: from 0, contact, to 1.
         flies_off: leave the impactor to itself before the surface, where no element pushes.
     """
+    # Most of a second to import, and only elements that are not linear need it.
+    import diffrax
 
     def rates(y: Array, p: Parameters, mass: Array) -> Array:
         found = rates_of_motion(element, p, mass, y)

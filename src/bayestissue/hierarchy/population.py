@@ -83,7 +83,7 @@ def population_design(
             spread += [unknown] * width
         rows.append(matrix)
     for name in nuisance:
-        prior = getattr(priors, name)
+        prior = priors.of_mean(name)
         parts[f"{name}_mean"] = slice(len(mean), len(mean) + 1)
         mean.append(prior.mean)
         sd.append(prior.sd)

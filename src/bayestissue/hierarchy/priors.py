@@ -115,6 +115,17 @@ def _half_normal(scale: float) -> HalfNormal:
     return HalfNormal(distribution="half-normal", scale=scale)
 
 
+class ElementPrior(BaseModel):
+    """Of one parameter of a mechanical element besides K and C, on the log scale.
+
+    ``log`` is the mean over impacts of its log, ``spread`` the standard deviation between impacts.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True)
+    log: Location
+    spread: Scale = _half_normal(0.2)
+
+
 class Priors(BaseModel):
     """Every prior of the hierarchy; each has a default that a model file may replace.
 
@@ -123,7 +134,7 @@ class Priors(BaseModel):
     deviation of any other covariate, ``sd_*`` the spread between subjects, trials and impacts. For traces,
     ``noise`` is the mean over impacts of the log of the noise's standard deviation as a fraction of the
     trace's peak, ``atanh_theta1`` that of artanh theta1, and ``sd_noise`` and ``sd_atanh_theta1`` their
-    spread.
+    spread. ``element`` has the further parameters of a mechanical element by name.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -138,6 +149,17 @@ class Priors(BaseModel):
     sd_noise: Scale = _half_normal(1.0)
     atanh_theta1: Location = _normal(0.0, 1.5)
     sd_atanh_theta1: Scale = _half_normal(0.5)
+    element: dict[str, ElementPrior] = {}
+
+    def of_mean(self, nuisance: str) -> Location:
+        """Of the mean over impacts of a parameter besides log K and log C, such as "noise"."""
+        part = self.element.get(nuisance.removeprefix("log_"))
+        return getattr(self, nuisance) if part is None else part.log
+
+    def of_spread(self, nuisance: str) -> Scale:
+        """Of that parameter's spread between impacts."""
+        part = self.element.get(nuisance.removeprefix("log_"))
+        return getattr(self, f"sd_{nuisance}") if part is None else part.spread
 
     def log_densities(self, sites: Mapping[str, Any]) -> dict[str, Any]:
         """Log prior density of each top-level parameter in ``sites``, elementwise.
@@ -145,9 +167,12 @@ class Priors(BaseModel):
         Subject and trial effects are not among them: their distribution is part of the model, and scaling
         a prior asks what the priors of its parameters do.
         """
-        densities = {}
+        densities: dict[str, Any] = {}
         for field in type(self).model_fields:
             prior = getattr(self, field)
+            if field == "element":
+                densities |= self._of_element(sites)
+                continue
             if not isinstance(prior, PairOfLocations | PairOfScales):
                 name = f"{field}_mean" if isinstance(prior, Normal) else field
                 if name in sites:
@@ -158,3 +183,11 @@ class Priors(BaseModel):
                 if name in sites:
                     densities[name] = getattr(prior, response).numpyro().log_prob(sites[name])
         return densities
+
+    def _of_element(self, sites: Mapping[str, Any]) -> dict[str, Any]:
+        parts = [
+            pair
+            for name, prior in self.element.items()
+            for pair in ((f"log_{name}_mean", prior.log), (f"sd_log_{name}", prior.spread))
+        ]
+        return {name: prior.numpyro().log_prob(sites[name]) for name, prior in parts if name in sites}

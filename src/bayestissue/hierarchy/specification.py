@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from bayestissue.hierarchy.priors import Priors
+from bayestissue.elements.registry import element, element_names
+from bayestissue.hierarchy.priors import ElementPrior, Normal, Priors
 from bayestissue.settings import checked, parse_toml, read_text
 from bayestissue.signal import SignalOptions
 
+SIDE_BY_SIDE = "kelvin_voigt"
 DEFAULT_FORMULA = "log(mass_kg) + (1|subject) + (1|trial)"
 
 
@@ -62,6 +65,9 @@ class ModelSpecification(_Table):
     name: Annotated[str, Field(min_length=1)]
     description: str = ""
     likelihood: Likelihood
+    element: str = Field(
+        default=SIDE_BY_SIDE, description="what the impactor meets, of the impact likelihood alone"
+    )
     signal: SignalOptions = SignalOptions()
     reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
     formula: Formulas = Formulas()
@@ -76,6 +82,36 @@ class ModelSpecification(_Table):
     comparison: Comparison = Comparison()
     sampler: Sampler = Sampler()
 
+    @field_validator("element")
+    @classmethod
+    def _known(cls, name: str) -> str:
+        if name not in element_names():
+            raise ValueError(f"one of {', '.join(element_names())}")
+        return name
+
+    @model_validator(mode="after")
+    def _of_the_element(self) -> Self:
+        extra = {parameter.name: parameter for parameter in element(self.element).extra}
+        strange = sorted(set(self.priors.element) - set(extra))
+        if strange:
+            raise ValueError(
+                f"priors.element of {', '.join(extra) or 'nothing'}, all that {self.element} has besides K "
+                f"and C, without {', '.join(strange)}"
+            )
+        if self.likelihood != "impact" and self.element != SIDE_BY_SIDE:
+            raise ValueError('likelihood = "impact" beside element: the others are of spring and damper')
+        return self
+
+    def complete_priors(self) -> Priors:
+        """The priors, those of the element's parameters too that the file leaves out."""
+        own = {
+            each.name: ElementPrior(
+                log=Normal(distribution="normal", mean=math.log(each.typical), sd=each.log_sd)
+            )
+            for each in element(self.element).extra
+        }
+        return self.priors.model_copy(update={"element": own | self.priors.element})
+
 
 def read_specification(path: Path) -> ModelSpecification:
     """Read and check a model file.
@@ -86,4 +122,5 @@ def read_specification(path: Path) -> ModelSpecification:
     """
     name = str(path)
     text = read_text(Path(path), name)
-    return checked(parse_toml(text, name), ModelSpecification, file=name, text=text)
+    found = checked(parse_toml(text, name), ModelSpecification, file=name, text=text)
+    return found.model_copy(update={"priors": found.complete_priors()})

@@ -9,13 +9,15 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from bayestissue.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.population import population_design
-from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.hierarchy.traces import NUISANCE, Kind, TraceData, TraceModel
+from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
+from bayestissue.hierarchy.traces import Kind, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.deceleration import DecelerationRecord
 from bayestissue.likelihood.displacement import DisplacementRecord, displacement_record
+from bayestissue.likelihood.element_impact import ElementRecord
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES, RecordedImpacts
 
@@ -106,15 +108,17 @@ def assemble(
 ) -> Prepared:
     """Model and data of a fit whose design and displacements are made."""
     kind: Kind = specification.likelihood  # type: ignore[assignment]
-    found, columns = population_design(design, specification.priors, NUISANCE[kind])
+    priors, nuisance = specification.complete_priors(), nuisance_of(kind, specification.element)
+    found, columns = population_design(design, priors, nuisance)
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd)
     model = TraceModel(
         kind,
         found,
-        specification.priors,
+        priors,
         specification.residual_correlation,
         relative_mass_sd,
         specification.mass_error if relative_mass_sd > 0 else "impact",
+        specification.element,
     )
     record, peak = _record(dataset, specification, signal)
     data = TraceData(
@@ -179,7 +183,7 @@ def _without_people(design: Design, source: str) -> list[Problem]:
 
 def _record(
     dataset: MeasuredImpacts, specification: ModelSpecification, signal: Displacements
-) -> tuple[DisplacementRecord | DecelerationRecord, np.ndarray]:
+) -> tuple[DisplacementRecord | DecelerationRecord | ElementRecord, np.ndarray]:
     """The traces with the standard deviations of their linear errors, and each trace's peak."""
     chain, recorded = dataset.uncertainty, dataset.quantity == "displacement"
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)
@@ -189,6 +193,8 @@ def _record(
     if specification.likelihood == "impact":
         # The likelihood asks the samples itself when contact was; what they said of it must not count twice.
         start = (signal.n_samples, signal.bracket_s, signal.dt)
+        if specification.element != SIDE_BY_SIDE:
+            return _element_record(dataset, signal, offset_sd)
         errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
         peak = np.abs(signal.deceleration).max(axis=1)
         record = (signal.deceleration, *start, signal.velocity, errors, signal.bracket_uniform)
@@ -202,3 +208,26 @@ def _record(
         level_sd = np.hypot(level_sd, peak)
     errors = np.stack([level_sd, velocity_sd, offset_sd], axis=1)
     return displacement_record(signal.x, *start, errors), peak
+
+
+def _element_record(
+    dataset: MeasuredImpacts, signal: Displacements, offset_sd: np.ndarray
+) -> tuple[ElementRecord, np.ndarray]:
+    """The same for any element, of which the impactor's diameter may matter."""
+    chain, impacts = dataset.uncertainty, dataset.impacts
+    size = impacts.get("diameter_m", pd.Series(REFERENCE_DIAMETER_M, impacts.index)).to_numpy(float)
+    gain_sd, velocity_sd = (
+        np.full(len(size), value) for value in (chain.relative_gain_sd, chain.velocity_sd_m_s)
+    )
+    record = ElementRecord.of(
+        signal.deceleration,
+        signal.n_samples,
+        signal.bracket_s,
+        signal.dt,
+        signal.velocity,
+        np.stack([velocity_sd, gain_sd, offset_sd, signal.bracket_sd], axis=1),
+        signal.bracket_uniform,
+        signal.mass,
+        np.where(np.isfinite(size), size, REFERENCE_DIAMETER_M),
+    )
+    return record, np.abs(signal.deceleration).max(axis=1)

@@ -18,6 +18,7 @@ from jax import Array
 from jaxtyping import Float
 from numpyro.distributions import biject_to
 
+from bayestissue.elements import element as element_named
 from bayestissue.hierarchy.conditional import (
     Conditional,
     Summaries,
@@ -35,9 +36,11 @@ from bayestissue.hierarchy.population import (
     spread_of_population,
 )
 from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.warp import Warp
 from bayestissue.likelihood.deceleration import DecelerationRecord, MeasuredDeceleration
 from bayestissue.likelihood.displacement import DisplacementRecord, MeasuredDisplacement
+from bayestissue.likelihood.element_impact import ElementRecord, MeasuredImpact
 
 Kind = Literal["arma", "a2", "impact"]
 NUISANCE: dict[str, tuple[str, ...]] = {
@@ -45,6 +48,7 @@ NUISANCE: dict[str, tuple[str, ...]] = {
     "a2": ("noise",),
     "impact": ("noise",),
 }
+RECORDED = (DecelerationRecord, ElementRecord)
 LOG_2 = 0.6931471805599453
 
 
@@ -60,7 +64,7 @@ class TraceData(NamedTuple):
             its noise.
     """
 
-    record: DisplacementRecord | DecelerationRecord
+    record: DisplacementRecord | DecelerationRecord | ElementRecord
     design: PopulationDesign
     location_mean: Float[Array, " location"]
     log_mass: Float[Array, " impact"]
@@ -71,7 +75,8 @@ class TraceData(NamedTuple):
 class TraceModel:
     """What is assumed: the likelihood, the parts of b, the priors, and the error of the recorded mass.
 
-    ``mass_error`` says whether each impact has an error of its own, or all impacts of a person the same.
+    ``mass_error`` says whether each impact has an error of its own, or all impacts of a person the same,
+    ``element`` what the impactor meets.
     """
 
     kind: Kind
@@ -80,11 +85,12 @@ class TraceModel:
     correlated: bool
     log_mass_sd: float
     mass_error: MassError = "impact"
+    element: str = SIDE_BY_SIDE
 
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
-        return NUISANCE[self.kind]
+        return nuisance_of(self.kind, self.element)
 
     @property
     def spreads(self) -> tuple[str, ...]:
@@ -97,7 +103,9 @@ class TraceModel:
         """The prior of one of `spreads`."""
         if name.endswith(("_K", "_C")):
             return getattr(getattr(self.priors, name[:-2]), name[-1]).numpyro()
-        return getattr(self.priors, name).numpyro()
+        if name == "residual_correlation":
+            return self.priors.residual_correlation.numpyro()
+        return self.priors.of_spread(name.removeprefix("sd_")).numpyro()
 
 
 class Physical(NamedTuple):
@@ -124,11 +132,24 @@ def physical(model: TraceModel, data: TraceData, u: list[Array]) -> Physical:
     return Physical(omega_n, zeta, theta1, log_s - jnp.log1p(theta1**2) / 2)
 
 
+def element_parameters(u: list[Array]) -> Float[Array, "parameter impact"]:
+    """K, C and the further parameters of a mechanical element, from an impact's own parameters."""
+    return jnp.exp(jnp.stack([u[0], u[1], *u[3:]]))
+
+
+def nuisance_of(kind: Kind, element: str) -> tuple[str, ...]:
+    """Names of an impact's parameters besides log K and log C: the element's own come last."""
+    return (*NUISANCE[kind], *(f"log_{parameter.name}" for parameter in element_named(element).extra))
+
+
 def trace_distribution(
     model: TraceModel, data: TraceData, u: list[Array]
-) -> MeasuredDisplacement | MeasuredDeceleration:
+) -> MeasuredDisplacement | MeasuredDeceleration | MeasuredImpact:
     """The distribution of every impact's trace."""
     at = physical(model, data, u)
+    if isinstance(data.record, ElementRecord):
+        which = element_named(model.element)
+        return MeasuredImpact(which, element_parameters(u), at.log_sigma, data.record)
     if isinstance(data.record, DecelerationRecord):
         return MeasuredDeceleration(at.omega_n, at.zeta, at.log_sigma, data.record)
     return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, data.record)
@@ -136,7 +157,7 @@ def trace_distribution(
 
 def observed(data: TraceData) -> Array:
     """The traces themselves, [impact, sample]."""
-    return data.record.d if isinstance(data.record, DecelerationRecord) else data.record.x
+    return data.record.d if isinstance(data.record, RECORDED) else data.record.x
 
 
 def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[Array, " impact"]:
@@ -146,7 +167,7 @@ def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[
 
 def with_normal_errors(data: TraceData) -> TraceData:
     """The same traces, every error of the measuring chain taken as normal with its standard deviation."""
-    if not isinstance(data.record, DecelerationRecord):
+    if not isinstance(data.record, RECORDED):
         return data
     return data._replace(record=data.record._replace(uniform=jnp.zeros_like(data.record.uniform)))
 

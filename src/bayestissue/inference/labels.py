@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping
 import numpy as np
 import xarray as xr
 
+from bayestissue.inference.element_draws import element_attributes
 from bayestissue.inference.sampling import Draws
 
 STIFFNESS, DAMPING = "N/m", "N s/m"
@@ -48,6 +49,8 @@ _TRACE_ATTRIBUTES = {
         ("level_error", "m", "error of the displacement at contact"),
         ("ramp_error", "m/s", "error of the displacement's slope: of velocity and gain"),
         ("velocity_error", "m/s", "error of velocity and gain, as a velocity"),
+        ("gain_error", "1", "relative error of the recorder's sensitivity"),
+        ("gain_error_sd", "1", "standard deviation of the relative error of the recorder's sensitivity"),
         ("offset_error", "m/s^2", "error of the recorder's zero"),
         ("contact_time_error", "s", "error of the contact time"),
         ("level_error_sd", "m", "standard deviation of the error of the displacement at contact"),
@@ -113,11 +116,11 @@ def labelled(
     ``dimensions`` gives what follows chain and draw; a name that it lacks is a scalar. With ``sampled``
     false the arrays have no chain and draw; those named in ``kept`` have some draws only, "kept_draw".
     """
-    variables = {}
+    variables, known = {}, ATTRIBUTES | element_attributes()
     for name, values in arrays.items():
         leading = ("chain", "kept_draw" if name in kept else "draw") if sampled else ()
         dims = (*leading, *dimensions.get(name, ()))
-        variables[name] = xr.Variable(dims, np.asarray(values), ATTRIBUTES.get(name, {"unit": "1"}))
+        variables[name] = xr.Variable(dims, np.asarray(values), known.get(name, {"unit": "1"}))
     used = {dimension for variable in variables.values() for dimension in variable.dims}
     coords = {name: list(values) for name, values in coordinates.items() if name in used}
     for name in ("chain", "draw"):

@@ -26,6 +26,7 @@ from bayestissue.hierarchy.traces import (
     population,
     trace_distribution,
 )
+from bayestissue.inference.element_draws import element_quantities
 from bayestissue.inference.sampling import Draws
 
 
@@ -135,6 +136,7 @@ def impact_quantities(
         **({} if model.kind == "impact" else {"sigma_a": jnp.exp(at.log_sigma)}),
         "parameters": jnp.stack(u, axis=-1),
     }
+    impacts |= element_quantities(model, data, u, mass_error, impacts["chain_error"])
     if model.kind != "impact":
         impacts["theta1"] = distribution.differences()[2]
     return impacts

@@ -18,6 +18,7 @@ from numpyro.infer.util import potential_energy
 from scipy.optimize import least_squares, minimize
 from scipy.stats import norm
 
+from bayestissue.elements import element
 from bayestissue.hierarchy.conditional import Summaries, condition
 from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.trace_data import Prepared
@@ -84,7 +85,10 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     stiffness = np.where(np.isfinite(fit.K) & (fit.K > 0), fit.K, signal.mass * omega_n**2)
     lightly = 0.1 * np.sqrt(stiffness * signal.mass)
     damping = np.where(np.isfinite(fit.C) & (0.02 * lightly < fit.C), fit.C, lightly)
-    columns = [np.log(stiffness), np.log(damping), _noise(prepared, fit)]
+    which = element(prepared.model.element)
+    own = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
+    columns = [*(np.log(np.asarray(each)) for each in own), _noise(prepared, fit)]
+    columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     if kind == "arma":
         # artanh has no value at -1 and 1, where point estimates like to lie.
         columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))

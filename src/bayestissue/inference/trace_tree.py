@@ -8,9 +8,11 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpyro.infer import Predictive
 
+from bayestissue.elements import element
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.specification import ModelSpecification
@@ -18,15 +20,18 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
+    element_parameters,
     physical,
     plain_model,
     trace_distribution,
 )
+from bayestissue.inference.element_draws import per_impact
 from bayestissue.inference.labels import labelled, labelled_statistics
-from bayestissue.inference.many_draws import some_impacts, some_of
+from bayestissue.inference.many_kept import some_impacts, some_of
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.trace_draws import Unfolded, named_sites, thinned
 from bayestissue.likelihood.deceleration import DecelerationRecord
+from bayestissue.likelihood.element_impact import ElementRecord, displacement
 from bayestissue.oscillator import impact_motion
 
 RESPONSES = derived.RESPONSES
@@ -34,9 +39,10 @@ PREDICTIVE_DRAWS = 100
 PRIOR_DRAWS = 1000
 ERRORS = {
     "impact": ("velocity_error", "offset_error", "contact_time_error"),
+    "element": ("velocity_error", "gain_error", "offset_error", "contact_time_error"),
     "displacement": ("level_error", "ramp_error", "offset_error"),
 }
-PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass")
+PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass", *per_impact())
 
 
 def posterior_tree(
@@ -126,8 +132,11 @@ def _quantities(
     return values | derived.new_impact(design, sites, rng)
 
 
-def _error_names(prepared: Prepared) -> tuple[str, str, str]:
-    return ERRORS["impact" if prepared.model.kind == "impact" else "displacement"]
+def _error_names(prepared: Prepared) -> tuple[str, ...]:
+    record = prepared.data.record
+    if isinstance(record, ElementRecord):
+        return ERRORS["element"]
+    return ERRORS["impact" if isinstance(record, DecelerationRecord) else "displacement"]
 
 
 def _predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, np.ndarray]:
@@ -157,6 +166,12 @@ def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array)
     inside = jnp.arange(trace.shape[1]) < record.n_samples[:, None]
     time = record.first_time[:, None] + jnp.arange(trace.shape[1]) * record.dt[:, None]
     at = physical(model, data, columns)
+    if isinstance(record, ElementRecord):
+        x = displacement(element(model.element), element_parameters(columns), record)
+        return {
+            "deceleration": jnp.where(inside, trace, jnp.nan),
+            "displacement": jnp.where(inside, x, jnp.nan),
+        }
     if isinstance(record, DecelerationRecord):
         velocity = record.velocity[:, None]
         x = impact_motion(time, at.omega_n[:, None], at.zeta[:, None], velocity).displacement
@@ -215,15 +230,18 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
     u = np.concatenate([drawn["log_K_and_C"], *(drawn[name][..., None] for name in model.nuisance)], axis=-1)
     at = physical(model, data, [jnp.asarray(u[..., a]) for a in range(u.shape[-1])])
     if shared:
-        error = drawn["log_mass_error"][..., prepared.design.subject]
+        person = pd.Index(prepared.design.subjects).get_indexer(
+            pd.Index(prepared.impacts["subject"].astype(str))
+        )
+        error = drawn["log_mass_error"][..., person]
     else:
         error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
     impacts = {
         "K": np.exp(u[..., 0] + error),
         "C": np.exp(u[..., 1] + error),
-        "omega_n": np.asarray(at.omega_n),
-        "zeta": np.asarray(at.zeta),
     }
+    if not isinstance(data.record, ElementRecord):
+        impacts |= {"omega_n": np.asarray(at.omega_n), "zeta": np.asarray(at.zeta)}
     some = jnp.asarray(u[0, :PREDICTIVE_DRAWS])
     keys = jax.random.split(key, len(some))
     made = _replicates(model, data, some, keys)

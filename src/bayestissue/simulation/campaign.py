@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-import jax
 import numpy as np
 import pandas as pd
-from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
-from bayestissue.oscillator import impact_motion, peak_displacement, spring_damper_inverse, time_to_peak
+from bayestissue.simulation.contact import deceleration, leaves, what_is_met
 from bayestissue.simulation.specification import Recording, Simulation, Tissue
 
 _BLOCK = 1_000_000
@@ -67,8 +65,8 @@ class Campaign:
 def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
     """Draw the truth of every impact and record it; the same seed gives the same numbers.
 
-    The motion is the closed form of a mass M that meets a spring and damper at V (thesis, section 2.12);
-    the tissue can push but not pull, so the recording is at rest again from twice the time to peak on.
+    The motion is that of a mass M that meets the tissue's element at V; the tissue can push but not pull, so
+    the recording is at rest again from when the force is 0.
     Tissue, chain and noise have random streams of their own: more noise leaves the truth as it is. Needs
     float64 (`bayestissue.runtime.configure`).
 
@@ -76,15 +74,15 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
         simulation: the specification.
         seed: instead of the specification's.
     """
-    streams = np.random.SeedSequence(simulation.seed if seed is None else seed).spawn(3)
-    tissue, chain, noise = (np.random.default_rng(stream) for stream in streams)
+    streams = np.random.SeedSequence(simulation.seed if seed is None else seed).spawn(4)
+    tissue, chain, noise, further = (np.random.default_rng(stream) for stream in streams)
     impacts = _impacts(simulation)
-    truth = _truth(simulation, impacts, tissue, chain)
+    truth = _truth(simulation, impacts, tissue, chain, further)
     rate = simulation.recording.sampling_rate_hz
-    leaves = (truth["contact_time_s"] + 2 * truth["time_to_peak_s"]).to_numpy()
-    n = np.ceil((leaves + simulation.recording.after_contact_s) * rate).astype(int) + 1
+    end = truth["contact_time_s"].to_numpy() + leaves(truth)
+    n = np.ceil((end + simulation.recording.after_contact_s) * rate).astype(int) + 1
     sample = np.arange(n.sum()) - np.repeat(np.cumsum(n) - n, n)
-    parts = list(_recorded(simulation.recording, truth, n, noise))
+    parts = list(_recorded(simulation, truth, n, noise))
     value = np.concatenate(parts)
     if simulation.output.decimals is not None:
         value = np.round(value, simulation.output.decimals)
@@ -109,11 +107,16 @@ def _impacts(simulation: Simulation) -> pd.DataFrame:
     energy = impacts["mass_kg"] * impacts["velocity_m_s"] ** 2 / 2
     rate = simulation.recording.sampling_rate_hz
     table = impacts.drop(columns="repeat").assign(impact=names, energy_J=energy, sampling_rate_hz=rate)
-    return table[["impact", "subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "sampling_rate_hz"]]
+    columns = ["impact", "subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "sampling_rate_hz"]
+    return table[columns + ["diameter_m"] * ("diameter_m" in table)]
 
 
 def _truth(
-    simulation: Simulation, impacts: pd.DataFrame, tissue: np.random.Generator, chain: np.random.Generator
+    simulation: Simulation,
+    impacts: pd.DataFrame,
+    tissue: np.random.Generator,
+    chain: np.random.Generator,
+    further: np.random.Generator,
 ) -> pd.DataFrame:
     recording, count = simulation.recording, len(impacts)
     mass = impacts["mass_kg"].to_numpy() * (1 + recording.relative_mass_sd * chain.standard_normal(count))
@@ -128,21 +131,19 @@ def _truth(
         * np.exp(getattr(simulation.tissue, f"mass_exponent_{name[0]}") * size + effects[name[0]])
         for name in ("K_N_per_m", "C_N_s_per_m")
     )
-    omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(stiffness, damping, mass))
+    met = what_is_met(simulation.tissue, impacts, stiffness, damping, mass, velocity, further)
     return pd.DataFrame(
         {
             "impact": impacts["impact"],
             "K_N_per_m": stiffness,
             "C_N_s_per_m": damping,
-            "omega_n_rad_s": omega_n,
-            "zeta": zeta,
+            **{name: met.pop(name) for name in ("omega_n_rad_s", "zeta")},
             "mass_kg": mass,
             "velocity_m_s": velocity,
             "gain": gain,
             "offset_m_s2": offset,
             "contact_time_s": contact,
-            "time_to_peak_s": np.asarray(time_to_peak(omega_n, zeta)),
-            "peak_displacement_m": np.asarray(peak_displacement(omega_n, zeta, velocity)),
+            **met,
             **{name: effects[name] for name in effects if name not in ("K", "C")},
         }
     )
@@ -165,27 +166,17 @@ def _effects(tissue: Tissue, impacts: pd.DataFrame, random: np.random.Generator)
     return effects
 
 
-@jax.jit
-def _deceleration(
-    time: Array, contact: Array, leaves: Array, omega_n: Array, zeta: Array, velocity: Array
-) -> Array:
-    since = time - contact
-    motion = impact_motion(jax.numpy.maximum(since, 0), omega_n, zeta, velocity)
-    return jax.numpy.where((since >= 0) & (time < leaves), motion.deceleration, 0)
-
-
 def _recorded(
-    recording: Recording, truth: pd.DataFrame, n: np.ndarray, random: np.random.Generator
+    simulation: Simulation, truth: pd.DataFrame, n: np.ndarray, random: np.random.Generator
 ) -> Iterator[np.ndarray]:
     """Recorded values, in blocks of impacts that bound the memory in use."""
+    recording = simulation.recording
     time = np.arange(n.max()) / recording.sampling_rate_hz
     rows = min(len(n), max(1, _BLOCK // len(time)))
-    columns = ["contact_time_s", "time_to_peak_s", "omega_n_rad_s", "zeta", "velocity_m_s"]
     for begin in range(0, len(n), rows):
         # Every block has the same number of rows, so that one compilation serves them all.
         index = np.minimum(np.arange(begin, begin + rows), len(n) - 1)
-        contact, to_peak, omega_n, zeta, velocity = (truth[c].to_numpy()[index, None] for c in columns)
-        motion = _deceleration(time, contact, contact + 2 * to_peak, omega_n, zeta, velocity)
+        motion = deceleration(simulation.tissue.element, truth.iloc[index], time)
         part = slice(begin, min(begin + rows, len(n)))
         d = np.asarray(motion)[: part.stop - begin]
         yield _through_chain(recording, truth.iloc[part], d, n[part], random)

@@ -27,6 +27,7 @@ class Condition(_Table):
     mass_kg: Positive | None = None
     velocity_m_s: Positive | None = None
     energy_J: Positive | None = None
+    diameter_m: Positive | None = Field(default=None, description="of the impactor, for the Hertz element")
 
     @model_validator(mode="after")
     def _two_of_three(self) -> Self:
@@ -65,11 +66,13 @@ class Design(_Table):
 
 
 class Tissue(_Table):
-    """A Kelvin-Voigt element: K and C of a typical person at the reference mass, and how they vary.
+    """An element, Kelvin-Voigt unless said: a typical person's K and C, and how they vary.
 
+    K and C are at the reference mass:
     log K = log K_N_per_m + mass_exponent_K log(M / reference_mass_kg) + subject + trial + impact effect,
     each effect normal with the standard deviation given; the same for C. ``correlation`` is that of the
-    effects on K with those on C.
+    effects on K with those on C. ``parameters`` are the element's others, such as ``arm_ratio``, whose logs
+    scatter between impacts with the standard deviation ``sd_impact_parameters``.
     """
 
     K_N_per_m: Positive
@@ -84,6 +87,20 @@ class Tissue(_Table):
     sd_impact_K: Spread = 0.0
     sd_impact_C: Spread = 0.0
     correlation: Annotated[float, Field(ge=-1, le=1)] = 0.0
+    element: str = "kelvin_voigt"
+    parameters: dict[str, Positive] = {}
+    sd_impact_parameters: Spread = 0.0
+
+    @model_validator(mode="after")
+    def _of_the_element(self) -> Self:
+        from bayestissue.elements import element, element_names
+
+        if self.element not in element_names():
+            raise ValueError(f"an element of {', '.join(element_names())}")
+        extra = {parameter.name for parameter in element(self.element).extra}
+        if set(self.parameters) != extra:
+            raise ValueError(f"parameters with the keys {', '.join(sorted(extra)) or 'none'}")
+        return self
 
 
 class Recording(_Table):
@@ -147,7 +164,9 @@ class Simulation(_Table):
             return published_conditions()
         pairs = [condition.mass_and_velocity() for condition in self.design.conditions]
         names = [condition.trial for condition in self.design.conditions]
-        return pd.DataFrame(pairs, columns=["mass_kg", "velocity_m_s"]).assign(trial=names)
+        table = pd.DataFrame(pairs, columns=["mass_kg", "velocity_m_s"]).assign(trial=names)
+        diameters = [condition.diameter_m for condition in self.design.conditions]
+        return table if None in diameters else table.assign(diameter_m=np.array(diameters, float))
 
 
 def published_conditions() -> pd.DataFrame:

@@ -22,6 +22,11 @@ def stored(x: Array, v: Array, s: States, p: Parameters) -> Array:
     return p["K"] * (x - s[0]) ** 2 / 2
 
 
+def guess(K: Array, C: Array, mass: Array) -> tuple[Array, Array]:
+    """K, and the damping with which the force lags as much at the natural frequency: K M / C."""
+    return K, K * mass / C
+
+
 ELEMENT = Element(
     name="maxwell",
     title="spring and damper in series (Maxwell)",
@@ -34,4 +39,5 @@ ELEMENT = Element(
     rates=rates,
     states=1,
     linear=True,
+    guess=guess,
 )

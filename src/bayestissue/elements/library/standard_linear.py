@@ -34,7 +34,7 @@ ELEMENT = Element(
             "K", "N/m", "stiffness of the lone spring, which is that at rest; (1 + arm_ratio) K at contact"
         ),
         Parameter("C", "N s/m", "damping in the arm"),
-        Parameter("arm_ratio", "1", "stiffness of the arm's spring over K; infinite is Kelvin-Voigt"),
+        Parameter("arm_ratio", "1", "stiffness of the arm's spring over K; infinite is Kelvin-Voigt", 2.0),
     ),
     force=force,
     stored=stored,

@@ -23,7 +23,7 @@ ELEMENT = Element(
     parameters=(
         Parameter("K", "N/m", "tangent stiffness at contact"),
         Parameter("C", "N s/m", "damping"),
-        Parameter("stiffening_depth_m", "m", "depth at which the secant stiffness has doubled"),
+        Parameter("stiffening_depth_m", "m", "depth at which the secant stiffness has doubled", 0.02),
     ),
     force=force,
     stored=stored,

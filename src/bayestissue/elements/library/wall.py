@@ -42,7 +42,7 @@ ELEMENT = Element(
     parameters=(
         Parameter("K", "N/m", "tangent stiffness at contact"),
         Parameter("C", "N s/m", "damping"),
-        Parameter("thickness_m", "m", "thickness of the tissue, pressed flat by no finite force"),
+        Parameter("thickness_m", "m", "thickness of the tissue, pressed flat by no finite force", 0.03),
     ),
     force=force,
     stored=stored,

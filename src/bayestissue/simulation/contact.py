@@ -1,0 +1,104 @@
+"""What a simulated impactor meets: the motion in contact, and what a lab would like to know of it."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.elements import comparables, element, impact
+from bayestissue.oscillator import impact_motion, peak_displacement, spring_damper_inverse, time_to_peak
+from bayestissue.simulation.specification import Tissue
+
+SIDE_BY_SIDE = "kelvin_voigt"
+
+
+def what_is_met(
+    tissue: Tissue,
+    impacts: pd.DataFrame,
+    K: Float[np.ndarray, " impact"],
+    C: Float[np.ndarray, " impact"],
+    mass: Float[np.ndarray, " impact"],
+    velocity: Float[np.ndarray, " impact"],
+    random: np.random.Generator,
+) -> dict[str, np.ndarray]:
+    """Columns of the truth that follow from K, C and the element, whose other parameters are drawn here.
+
+    omega_n and zeta are those of stiffness and damping as they compare across elements: K_secant and
+    C_equivalent of `bayestissue.elements.comparables`.
+    """
+    if tissue.element == SIDE_BY_SIDE:
+        omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(K, C, mass))
+        peak = np.asarray(time_to_peak(omega_n, zeta))
+        return {
+            "omega_n_rad_s": omega_n,
+            "zeta": zeta,
+            "time_to_peak_s": peak,
+            "peak_displacement_m": np.asarray(peak_displacement(omega_n, zeta, velocity)),
+        }
+    scatter = tissue.sd_impact_parameters * random.standard_normal((len(tissue.parameters), len(K)))
+    names = [parameter.name for parameter in element(tissue.element).extra]
+    further = {name: tissue.parameters[name] * np.exp(s) for name, s in zip(names, scatter, strict=True)}
+    size = {"diameter_m": impacts["diameter_m"].to_numpy()} if "diameter_m" in impacts else {}
+    p = {each: jnp.asarray(value) for each, value in {"K": K, "C": C, **further}.items()}
+    diameter = size.get("diameter_m")
+    found = comparables(tissue.element, p, mass, velocity, diameter=diameter)
+    path = impact(tissue.element, p, mass, velocity, jnp.zeros((len(K), 1)), diameter=diameter)
+    stiffness, damping = np.asarray(found.K_secant), np.asarray(found.C_equivalent)
+    omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(stiffness, damping, mass))
+    end, peak = np.asarray(path.leaves), np.asarray(found.time_to_peak)
+    return {
+        "omega_n_rad_s": omega_n,
+        "zeta": zeta,
+        "time_to_peak_s": peak,
+        "peak_displacement_m": np.asarray(found.peak_displacement),
+        # A force that only fades is recorded for five times as long as it took to the peak.
+        "leaves_s": np.where(np.isfinite(end), end, 5 * peak),
+        **further,
+        **size,
+        "K_secant_N_per_m": stiffness,
+        "C_equivalent_N_s_per_m": damping,
+        "energy_lost": np.asarray(found.energy_lost),
+    }
+
+
+def leaves(truth: pd.DataFrame) -> Float[np.ndarray, " impact"]:
+    """When the tissue pushes no more [s]; for Kelvin-Voigt twice the time to peak (thesis, section 2.12)."""
+    column = truth["leaves_s"] if "leaves_s" in truth else 2 * truth["time_to_peak_s"]
+    return column.to_numpy()
+
+
+def deceleration(
+    name: str, truth: pd.DataFrame, time: Float[np.ndarray, " sample"]
+) -> Float[Array, "impact sample"]:
+    """What a perfect recorder sees, [impact, sample]: 0 before contact and once the force is 0.
+
+    Args:
+        name: of the element.
+        truth: the impacts, with the columns of `what_is_met` and of K, C, mass, velocity and contact time.
+        time: on the recorder's clock [s].
+    """
+    contact = truth["contact_time_s"].to_numpy()[:, None]
+    if name == SIDE_BY_SIDE:
+        names = ["omega_n_rad_s", "zeta", "velocity_m_s"]
+        others = (truth[column].to_numpy()[:, None] for column in names)
+        return _side_by_side(time, contact, leaves(truth)[:, None], *others)
+    columns = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+    columns |= {parameter.name: parameter.name for parameter in element(name).extra}
+    p = {parameter: jnp.asarray(truth[column].to_numpy()) for parameter, column in columns.items()}
+    diameter = truth["diameter_m"].to_numpy() if "diameter_m" in truth else None
+    since = jnp.asarray(time - contact)
+    mass, velocity = truth["mass_kg"].to_numpy(), truth["velocity_m_s"].to_numpy()
+    return impact(name, p, mass, velocity, since, diameter=diameter).deceleration
+
+
+@jax.jit
+def _side_by_side(
+    time: Array, contact: Array, leaves: Array, omega_n: Array, zeta: Array, velocity: Array
+) -> Array:
+    since = time - contact
+    motion = impact_motion(jnp.maximum(since, 0), omega_n, zeta, velocity)
+    return jnp.where((since >= 0) & (since < leaves), motion.deceleration, 0)
