@@ -9,7 +9,8 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.cells import Cells, arrange, expected_by_place, in_cells, locations_of, solve
+from bayestissue.hierarchy.cell_solution import locations_of, solve
+from bayestissue.hierarchy.cells import Cells, arrange, expected_by_place, in_cells
 from bayestissue.hierarchy.conditional import Summaries, condition
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.population import (

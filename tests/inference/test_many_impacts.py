@@ -14,8 +14,8 @@ from bayestissue.hierarchy.population import PopulationDesign
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData
-from bayestissue.inference import many_draws, trace_blocks, traces
-from bayestissue.inference.many_draws import kept_draws, some_impacts
+from bayestissue.inference import many_kept, trace_blocks, traces
+from bayestissue.inference.many_kept import kept_draws, some_impacts
 from bayestissue.inference.profile_surface import surface_of
 from bayestissue.inference.summary import summarise
 from bayestissue.inference.trace_blocks import in_blocks
@@ -56,11 +56,11 @@ def test_blocks_end_to_end_are_the_whole(monkeypatch: pytest.MonkeyPatch, few: i
 def test_draws_and_impacts_that_are_kept_are_evenly_spaced_and_no_more_than_allowed() -> None:
     assert list(kept_draws(4, 1000, 90)) == list(range(1000))
     kept = kept_draws(4, 1000, 100_000)
-    assert 4 * len(kept) * 100_000 <= many_draws.MOST_VALUES
+    assert 4 * len(kept) * 100_000 <= many_kept.MOST_VALUES
     assert len(set(np.diff(kept))) == 1
     assert list(some_impacts(7)) == list(range(7))
     shown = some_impacts(100_000)
-    assert (len(shown), shown[0], shown[-1]) == (many_draws.SHOWN, 0, 99_999)
+    assert (len(shown), shown[0], shown[-1]) == (many_kept.SHOWN, 0, 99_999)
 
 
 def test_a_surface_is_the_traces_evidence_together() -> None:

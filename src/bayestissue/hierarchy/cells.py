@@ -9,22 +9,18 @@ only to sum its part of the cell's.
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jax.scipy.linalg import solve_triangular
 from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.population import Locations, PopulationDesign, Spread
-from bayestissue.likelihood import small
+from bayestissue.hierarchy.population import Locations, PopulationDesign
 
-Entries = tuple[Array, ...]
 # As many places as this times the cells are laid out, if that lets all people share their columns.
 _MOST_EMPTY = 2
 
@@ -166,7 +162,10 @@ def in_cells(
         reference: a b near the posterior, which keeps the sums of squares small.
     """
     size = summaries.centre.shape[1]
-    about = [np.asarray(each)[arrangement.place] for each in expected_by_place(arrangement, reference)[:size]]
+    about = [
+        np.asarray(each)[arrangement.place]
+        for each in expected_by_place(arrangement, jnp.asarray(reference))[:size]
+    ]
     away = np.stack(about, axis=1) - np.asarray(summaries.centre)
     precision = np.asarray(summaries.precision)
     bent = np.einsum("iab,ib->ia", precision, away)
@@ -203,262 +202,3 @@ def expected_by_place(
         values.append(value.reshape(*b.shape[:-1], -1))
         begin = end
     return values
-
-
-class CellSums(NamedTuple):
-    """Each place's sums over its impacts, all at the reference.
-
-    Attributes:
-        weight: W, the lower triangle's entries: minus the second derivatives of the log evidence by X b.
-        pull: its first derivatives.
-        constant: the log evidence less the level of `Cells`.
-    """
-
-    weight: tuple[Float[Array, " place"], ...]
-    pull: tuple[Float[Array, " place"], ...]
-    constant: Float[Array, " place"]
-
-    def entry(self, a: int, b: int) -> Array:
-        """An entry of W."""
-        return self.weight[_lower(a, b)]
-
-
-def cell_sums(cells: Cells, spread: Spread) -> CellSums:
-    """Integrate every impact's parameters out, and sum within places."""
-    nuisance = spread.nuisance[: len(cells.slope) - 2]
-    sums = _summed((*spread.own, *nuisance), cells.precision, cells.slope)
-    number = len(cells.precision)
-    found = CellSums(tuple(sums[:number]), tuple(sums[number:-1]), sums[-1])
-    return found if cells.expansion is None else _corrected(found, cells.expansion, spread)
-
-
-def flat_spreads(spread: Spread, size: int) -> Float[Array, "*batch spread"]:
-    """The spreads as `Expansion` has them, for impacts of ``size`` parameters."""
-    return jnp.stack([*spread.own, *(sd**2 for sd in spread.nuisance[: size - 2])], axis=-1)
-
-
-def _corrected(sums: CellSums, expansion: Expansion, spread: Spread) -> CellSums:
-    size = len(sums.pull)
-    away = flat_spreads(spread, size) - expansion.spreads
-    bent = expansion.bend[:, :, size:] @ away
-    weight = tuple(sums.entry(a, b) - expansion.bend[:, a, b] for a in range(size) for b in range(a + 1))
-    pull = tuple(sums.pull[a] + expansion.slope[:, a] + bent[:, a] for a in range(size))
-    return CellSums(weight, pull, sums.constant + (expansion.slope[:, size:] + bent[:, size:] / 2) @ away)
-
-
-def _lower(a: int, b: int) -> int:
-    return max(a, b) * (max(a, b) + 1) // 2 + min(a, b)
-
-
-@jax.custom_vjp
-def _summed(spreads: Entries, precision: Entries, slope: Entries) -> Entries:
-    """W, pull and constant of every impact, summed over the first axis, a repeat at a time.
-
-    One repeat of all places stays in a processor's cache, where all impacts at once would not.
-    """
-
-    def add(total: Entries, part: tuple[Entries, Entries]) -> tuple[Entries, None]:
-        weight, pull, constant = _of_impacts(spreads, *part)
-        return tuple(t + v for t, v in zip(total, (*weight, *pull, constant), strict=True)), None
-
-    count = len(precision) + len(slope) + 1
-    return jax.lax.scan(add, (jnp.zeros_like(slope[0][0]),) * count, (precision, slope))[0]
-
-
-def _of_impacts(
-    spreads: Entries, precision: Entries, slope: Entries
-) -> tuple[list[Array], list[Array], Array]:
-    """W = D - D V D with V = (P + D)^-1, D V g, and the log evidence, D being the spreads' precision."""
-    size = len(slope)
-    kk, kc, cc = spreads[:3]
-    determinant = kk * cc - kc**2
-    prior = {(0, 0): cc / determinant, (1, 0): -kc / determinant, (1, 1): kk / determinant}
-    log_prior = -jnp.log(determinant) / 2
-    for a, sd in enumerate(spreads[3:], start=2):
-        prior[a, a] = sd**-2.0
-        log_prior = log_prior - jnp.log(sd)
-    factor = small.cholesky(
-        [[precision[_lower(a, b)] + prior.get((a, b), 0.0) for b in range(a + 1)] for a in range(size)]
-    )
-    inverse = _inverse(factor)
-    # Rows of L^-1 D, whose squares make D V D; a person's log K and log C are all that D ties.
-    rows = [[_dot_prior(row, prior, a) for a in range(size)] for row in inverse]
-    weight = [
-        prior.get((a, b), 0.0) - sum(rows[k][a] * rows[k][b] for k in _reach(a, size))
-        for a in range(size)
-        for b in range(a + 1)
-    ]
-    half = [sum(inverse[k][j] * slope[j] for j in range(k + 1)) for k in range(size)]
-    pull = [sum(rows[k][a] * half[k] for k in _reach(a, size)) for a in range(size)]
-    return weight, pull, log_prior - small.log_diagonal(factor) + sum(h**2 for h in half) / 2
-
-
-def _reach(a: int, size: int) -> range:
-    """The rows of L^-1 D that are not 0 in column ``a``."""
-    return range(0 if a < 2 else a, size)
-
-
-def _dot_prior(row: list[Array], prior: dict[tuple[int, int], Array], a: int) -> Array:
-    tied = [b for b in range(len(row)) if (max(a, b), min(a, b)) in prior]
-    return sum((row[b] * prior[max(a, b), min(a, b)] for b in tied), jnp.zeros(()))
-
-
-def _inverse(factor: list[list[Array]]) -> list[list[Array]]:
-    """Rows of L^-1, lower triangle only."""
-    inverse: list[list[Array]] = []
-    for i, row in enumerate(factor):
-        over = 1 / row[i]
-        own = [-over * sum(row[k] * inverse[k][j] for k in range(j, i)) for j in range(i)]
-        inverse.append([*own, over])
-    return inverse
-
-
-def _summed_forward(spreads: Entries, precision: Entries, slope: Entries) -> tuple[Entries, Any]:
-    return _summed(spreads, precision, slope), (spreads, precision, slope)
-
-
-def _summed_backward(given: Any, toward: Entries) -> tuple[Entries, None, None]:
-    """By the spreads alone: dW = -W dS W, d pull = -W dS pull, d constant = (pull' dS pull - tr W dS) / 2."""
-    spreads, precision, slope = given
-    size, number = len(slope), len(precision)
-    by_weight, by_pull, by_constant = toward[:number], toward[number:-1], toward[-1]
-    whole = [[by_weight[_lower(a, b)] * (1.0 if a == b else 0.5) for b in range(size)] for a in range(size)]
-
-    def add(total: Entries, part: tuple[Entries, Entries]) -> tuple[Entries, None]:
-        weight, pull, _ = _of_impacts(spreads, *part)
-        rows = [[weight[_lower(a, b)] for b in range(size)] for a in range(size)]
-        over = [small.times(whole, row) for row in rows]
-        moved = small.times(rows, by_pull)
-
-        def entry(a: int, b: int) -> Array:
-            bent = -small.dot(rows[a], over[b]) - (pull[a] * moved[b] + pull[b] * moved[a]) / 2
-            return (bent + by_constant * (pull[a] * pull[b] - rows[a][b]) / 2).sum()
-
-        kk, kc, cc = entry(0, 0), entry(0, 1), entry(1, 1)
-        slopes = (kk, 2 * kc, cc, *(2 * sd * entry(a, a) for a, sd in enumerate(spreads[3:], start=2)))
-        return tuple(t + s for t, s in zip(total, slopes, strict=True)), None
-
-    found, _ = jax.lax.scan(add, (jnp.zeros(()),) * len(spreads), (precision, slope))
-    return found, None, None
-
-
-_summed.defvjp(_summed_forward, _summed_backward)
-
-
-class Solution(NamedTuple):
-    """b given the standard deviations, measured from the reference.
-
-    Attributes:
-        log_evidence: log density of all summaries, b and every impact's parameters integrated out.
-        inner: lower factors of each person's precision, entries [level].
-        coupling: L^-1 times a person's products with the rest, per row of `Arrangement.inner`.
-        inner_half: L^-1 times what pulls a person's effects.
-        factor: lower factor of the rest's precision, people eliminated.
-        half: its inverse times what pulls the rest.
-    """
-
-    log_evidence: Float[Array, ""]
-    inner: list[list[Array]]
-    coupling: list[Float[Array, "level rest"]]
-    inner_half: list[Float[Array, " level"]]
-    factor: Float[Array, "rest rest"]
-    half: Float[Array, " rest"]
-
-
-def solve(cells: Cells, spread: Spread) -> tuple[Solution, CellSums]:
-    """Integrate b out, or rather all that is needed to do so and to draw it back."""
-    layout, sums = cells.arrangement, cell_sums(cells, spread)
-    size, own = len(cells.slope), sorted(layout.inner)
-    prior, between = spread.precision()
-    away = cells.mean - cells.reference
-    pulled = spread.weigh(away)
-    levels = len(layout.inner[own[0]]) if own else 1
-    columns = [jnp.asarray(matrix) for matrix in layout.columns]
-
-    def by_level(values: Array) -> Array:
-        return values.reshape(levels, -1).sum(1)
-
-    inner = small.cholesky(
-        [
-            [by_level(sums.entry(a, b)) + _prior_of(prior, between, layout, a, b) for b in own[: i + 1]]
-            for i, a in enumerate(own)
-        ]
-    )
-    across = [
-        jnp.concatenate(
-            [_across(sums, a, matrix, b, levels, size) for b, matrix in enumerate(columns)], axis=1
-        )
-        for a in own
-    ]
-    lifted = [[entry[:, None] for entry in row] for row in inner]
-    coupling = small.forward_solve(lifted, across) if own else []
-    right = [by_level(sums.pull[a]) + pulled[layout.inner[a]] for a in own]
-    inner_half = small.forward_solve(inner, right) if own else []
-    precision, toward = _of_rest(columns, sums, levels, size)
-    precision = precision + jnp.diag(prior[layout.rest]) - sum(y.T @ y for y in coupling)
-    toward = toward + pulled[layout.rest] - sum(y.T @ h for y, h in zip(coupling, inner_half, strict=True))
-    factor = jnp.linalg.cholesky(precision)
-    half = solve_triangular(factor, toward, lower=True)
-    log_evidence = (
-        (cells.level + sums.constant).sum()
-        - spread.log_scale()
-        - sum(jnp.log(inner[i][i]).sum() for i in range(len(own)))
-        - jnp.log(jnp.diagonal(factor)).sum()
-        + (sum((h**2).sum() for h in inner_half) + (half**2).sum() - (pulled * away).sum()) / 2
-    )
-    return Solution(log_evidence, inner, coupling, inner_half, factor, half), sums
-
-
-def _prior_of(prior: Array, between: Array | None, layout: Arrangement, a: int, b: int) -> Array | float:
-    """Prior precision between a level's effects on parameters ``a`` and ``b``."""
-    if a == b:
-        return prior[layout.inner[a]]
-    return 0.0 if between is None else between
-
-
-def _across(sums: CellSums, a: int, matrix: Array, b: int, levels: int, size: int) -> Array:
-    """Each level's products of its effect on parameter ``a`` with the columns of parameter ``b``."""
-    if b >= size:
-        return jnp.zeros((levels, matrix.shape[2]))
-    weight = sums.entry(a, b).reshape(levels, -1)
-    return weight @ matrix[0] if matrix.shape[0] == 1 else jnp.einsum("ls,lsp->lp", weight, matrix)
-
-
-def _of_rest(columns: list[Array], sums: CellSums, levels: int, size: int) -> tuple[Array, Array]:
-    """X' W X and X' pull of the rest."""
-    shared = columns[0].shape[0] == 1
-    rows = [matrix.reshape(-1, matrix.shape[2]) for matrix in columns]
-
-    def total(values: Array) -> Array:
-        return values.reshape(levels, -1).sum(0) if shared else values
-
-    blocks = [[jnp.zeros((a.shape[1], b.shape[1])) for b in rows] for a in rows]
-    for a in range(size):
-        for b in range(a + 1):
-            blocks[a][b] = rows[a].T @ (total(sums.entry(a, b))[:, None] * rows[b])
-            blocks[b][a] = blocks[a][b].T
-    toward = [
-        matrix.T @ total(sums.pull[a]) if a < size else jnp.zeros(matrix.shape[1])
-        for a, matrix in enumerate(rows)
-    ]
-    return jnp.block(blocks), jnp.concatenate(toward)
-
-
-def locations_of(
-    cells: Cells, solution: Solution, standard: Float[Array, " location"] | None = None
-) -> Float[Array, " location"]:
-    """All of b from standard normals; its mean without them."""
-    layout = cells.arrangement
-    standard = jnp.zeros_like(cells.mean) if standard is None else standard
-    rest = solve_triangular(solution.factor, solution.half + standard[layout.rest], lower=True, trans=1)
-    b = cells.reference.at[layout.rest].add(rest)
-    own = sorted(layout.inner)
-    if not own:
-        return b
-    right = [
-        half - coupling @ rest + standard[layout.inner[a]]
-        for a, half, coupling in zip(own, solution.inner_half, solution.coupling, strict=True)
-    ]
-    for a, effects in zip(own, small.backward_solve(solution.inner, right), strict=True):
-        b = b.at[layout.inner[a]].add(effects)
-    return b

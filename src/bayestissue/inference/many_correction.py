@@ -11,7 +11,7 @@ draws can be trusted.
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,15 +19,16 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.cells import Cells, Expansion, expected_by_place, flat_spreads
+from bayestissue.hierarchy.cell_sums import flat_spreads
+from bayestissue.hierarchy.cells import Cells, Expansion, expected_by_place
 from bayestissue.hierarchy.conditional import Summaries, impact_parts
 from bayestissue.hierarchy.population import Spread
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, population
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_blocks import in_blocks
 from bayestissue.inference.trace_correction import (
-    Points,
     Profile,
+    Ratios,
     compare_over_about,
     log_corrections,
     standard_points,
@@ -133,7 +134,7 @@ def left_out(
     return (exact - expanded) - (exact - expanded).mean()
 
 
-ByPlace = tuple[Spread, list[Array]]
+ByPlace = tuple[Spread, list[Any]]
 
 
 def _by_place(model: TraceModel, cells: Cells, draws: PopulationDraws) -> ByPlace:
@@ -142,14 +143,17 @@ def _by_place(model: TraceModel, cells: Cells, draws: PopulationDraws) -> ByPlac
 
 
 def _at_places(draws: ByPlace, place: np.ndarray) -> ByPlace:
-    return draws[0]._replace(locations=np.zeros((len(draws[1][0]), 0))), [each[:, place] for each in draws[1]]
+    spread, about = draws
+    return spread._replace(locations=jnp.zeros((len(about[0]), 0))), [each[:, place] for each in about]
 
 
 def _rows(
     summaries: Summaries, profile: Profile | None, rows: np.ndarray
 ) -> tuple[Summaries, Profile | None]:
-    table = None if profile is None else np.asarray(profile.log_likelihood)[:, rows]
-    return rows_of(summaries, rows), None if profile is None else profile._replace(log_likelihood=table)
+    own = rows_of(summaries, rows)
+    if profile is None:
+        return own, None
+    return own, profile._replace(log_likelihood=jnp.asarray(np.asarray(profile.log_likelihood)[:, rows]))
 
 
 @partial(jax.jit, static_argnames="size")
@@ -215,7 +219,7 @@ def _corrections(
     return jax.lax.map(one, (flat_spreads(seen[0], size), seen[1])).T
 
 
-def _correction(points: Points, summaries: Summaries, v: Array) -> Array:
+def _correction(points: Ratios, summaries: Summaries, v: Array) -> Array:
     """Each impact's correction, as a function of what the population says of it."""
     size = points.u.shape[-1]
     known = Summaries(

@@ -73,7 +73,7 @@ def surface_of(profile: Profile, low: np.ndarray, high: np.ndarray) -> Surface:
     count = profile.log_likelihood.shape[1]
     table = np.zeros((len(means), len(log_sds)))
     for begin in range(0, count, BLOCK):
-        part = profile._replace(log_likelihood=np.asarray(profile.log_likelihood[:, begin : begin + BLOCK]))
+        part = profile._replace(log_likelihood=jnp.asarray(profile.log_likelihood[:, begin : begin + BLOCK]))
         for column, sd in enumerate(np.exp(log_sds)):
             finer = int(2 ** np.ceil(np.log2(max(1.0, _STEPS * float(profile.step) / sd))))
             table[:, column] += np.asarray(_evidence(part, jnp.asarray(means), jnp.asarray(sd), finer))
@@ -113,7 +113,7 @@ def surface_around(
     """
     count = profile.log_likelihood.shape[1]
     rows = np.unique(np.linspace(0, count - 1, min(count, BLOCK)).astype(int))
-    some = profile._replace(log_likelihood=np.asarray(profile.log_likelihood)[:, rows])
+    some = profile._replace(log_likelihood=jnp.asarray(profile.log_likelihood)[:, rows])
     weight = count / len(rows)
     rough = surface_of(some, *_rectangle(start, np.full(2, np.inf)))
     mode, sd = posterior(rough._replace(coefficients=rough.coefficients * weight))

@@ -92,7 +92,7 @@ class FitRun:
     def predicted(self) -> np.ndarray:
         """The rows of `impacts` that have predicted traces: all, or some where impacts are many."""
         names = self.groups["posterior_predictive"]["impact"].to_numpy().astype(str)
-        places = pd.Index(self.impacts).get_indexer(names)
+        places = pd.Index(self.impacts).get_indexer(pd.Index(names))
         return np.asarray(places)
 
     @property
