@@ -153,7 +153,7 @@ def test_wrong_models_are_refused_before_anything_is_written(campaign: Path) -> 
 @pytest.mark.long
 def test_ten_kills_leave_the_draws_as_they_would_have_been(campaign: Path, tmp_path: Path) -> None:
     """Each tenth of a run's life has a kill at a random moment, and each resumed run the same draws."""
-    model = model_file(campaign, "exact", warmup=200, draws=400)
+    model = model_file(campaign, "exact", warmup=100, draws=200)
     # What is compiled is kept, so that a life is summaries, sampling and writing rather than compilation.
     kept = {"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "compiled"), **ALWAYS_KEPT}
     environment = os.environ | kept
