@@ -6,7 +6,7 @@ from functools import cache
 
 from bayestissue.causes.batches import Batch, batches
 from bayestissue.causes.design import Design, published_design
-from bayestissue.causes.specification import CausesSpecification, Sizes, chosen, read_causes
+from bayestissue.causes.specification import CausesSpecification, Range, Sizes, chosen, read_causes
 from bayestissue.dataset.published import read_published
 from bayestissue.resources import shared
 
@@ -19,7 +19,9 @@ def design() -> Design:
 def specification(*causes: str, each: int = 40, batch: int = 10) -> CausesSpecification:
     path = shared("models", "causes.toml")
     small = chosen(read_causes(path), causes, str(path))
-    return small.model_copy(update={"campaigns": Sizes(each=each, batch=batch)})
+    # Short recordings: one width to compile, and little to compute.
+    recording = small.recording.model_copy(update={"samples_to_peak": Range(low=16, high=20)})
+    return small.model_copy(update={"campaigns": Sizes(each=each, batch=batch), "recording": recording})
 
 
 def work(*causes: str, each: int = 40, batch: int = 10) -> list[Batch]:
