@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
@@ -54,7 +54,7 @@ from likelihood import machine
 HERE = Path(__file__).parent
 SEED, CHAINS = 1, 4
 USUAL = "4 chains of 400 and 1000"
-# A plain chain's first transitions, not counted: fewer than usual, so that the budget leaves draws to count.
+# A plain chain's first transitions, whose draws are not counted: fewer than usual, so that some are left.
 PLAIN_WARMUP, BLOCK = 60, 5
 Arrays = dict[str, np.ndarray]
 
@@ -88,6 +88,7 @@ class Outcome:
     draws: Arrays
     gradients: float
     remark: str = ""
+    transitions: int = 0
 
 
 @dataclass
@@ -197,8 +198,8 @@ def nutpie_draws(
     chains: int,
     adaptation: str,
     seconds: float = np.inf,
-) -> tuple[Arrays, Time, float]:
-    """Nutpie's draws by site, the time they took, and gradients; stopped after ``seconds`` of its own."""
+) -> tuple[Arrays, Time, float, int]:
+    """Nutpie's draws by site, their time, gradients and transitions; stopped after ``seconds`` of its own."""
     import nutpie
     from nutpie.compiled_pyfunc import from_pyfunc
 
@@ -234,9 +235,11 @@ def nutpie_draws(
     warming = tree["warmup_posterior"]["flat"].to_numpy()
     # Cut off while it warms up, it has drawn nothing.
     flat = tree["posterior"]["flat"].to_numpy() if "posterior" in tree.children else warming[:, :0]
-    steps = float(tree["sample_stats"]["n_steps"].sum()) if "sample_stats" in tree.children else 0.0
+    groups = {"sample_stats", "warmup_sample_stats"} & set(tree.children)
+    steps = sum(float(tree[group]["n_steps"].sum()) for group in groups)
+    transitions = warming[..., 0].size + flat[..., 0].size
     sites = jax.vmap(jax.vmap(density.unravel))(jnp.asarray(flat))
-    return {name: np.asarray(values) for name, values in sites.items()}, spent, steps
+    return {name: np.asarray(values) for name, values in sites.items()}, spent, steps, transitions
 
 
 def nutpie_exact(bench: Bench, adaptation: str) -> Outcome:
@@ -255,14 +258,14 @@ def nutpie_exact(bench: Bench, adaptation: str) -> Outcome:
         return np.asarray(ravel_pytree(point)[0])
 
     settings = bench.specification.sampler
-    found, spent, steps = nutpie_draws(
+    found, spent, steps, transitions = nutpie_draws(
         density, begin, tune=settings.warmup, draws=settings.draws, chains=CHAINS, adaptation=adaptation
     )
     draws = Draws(straightened(bench, found), {}, settings.max_tree_depth)
     bench.quantities(draws)
     quantities, unfolding = timed(lambda: bench.quantities(draws))
     compiling = made + bench.summarising_cold - bench.summarising
-    return Outcome(compiling, spent + unfolding + bench.summarising, quantities, steps, USUAL)
+    return Outcome(compiling, spent + unfolding + bench.summarising, quantities, steps, USUAL, transitions)
 
 
 def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
@@ -334,11 +337,12 @@ def plain_numpyro(bench: Bench, *, started: bool) -> Outcome:
         blocks.append((z, num_steps))
     spent = Time.now() - begin
     every, every_steps = jax.tree.map(lambda *rows: np.concatenate(rows)[None], *blocks)
-    steps = float(every_steps[:, PLAIN_WARMUP:].sum())
+    steps = float(every_steps.sum())
     kept = {name: values[:, PLAIN_WARMUP:] for name, values in every.items()}
     count = next(iter(kept.values())).shape[1]
-    remark = f"1 chain of {PLAIN_WARMUP} and {count}, cut off by the budget"
-    return Outcome(compiling, spent, plain_quantities(bench, kept), steps, remark)
+    transitions = BLOCK * len(blocks)
+    remark = f"1 chain of {min(transitions, PLAIN_WARMUP)} and {count}, cut off by the budget"
+    return Outcome(compiling, spent, plain_quantities(bench, kept), steps, remark, transitions)
 
 
 def plain_nutpie(bench: Bench, adaptation: str) -> Outcome:
@@ -346,7 +350,7 @@ def plain_nutpie(bench: Bench, adaptation: str) -> Outcome:
     density = FlatDensity(partial(plain, bench.prepared.model), (bench.prepared.data,))
     start = plain_start(bench, jax.random.split(jax.random.PRNGKey(SEED))[1])
     flat = np.asarray(ravel_pytree(start)[0])
-    found, spent, steps = nutpie_draws(
+    found, spent, steps, transitions = nutpie_draws(
         density,
         lambda _: flat,
         tune=PLAIN_WARMUP,
@@ -356,8 +360,8 @@ def plain_nutpie(bench: Bench, adaptation: str) -> Outcome:
         seconds=bench.budget,
     )
     count = next(iter(found.values())).shape[1]
-    remark = f"1 chain of {PLAIN_WARMUP} and {count}, cut off by the budget"
-    return Outcome(density.compiling, spent, plain_quantities(bench, found), steps, remark)
+    remark = f"1 chain of {transitions - count} and {count}, cut off by the budget"
+    return Outcome(density.compiling, spent, plain_quantities(bench, found), steps, remark, transitions)
 
 
 def per_element(draws: Arrays, measure: str, **options: str) -> Arrays:
@@ -373,7 +377,7 @@ def per_element(draws: Arrays, measure: str, **options: str) -> Arrays:
 
 
 def row(name: str, outcome: Outcome) -> dict[str, Any]:
-    """One line of the table; a chain that is cut off before it has 20 draws has no effective sample size."""
+    """One line of the table; a chain that is cut off before it has 20 draws has an upper bound only."""
     chains, draws = next(iter(outcome.draws.values())).shape[:2]
     line = {
         "contender": name,
@@ -382,12 +386,20 @@ def row(name: str, outcome: Outcome) -> dict[str, Any]:
         "compiling_s": outcome.compiling.wall,
         "sampling_s": outcome.sampling.wall,
         "own_sampling_s": outcome.sampling.own,
-        "gradients_a_draw": outcome.gradients / max(chains * draws, 1),
+        "gradients_a_draw": outcome.gradients / (outcome.transitions or chains * draws),
         "remark": outcome.remark,
     }
     if draws < 20:
-        nothing = ("ess_bulk", "r_hat", "per_s", "per_own_s", "per_s_overall")
-        return line | {"worst": "none"} | dict.fromkeys(nothing, np.nan)
+        # No more than if every transition, those of the warm-up too, had been an independent draw.
+        most = outcome.transitions
+        return line | {
+            "worst": "at most",
+            "ess_bulk": most,
+            "r_hat": np.nan,
+            "per_s": most / outcome.sampling.wall,
+            "per_own_s": most / outcome.sampling.own,
+            "per_s_overall": most / (outcome.sampling + outcome.compiling).wall,
+        }
     ess = per_element(outcome.draws, "ess", method="bulk")
     halves = outcome.draws if chains > 1 else {name: in_halves(v) for name, v in outcome.draws.items()}
     r_hat = per_element(halves, "rhat")
@@ -426,20 +438,24 @@ def disagreement(ours: Arrays, other: Arrays) -> float:
     return float(np.max(np.abs(a - b) / np.hypot(sd_a, sd_b)))
 
 
-def contenders(bench: Bench) -> Iterator[tuple[str, Outcome]]:
-    yield "bayestissue, summary path", summary_path(bench)
-    yield "bayestissue, exact path", exact_path(bench)
-    yield "nutpie (diag), the exact path's density", nutpie_exact(bench, "diag")
-    yield "numpyro, plain model, started at our summary", plain_numpyro(bench, started=True)
-    yield "nutpie (low_rank), the exact path's density", nutpie_exact(bench, "low_rank")
-    yield "numpyro, plain model, its own start", plain_numpyro(bench, started=False)
-    yield "nutpie (diag), plain model, started at our summary", plain_nutpie(bench, "diag")
+def contenders() -> dict[str, Callable[[Bench], Outcome]]:
+    return {
+        "bayestissue, summary path": summary_path,
+        "bayestissue, exact path": exact_path,
+        "nutpie (diag), the exact path's density": partial(nutpie_exact, adaptation="diag"),
+        "nutpie (low_rank), the exact path's density": partial(nutpie_exact, adaptation="low_rank"),
+        "numpyro, plain model, started at our summary": partial(plain_numpyro, started=True),
+        "numpyro, plain model, its own start": partial(plain_numpyro, started=False),
+        "nutpie (diag), plain model, started at our summary": partial(plain_nutpie, adaptation="diag"),
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=5.0, help="of a core, for each plain contender")
     parser.add_argument("--model", type=Path, default=shared("models", "arma.toml"))
+    parser.add_argument("--only", default="", help="contenders whose name has this in it")
+    parser.add_argument("--out", type=Path, help="where the table goes")
     chosen = parser.parse_args()
     runtime.configure(one_core=True)
     specification = read_specification(chosen.model)
@@ -452,7 +468,10 @@ def main() -> None:
     check_density(prepared.model, prepared.data, [centre[:, a] for a in range(centre.shape[1])])
     rows: list[dict[str, Any]] = []
     reference: Arrays | None = None
-    for name, outcome in contenders(bench):
+    for name, contend in contenders().items():
+        if chosen.only not in name:
+            continue
+        outcome = contend(bench)
         line = row(name, outcome) | {"load": os.getloadavg()[0]}
         if name == "bayestissue, exact path":
             reference = outcome.draws
@@ -460,9 +479,8 @@ def main() -> None:
             line["means_apart"] = disagreement(reference, outcome.draws)
         rows.append(line)
         print(line, flush=True)
-        pd.DataFrame(rows).to_csv(
-            HERE / f"fit_efficiency_{specification.name}.csv", index=False, float_format="%.5g"
-        )
+        table = chosen.out or HERE / f"fit_efficiency_{specification.name}.csv"
+        pd.DataFrame(rows).to_csv(table, index=False, float_format="%.5g")
 
 
 if __name__ == "__main__":
