@@ -92,7 +92,7 @@ def test_what_is_left_open() -> None:
 def test_a_cause_made_for_the_numbers_says_so() -> None:
     told = cannot_tell(run((0.4, 0.002, 0.002), (0.9, 0.08, 0.02)))
     assert "with these numbers in view" in told[0]
-    assert "Without it the likeliest is “tense muscles” (p below 0.004), with 0.80 of their" in told[0]
+    assert "Without it the likeliest is “tense muscles” (p below 0.004), with 0.80 of what is left" in told[0]
     assert "in view" not in cannot_tell(run((0.002, 0.4, 0.002), (0.1, 0.8, 0.1)))[0]
 
 

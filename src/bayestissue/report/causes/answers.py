@@ -174,7 +174,7 @@ def _hindsight(run: CausesRun) -> str:
     if not others or not run.about["model"]["causes"][best["cause"]].get("after_the_fact"):
         return ""
     rest = sum(float(row["probability"]) for row in others)
-    share = f", with {probability(others[0]['probability'] / rest)} of their probability" if rest > 0 else ""
+    share = f", with {probability(others[0]['probability'] / rest)} of what is left" if rest > 0 else ""
     return (
         f"How probable “{best['title']}” was beforehand: it was proposed, and its ranges set, with these "
         f"numbers in view. Without it the likeliest is “{others[0]['title']}” "
