@@ -3,4 +3,11 @@
 from bayestissue.signal.displacement import Displacements, displacements, integrated
 from bayestissue.signal.options import SignalOptions, alternatives, read_signal_options
 
-__all__ = ["Displacements", "SignalOptions", "alternatives", "displacements", "integrated", "read_signal_options"]
+__all__ = [
+    "Displacements",
+    "SignalOptions",
+    "alternatives",
+    "displacements",
+    "integrated",
+    "read_signal_options",
+]
