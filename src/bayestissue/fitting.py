@@ -219,10 +219,16 @@ def _exact_estimates(fit: Fit) -> pd.DataFrame:
     return estimate(fit.dataset, method="exact")
 
 
-def _kept_of_impacts(fit: Fit) -> dict[str, int]:
-    """How many draws of a single impact there are, where they are fewer than the population's."""
+def _kept_of_impacts(fit: Fit) -> dict[str, Any]:
+    """Of many impacts: how many draws of a single one there are, and what drew the population."""
     sizes = fit.posterior["posterior"].sizes
-    return {"kept_draws_of_an_impact": sizes["chain"] * sizes["kept_draw"]} if "kept_draw" in sizes else {}
+    if "kept_draw" not in sizes:
+        return {}
+    alone = int(fit.posterior["sample_stats"]["n_steps"].max()) == 1
+    return {
+        "kept_draws_of_an_impact": sizes["chain"] * sizes["kept_draw"],
+        "sampler_of_population": "independence chains" if alone else "No-U-Turn",
+    }
 
 
 def _silent(stage: str, done: int, total: int) -> None:

@@ -22,13 +22,14 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
 from bayestissue.inference.chains import Start, run_chains
+from bayestissue.inference.independence import independence_chains
 from bayestissue.inference.many_correction import PopulationDraws, left_out, rows_of
 from bayestissue.inference.many_kept import kept_draws
 from bayestissue.inference.many_population import cells_model
 from bayestissue.inference.many_scores import locations_and_scores, scores_of_some
 from bayestissue.inference.many_summaries import ManySummarised
 from bayestissue.inference.sampling import Draws, Progress
-from bayestissue.inference.summary_path import CANDIDATES, Correction
+from bayestissue.inference.summary_path import CANDIDATES, PARETO_LIMIT, Correction
 from bayestissue.inference.trace_blocks import in_blocks
 from bayestissue.inference.trace_correction import POINTS, pareto_smoothed
 from bayestissue.inference.trace_draws import (
@@ -52,15 +53,7 @@ def many_draws(
 ) -> tuple[Draws, Unfolded, Correction]:
     """Draws of the population, and of the impacts what `Unfolded` keeps, corrected to the true posterior."""
     model, cells = prepared.model, summarised.cells
-    spreads = summarised.spreads
-    found = run_chains(
-        _cells_of(model),
-        (cells, summarised.surface),
-        Start(spreads.mode, tuple(sorted(spreads.mode)), spreads.covariance),
-        settings,
-        seed,
-        progress=partial(say, "sampling the population"),
-    )
+    found = _chains(model, summarised, settings, seed, partial(say, "sampling the population"))
     shape = (settings.chains, settings.draws)
     raw = {name: jnp.asarray(values.reshape(-1)) for name, values in found.sites.items()}
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 4)
@@ -97,6 +90,19 @@ def many_draws(
         found.max_tree_depth,
     )
     return population_draws, unfolded, correction
+
+
+def _chains(
+    model: TraceModel, summarised: ManySummarised, settings: Sampler, seed: int, progress: Progress
+) -> Draws:
+    """The population's spreads: independent proposals where they serve, else trajectories."""
+    target, spreads = (summarised.cells, summarised.surface), summarised.spreads
+    progress(0, 1)
+    found = independence_chains(_cells_of(model), target, spreads, settings, seed)
+    if found.pareto_k < PARETO_LIMIT:
+        return found.draws
+    start = Start(spreads.mode, tuple(sorted(spreads.mode)), spreads.covariance)
+    return run_chains(_cells_of(model), target, start, settings, seed, progress=progress)
 
 
 def _by_chain(values: Array, shape: tuple[int, int]) -> np.ndarray:

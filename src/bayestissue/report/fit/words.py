@@ -88,12 +88,18 @@ def thinned(run: FitRun) -> str:
     """What was kept of single impacts, where they are too many to keep everything; else empty."""
     if run.kept is None:
         return ""
+    drawn = (
+        " The population itself was drawn by chains with independent proposals about its posterior mode, "
+        "which many impacts make nearly normal."
+        if run.about.get("sampler_of_population") == "independence chains"
+        else ""
+    )
     return (
         f"Impacts are many. Of each of them {run.kept} draws are kept, evenly spaced among the population's, "
         "of which all are kept; so few draws tell the ends of an impact's 90 % interval to "
         f"{percent(_ERROR_OF_END / np.sqrt(run.kept))} of its width. Predictions, leaving one impact out "
         f"and priors of impacts are of {len(run.predicted)} evenly spaced impacts; figures show at most a "
-        "thousand."
+        f"thousand.{drawn}"
     )
 
 
