@@ -100,7 +100,7 @@ def _propose(
 ) -> tuple[Float[np.ndarray, "point site"], Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
     """Points, log of posterior over proposal there, and the log of the posterior."""
     scale = covariance * (DEGREES - 2) / DEGREES
-    proposal = multivariate_t(list(mean), scale, df=DEGREES, seed=rng)
+    proposal = multivariate_t(mean, scale, df=DEGREES, seed=rng)  # type: ignore[call-overload]
     points = proposal.rvs(number).reshape(number, len(mean))
     density = np.asarray(_log_density(model, names, jnp.asarray(points), arguments))
     density = np.where(np.isfinite(density), density, -np.inf)

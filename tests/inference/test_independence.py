@@ -1,0 +1,70 @@
+"""Chains of independent proposals, on a posterior that is known."""
+
+from __future__ import annotations
+
+import arviz as az
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+import pytest
+import xarray as xr
+
+from bayestissue.hierarchy.specification import Sampler
+from bayestissue.inference.independence import IndependenceDraws, independence_chains
+from bayestissue.inference.trace_start import Spreads
+
+COUNT, MEAN, SQUARE = 60.0, 0.1, 0.04
+
+
+def model(count: float) -> None:
+    """Mean and precision of ``count`` normal values of known mean and mean square, with a conjugate prior."""
+    precision = numpyro.sample("precision", dist.Gamma(1.0, 0.1))
+    mean = numpyro.sample("mean", dist.Normal(0.0, 10.0))
+    numpyro.factor("values", count * (jnp.log(precision) - precision * (SQUARE + (mean - MEAN) ** 2)) / 2)
+
+
+@pytest.fixture(scope="module")
+def found() -> IndependenceDraws:
+    # Deliberately half as wide as the posterior, and off its middle: the moments must find it.
+    start = Spreads(
+        {"mean": np.array(MEAN + 0.02), "precision": np.array(np.log(1 / SQUARE))},
+        np.diag([SQUARE / COUNT, 2 / COUNT]) / 4,
+    )
+    return independence_chains(model, (COUNT,), start, Sampler(chains=4, draws=1000), 1)
+
+
+def test_the_draws_have_the_known_moments(found: IndependenceDraws) -> None:
+    sites = found.draws.sites
+    draws = xr.Dataset({name: (("chain", "draw"), values) for name, values in sites.items()})
+    size = az.ess(draws)
+    assert min(float(size[name]) for name in sites) > 2000
+    assert max(float(az.rhat(draws)[name]) for name in sites) < 1.01
+    assert found.pareto_k < 0.7
+    # The mean integrated out, up to its wide prior: Gamma(1 + (n - 1) / 2, 0.1 + n s^2 / 2).
+    shape, rate = 1 + (COUNT - 1) / 2, 0.1 + COUNT * SQUARE / 2
+    precision = np.exp(sites["precision"])
+    error = np.sqrt(shape) / rate / np.sqrt(float(size["precision"]))
+    assert abs(precision.mean() - shape / rate) < 4 * error
+    # Given the precision normal about the values' mean; its variance is E[1 / (n precision)].
+    variance = rate / (shape - 1) / COUNT
+    assert abs(sites["mean"].mean() - MEAN) < 4 * np.sqrt(variance / float(size["mean"]))
+
+
+def test_statistics_are_those_of_the_sampler_that_others_read(found: IndependenceDraws) -> None:
+    statistics = found.draws.statistics
+    assert set(statistics) == {"diverging", "num_steps", "accept_prob", "energy", "potential_energy"}
+    assert {values.shape for values in statistics.values()} == {(4, 1000)}
+    assert not statistics["diverging"].any()
+    assert 0.5 < statistics["accept_prob"].mean() <= 1
+
+
+def test_proposals_that_miss_the_posterior_say_so() -> None:
+    def far(shift: float) -> None:
+        # Two ridges far apart: the start knows of one only.
+        x = numpyro.sample("x", dist.Normal(0.0, 1.0))
+        numpyro.factor("ridges", jnp.logaddexp(-((x / 0.01) ** 2), 4 - jnp.abs(x) / shift) + x**2 / 2)
+
+    start = Spreads({"x": np.array(0.0)}, np.array([[1e-4]]))
+    found = independence_chains(far, (30.0,), start, Sampler(chains=2, draws=500), 2)
+    assert found.pareto_k > 0.7 or np.abs(found.draws.sites["x"]).max() > 10
