@@ -30,7 +30,7 @@ def estimated_from_recordings(
     """
     count, impacts = truth.velocity.shape
     mass, velocity, dt = (np.tile(v, count) for v in (design.mass, design.velocity, recorder.dt))
-    recordings = _recordings(truth, recorder, mass, dt, random)
+    recordings, lost = _recordings(truth, recorder, mass, dt, random)
     windowed = cause.mechanism in ("fixed window", "own time")
     options = default_options(recorder.method).model_copy(
         update={"equilibrium": "rest", "window": "rebound" if windowed else "peak"}
@@ -53,13 +53,14 @@ def estimated_from_recordings(
         K, C = K * factor**2, C * factor
     if cause.mechanism == "conversion":
         K, C = _converted_by_theta1(fit, dt, mass)
-    known &= (K > 0) & (C > 0)
+    known &= (K > 0) & (C > 0) & ~lost
     return np.where(known, K, np.nan), np.where(known, C, np.nan)
 
 
 def _recordings(
     truth: Truth, recorder: Recorder, mass: Column, dt: Column, random: np.random.Generator
-) -> Recordings:
+) -> tuple[Recordings, np.ndarray]:
+    """What the recorder gives, and which impacts could not be followed; these are recorded as noise."""
     impacts = truth.velocity.shape[1]
     parameters = {name: value.ravel() for name, value in truth.parameters.items()}
     phase = random.uniform(size=len(mass)) * dt
@@ -69,7 +70,9 @@ def _recordings(
     offset = np.repeat(truth.offset_sd, impacts) * random.standard_normal(len(mass))
     noise = np.repeat(truth.noise, impacts)[:, None] * random.standard_normal(d.shape)
     value = np.asarray(recorded(d, np.repeat(truth.gain, impacts), offset, noise))
-    return Recordings(value, np.full(len(mass), d.shape[1]), -recorder.quiet * dt, dt)
+    lost = ~np.isfinite(value).all(axis=1)
+    value = np.where(lost[:, None], noise, value)
+    return Recordings(value, np.full(len(mass), d.shape[1]), -recorder.quiet * dt, dt), lost
 
 
 def _fitted(signal: Displacements, n: np.ndarray, method: str) -> tuple[PointFit, np.ndarray]:
