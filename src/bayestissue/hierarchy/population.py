@@ -190,7 +190,7 @@ class Spread(NamedTuple):
         """The prior precision of b times ``values``."""
         diagonal, between = self.precision()
         weighed = diagonal * values
-        if self.shared is None:
+        if self.shared is None or between is None:
             return weighed
         on_K, on_C, _ = self.shared
         return weighed.at[on_K].add(between * values[on_C]).at[on_C].add(between * values[on_K])
@@ -250,8 +250,8 @@ def spread_of_population(
         sd = jnp.where(chosen, sites[name], sd)
     shared = None
     if mass_error == "subject":
-        people = (np.r_[locations.parts[f"subject_effect_{q}"]] for q in RESPONSES)
-        shared = SharedError(*people, log_mass_sd**2)
+        on_K, on_C = (np.r_[locations.parts[f"subject_effect_{q}"]] for q in RESPONSES)
+        shared = SharedError(on_K, on_C, log_mass_sd**2)
     return Spread(own, tuple(sites[f"sd_{name}"] for name in nuisance), sd, shared)
 
 
