@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 import typer
 
-from bayestissue import results, stopping
+from bayestissue import results, runtime, stopping
 from bayestissue.errors import InputError
 
 app = typer.Typer(
@@ -277,6 +277,7 @@ def _options(
 def main() -> None:
     """Run the command line; bad input is listed on standard error and ends with exit status 2."""
     stopping.on_request()
+    runtime.keep_compiled()
     try:
         app()
     except InputError as error:

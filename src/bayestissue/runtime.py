@@ -12,6 +12,10 @@ from pathlib import Path
 LIBRARIES = ("bayestissue", "numpy", "scipy", "jax", "numpyro", "arviz", "pandas", "xarray")
 
 
+_FOLDER = "JAX_COMPILATION_CACHE_DIR"
+_MOST_KEPT = 1_000_000_000
+
+
 def _allowed() -> tuple[int, ...]:
     return tuple(sorted(os.sched_getaffinity(0))) if hasattr(os, "sched_getaffinity") else ()
 
@@ -32,6 +36,47 @@ def configure(*, one_core: bool = False) -> None:
     import jax
 
     jax.config.update("jax_enable_x64", True)
+
+
+def keep_compiled() -> None:
+    """Keep what is compiled in the user's cache folder, for later runs and for this run's other processes.
+
+    Must be called before JAX is imported. A folder named in ``JAX_COMPILATION_CACHE_DIR`` is used instead;
+    where none can be made, everything is compiled anew each time.
+    """
+    from platformdirs import user_cache_path
+
+    # What is compiled belongs to one kind of processor and one version of the compiler.
+    kind = hashlib.sha256(f"{_processor()} {version('jaxlib')}".encode()).hexdigest()[:12]
+    folder = Path(os.environ.get(_FOLDER) or user_cache_path("bayestissue") / f"compiled-{kind}")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError:
+        return
+    os.environ[_FOLDER] = str(folder)
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
+    os.environ.setdefault("JAX_COMPILATION_CACHE_MAX_SIZE", str(_MOST_KEPT))
+
+
+def compiled_folder() -> str | None:
+    """The folder that keeps what is compiled, if there is one."""
+    import jax
+
+    return jax.config.jax_compilation_cache_dir
+
+
+def _processor() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor()
+    return " ".join(sorted({line for line in lines if line.startswith(("model name", "flags"))}))
+
+
+def settle_on(core: int | None) -> None:
+    """Set up a worker process on one core, any if None."""
+    _bind(core)
+    configure()
 
 
 def settle(places: str, allowed: tuple[int, ...]) -> None:

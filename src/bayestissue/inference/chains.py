@@ -88,6 +88,15 @@ def run_chains(
     return Draws(sites, statistics, settings.max_tree_depth)
 
 
+def compile_chain(
+    model: Callable[..., None], arguments: tuple[Any, ...], start: Start, settings: Sampler
+) -> None:
+    """Compile what one chain of `run_chains` needs, without running it: ``arguments`` may be mere shapes."""
+    chains = _Chains(_Job(model, arguments, start, settings, 0))
+    key = jax.eval_shape(lambda: jax.random.PRNGKey(0)[None])
+    chains.compile(key)
+
+
 def _tell(progress: Progress, before: int, total: int, done: int) -> None:
     progress(before + done, total)
 
@@ -152,8 +161,8 @@ def _worker(job: _Job, number: int, checkpoints: Path | None, count: Path) -> tu
 class _Kernel(NamedTuple):
     """Compiled functions that begin chains and advance them by a segment."""
 
-    begin: Callable[..., Any]
-    advance: Callable[..., Any]
+    begin: Any
+    advance: Any
 
 
 class _Chains:
@@ -169,6 +178,13 @@ class _Chains:
         )
         target, depth = settings.target_accept, settings.max_tree_depth
         self._kernel = _compiled(job.model, start.dense, others, settings.warmup, target, depth)
+
+    def compile(self, keys: Any) -> None:
+        """Compile for so many chains side by side as there are keys."""
+        given = (self._start, self._arguments)
+        self._kernel.begin.lower(keys, given).compile()
+        state = jax.eval_shape(self._kernel.begin, keys, given)
+        self._kernel.advance.lower(state, self._arguments).compile()
 
     def run(
         self, numbers: Sequence[int], checkpoints: Path | None, advanced: Callable[[int], None]

@@ -68,6 +68,10 @@ class Correction:
         )
 
 
+def at_once(part: str) -> None:
+    """Wait for nothing."""
+
+
 def summary_draws(
     prepared: Prepared,
     summarised: Summarised,
@@ -75,15 +79,20 @@ def summary_draws(
     seed: int,
     *,
     progress: Progress = silent,
+    wait: Callable[[str], None] = at_once,
 ) -> tuple[Draws, Correction]:
-    """Draws of the same sites as `sampled_model` has, corrected to the same posterior."""
+    """Draws of the same sites as `sampled_model` has, corrected to the same posterior.
+
+    ``wait`` is called with the name of each part before it is compiled; see `bayestissue.inference.ahead`.
+    """
     model, summaries, spreads = prepared.model, summarised.summaries, summarised.spreads
     profile = summarised.profile
     # The record stays behind: the population asks only for the summaries.
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
+    wait("chains")
     start = Start(spreads.mode, tuple(sorted(spreads.mode)), spreads.covariance)
     found = run_chains(
-        _spreads_of(model),
+        spreads_of(model),
         (data, summaries, profile),
         start,
         settings,
@@ -99,15 +108,18 @@ def summary_draws(
         z_b = z_b.at[:, -1].set(raw.pop("standard_last"))
     standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
-    part = _locations(model, data, summaries, {name: values[some] for name, values in raw.items()}, z_b[some])
+    wait("correction")
+    part = locations_of(
+        model, data, summaries, {name: values[some] for name, values in raw.items()}, z_b[some]
+    )
     ratios = compare_over(model, prepared.data, summaries, part, standard, profile)
-    log_weight = np.asarray(_log_weights(model, data, summaries, ratios, raw, z_b))
+    log_weight = np.asarray(log_weights(model, data, summaries, ratios, raw, z_b))
     smoothed, k = pareto_smoothed(log_weight)
     weight = np.exp(smoothed.reshape(shape))
     chosen = _resample(weight, np.random.default_rng([seed, 21]))
     raw = {name: values[chosen] for name, values in raw.items()}
     z_b = z_b[chosen]
-    z_u = _standard_impacts(model, prepared.data, summaries, raw, z_b, jax.random.split(keys[2], len(chosen)))
+    z_u = standard_impacts(model, prepared.data, summaries, raw, z_b, jax.random.split(keys[2], len(chosen)))
     sites = {**raw, "standard_locations": z_b, "standard_impacts": z_u}
     draws = Draws(
         {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
@@ -119,13 +131,13 @@ def summary_draws(
 
 
 @lru_cache(maxsize=8)
-def _spreads_of(model: TraceModel) -> Callable[..., None]:
+def spreads_of(model: TraceModel) -> Callable[..., None]:
     """The same function each time, so that what is compiled for it serves again."""
     return partial(spreads_model, model)
 
 
 @partial(jax.jit, static_argnames="model")
-def _locations(
+def locations_of(
     model: TraceModel, data: TraceData, summaries: Summaries, raw: dict[str, Array], z_b: Array
 ) -> tuple[dict[str, Array], Array]:
     """Spreads and b of some draws."""
@@ -139,7 +151,7 @@ def _locations(
 
 
 @partial(jax.jit, static_argnames="model")
-def _log_weights(
+def log_weights(
     model: TraceModel,
     data: TraceData,
     summaries: Summaries,
@@ -171,7 +183,7 @@ def _resample(weight: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 @partial(jax.jit, static_argnames="model")
-def _standard_impacts(
+def standard_impacts(
     model: TraceModel,
     data: TraceData,
     summaries: Summaries,

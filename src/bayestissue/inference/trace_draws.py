@@ -57,7 +57,7 @@ def unfold(prepared: Prepared, summaries: Summaries, draws: Draws, key: Array) -
         (getattr(prepared.design, group), len(getattr(prepared.design, f"{group}s"))) for group in GROUPS
     )
     counts = tuple(count for _, count in groups)
-    made = _unfold_all(model, counts, data, summaries, flat, keys, tuple(codes for codes, _ in groups))
+    made = unfold_all(model, counts, data, summaries, flat, keys, tuple(codes for codes, _ in groups))
     b, impacts, scores = jax.tree.map(lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), made)
     spreads = {name: np.asarray(flat[name]).reshape(shape) for name in model.spreads}
     return Unfolded(named_sites(prepared, spreads, b), impacts, scores)
@@ -81,7 +81,7 @@ def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarra
 
 
 @partial(jax.jit, static_argnames=("model", "counts"))
-def _unfold_all(
+def unfold_all(
     model: TraceModel,
     counts: tuple[int, ...],
     data: TraceData,
@@ -90,6 +90,7 @@ def _unfold_all(
     keys: Array,
     codes: tuple[Array, ...],
 ) -> tuple[Array, dict[str, Array], dict[str, Array]]:
+    """b, every impact's quantities and the log densities, of each draw along a first axis."""
     groups = tuple(zip(codes, counts, strict=True))
     one = partial(_unfold_one, model, data, summaries, groups=groups)
     return jax.lax.map(lambda part: one(*part), (flat, keys))

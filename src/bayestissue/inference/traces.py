@@ -19,6 +19,7 @@ from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import sampled_model, warped
+from bayestissue.inference.ahead import DRAWS, compiling_ahead
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.diagnostics import diagnose
 from bayestissue.inference.many_draws import MANY, many_draws
@@ -76,30 +77,40 @@ def fit_traces(
         many = summarise_many(prepared, say=done)
         drawn, unfolded, corrected = many_draws(prepared, many, specification.sampler, seed, say)
         return analyse(prepared, specification, unfolded, drawn, seed, say, corrected)
-    summarised = summarise(prepared, say=done)
     path, settings = specification.sampler.path, specification.sampler
-    correction = None
-    if path != "exact":
-        draws, correction = summary_draws(
-            prepared, summarised, settings, seed, progress=partial(say, "sampling the population")
-        )
-        if path == "automatic" and not correction.trusted:
-            path = "exact"
     if path == "exact":
-        draws = run_chains(
-            partial(sampled_model, prepared.model),
-            (prepared.data, summarised.summaries, summarised.warp),
-            start_of(prepared, summarised),
-            settings,
-            seed,
-            progress=partial(say, "sampling the posterior"),
-            checkpoints=checkpoints,
-        )
-        if summarised.warp is not None:
-            straight = warped(jnp.asarray(draws.sites["standard_locations"]), summarised.warp)
-            draws.sites["standard_locations"] = np.asarray(straight)
-        correction = None
-    return label(prepared, specification, summarised.summaries, draws, seed, say, correction)
+        return _exactly(prepared, specification, summarise(prepared, say=done), seed, say, checkpoints)
+    with compiling_ahead(prepared, settings) as wait:
+        summarised = summarise(prepared, say=done)
+        sampling = partial(say, "sampling the population")
+        draws, correction = summary_draws(prepared, summarised, settings, seed, progress=sampling, wait=wait)
+        if path == "automatic" and not correction.trusted:
+            return _exactly(prepared, specification, summarised, seed, say, checkpoints)
+        wait(DRAWS)
+        return label(prepared, specification, summarised.summaries, draws, seed, say, correction)
+
+
+def _exactly(
+    prepared: Prepared,
+    specification: ModelSpecification,
+    summarised: Summarised,
+    seed: int,
+    say: Say,
+    checkpoints: Path | None,
+) -> TraceAnalysis:
+    draws = run_chains(
+        partial(sampled_model, prepared.model),
+        (prepared.data, summarised.summaries, summarised.warp),
+        start_of(prepared, summarised),
+        specification.sampler,
+        seed,
+        progress=partial(say, "sampling the posterior"),
+        checkpoints=checkpoints,
+    )
+    if summarised.warp is not None:
+        straight = warped(jnp.asarray(draws.sites["standard_locations"]), summarised.warp)
+        draws.sites["standard_locations"] = np.asarray(straight)
+    return label(prepared, specification, summarised.summaries, draws, seed, say)
 
 
 def start_of(prepared: Prepared, summarised: Summarised) -> Start:

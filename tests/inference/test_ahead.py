@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from bayestissue import runtime
+from bayestissue.hierarchy.specification import Sampler
+from bayestissue.inference import ahead, summary_path
+from bayestissue.resources import shared
+
+FIT = """
+import sys
+from collections import Counter
+from pathlib import Path
+from bayestissue import runtime
+runtime.keep_compiled()
+runtime.configure(one_core=True)
+from jax import monitoring
+from bayestissue.dataset import read_dataset
+from bayestissue.fitting import resolve
+from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.inference.traces import fit_traces
+
+found = Counter()
+monitoring.register_event_listener(lambda event, **_: found.update([event]))
+specification, source = resolve(sys.argv[1])
+prepared = prepare(read_dataset(Path(sys.argv[2])), specification, source=source)
+fit_traces(prepared, specification, 0, lambda *_: None)
+print(found["/jax/compilation_cache/cache_hits"])
+"""
+
+
+def test_without_a_folder_nothing_is_compiled_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(runtime, "compiled_folder", lambda: None)
+    with ahead.compiling_ahead(None, Sampler()) as wait:  # type: ignore[arg-type]
+        assert wait is summary_path.at_once
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("model", ["arma", "impact"])
+def test_what_was_compiled_ahead_is_what_the_fit_asks_for(
+    model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two functions of a chain, four of the correction, and the one that maps draws back."""
+    monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "compiled"))
+    example = shared("data", "published").parent / "example"
+    made = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, "-c", FIT, model, str(example)], capture_output=True, text=True, check=True
+    )
+    assert int(made.stdout) >= 7
