@@ -67,6 +67,8 @@ class Element:
         rates: of the internal lengths [m/s], one each.
         states: number of internal lengths.
         linear: whether force and rates are linear in x, v and s.
+        jumps: whether the force jumps at contact, as a damper between impactor and ground makes it. Where it
+            does not, a recording does not show when contact was.
         guess: K and C of an impact that spring and damper side by side with (K, C) describe roughly, at
             this mass [kg].
     """
@@ -79,6 +81,7 @@ class Element:
     rates: Callable[[Array, Array, States, Parameters], States] = no_rates
     states: int = 0
     linear: bool = False
+    jumps: bool = True
     guess: Callable[[Array, Array, Array], tuple[Array, Array]] = unchanged
 
     @property

@@ -65,8 +65,12 @@ def even_grid(
     dt: Float[Array, " impact"],
     count: int,
 ) -> Float[Array, "state impact sample"]:
-    """The state at first_time + k dt, k = 0 ... count - 1: each round doubles the times that are known."""
-    y = jnp.einsum("iab,bi->ia", transition(element, p, mass, first_time), at_contact(element, velocity))
+    """The state at first_time + k dt, k = 0 ... count - 1; at contact where first_time is negative.
+
+    Each round doubles the times that are known.
+    """
+    begin = transition(element, p, mass, jnp.maximum(first_time, 0.0))
+    y = jnp.einsum("iab,bi->ia", begin, at_contact(element, velocity))
     step = transition(element, p, mass, dt)
     y = y[..., None]
     while y.shape[-1] < count:

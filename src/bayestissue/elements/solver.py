@@ -43,6 +43,7 @@ def nodes(
     fractions: Float[np.ndarray, " node"],
     *,
     flies_off: bool = False,
+    start: Float[Array, "state impact"] | None = None,
 ) -> Nodes:
     """The states at fractions of a duration, one step from each to the next.
 
@@ -52,7 +53,8 @@ def nodes(
         mass: of the impactor [kg].
         velocity: at contact [m/s].
         duration: of the whole [s].
-        fractions: from 0, contact, to 1.
+        fractions: from 0 to 1.
+        start: the state at the beginning, that at contact unless given.
         flies_off: leave the impactor to itself before the surface, where no element pushes.
     """
     # Most of a second to import, and only elements that are not linear need it.
@@ -72,7 +74,7 @@ def nodes(
         t0=0.0,
         t1=1.0,
         dt0=None,
-        y0=at_contact(element, velocity),
+        y0=at_contact(element, velocity) if start is None else start,
         args=(p, mass, duration),
         stepsize_controller=diffrax.StepTo(ts=jnp.asarray(fractions)),
         saveat=diffrax.SaveAt(t0=True, steps=True),
@@ -96,14 +98,17 @@ def even_grid(
     dt: Float[Array, " impact"],
     count: int,
 ) -> Float[Array, "state impact sample"]:
-    """The state at first_time + k dt, k = 0 ... count - 1, with 0 <= first_time <= dt.
+    """The state at first_time + k dt, k = 0 ... count - 1; at contact where first_time is negative.
 
     A step is a whole number of samples, so that every step is read at the same fractions of it.
     """
     each = max(1, count // STEPS)
     number = -(-count // each)
-    found = nodes(element, p, mass, velocity, number * each * dt, np.linspace(0.0, 1.0, number + 1))
-    into = (jnp.arange(each) + (first_time / dt)[:, None]) / each
+    # Short steps first, as a Hertz force has no smooth start.
+    before = nodes(element, p, mass, velocity, jnp.maximum(first_time, 0.0), np.linspace(0.0, 1.0, 6) ** 2)
+    even = np.linspace(0.0, 1.0, number + 1)
+    found = nodes(element, p, mass, velocity, number * each * dt, even, start=before.y[-1])
+    into = jnp.broadcast_to(jnp.arange(each) / each, (dt.shape[0], each))
     step = (each * dt)[:, None]
     values, slopes = found.y[..., None], found.slope[..., None]
     y = cubic((values[:-1], values[1:]), (slopes[:-1], slopes[1:]), into, step)

@@ -134,7 +134,9 @@ class Priors(BaseModel):
     deviation of any other covariate, ``sd_*`` the spread between subjects, trials and impacts. For traces,
     ``noise`` is the mean over impacts of the log of the noise's standard deviation as a fraction of the
     trace's peak, ``atanh_theta1`` that of artanh theta1, and ``sd_noise`` and ``sd_atanh_theta1`` their
-    spread. ``element`` has the further parameters of a mechanical element by name.
+    spread.
+    ``contact`` is the mean over impacts of how much earlier contact was than found, in sampling intervals,
+    and ``sd_contact`` its spread. ``element`` has the further parameters of a mechanical element by name.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -149,6 +151,8 @@ class Priors(BaseModel):
     sd_noise: Scale = _half_normal(1.0)
     atanh_theta1: Location = _normal(0.0, 1.5)
     sd_atanh_theta1: Scale = _half_normal(0.5)
+    contact: Location = _normal(1.0, 2.0)
+    sd_contact: Scale = _half_normal(1.0)
     element: dict[str, ElementPrior] = {}
 
     def of_mean(self, nuisance: str) -> Location:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from bayestissue.elements import element
 from bayestissue.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.design import Design, build_design
@@ -194,7 +195,7 @@ def _record(
         # The likelihood asks the samples itself when contact was; what they said of it must not count twice.
         start = (signal.n_samples, signal.bracket_s, signal.dt)
         if specification.element != SIDE_BY_SIDE:
-            return _element_record(dataset, signal, offset_sd)
+            return _element_record(dataset, specification, signal, offset_sd)
         errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
         peak = np.abs(signal.deceleration).max(axis=1)
         record = (signal.deceleration, *start, signal.velocity, errors, signal.bracket_uniform)
@@ -211,7 +212,10 @@ def _record(
 
 
 def _element_record(
-    dataset: MeasuredImpacts, signal: Displacements, offset_sd: np.ndarray
+    dataset: MeasuredImpacts,
+    specification: ModelSpecification,
+    signal: Displacements,
+    offset_sd: np.ndarray,
 ) -> tuple[ElementRecord, np.ndarray]:
     """The same for any element, of which the impactor's diameter may matter."""
     chain, impacts = dataset.uncertainty, dataset.impacts
@@ -219,14 +223,17 @@ def _element_record(
     gain_sd, velocity_sd = (
         np.full(len(size), value) for value in (chain.relative_gain_sd, chain.velocity_sd_m_s)
     )
+    # A force without a jump leaves contact to a parameter of its own.
+    known = element(specification.element).jumps
+    contact_sd = signal.bracket_sd if known else np.zeros(len(size))
     record = ElementRecord.of(
         signal.deceleration,
         signal.n_samples,
         signal.bracket_s,
         signal.dt,
         signal.velocity,
-        np.stack([velocity_sd, gain_sd, offset_sd, signal.bracket_sd], axis=1),
-        signal.bracket_uniform,
+        np.stack([velocity_sd, gain_sd, offset_sd, contact_sd], axis=1),
+        signal.bracket_uniform & known,
         signal.mass,
         np.where(np.isfinite(size), size, REFERENCE_DIAMETER_M),
     )

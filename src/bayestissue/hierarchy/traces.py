@@ -132,14 +132,21 @@ def physical(model: TraceModel, data: TraceData, u: list[Array]) -> Physical:
     return Physical(omega_n, zeta, theta1, log_s - jnp.log1p(theta1**2) / 2)
 
 
-def element_parameters(u: list[Array]) -> Float[Array, "parameter impact"]:
-    """K, C and the further parameters of a mechanical element, from an impact's own parameters."""
-    return jnp.exp(jnp.stack([u[0], u[1], *u[3:]]))
+def element_parameters(
+    model: TraceModel, data: TraceData, u: list[Array]
+) -> Float[Array, "parameter impact"]:
+    """K, C, the element's further parameters and, where its force does not jump, the contact's lead [s]."""
+    which = element_named(model.element)
+    own = 1 + len(which.parameters)
+    logs = jnp.exp(jnp.stack([u[0], u[1], *u[3:own]]))
+    return logs if which.jumps else jnp.concatenate([logs, u[own][None] * data.record.dt])
 
 
 def nuisance_of(kind: Kind, element: str) -> tuple[str, ...]:
-    """Names of an impact's parameters besides log K and log C: the element's own come last."""
-    return (*NUISANCE[kind], *(f"log_{parameter.name}" for parameter in element_named(element).extra))
+    """Names of an impact's parameters besides log K and log C."""
+    which = element_named(element)
+    own = [f"log_{parameter.name}" for parameter in which.extra]
+    return (*NUISANCE[kind], *own, *([] if which.jumps else ["contact"]))
 
 
 def trace_distribution(
@@ -149,7 +156,7 @@ def trace_distribution(
     at = physical(model, data, u)
     if isinstance(data.record, ElementRecord):
         which = element_named(model.element)
-        return MeasuredImpact(which, element_parameters(u), at.log_sigma, data.record)
+        return MeasuredImpact(which, element_parameters(model, data, u), at.log_sigma, data.record)
     if isinstance(data.record, DecelerationRecord):
         return MeasuredDeceleration(at.omega_n, at.zeta, at.log_sigma, data.record)
     return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, data.record)

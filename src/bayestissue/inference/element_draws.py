@@ -35,8 +35,8 @@ def element_quantities(
     record = data.record
     if not isinstance(record, ElementRecord):
         return {}
-    which, values = element(model.element), element_parameters(u)
-    p = {parameter.name: value for parameter, value in zip(which.parameters, values, strict=True)}
+    which, values = element(model.element), element_parameters(model, data, u)
+    p = {parameter.name: value for parameter, value in zip(which.parameters, values, strict=False)}
     found = comparables_of(
         which, {**p, "diameter_m": record.diameter}, record.mass, record.velocity + chain_error[:, 0]
     )
@@ -52,7 +52,14 @@ def element_quantities(
 
 def element_attributes() -> dict[str, dict[str, str]]:
     """Unit and meaning of the variables that elements have besides K and C."""
-    table = {name: {"unit": unit, "long_name": meaning} for name, (unit, meaning) in COMPARABLE.items()}
+    table = {
+        "contact_mean": {
+            "unit": "1",
+            "long_name": "mean over impacts of how much earlier contact was than found, in samples",
+        },
+        "sd_contact": {"unit": "1", "long_name": "standard deviation of that between impacts"},
+    }
+    table |= {name: {"unit": unit, "long_name": meaning} for name, (unit, meaning) in COMPARABLE.items()}
     for name in element_names():
         for parameter in element(name).extra:
             own, log = parameter.name, f"log_{parameter.name}"

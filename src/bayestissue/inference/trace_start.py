@@ -89,6 +89,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     own = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
     columns = [*(np.log(np.asarray(each)) for each in own), _noise(prepared, fit)]
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
+    columns += [np.ones(len(stiffness))] * (not which.jumps)
     if kind == "arma":
         # artanh has no value at -1 and 1, where point estimates like to lie.
         columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))

@@ -167,7 +167,7 @@ def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array)
     time = record.first_time[:, None] + jnp.arange(trace.shape[1]) * record.dt[:, None]
     at = physical(model, data, columns)
     if isinstance(record, ElementRecord):
-        x = displacement(element(model.element), element_parameters(columns), record)
+        x = displacement(element(model.element), element_parameters(model, data, columns), record)
         return {
             "deceleration": jnp.where(inside, trace, jnp.nan),
             "displacement": jnp.where(inside, x, jnp.nan),

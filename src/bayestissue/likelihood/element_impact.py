@@ -35,7 +35,7 @@ class ElementRecord(NamedTuple):
     Attributes:
         d: decelerations, 0 past a row's end [m/s^2].
         n_samples: length of each.
-        first_time: from contact to the first sample, at most one interval [s].
+        first_time: from contact to the first sample [s].
         dt: sampling interval [s].
         velocity: recorded velocity at contact [m/s].
         error_sd: standard deviations of velocity [m/s], gain [1], offset [m/s^2] and contact time [s].
@@ -97,7 +97,8 @@ def response(
 
     Args:
         element: what is hit.
-        parameters: its parameters in their order.
+        parameters: its parameters in their order, and after them, where contact is not known from the record
+            alone, by how much earlier it was than the record says [s].
         record: masses, velocities and times.
     """
     p = {name: value[:, None] for name, value in _named(element, parameters, record).items()}
@@ -120,13 +121,14 @@ def response(
 
 def _named(element: Element, parameters: Array, record: ElementRecord) -> dict[str, Array]:
     names = [parameter.name for parameter in element.parameters]
-    return {**dict(zip(names, parameters, strict=True)), "diameter_m": record.diameter}
+    return {**dict(zip(names, parameters[: len(names)], strict=True)), "diameter_m": record.diameter}
 
 
 def _states(element: Element, parameters: Array, velocity: Array, record: ElementRecord) -> Array:
     grid = linear.even_grid if element.linear else solver.even_grid
-    p = _named(element, parameters, record)
-    return grid(element, p, record.mass, velocity, record.first_time, record.dt, record.d.shape[1])
+    p, later = _named(element, parameters, record), parameters[len(element.parameters) :]
+    first_time = record.first_time + later[0] if len(later) else record.first_time
+    return grid(element, p, record.mass, velocity, first_time, record.dt, record.d.shape[1])
 
 
 def _columns(found: Response, record: ElementRecord) -> tuple[Array, Array, Array, Array]:
@@ -158,7 +160,7 @@ def element_log_likelihood(
 
     Args:
         element: what is hit.
-        parameters: its parameters in their order.
+        parameters: as of `response`.
         log_sigma: log of the noise's standard deviation [m/s^2].
         record: the traces.
     """
@@ -186,7 +188,7 @@ class MeasuredImpact(dist.Distribution):
 
     Args:
         element: what is hit.
-        parameters: its parameters in their order, [parameter, impact].
+        parameters: as of `response`.
         log_sigma: log of the noise's standard deviation [m/s^2].
         record: see `ElementRecord`.
     """

@@ -19,6 +19,9 @@ _MEANINGS = {
     "noise": "mean over impacts of the log of the noise, as a fraction of the trace's peak",
     "sd_noise": "spread of that log between impacts",
     "atanh_theta1": "mean over impacts of artanh θ₁: 0 is white, minus infinity is θ₁ = −1",
+    "contact": "mean over impacts of how much earlier contact was than found, in sampling intervals",
+    "sd_contact": "spread of that between impacts",
+    "element": "log of the element's further parameters",
     "sd_atanh_theta1": "spread of artanh θ₁ between impacts",
 }
 TOLD_ELSEWHERE = ("name", "description", "formula", "priors")
@@ -38,7 +41,10 @@ def priors_table(model: Mapping[str, Any], unused: Collection[str] = ()) -> Tabl
 def _distributions(prior: Any) -> Iterator[tuple[str, str]]:
     if isinstance(prior, Mapping) and "distribution" not in prior:
         for quantity, inner in prior.items():
-            yield from ((quantity, words) for _, words in _distributions(inner))
+            # Of an element's parameters there are the mean over impacts and the spread.
+            named = isinstance(inner, Mapping) and "distribution" not in inner
+            for part, words in _distributions(inner):
+                yield (f"{quantity}, {part}" if named else quantity), words
     else:
         yield "both", distribution_words(prior)
 

@@ -44,4 +44,5 @@ ELEMENT = Element(
     ),
     force=force,
     stored=stored,
+    jumps=False,
 )

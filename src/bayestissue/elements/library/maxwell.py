@@ -36,6 +36,7 @@ ELEMENT = Element(
     ),
     force=force,
     stored=stored,
+    jumps=False,
     rates=rates,
     states=1,
     linear=True,

@@ -7,6 +7,9 @@ from importlib.resources import files
 import numpy as np
 import pandas as pd
 
+from bayestissue.elements.element import Element
+from bayestissue.elements.registry import element
+from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.report.fit.predictions import STRUCTURED, Residuals, inside_band
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.tables import Row, Table, columns, lines
@@ -53,12 +56,27 @@ _SHAPE = (
 
 def likelihood_words(run: FitRun) -> str:
     """What each trace is taken for."""
+    met = _element(run)
+    if met.name != SIDE_BY_SIDE:
+        meanings = "; ".join(f"{each.name} ({each.unit}): {each.meaning}" for each in met.parameters)
+        return (
+            f"Each impact's deceleration is that of a mass that meets this at the recorded velocity: "
+            f"{met.title}; seen through an accelerometer with white noise. {meanings}. K_secant, "
+            "C_equivalent and energy_lost compare across elements: force over depth at the greatest depth, "
+            "the damping beside a spring that loses as much by then, and the share of the energy that is "
+            "gone when the impactor leaves; ω_n and ζ are those of K_secant and C_equivalent."
+        )
     return _LIKELIHOODS.get(run.likelihood, "")
+
+
+def _element(run: FitRun) -> Element:
+    return element(run.about.get("model", {}).get("element", SIDE_BY_SIDE))
 
 
 def unused_priors(run: FitRun) -> tuple[str, ...]:
     """Priors that the model file may set and this likelihood has no use for."""
-    return () if run.likelihood == "arma" else ("atanh_theta1", "sd_atanh_theta1")
+    unused = () if run.likelihood == "arma" else ("atanh_theta1", "sd_atanh_theta1")
+    return (*unused, "contact", "sd_contact") if _element(run).jumps else unused
 
 
 def signal_words(run: FitRun) -> str:
