@@ -18,6 +18,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 FOLDS = 5
+# Networks of one fold; each has its own start, which matters where few campaigns are.
+_NETWORKS = 3
 # Parts of the campaigns on which the probabilities are found anew, to see how much they depend on the draw.
 PARTS = 5
 _HIDDEN = (64, 64)
@@ -69,40 +71,45 @@ def attribute(
     campaigns, cause = campaigns[known], cause[known]
     # One thread adds in one order, whatever the machine has.
     with threadpool_limits(1):
-        probability, unseen = _probabilities(campaigns, cause, observed, number, seed)
+        probability, unseen, between = _probabilities(campaigns, cause, observed, number, seed)
         parts = [
             _probabilities(campaigns[part::PARTS], cause[part::PARTS], observed, number, seed + 1 + part)[0]
             for part in range(PARTS)
         ]
     score = np.mean(np.log(unseen[np.arange(len(cause)), cause]))
-    return Attribution(
-        probability, np.std(parts, axis=0, ddof=1) / np.sqrt(PARTS), unseen, cause, float(score)
-    )
+    error = np.hypot(np.std(parts, axis=0, ddof=1) / np.sqrt(PARTS), between)
+    return Attribution(probability, error, unseen, cause, float(score))
 
 
 def _probabilities(
     campaigns: Table, cause: Codes, observed: np.ndarray, number: int, seed: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Calibrated probabilities of the observed campaign, and of each simulated one."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Calibrated probabilities of the observed campaign and of each simulated one.
+
+    Last the standard error of the first that the networks' disagreement leaves in their mean.
+    """
     from sklearn.linear_model import LogisticRegression
 
     middle = np.median(campaigns, axis=0)
     spread = np.median(np.abs(campaigns - middle), axis=0) / 0.6745
     spread = np.where(spread > 0, spread, 1.0)
     inside, at = (campaigns - middle) / spread, (observed[None] - middle) / spread
-    unseen, said = np.zeros((len(cause), number)), np.zeros((1, number))
+    unseen, said = np.zeros((len(cause), number)), np.zeros((FOLDS * _NETWORKS, number))
     # Neighbours in the table are of different causes, so every fold has all of them.
     fold = np.arange(len(cause)) // number % FOLDS
-    for left_out in range(FOLDS):
-        network = _network(seed * FOLDS + left_out)
-        _fit(network, inside[fold != left_out], cause[fold != left_out])
+    for each in range(FOLDS * _NETWORKS):
+        mine = fold == each % FOLDS
+        network = _network(seed * FOLDS * _NETWORKS + each)
+        _fit(network, inside[~mine], cause[~mine])
         classes = network.classes_
-        unseen[np.ix_(fold == left_out, classes)] = network.predict_proba(inside[fold == left_out])
-        said[:, classes] += network.predict_proba(at) / FOLDS
+        unseen[np.ix_(mine, classes)] += network.predict_proba(inside[mine]) / _NETWORKS
+        said[each, classes] = network.predict_proba(at)[0]
     calibration = LogisticRegression(solver="newton-cholesky").fit(np.log(unseen + _LEAST), cause)
     told = np.zeros((len(cause) + 1, number))
-    told[:, calibration.classes_] = calibration.predict_proba(np.log(np.vstack([said, unseen]) + _LEAST))
-    return told[0], told[1:]
+    told[:, calibration.classes_] = calibration.predict_proba(
+        np.log(np.vstack([said.mean(axis=0), unseen]) + _LEAST)
+    )
+    return told[0], told[1:], np.std(said, axis=0, ddof=1) / np.sqrt(len(said))
 
 
 def _network(seed: int) -> Any:
