@@ -8,9 +8,6 @@ import jupytext
 import pytest
 from nbclient import NotebookClient
 
-# A whole fit: about a minute on a core of its own.
-pytestmark = pytest.mark.long
-
 NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "traces.py"
 
 
@@ -19,7 +16,7 @@ def executed(tmp_path_factory):
     notebook = jupytext.read(NOTEBOOK)
     folder = str(tmp_path_factory.mktemp("notebook"))
     client = NotebookClient(
-        notebook, timeout=300, kernel_name="python3", resources={"metadata": {"path": folder}}
+        notebook, timeout=900, kernel_name="python3", resources={"metadata": {"path": folder}}
     )
     # A kernel without widgets says so when a progress bar's library loads; the notebook shows no bar.
     quiet = {"PYTHONWARNINGS": "ignore:IProgress not found"}
