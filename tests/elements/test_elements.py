@@ -151,7 +151,7 @@ def test_wall_grows_on_behind_itself_without_a_seam() -> None:
     assert (jnp.diff(energy) > 0).all()
 
 
-@pytest.mark.parametrize("name", VALUES)
+@pytest.mark.parametrize("name", [*NONLINEAR, "standard_linear"])
 def test_derivatives_agree_with_differences(name: str) -> None:
     names, which = list(VALUES[name]), element(name)
     base = jnp.log(jnp.array([VALUES[name][each] for each in names] + [1.0]))

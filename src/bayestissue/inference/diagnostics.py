@@ -112,16 +112,18 @@ def diagnose(tree: xr.DataTree, further: Sequence[Check] = ()) -> dict[str, Any]
 
 
 def verdict_in_words(diagnostics: dict[str, Any]) -> str:
-    """One sentence on whether the run can be trusted."""
+    """Whether the run can be trusted, in a sentence; and where the model can't, in another."""
+    form = diagnostics.get("model_form", {})
+    warning = f" WARNING: {form['words']}" if form.get("structured") else ""
     failed = [check["name"] for check in diagnostics["checks"] if not check["passed"]]
     if not failed:
         worst = diagnostics["worst"]
         size = min(worst["ess_bulk"]["value"], worst["ess_tail"]["value"])
         return (
             f"R-hat at most {worst['r_hat']['value']:.4f}, effective sample sizes at least {size:.0f}, "
-            "no divergences."
+            f"no divergences.{warning}"
         )
-    return f"Failed: {', '.join(failed)}. Do not use these numbers yet."
+    return f"Failed: {', '.join(failed)}. Do not use these numbers yet.{warning}"
 
 
 def _extreme(values: xr.Dataset, choose: Any) -> tuple[str, float]:

@@ -24,6 +24,7 @@ from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.diagnostics import diagnose
 from bayestissue.inference.many_draws import MANY, many_draws
 from bayestissue.inference.many_summaries import summarise_many
+from bayestissue.inference.model_form import model_form
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.summary import summarise as summary_table
 from bayestissue.inference.summary_path import Correction, summary_draws
@@ -159,14 +160,22 @@ def analyse(
         if f"mass_exponent_{q}" in posterior
     }
     say("checking and scoring", 0, 1)
+    diagnostics = diagnose(_of_chains(tree), () if correction is None else (correction.check(),))
     return TraceAnalysis(
         tree,
         summary_table(posterior),
-        diagnose(_of_chains(tree), () if correction is None else (correction.check(),)),
+        diagnostics | _form(prepared, tree),
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         cross_validation(tree),
         prior_sensitivity(tree),
     )
+
+
+def _form(prepared: Prepared, tree: xr.DataTree) -> dict[str, Any]:
+    """What the residuals say of the model, where it is one of the recorded deceleration with white noise."""
+    if prepared.model.kind != "impact":
+        return {}
+    return {"model_form": model_form(tree, "deceleration")}
 
 
 def _of_chains(tree: xr.DataTree) -> xr.DataTree:

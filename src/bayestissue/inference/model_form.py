@@ -1,0 +1,64 @@
+"""Whether what a fit leaves over of the traces is noise, or the mark of another law than the model's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float
+
+# In standard errors of the pooled score: once in thirty thousand fits of the right model.
+LIMIT = 4.0
+_SMOOTH = 4
+
+
+def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
+    """How much more alike residuals are from sample to sample than those of replicates from the model.
+
+    The lag-one autocorrelation of each trace less the replicates' median, a cubic in time taken off both,
+    since errors of the measuring chain are as smooth and other in every replicate; its distance from the
+    replicates' mean in their standard deviations; and the sum of these over the root of their number.
+
+    Args:
+        tree: a finished fit.
+        name: "deceleration" or "displacement", in its observed data and its predictions.
+
+    Returns:
+        ``score``, the pooled one, ``structured``, whether it is above `LIMIT`, and both in ``words``.
+    """
+    predicted = tree["posterior_predictive"].dataset[name]
+    replicated = predicted.to_numpy().reshape(-1, *predicted.shape[2:]).astype(float)
+    measured = tree["observed_data"].dataset[name].sel(impact=predicted["impact"]).to_numpy()
+    score = pooled_score(measured, replicated)
+    structured = bool(score > LIMIT)
+    said = f"The residuals' autocorrelation lies {score:.1f} standard errors from the model's"
+    if not structured:
+        return {"score": score, "structured": structured, "words": f"{said}, as far as chance goes."}
+    remedy = (
+        "the traces obey another law than the model's, and its intervals are too narrow. Fit the other "
+        "elements of models/ and compare."
+    )
+    return {"score": score, "structured": structured, "words": f"{said}: {remedy}"}
+
+
+def pooled_score(
+    measured: Float[np.ndarray, "impact sample"], replicated: Float[np.ndarray, "draw impact sample"]
+) -> float:
+    """See `model_form`; NaN past a row's end."""
+    middle = np.median(replicated, axis=0)
+    used = np.isfinite(measured) & np.isfinite(middle)
+    own = _autocorrelation(measured - middle, used)
+    drawn = _autocorrelation(replicated - middle, used)
+    distance = (own - drawn.mean(0)) / drawn.std(0, ddof=1)
+    return float(distance.sum() / np.sqrt(len(distance)))
+
+
+def _autocorrelation(
+    values: Float[np.ndarray, "*draw impact sample"], used: Bool[np.ndarray, "impact sample"]
+) -> Float[np.ndarray, "*draw impact"]:
+    values = np.where(used, values, 0.0)
+    time = np.linspace(-1, 1, used.shape[-1])
+    smooth = np.linalg.qr(np.where(used[..., None], time[:, None] ** np.arange(_SMOOTH), 0.0)).Q
+    values = values - np.einsum("...isk,...ik->...is", smooth, np.einsum("...is,isk->...ik", values, smooth))
+    return (values[..., 1:] * values[..., :-1]).sum(-1) / (values**2).sum(-1)
