@@ -3,9 +3,10 @@
     .venv/bin/python benchmarks/coverage_elements.py maxwell
     .venv/bin/python benchmarks/coverage_elements.py all --campaigns 10
 
-Each campaign has five people in four conditions, 0.375 to 1.333 kg at 5 kHz, and mass exponents of its own,
-drawn from N(0.5, 0.3); the accelerometer and its errors are those of coverage_fit.py. It goes through the summary path of the
-element's own model file. 50 campaigns have 1000 impacts. The table goes to coverage_elements.csv.
+Each campaign has five people in four conditions, 0.375 to 1.333 kg at 5 kHz, and mass exponents of its
+own, drawn from N(0.5, 0.3); the accelerometer and its errors are those of coverage_fit.py. It goes through
+the summary path of the element's own model file. 50 campaigns have 1000 impacts. The table goes to
+coverage_elements.csv.
 """
 
 from __future__ import annotations
