@@ -1,10 +1,10 @@
 """Simulation-based calibration (Talts et al. 2018) of the path by which `bayestissue fit` samples.
 
-    .venv/bin/python benchmarks/calibration.py arma --seed 2027
+    .venv/bin/python benchmarks/calibration.py arma
     .venv/bin/python benchmarks/calibration.py a2
     .venv/bin/python benchmarks/calibration.py impact
 
-300 times the standard deviations, the population, every impact's parameters and its trace are drawn from
+500 times the standard deviations, the population, every impact's parameters and its trace are drawn from
 the model itself, top down, and the draw is fitted through the summary path. If the path samples the
 posterior, the rank of each drawn value among 99 thinned draws is uniform. The design is that of
 coverage_fit.py; a trace has 110 samples. Its first two displacements are 0 and V dt whatever K and C are: the
@@ -37,7 +37,7 @@ from bayestissue.likelihood.deceleration import DecelerationRecord
 from bayestissue.likelihood.displacement import displacement_record
 from bayestissue.simulation import simulate
 
-DATA_SETS, SAMPLES, RANKS, BINS = 300, 110, 100, 20
+DATA_SETS, SAMPLES, RANKS, BINS = 500, 110, 100, 20
 SEED = 2026
 HERE = Path(__file__).parent
 KINDS = ("arma", "a2", "impact")
