@@ -44,7 +44,8 @@ from bayestissue.inference.trace_correction import (
 from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
 
 REFINEMENTS = 2
-FEW = 4
+# A profile integrates the other parameters over so many points: few where impacts are many.
+PROFILE_POINTS, FEW = 32, 4
 _NEAREST = 0.99
 _STEP = 1e-4
 
@@ -149,7 +150,7 @@ def summarise(prepared: Prepared, *, say: Progress = silent) -> Summarised:
     mode = finder.mode(summaries, mode)
     if model.kind != "arma":
         return Summarised(summaries, finder.spreads(summaries, mode), None)
-    few = standard_points(start.shape[1], FEW)
+    few = standard_points(start.shape[1], PROFILE_POINTS)
     sites = finder.constrained(mode)
     summaries, profile = profile_last(model, data, summaries, sites, jnp.asarray(few))
     finder.profile = profile
