@@ -13,8 +13,8 @@ from jaxtyping import Float, Int
 from bayestissue.inference.point_conditional import fit_conditional
 from bayestissue.likelihood.transforms import SineTransforms
 from bayestissue.oscillator import from_differences, spring_damper
+from bayestissue.signal.displacement import FEWEST_SAMPLES
 
-FEWEST_SAMPLES = 8
 _TOGETHER = 500
 _NARROWEST = 64
 

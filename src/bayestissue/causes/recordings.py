@@ -8,13 +8,14 @@ from jaxtyping import Float
 
 from bayestissue.causes.design import Design, Recorder
 from bayestissue.causes.draws import Truth
-from bayestissue.causes.pipeline import FEWEST_SAMPLES, damped_by_theta1
+from bayestissue.causes.pipeline import damped_by_theta1
 from bayestissue.causes.recording import decelerations, recorded
 from bayestissue.causes.specification import Cause
 from bayestissue.inference.estimates import default_options
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.oscillator import spring_damper
 from bayestissue.signal import Displacements, integrated
+from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.traces import Recordings
 
 type Column = Float[np.ndarray, " impact"]

@@ -11,11 +11,11 @@ from scipy.special import stdtrit
 
 from bayestissue.inference.point import Column, Method, PointFit, fit_points
 from bayestissue.signal import Displacements, SignalOptions, displacements
+from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
 
-FEWEST_SAMPLES = 8
 # Past these a trace of one loading tells K and C apart no more: one of the two forces rules alone.
 ZETA_LIMITS = (0.005, 5.0)
 NOT_WHITE = 0.01

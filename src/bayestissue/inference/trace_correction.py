@@ -37,12 +37,10 @@ class Points(NamedTuple):
 
     Attributes:
         u: the points.
-        log_density: log density of the normal distribution that they were drawn from, up to a constant.
         log_ratio: log of likelihood over summary.
     """
 
     u: Float[Array, "point impact parameter"]
-    log_density: Float[Array, "point impact"]
     log_ratio: Float[Array, "point impact"]
 
 
@@ -85,8 +83,7 @@ def compare_about(
         return jnp.stack(u, axis=-1), jnp.where(jnp.isfinite(found), found, -jnp.inf)
 
     u, log_ratio = jax.lax.map(one, standard)
-    log_density = jnp.broadcast_to(-(standard**2).sum(-1)[:, None] / 2, log_ratio.shape)
-    return Points(u, log_density, log_ratio)
+    return Points(u, log_ratio)
 
 
 @partial(jax.jit, static_argnames="model")
