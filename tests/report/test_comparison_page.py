@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -52,6 +53,25 @@ def test_it_says_what_predicts_best_what_cannot_be_compared_and_what_failed(html
     assert "different numbers: “arma” and “a2” of displacement; “impact” of deceleration" in text
     assert "K: not in this model (impact)" in text
     assert re.search(r"K = 2\d{3} N/m [\d ]+to [\d ]+ \(a2\)", text)
+
+
+def test_it_says_what_the_weights_imply(html):
+    text = plain(html)
+    assert re.search(
+        r"Weighted by how well each impact is predicted: K = [\d ]+ N/m \([\d ]+to [\d ]+\) and C = ", text
+    )
+    assert "Weighted by how well each subject is predicted" in text
+
+
+def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path):
+    out = made(tmp_path, impact={"likelihood": "impact"}, other={"likelihood": "impact", "worse": 1.0})
+    about = json.loads((out / "run.json").read_text(encoding="utf-8"))
+    about["runs"][1]["model"]["element"] = "maxwell"
+    (out / "run.json").write_text(json.dumps(about), encoding="utf-8")
+    text = plain(write_report(out).read_text(encoding="utf-8"))
+    assert "whose K and C are different things" in text
+    assert "New person, new impact" not in text
+    assert "secant stiffness K (N/m)" in text
 
 
 def test_it_shows_both_figures_and_where_the_models_differ(html):

@@ -16,7 +16,6 @@ from bayestissue.errors import InputError, Problem
 if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
-    from rich.table import Table
 
     from bayestissue.inference.runs import FinishedRun
 
@@ -26,17 +25,15 @@ _GROUPS = {
     "log_likelihood": ("trace",),
     "log_likelihood_of_groups": ("traces_of_subject", "traces_of_trial"),
     "observed_data": ("displacement", "deceleration"),
+    "constant_data": ("impact_subject",),
 }
-_DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
-_HEADINGS = {"elpd_difference": "off the best", "se_difference": "its se"}
-# As many as a screen can show.
-_PEOPLE = 12
+_OF_IMPACTS = ("K", "C", "K_secant", "C_equivalent")
 
 
 def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_json: bool) -> None:
     """Compare finished fits, print the table and, with ``out``, write it with a page.
 
-    Writes ``comparison.csv``, ``posteriors.csv``, ``run.json`` and ``report.html``.
+    Writes ``comparison.csv``, ``posteriors.csv``, ``implied.csv``, ``run.json`` and ``report.html``.
 
     Raises:
         InputError: fewer than two runs, the same one twice, one that isn't a finished fit, runs of different
@@ -47,16 +44,20 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
         results.require_free(out, overwrite=overwrite)
     _require_distinct(runs)
     runtime.configure()
+    from bayestissue.commands.compared import print_comparison
+    from bayestissue.inference.implied import implied
     from bayestissue.inference.runs import compare_runs, side_by_side
     from bayestissue.report import write_report
 
     abouts = _abouts(runs)
     found = _finished(runs, abouts)
     comparison, posteriors = compare_runs(found), side_by_side(found)
+    of_weights = implied(found, comparison)
     if out is not None:
         with results.whole_folder(out, overwrite=overwrite) as folder:
             comparison.to_csv(folder / "comparison.csv", index=False)
             posteriors.to_csv(folder / "posteriors.csv", index=False)
+            of_weights.to_csv(folder / "implied.csv", index=False)
             about = {
                 "program": "bayestissue",
                 "command": "compare",
@@ -73,9 +74,10 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
             results.write_json(about, folder / "run.json")
             write_report(folder)
     if as_json:
-        typer.echo(json.dumps(_plain(comparison, posteriors), ensure_ascii=False))
+        tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
+        typer.echo(json.dumps(_plain(tables), ensure_ascii=False))
     elif not quiet:
-        _print(comparison, posteriors)
+        print_comparison(comparison, posteriors, of_weights)
         if out is not None:
             typer.echo(f"wrote {out / 'report.html'}")
 
@@ -171,7 +173,7 @@ def _names(runs: list[Path]) -> list[str]:
 
 
 def _read_tree(path: Path) -> xr.DataTree:
-    """The groups that a comparison needs, single impacts' draws left on disk."""
+    """The groups that a comparison needs, most draws of single impacts left on disk."""
     import xarray as xr
 
     try:
@@ -187,7 +189,9 @@ def _read_tree(path: Path) -> xr.DataTree:
                     Problem(str(path), f"the parts {', '.join(lacking)}", "Fit again with this version.")
                 )
             groups = {group: tree[group].to_dataset() for group in _GROUPS}
-            groups["posterior"] = groups["posterior"].drop_dims("impact", errors="ignore")
+            posterior = groups["posterior"]
+            single = [name for name in posterior.data_vars if "impact" in posterior[name].dims]
+            groups["posterior"] = posterior.drop_vars(set(single) - set(_OF_IMPACTS))
             return xr.DataTree.from_dict({name: data.load() for name, data in groups.items()})
     except (OSError, KeyError, ValueError) as error:
         if isinstance(error, InputError):
@@ -197,44 +201,5 @@ def _read_tree(path: Path) -> xr.DataTree:
         ) from error
 
 
-def _plain(comparison: pd.DataFrame, posteriors: pd.DataFrame) -> dict[str, Any]:
-    tables = {"comparison": comparison, "posteriors": posteriors}
+def _plain(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
     return {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
-
-
-def _print(comparison: pd.DataFrame, posteriors: pd.DataFrame) -> None:
-    import pandas as pd
-    from rich.console import Console
-    from rich.text import Text
-
-    console = Console(highlight=False)
-    told = ["data"] if len(comparison["data"].unique()) > 1 else []
-    for scheme, rows in comparison.groupby("scheme", sort=False):
-        table = _table(str(scheme), ["run", *told], list(_DIGITS))
-        for row in rows.to_dict("records"):
-            numbers = [f"{row[k]:.{d}f}" if pd.notna(row[k]) else "" for k, d in _DIGITS.items()]
-            table.add_row(Text(row["model"]), *(row[name] for name in told), *numbers)
-        console.print(table)
-        for row in rows[rows["warning"] != ""].to_dict("records"):
-            console.print(Text(f"  {row['model']}: {row['warning']}"), soft_wrap=True)
-    people = posteriors[posteriors["label"] != ""]
-    few = people["label"].nunique() <= _PEOPLE
-    table = _table("posteriors", ["quantity", "run"], ["median", "5 %", "95 %"])
-    for row in (posteriors if few else posteriors[posteriors["label"] == ""]).to_dict("records"):
-        unit = "" if row["unit"] == "1" else f" ({row['unit']})"
-        numbers = [f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high")]
-        table.add_row(f"{row['variable']} {row['label']}".strip() + unit, Text(row["run"]), *numbers)
-    console.print(table)
-    if not few:
-        count = people["label"].nunique()
-        console.print(f"  K and C of the {count} people: --json prints them, --out writes posteriors.csv")
-
-
-def _table(title: str, words: list[str], numbers: list[str]) -> Table:
-    from rich.table import Table
-    from rich.text import Text
-
-    table = Table(title=Text(title), title_justify="left")
-    for name in (*words, *numbers):
-        table.add_column(_HEADINGS.get(name, name), justify="right" if name in numbers else "left")
-    return table

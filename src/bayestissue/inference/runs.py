@@ -12,12 +12,13 @@ import xarray as xr
 
 from bayestissue.inference.comparison import COLUMNS as SCORES
 from bayestissue.inference.comparison import by_importance
+from bayestissue.inference.implied import UNITS, comparable_draws
 from bayestissue.inference.labels import ATTRIBUTES
 from bayestissue.inference.trace_scores import SCHEMES, densities_of
 
 COMPARISON_COLUMNS = [SCORES[0], "data", *SCORES[1:]]
 POSTERIOR_COLUMNS = ["variable", "label", "unit", "run", "median", "eti90_low", "eti90_high"]
-COMPARED = ("mass_exponent_K", "mass_exponent_C", "K_new", "C_new", "K_subject", "C_subject")
+COMPARED = ("mass_exponent_K", "mass_exponent_C", *UNITS, "K_new", "C_new", "K_subject", "C_subject")
 _ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
 # Far above rounding, far below any recorder's resolution.
 _SAME = 1e-9
@@ -30,8 +31,8 @@ class FinishedRun:
     Attributes:
         name: what tables call it.
         model: the model as resolved, from ``run.json``.
-        tree: the groups ``posterior`` (single impacts may be left out), ``log_likelihood``,
-            ``log_likelihood_of_groups`` and ``observed_data``.
+        tree: the groups ``posterior`` (of single impacts what `bayestissue.inference.implied` asks for),
+            ``log_likelihood``, ``log_likelihood_of_groups``, ``observed_data`` and ``constant_data``.
     """
 
     name: str
@@ -47,6 +48,11 @@ class FinishedRun:
     def observed(self) -> xr.DataArray:
         """[impact, sample]: the very numbers that the likelihood is a density of."""
         return self.tree["observed_data"].dataset[self.quantity]
+
+    @property
+    def people(self) -> np.ndarray:
+        """[impact]: whose each impact is."""
+        return self.tree["constant_data"].dataset["impact_subject"].astype(str).to_numpy()
 
 
 def compare_runs(runs: Sequence[FinishedRun]) -> pd.DataFrame:
@@ -119,14 +125,14 @@ def _data_names(groups: Sequence[Sequence[FinishedRun]]) -> list[str]:
 def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     """Median and 90 % interval of what every run estimates, whatever its likelihood is a density of.
 
-    Mass exponents, a new impact on a new person, and every person, the last two at the run's own reference
-    mass. A run whose model lacks a quantity has no row for it.
+    Mass exponents; the secant stiffness and equivalent damping of the recorded impacts, which mean the same
+    for every element; and K and C of a new impact on a new person and of every person, at the run's own
+    reference mass. A run whose model lacks a quantity has no row for it.
 
     Returns:
         `POSTERIOR_COLUMNS`, the rows of one quantity together.
     """
-    parts = [_quantiles(run, variable) for variable in COMPARED for run in runs]
-    table = pd.concat([part for part in parts if len(part)], ignore_index=True)
+    table = pd.concat([part for run in runs for part in _quantiles(run)], ignore_index=True)
     order = table.assign(
         _variable=table["variable"].map(COMPARED.index), _run=table["run"].map([r.name for r in runs].index)
     )
@@ -135,22 +141,20 @@ def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     )[POSTERIOR_COLUMNS]
 
 
-def _quantiles(run: FinishedRun, variable: str) -> pd.DataFrame:
+def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
     posterior = run.tree["posterior"].dataset
-    if variable not in posterior:
-        return pd.DataFrame(columns=POSTERIOR_COLUMNS)
-    array = posterior[variable].transpose("chain", "draw", ...)
-    flat = array.to_numpy().reshape(array.sizes["chain"] * array.sizes["draw"], -1)
-    low, median, high = np.percentile(flat, [5, 50, 95], axis=0)
-    labels = [str(label) for label in array["subject"].to_numpy()] if array.ndim == 3 else [""]
-    return pd.DataFrame(
-        {
-            "variable": variable,
-            "label": labels,
-            "unit": ATTRIBUTES[variable]["unit"],
-            "run": run.name,
-            "median": median,
-            "eti90_low": low,
-            "eti90_high": high,
-        }
-    )
+    own = {name: posterior[name] for name in COMPARED if name in posterior}
+    tables = []
+    for name, array in {**comparable_draws(posterior, run.people), **own}.items():
+        each = "subject" in array.dims
+        flat = array.transpose("chain", ..., *(["subject"] if each else [])).to_numpy()
+        low, median, high = np.percentile(
+            flat.reshape(-1, array.sizes["subject"] if each else 1), [5, 50, 95], axis=0
+        )
+        labels = array["subject"].astype(str).to_numpy().tolist() if each else [""]
+        unit = UNITS.get(name) or ATTRIBUTES[name]["unit"]
+        table = pd.DataFrame(
+            {"label": labels, "median": median, "eti90_low": low, "eti90_high": high, "variable": name}
+        )
+        tables.append(table.assign(unit=unit, run=run.name))
+    return tables

@@ -17,6 +17,12 @@ from bayestissue.report.wording import UNITS
 _MARKS = "osD^vP*"
 MOST_PEOPLE = 30
 _LONGEST = 32
+_SECOND = {True: "a new impact on a new person", False: "the recorded impacts"}
+_KIND = {True: {"K": "", "C": ""}, False: {"K": "secant ", "C": "equivalent "}}
+_COMPARABLE = {
+    "K": ("K_secant_typical", "K_secant_of_subject"),
+    "C": ("C_equivalent_typical", "C_equivalent_of_subject"),
+}
 
 
 def comparison_figure(table: pd.DataFrame, scheme: str) -> Markup:
@@ -53,9 +59,15 @@ def _short(name: str) -> str:
     return name if len(name) <= _LONGEST else f"{name[: _LONGEST // 2 - 1]}…{name[-_LONGEST // 2 :]}"
 
 
-def side_by_side_figure(posteriors: pd.DataFrame, runs: Sequence[str], quantity: str) -> Markup:
-    """The mass exponent, a new person's K (or C) and those of the people: a colour and a mark a run."""
-    shown = _parts(posteriors, quantity)
+def side_by_side_figure(
+    posteriors: pd.DataFrame, runs: Sequence[str], quantity: str, *, alike: bool = True
+) -> Markup:
+    """The mass exponent, a new person's K (or C) and those of the people: a colour and a mark a run.
+
+    Where the runs are not ``alike`` in their element, what means the same in all stands for K (or C): the
+    secant stiffness (the equivalent damping) of the recorded impacts, and of each person's own.
+    """
+    shown = _parts(posteriors, quantity, alike)
     heights = [1.1 + 0.16 * len(runs) * rows["label"].nunique() for _, rows in shown]
     with style():
         fig, panels = new_figure((4.8, sum(heights)), rows=len(shown), squeeze=False, height_ratios=heights)
@@ -70,20 +82,21 @@ def side_by_side_figure(posteriors: pd.DataFrame, runs: Sequence[str], quantity:
             axes.set_xlabel(
                 f"mass exponent of {quantity} (no unit)"
                 if exponent
-                else f"{NAMES[quantity]} ({UNITS[quantity]})"
+                else f"{_KIND[alike][quantity]}{NAMES[quantity]} ({UNITS[quantity]})"
             )
         handles, labels = panels[-1, 0].get_legend_handles_labels()
         fig.legend(handles, labels, loc="outside upper left", ncols=3)
         return figure(
             fig,
-            f"{NAMES[quantity]} by run: the mass exponent, a new impact on a new person, and each person; "
+            f"{NAMES[quantity]} by run: the mass exponent, {_SECOND[alike]}, and each person; "
             "posterior median and 90 % interval, a colour and a mark for each run.",
         )
 
 
-def _parts(posteriors: pd.DataFrame, quantity: str) -> list[tuple[str, pd.DataFrame]]:
+def _parts(posteriors: pd.DataFrame, quantity: str, alike: bool) -> list[tuple[str, pd.DataFrame]]:
     parts = []
-    for variable in (f"mass_exponent_{quantity}", f"{quantity}_new", f"{quantity}_subject"):
+    own = (f"{quantity}_new", f"{quantity}_subject") if alike else _COMPARABLE[quantity]
+    for variable in (f"mass_exponent_{quantity}", *own):
         rows = posteriors[posteriors["variable"] == variable]
         rows = rows[rows["label"].isin(rows["label"].drop_duplicates()[:MOST_PEOPLE])]
         if len(rows):

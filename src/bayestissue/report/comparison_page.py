@@ -23,12 +23,19 @@ _TABLES = (
         ("elpd", "se", "elpd_difference", "se_difference", "p_effective", "weight"),
     ),
     TableFile("posteriors", ("variable", "label", "unit", "run"), ("median", "eti90_low", "eti90_high")),
+    TableFile(
+        "implied",
+        ("scheme", "data", "variable", "label", "unit"),
+        ("runs", "median", "eti90_low", "eti90_high"),
+    ),
 )
 # The page says once, and first, which densities can't be compared.
 _APART = (r"(; )?densities of other numbers.*", "")
 _AGAIN = "Compare the runs anew with `bayestissue compare`."
+_TYPICAL = {"K": "K_secant_typical", "C": "C_equivalent_typical"}
 _CONTENTS = (
     ("accuracy", "Accuracy"),
+    ("weights", "Weights"),
     ("posteriors", "Posteriors"),
     ("models", "Models"),
     ("provenance", "Provenance"),
@@ -40,6 +47,10 @@ _WORDS = {
     "C_new": "C, new impact on a new person",
     "K_subject": "K of",
     "C_subject": "C of",
+    "K_secant_typical": "K (secant) of the recorded impacts",
+    "C_equivalent_typical": "C (equivalent) of the recorded impacts",
+    "K_secant_of_subject": "K (secant) of the impacts of",
+    "C_equivalent_of_subject": "C (equivalent) of the impacts of",
 }
 
 
@@ -56,8 +67,10 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
         raise InputError(Problem(str(folder / "run.json"), "the runs compared", _AGAIN, column="runs"))
     require_files(folder, [f"{layout.name}.csv" for layout in _TABLES])
     tables = read_tables(folder, _TABLES)
-    comparison, posteriors = tables["comparison"], tables["posteriors"]
+    comparison, posteriors, implied = (tables[name] for name in ("comparison", "posteriors", "implied"))
     names = [str(run["name"]) for run in runs]
+    alike = same_element(runs)
+    shown = {q: f"{q}_new" if alike else typical for q, typical in _TYPICAL.items()}
     return render_page(
         "comparison.html",
         title=f"Fits of {about.get('dataset') or 'one dataset'} beside each other",
@@ -70,12 +83,15 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
         unsure=unsure_words(comparison),
         apart=apart_words(comparison),
         exponents={q: exponent_rows(posteriors, names, q) for q in ("K", "C")},
-        new={q: quantity_rows(posteriors, names, f"{q}_new") for q in ("K", "C")},
+        alike=alike,
+        new={q: quantity_rows(posteriors, names, variable) for q, variable in shown.items()},
+        weighted=weighted_words(implied),
+        implied_table=implied_table(implied),
         masses=reference_masses(runs),
         accuracy_plots=accuracy_figures(comparison),
         comparison_table=comparison_table(comparison),
         posterior_plots=[
-            side_by_side_figure(posteriors, names, q)
+            side_by_side_figure(posteriors, names, q, alike=alike)
             for q in ("K", "C")
             if posteriors["variable"].str.contains(q).any()
         ],
@@ -161,6 +177,49 @@ def exponent_rows(posteriors: pd.DataFrame, runs: list[str], quantity: str) -> l
         {**row, "value": number(table[row["run"]], 2) if row["run"] in table else row["value"]}
         for row in quantity_rows(posteriors, runs, f"mass_exponent_{quantity}")
     ]
+
+
+def same_element(runs: list[dict[str, Any]]) -> bool:
+    """Whether K and C are the same things in all runs: those of one mechanical element."""
+    return len({run["model"].get("element", "kelvin_voigt") for run in runs}) == 1
+
+
+def weighted_words(implied: pd.DataFrame) -> list[str]:
+    """K and C of the recorded impacts under the weights of each scheme, a sentence a kind of data."""
+    sentences = []
+    many = len(implied["data"].unique()) > 1
+    for (scheme, data), rows in implied.groupby(["scheme", "data"], sort=False):
+        by_name = rows[rows["label"] == ""].set_index("variable").to_dict("index")
+        told = [
+            f"{q} = {significant(row['median'])} {row['unit']} "
+            f"({interval(row['eti90_low'], row['eti90_high'])})"
+            for q, name in _TYPICAL.items()
+            if (row := by_name.get(name)) is not None
+        ]
+        several = f", densities of {data}" if many else ""
+        kind = scheme.removeprefix("leave one ").removesuffix(" out")
+        if told:
+            sentences.append(f"Weighted by how well each {kind} is predicted{several}: {listed(told)}.")
+    return sentences
+
+
+def implied_table(implied: pd.DataFrame) -> Table:
+    """Every row of `implied.csv`."""
+    rows = [
+        Row(
+            (
+                f"{_WORDS.get(row['variable'], row['variable'])} {row['label']}".strip(),
+                row["scheme"].removeprefix("leave one ").removesuffix(" out"),
+                row["data"],
+                significant(row["median"]),
+                interval(row["eti90_low"], row["eti90_high"]),
+                row["unit"],
+            )
+        )
+        for row in implied.to_dict("records")
+    ]
+    titles = ("quantity", "weights by", "density of", "median", "90 % interval", "unit")
+    return Table(columns(*titles, number=("median", "90 % interval")), rows)
 
 
 def reference_masses(runs: list[dict[str, Any]]) -> str:
