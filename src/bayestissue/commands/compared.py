@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
@@ -43,12 +44,12 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
         console.print(f"  K and C of the {count} people: --json prints them, --out writes posteriors.csv")
 
 
-def _quantity(row: dict[str, Any]) -> str:
+def _quantity(row: Mapping[Any, Any]) -> str:
     unit = "" if row["unit"] == "1" else f" ({row['unit']})"
     return f"{row['variable']} {row['label']}".strip() + unit
 
 
-def _numbers(row: dict[str, Any]) -> list[str]:
+def _numbers(row: Mapping[Any, Any]) -> list[str]:
     return [f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high")]
 
 

@@ -42,10 +42,12 @@ def comparable_draws(posterior: xr.Dataset, people: np.ndarray) -> dict[str, xr.
         source = next((each for each in sources if each in posterior), None)
         if source is None or "impact" not in posterior[source].dims:
             continue
-        logs = np.log(posterior[source])
+        logs = xr.apply_ufunc(np.log, posterior[source])
         if name in OF_PEOPLE:
-            logs = logs.assign_coords(subject=("impact", people)).groupby("subject")
-        found[name] = np.exp(logs.mean("impact"))
+            mean = logs.assign_coords(subject=("impact", people)).groupby("subject").mean("impact")
+        else:
+            mean = logs.mean("impact")
+        found[name] = xr.apply_ufunc(np.exp, mean)
     return found
 
 
@@ -75,8 +77,8 @@ def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFra
             if having and lacking <= _LEAST_WEIGHT:
                 parts.append(
                     mixture({run: (weights[run], array) for run, array in having.items()}).assign(
-                        scheme=scheme,
-                        data=data,
+                        scheme=str(scheme),
+                        data=str(data),
                         variable=name,
                         unit=unit,
                         runs=sum(weight >= 0.01 for weight in weights.values()),

@@ -197,7 +197,7 @@ def weighted_words(implied: pd.DataFrame) -> list[str]:
             if (row := by_name.get(name)) is not None
         ]
         several = f", densities of {data}" if many else ""
-        kind = scheme.removeprefix("leave one ").removesuffix(" out")
+        kind = str(scheme).removeprefix("leave one ").removesuffix(" out")
         if told:
             sentences.append(f"Weighted by how well each {kind} is predicted{several}: {listed(told)}.")
     return sentences
