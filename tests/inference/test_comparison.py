@@ -93,3 +93,17 @@ def test_few_people_are_warned_of(normal_means) -> None:
     some = tree(norm(mean[..., None], 1).logpdf(y[:9]))
     table = by_importance({"a": some, "b": some}, "estimates", "leave one subject out", "people")
     assert (table["warning"] == "9 people only: the standard errors are rough").all()
+
+
+def test_draws_that_are_nearly_all_one_are_scored_and_not_trusted(normal_means) -> None:
+    y, mean = normal_means
+    right = norm(mean[..., None], 1).logpdf(y)
+    # What a correction leaves where it trusts a single draw of each chain.
+    stuck = np.broadcast_to(norm(mean[:, :1, None] + 1.0, 1).logpdf(y), right.shape)
+    table = by_impact({"stuck": tree(stuck.copy()), "right": tree(right)}, "estimates").set_index("model")
+    assert list(table.index) == ["right", "stuck"]
+    # Four draws, each as often: the harmonic mean of their densities.
+    expected = -np.log(np.mean(np.exp(-stuck[:, 0]), axis=0)).sum()
+    assert_allclose(table.loc["stuck", "elpd"], expected, rtol=1e-9)
+    assert table.loc["stuck", "warning"].startswith("30 of 30 impacts with Pareto k above 0.7")
+    assert not table.loc["right", "warning"]

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from scipy.special import logsumexp
 
 COLUMNS = [
     "scheme",
@@ -116,7 +117,23 @@ def _leave_one_out(trees: Mapping[str, xr.DataTree], variable: str) -> dict[str,
     with warnings.catch_warnings():
         # Both callers read pareto_k themselves: one reports it, the other refits where it is high.
         warnings.simplefilter("ignore", UserWarning)
-        return {name: az.loo(tree, pointwise=True, var_name=variable) for name, tree in trees.items()}
+        found = {}
+        for name, tree in trees.items():
+            try:
+                found[name] = az.loo(tree, pointwise=True, var_name=variable)
+            except ValueError:
+                # Nearly all draws are one and the same, so that the weights have no tail to be smoothed.
+                found[name] = az.loo(tree, pointwise=True, var_name=variable, **_unsmoothed(tree, variable))
+        return found
+
+
+def _unsmoothed(tree: xr.DataTree, variable: str) -> dict[str, xr.DataArray]:
+    """Plain importance weights, of which nothing vouches for any: Pareto k̂ is infinite."""
+    log_weights = -tree["log_likelihood"].dataset[variable]
+    axes = tuple(log_weights.get_axis_num(("chain", "draw")))
+    log_weights = log_weights - logsumexp(log_weights.to_numpy(), axis=axes, keepdims=True)
+    pareto_k = xr.full_like(log_weights.isel(chain=0, draw=0, drop=True), np.inf)
+    return {"log_weights": log_weights, "pareto_k": pareto_k}
 
 
 def by_trial(pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:
