@@ -1,12 +1,13 @@
-"""Simulation-based calibration (Talts et al. 2018) of the path by which `bayestissue fit` samples.
+"""Simulation-based calibration (Talts et al. 2018) of the paths by which `bayestissue fit` samples.
 
     .venv/bin/python benchmarks/calibration.py arma
     .venv/bin/python benchmarks/calibration.py a2
     .venv/bin/python benchmarks/calibration.py impact
 
 500 times the standard deviations, the population, every impact's parameters and its trace are drawn from
-the model itself, top down, and the draw is fitted through the summary path. If the path samples the
-posterior, the rank of each drawn value among 99 thinned draws is uniform. The design is that of
+the model itself, top down, and the draw is fitted as `path = "automatic"` does it: through the summary
+path, and through the exact one where Pareto k says so. If that samples the posterior, the rank of each drawn
+value among 99 thinned draws is uniform. The design is that of
 coverage_fit.py; a trace has 110 samples. Its first two displacements are 0 and V dt whatever K and C are: the
 likelihood is conditional on them, so they must tell nothing of what is drawn. Models: calibration-*.toml.
 """
@@ -27,18 +28,19 @@ from numpyro.infer import Predictive
 from scipy import stats
 
 from bayestissue import runtime
-from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import plain_model
-from bayestissue.inference.summary_path import summary_draws
+from bayestissue.inference.exact_path import exact_draws
+from bayestissue.inference.summary_path import corrected_draws
 from bayestissue.inference.trace_draws import unfold
-from bayestissue.inference.trace_start import summarise
 from bayestissue.likelihood.deceleration import DecelerationRecord
 from bayestissue.likelihood.displacement import displacement_record
 from bayestissue.simulation import simulate
 
 DATA_SETS, SAMPLES, RANKS, BINS = 500, 110, 100, 20
 SEED = 2026
+EXACT = Sampler(chains=2, warmup=400, draws=500, target_accept=0.9, path="exact")
 HERE = Path(__file__).parent
 KINDS = ("arma", "a2", "impact")
 
@@ -88,8 +90,9 @@ def ranks(kind: str, data_sets: int, seconds: float, seed: int) -> pd.DataFrame:
         key = jax.random.fold_in(jax.random.PRNGKey(seed), number)
         drawn = {name: np.asarray(value[0]) for name, value in draw(key, base.data).items()}
         prepared = with_traces(base, drawn["trace"])
-        summarised = summarise(prepared)
-        draws, correction = summary_draws(prepared, summarised, SAMPLER, number)
+        summarised, draws, correction = corrected_draws(prepared, SAMPLER, number)
+        if not correction.trusted:
+            draws = exact_draws(prepared, summarised, EXACT, number, processes=False)
         found = unfold(prepared, summarised.summaries, draws, jax.random.PRNGKey(number))
         truth = {name: drawn[name] for name in model.spreads}
         posterior = {name: found.sites[name] for name in model.spreads}
@@ -176,7 +179,7 @@ def figure(found: dict[str, pd.DataFrame]) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description="Simulation-based calibration of the summary path.")
+    parser = argparse.ArgumentParser(description="Simulation-based calibration of fits.")
     parser.add_argument("likelihood", choices=KINDS)
     parser.add_argument("--data-sets", type=int, default=DATA_SETS)
     parser.add_argument("--seconds", type=float, default=np.inf, help="begin no data set after these")

@@ -31,9 +31,8 @@ from bayestissue import runtime
 from bayestissue.dataset import Dataset
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
-from bayestissue.inference.summary_path import Correction, summary_draws
+from bayestissue.inference.summary_path import Correction, corrected_draws
 from bayestissue.inference.trace_draws import Unfolded, unfold
-from bayestissue.inference.trace_start import summarise
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.simulation import Simulation, simulate
@@ -113,8 +112,7 @@ class Fits:
 
     def fit(self, prepared: Prepared, seed: int) -> tuple[Unfolded, Correction]:
         """Draws of everything, and how they were corrected."""
-        summarised = summarise(prepared)
-        draws, correction = summary_draws(prepared, summarised, SAMPLER, seed)
+        summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
         return unfold(prepared, summarised.summaries, draws, jax.random.PRNGKey(seed)), correction
 
 

@@ -43,11 +43,11 @@ from bayestissue.hierarchy.traces import (
     warped,
 )
 from bayestissue.inference.chains import run_chains
+from bayestissue.inference.exact_path import start_of
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.summary_path import summary_draws
 from bayestissue.inference.trace_draws import unfold
 from bayestissue.inference.trace_start import Summarised, summarise
-from bayestissue.inference.traces import start_of
 from bayestissue.resources import shared
 from likelihood import machine
 

@@ -13,14 +13,10 @@ from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import constrained, log_likelihood, population
+from bayestissue.inference.pareto import pareto_smoothed
+from bayestissue.inference.ratios import compare_over, log_corrections
 from bayestissue.inference.summary_path import summary_draws
-from bayestissue.inference.trace_correction import (
-    compare_over,
-    flat_profile,
-    log_corrections,
-    pareto_smoothed,
-    standard_points,
-)
+from bayestissue.inference.trace_correction import flat_profile, standard_points
 from bayestissue.inference.trace_draws import unfold
 from bayestissue.inference.trace_start import summarise
 from bayestissue.inference.traces import fit_traces

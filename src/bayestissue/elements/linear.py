@@ -15,7 +15,7 @@ _HALVINGS = 40
 
 
 def transition(
-    element: Element, p: Parameters, mass: Float[Array, " impact"], time: Float[Array, impact * time]
+    element: Element, p: Parameters, mass: Float[Array, " impact"], time: Float[Array, " impact *time"]
 ) -> Float[Array, "impact *time state state"]:
     """exp(A t) of y' = A y, smooth through repeated roots.
 

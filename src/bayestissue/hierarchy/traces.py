@@ -26,6 +26,7 @@ from bayestissue.hierarchy.conditional import (
     impact_parameters,
     locations,
 )
+from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.population import (
     Locations,
     MassError,
@@ -35,7 +36,7 @@ from bayestissue.hierarchy.population import (
     of_impacts,
     spread_of_population,
 )
-from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.priors import HalfNormal, Priors
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.warp import Warp
 from bayestissue.likelihood.deceleration import DecelerationRecord, MeasuredDeceleration
@@ -101,11 +102,13 @@ class TraceModel:
 
     def prior_of(self, name: str) -> dist.Distribution:
         """The prior of one of `spreads`."""
-        if name.endswith(("_K", "_C")):
-            return getattr(getattr(self.priors, name[:-2]), name[-1]).numpyro()
         if name == "residual_correlation":
             return self.priors.residual_correlation.numpyro()
-        return self.priors.of_spread(name.removeprefix("sd_")).numpyro()
+        if name.endswith(("_K", "_C")):
+            prior = getattr(getattr(self.priors, name[:-2]), name[-1])
+        else:
+            prior = self.priors.of_spread(name.removeprefix("sd_"))
+        return HalfNormalSpread(prior.scale) if isinstance(prior, HalfNormal) else prior.numpyro()
 
 
 class Physical(NamedTuple):

@@ -25,7 +25,8 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference import summary_path, trace_draws
 from bayestissue.inference.chains import Start, compile_chain
-from bayestissue.inference.trace_correction import POINTS, Profile, compare_over, flat_profile
+from bayestissue.inference.ratios import compare_over
+from bayestissue.inference.trace_correction import POINTS, Profile, flat_profile
 
 CHAINS, CORRECTION, DRAWS = "chains", "correction", "draws"
 Wait = Callable[[str], None]

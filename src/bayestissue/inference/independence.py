@@ -20,8 +20,8 @@ from numpyro.infer.util import potential_energy
 from scipy.stats import multivariate_t
 
 from bayestissue.hierarchy.specification import Sampler
+from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.sampling import Draws
-from bayestissue.inference.trace_correction import pareto_smoothed
 from bayestissue.inference.trace_start import Spreads
 
 DEGREES = 7.0

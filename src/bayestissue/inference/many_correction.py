@@ -24,15 +24,10 @@ from bayestissue.hierarchy.cells import Cells, Expansion, expected_by_place
 from bayestissue.hierarchy.conditional import Summaries, impact_parts
 from bayestissue.hierarchy.population import Spread
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, population
+from bayestissue.inference.ratios import Ratios, compare_over_about, log_corrections
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_blocks import in_blocks
-from bayestissue.inference.trace_correction import (
-    Profile,
-    Ratios,
-    compare_over_about,
-    log_corrections,
-    standard_points,
-)
+from bayestissue.inference.trace_correction import Profile, standard_points
 
 
 class PopulationDraws(NamedTuple):

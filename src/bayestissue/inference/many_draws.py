@@ -28,10 +28,11 @@ from bayestissue.inference.many_kept import kept_draws
 from bayestissue.inference.many_population import cells_model
 from bayestissue.inference.many_scores import locations_and_scores, scores_of_some
 from bayestissue.inference.many_summaries import ManySummarised
+from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.sampling import Draws, Progress
 from bayestissue.inference.summary_path import CANDIDATES, PARETO_LIMIT, Correction
 from bayestissue.inference.trace_blocks import in_blocks
-from bayestissue.inference.trace_correction import POINTS, pareto_smoothed
+from bayestissue.inference.trace_correction import POINTS
 from bayestissue.inference.trace_draws import (
     Unfolded,
     error_of_people,

@@ -23,7 +23,7 @@ from bayestissue.hierarchy.population import Spread
 from bayestissue.hierarchy.traces import TraceModel, constrained, population, sample_spreads
 from bayestissue.inference.many_correction import PopulationDraws
 from bayestissue.inference.profile_surface import Surface
-from bayestissue.inference.trace_start import Spreads
+from bayestissue.inference.trace_start import BOUNDS, Spreads
 from bayestissue.inference.trace_summaries import Anchor
 
 _STEP = 1e-4
@@ -166,7 +166,7 @@ class Where:
 
     def _find(self, start: np.ndarray) -> np.ndarray:
         begin = start if len(start) == len(self.names) else np.full(len(self.names), -1.5)
-        bounds = [(-9, 5)] * len(begin)
+        bounds = [BOUNDS] * len(begin)
         return minimize(self._at, begin, jac=True, method="L-BFGS-B", bounds=bounds).x
 
     def _at(self, flat: np.ndarray) -> tuple[float, np.ndarray]:

@@ -24,15 +24,11 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.diagnostics import Check
+from bayestissue.inference.pareto import pareto_smoothed
+from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
 from bayestissue.inference.sampling import Draws, Progress, silent
-from bayestissue.inference.trace_correction import (
-    Ratios,
-    compare_over,
-    log_corrections,
-    pareto_smoothed,
-    standard_points,
-)
-from bayestissue.inference.trace_start import Summarised, spreads_model
+from bayestissue.inference.trace_correction import standard_points
+from bayestissue.inference.trace_start import LAST, Summarised, spreads_model, summarise
 
 CANDIDATES = 8
 PARETO_LIMIT = 0.7
@@ -72,6 +68,43 @@ def at_once(part: str) -> None:
     """Wait for nothing."""
 
 
+def corrected_draws(
+    prepared: Prepared,
+    settings: Sampler,
+    seed: int,
+    *,
+    say: Progress = silent,
+    progress: Progress = silent,
+    wait: Callable[[str], None] = at_once,
+) -> tuple[Summarised, Draws, Correction]:
+    """Summaries, and draws made with them; where theta1 is free, of the better of two kinds if need be.
+
+    Whether theta1 passes for normal is judged before the chains; where the correction then can't be
+    trusted, the other kind of summary may still be right.
+    """
+    made = [_attempt(prepared, settings, seed, None, say, progress, wait)]
+    if prepared.model.kind == "arma" and not made[0][2].trusted:
+        other = made[0][0].profile is not None
+        made.append(_attempt(prepared, settings, seed, other, say, progress, wait))
+    return min(made, key=lambda attempt: np.nan_to_num(attempt[2].pareto_k, nan=np.inf))
+
+
+def _attempt(
+    prepared: Prepared,
+    settings: Sampler,
+    seed: int,
+    normal: bool | None,
+    say: Progress,
+    progress: Progress,
+    wait: Callable[[str], None],
+) -> tuple[Summarised, Draws, Correction]:
+    summarised = summarise(prepared, normal=normal, say=say)
+    if prepared.model.kind == "arma" and summarised.profile is None:
+        # What is compiled ahead is for a theta1 with a profile.
+        wait = at_once
+    return summarised, *summary_draws(prepared, summarised, settings, seed, progress=progress, wait=wait)
+
+
 def summary_draws(
     prepared: Prepared,
     summarised: Summarised,
@@ -105,7 +138,7 @@ def summary_draws(
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 3)
     z_b = jax.random.normal(keys[0], (shape[0] * shape[1], model.locations.size))
     if profile is not None:
-        z_b = z_b.at[:, -1].set(raw.pop("standard_last"))
+        z_b = z_b.at[:, -1].set(raw.pop(LAST))
     standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
     wait("correction")

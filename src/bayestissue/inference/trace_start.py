@@ -46,6 +46,11 @@ from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summaris
 REFINEMENTS = 2
 # A profile integrates the other parameters over so many points: few where impacts are many.
 PROFILE_POINTS, FEW = 32, 4
+# Of unconstrained coordinates, where a mode is looked for: spreads of 1e-4 to 300 times their scale.
+BOUNDS = (-9.0, 300.0)
+LAST = "standard_last"
+# Of artanh theta1, the standard deviation up to which its likelihood passes for a normal.
+_WELL_TOLD = 0.3
 _NEAREST = 0.99
 _STEP = 1e-4
 
@@ -60,6 +65,12 @@ class Spreads:
     mode: Mapping[str, np.ndarray]
     covariance: np.ndarray
 
+    def without(self, name: str) -> Spreads:
+        """Those of the other sites, which must not depend on this one."""
+        kept = [place for place, each in enumerate(sorted(self.mode)) if each != name]
+        mode = {each: value for each, value in self.mode.items() if each != name}
+        return Spreads(mode, self.covariance[np.ix_(kept, kept)])
+
 
 def spreads_model(
     model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None = None
@@ -73,7 +84,7 @@ def spreads_model(
     found = condition(data.design, spread, data.location_mean, summaries)
     numpyro.factor("summaries", found.log_evidence)
     if profile is not None:
-        z = numpyro.sample("standard_last", dist.Normal())
+        z = numpyro.sample(LAST, dist.Normal())
         mean = found.mean[-1] + z / found.factor[-1, -1]
         numpyro.factor("profile", profile.log_evidence(mean, spread.nuisance[-1]).sum())
 
@@ -120,12 +131,17 @@ class Summarised:
     warp: Warp | None = None
 
 
-def summarise(prepared: Prepared, *, say: Progress = silent) -> Summarised:
+def summarise(prepared: Prepared, *, normal: bool | None = None, say: Progress = silent) -> Summarised:
     """Summaries of the traces, each made where the whole data set says that its parameters are.
 
     First every likelihood is expanded at its own maximum, then at the maximum under the population that
-    this implies, which matters where a trace says little; then moments replace the expansions. ``say`` is
-    told how many of these passes are done, and of how many.
+    this implies, which matters where a trace says little; then moments replace the expansions.
+
+    Args:
+        prepared: model and data.
+        normal: whether theta1 is part of the normal summaries, where the model leaves it free, or has a
+            profile of its own; as the traces suggest, unless given.
+        say: told how many of these passes are done, and of how many.
     """
     model, data = prepared.model, prepared.data
     start = first_guess(prepared)
@@ -150,6 +166,8 @@ def summarise(prepared: Prepared, *, say: Progress = silent) -> Summarised:
     mode = finder.mode(summaries, mode)
     if model.kind != "arma":
         return Summarised(summaries, finder.spreads(summaries, mode), None)
+    if _theta1_is_normal(prepared, summaries) if normal is None else normal:
+        return Summarised(summaries, finder.spreads(summaries, mode).without(LAST), None)
     few = standard_points(start.shape[1], PROFILE_POINTS)
     sites = finder.constrained(mode)
     summaries, profile = profile_last(model, data, summaries, sites, jnp.asarray(few))
@@ -160,6 +178,15 @@ def summarise(prepared: Prepared, *, say: Progress = silent) -> Summarised:
     return Summarised(
         summaries, spreads, profile, _warp_of_mean(model, finder.data, summaries, sites, profile)
     )
+
+
+def _theta1_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
+    """Whether the traces tell theta1 well enough for its likelihood to be normal in artanh theta1.
+
+    N samples tell theta1 to ((1 - theta1^2) / N)^1/2, and so artanh theta1 to cosh(artanh theta1) / N^1/2.
+    """
+    middle = np.median(np.asarray(summaries.centre)[:, -1])
+    return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
 
 
 _PROBABILITIES = np.linspace(0.01, 0.99, 50)
@@ -228,7 +255,7 @@ class _SpreadsFinder:
     def __init__(self, model: TraceModel, data: TraceData, profile: Profile | None = None) -> None:
         self._model, self.profile = model, profile
         self.data = data._replace(record=None)  # type: ignore[arg-type]
-        self._names = tuple(sorted([*model.spreads, *(["standard_last"] if profile is not None else [])]))
+        self._names = tuple(sorted([*model.spreads, *([LAST] if profile is not None else [])]))
 
     def _at(self, flat: np.ndarray, summaries: Summaries) -> tuple[float, np.ndarray]:
         value, slope = _value_and_slope(
@@ -238,7 +265,7 @@ class _SpreadsFinder:
 
     def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
         begin = np.full(len(self._names), -1.5) if start is None else start
-        bounds = [(-9, 5)] * len(begin)
+        bounds = [BOUNDS] * len(begin)
         return minimize(self._at, begin, args=(summaries,), jac=True, method="L-BFGS-B", bounds=bounds).x
 
     def constrained(self, flat: np.ndarray) -> dict[str, Array]:

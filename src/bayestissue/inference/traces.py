@@ -9,8 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import jax
-import jax.numpy as jnp
-import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -18,16 +16,15 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import sampled_model, warped
 from bayestissue.inference.ahead import DRAWS, compiling_ahead
-from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.diagnostics import diagnose
+from bayestissue.inference.exact_path import exact_draws
 from bayestissue.inference.many_draws import MANY, many_draws
 from bayestissue.inference.many_summaries import summarise_many
 from bayestissue.inference.model_form import model_form
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.summary import summarise as summary_table
-from bayestissue.inference.summary_path import Correction, summary_draws
+from bayestissue.inference.summary_path import Correction, corrected_draws
 from bayestissue.inference.trace_draws import Unfolded, unfold
 from bayestissue.inference.trace_scores import cross_validation, prior_sensitivity
 from bayestissue.inference.trace_start import Summarised, summarise
@@ -82,9 +79,10 @@ def fit_traces(
     if path == "exact":
         return _exactly(prepared, specification, summarise(prepared, say=done), seed, say, checkpoints)
     with compiling_ahead(prepared, settings) as wait:
-        summarised = summarise(prepared, say=done)
         sampling = partial(say, "sampling the population")
-        draws, correction = summary_draws(prepared, summarised, settings, seed, progress=sampling, wait=wait)
+        summarised, draws, correction = corrected_draws(
+            prepared, settings, seed, say=done, progress=sampling, wait=wait
+        )
         if path == "automatic" and not correction.trusted:
             return _exactly(prepared, specification, summarised, seed, say, checkpoints)
         wait(DRAWS)
@@ -99,32 +97,10 @@ def _exactly(
     say: Say,
     checkpoints: Path | None,
 ) -> TraceAnalysis:
-    draws = run_chains(
-        partial(sampled_model, prepared.model),
-        (prepared.data, summarised.summaries, summarised.warp),
-        start_of(prepared, summarised),
-        specification.sampler,
-        seed,
-        progress=partial(say, "sampling the posterior"),
-        checkpoints=checkpoints,
-    )
-    if summarised.warp is not None:
-        straight = warped(jnp.asarray(draws.sites["standard_locations"]), summarised.warp)
-        draws.sites["standard_locations"] = np.asarray(straight)
+    sampling = partial(say, "sampling the posterior")
+    settings = specification.sampler
+    draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)
     return label(prepared, specification, summarised.summaries, draws, seed, say)
-
-
-def start_of(prepared: Prepared, summarised: Summarised) -> Start:
-    """Chains begin at the spreads' mode given the summaries, and at the middle of all standard normals."""
-    middle = {
-        "standard_locations": np.zeros(prepared.model.locations.size),
-        "standard_impacts": np.zeros(summarised.summaries.centre.shape),
-    }
-    spreads = summarised.spreads
-    names = [name for name in sorted(spreads.mode) if name in prepared.model.spreads]
-    kept = np.array([name in names for name in sorted(spreads.mode)])
-    mode = {name: spreads.mode[name] for name in names}
-    return Start({**mode, **middle}, tuple(names), spreads.covariance[np.ix_(kept, kept)])
 
 
 def label(

@@ -13,7 +13,7 @@ from jax import Array
 from jax.custom_derivatives import SymbolicZero
 from jaxtyping import Float
 
-Columns = tuple[Float[Array, "block #impact lane"], ...]
+Columns = tuple[Float[Array, " block #impact lane"], ...]
 
 # (t coth t - 1) / t^2 in powers of t^2: 2^(2k) B_2k / (2k)! with Bernoulli's numbers.
 _COTH = (
@@ -61,12 +61,7 @@ def quadratic_form(
     coefficients: tuple[Float[Array, " impact"], ...],
     theta1: Float[Array, " impact"],
     columns: Columns,
-    spread: Float[
-        Array,
-        (
-            block  # impact lane
-        ),
-    ],
+    spread: Float[Array, " block #impact lane"],
 ) -> Float[Array, " impact"]:
     """sum_j W_j^2 / l_j with W the sum of coefficient times column, and l the eigenvalues of T.
 

@@ -34,12 +34,7 @@ class SineTransforms(NamedTuple):
 
     x: Float[Array, "impact sample"]
     columns: tuple[Float[Array, "block impact lane"], ...]
-    spread: Float[
-        Array,
-        (
-            block  # impact lane
-        ),
-    ]
+    spread: Float[Array, " block #impact lane"]
     size: Float[Array, " impact"]
 
 
