@@ -184,7 +184,28 @@ def _tables(rng, impacts, true, posterior, exponent) -> dict[str, pd.DataFrame]:
             [("intercept_K", 0.01, 0.2, "✓"), ("sd_trial_K", 0.1, 0.2, "potential prior-data conflict")],
             columns=["variable", "prior", "likelihood", "diagnosis"],
         ),
+        "interval_sources": _sources(),
     }  # fmt: skip
+
+
+def _sources() -> pd.DataFrame:
+    of_impact = {
+        "noise": 0.5,
+        "velocity and gain": 0.3,
+        "offset": 0.0,
+        "contact moment": 0.05,
+        "impacts": 0.15,
+    }
+    of_people = {"noise": 0.0005, "people": 0.7, "conditions": 0.2, "priors": 0.0995}
+    rows = [
+        (level, q, source, share, 0.01 * share**0.5)
+        for level, shares in (("impact", of_impact), ("typical person", of_people), ("new person", of_people))
+        for q in ("K", "C")
+        for source, share in {**shares, "all": 1.0, "as drawn": 1.0 + (level == "new person")}.items()
+    ]  # fmt: skip
+    window = ("window a tenth shorter", 0.02), ("window a tenth shorter, by noise", 0.01)
+    rows += [("impact", q, source, np.nan, sd) for q in ("K", "C") for source, sd in window]
+    return pd.DataFrame(rows, columns=["level", "quantity", "source", "share", "sd"])
 
 
 def _summary(posterior: xr.Dataset) -> pd.DataFrame:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from bayestissue.dataset import Dataset
 
-TABLES = ("summary", "hypotheses", "cross_validation", "sensitivity")
+TABLES = ("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources")
 
 
 @dataclass(frozen=True)

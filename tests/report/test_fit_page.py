@@ -82,6 +82,32 @@ def test_the_page_tells_chain_scores_priors_limits_and_provenance(html):
     assert "atanh_theta1" not in text
 
 
+def test_it_tells_what_makes_the_intervals(folder, html):
+    text = plain(html)
+    text = text[text.index("What makes the intervals Of the 90 %") :]
+    for words in (
+        "of a recorded impact: of K’s variance noise of the recorder 50 %, velocity at contact and gain 30 % "
+        "and scatter between impacts 15 %",
+        "of a new person: of K’s variance people 70 % and conditions 20 %",
+        "The element is taken as true",
+        "moves K by ±2.0 % where noise alone makes ±1.0 %",
+        "differs most for K of new person (2 times) and C of new person (2 times)",
+    ):
+        assert words in text
+    table = html[html.index('id="sources"') :]
+    table = plain(table[table.index("<tbody") : table.index("</tbody")])
+    # Half a 90 % interval of a part is 1.645 times its standard deviation: here 0.01 times 0.5^1/2.
+    assert "noise of the recorder50 % (±1.2 %)" in table
+    assert "all together±1.7 %" in table
+    assert table.count("taken as true") == 6
+
+
+def test_a_run_of_an_earlier_version_has_no_sources(tmp_path):
+    folder = make_fit_run(tmp_path)
+    (folder / "interval_sources.csv").unlink()
+    assert "fit again" in plain(page_of(folder))
+
+
 def test_failed_diagnostics_are_loud_on_the_first_screen_of_any_likelihood(tmp_path):
     html = page_of(make_fit_run(tmp_path, passed=False, likelihood="impact", coloured=True))
     assert "DIAGNOSTICS FAILED" in first_screen(html)

@@ -31,7 +31,6 @@ class Anchor(NamedTuple):
     precision: Float[Array, "impact parameter parameter"]
 
 
-@partial(jax.jit, static_argnames="model")
 def summarise_traces(
     model: TraceModel,
     data: TraceData,
@@ -49,8 +48,16 @@ def summarise_traces(
         data: the dataset.
         start: first guess.
         anchor: prior that keeps an impact whose trace says little where the others are.
-        iterations: steps tried.
+        iterations: steps tried; with none the expansion is at ``start``.
     """
+    # Given by place, so that what is compiled for one number of steps serves for any.
+    return _summarise(model, data, start, anchor, iterations)
+
+
+@partial(jax.jit, static_argnames="model")
+def _summarise(
+    model: TraceModel, data: TraceData, start: Array, anchor: Anchor, iterations: int
+) -> Summaries:
     size = start.shape[1]
 
     def likelihood(u: Array) -> Array:

@@ -146,14 +146,14 @@ def _predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, n
     some = thinned({"u": parameters}, PREDICTIVE_DRAWS)["u"]
     flat = jnp.asarray(some.reshape(-1, *some.shape[2:]))
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), len(flat))
-    made = _replicates(prepared.model, prepared.data, flat, keys)
+    made = replicates(prepared.model, prepared.data, flat, keys)
     return {
         name: np.asarray(v, np.float32).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()
     }
 
 
 @partial(jax.jit, static_argnames="model")
-def _replicates(model: TraceModel, data: TraceData, u: jax.Array, keys: jax.Array) -> dict[str, jax.Array]:
+def replicates(model: TraceModel, data: TraceData, u: jax.Array, keys: jax.Array) -> dict[str, jax.Array]:
     """A replicate of every trace for each draw of ``u``; see `_replicate`."""
     return jax.lax.map(lambda part: _replicate(model, data, *part), (u, keys))
 
@@ -244,7 +244,7 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
         impacts |= {"omega_n": np.asarray(at.omega_n), "zeta": np.asarray(at.zeta)}
     some = jnp.asarray(u[0, :PREDICTIVE_DRAWS])
     keys = jax.random.split(key, len(some))
-    made = _replicates(model, data, some, keys)
+    made = replicates(model, data, some, keys)
     return {
         "prior": put(_quantities(prepared, sites, impacts, rng)),
         "prior_predictive": put({name: np.asarray(v, np.float32)[None] for name, v in made.items()}),

@@ -19,6 +19,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.ahead import DRAWS, compiling_ahead
 from bayestissue.inference.diagnostics import diagnose
 from bayestissue.inference.exact_path import exact_draws
+from bayestissue.inference.interval_sources import interval_sources
 from bayestissue.inference.many_draws import MANY, many_draws
 from bayestissue.inference.many_summaries import summarise_many
 from bayestissue.inference.model_form import model_form
@@ -43,6 +44,7 @@ class TraceAnalysis:
     hypotheses: pd.DataFrame
     cross_validation: pd.DataFrame
     sensitivity: pd.DataFrame
+    interval_sources: pd.DataFrame
 
 
 def fit_traces(
@@ -144,6 +146,7 @@ def analyse(
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         cross_validation(tree),
         prior_sensitivity(tree),
+        interval_sources(prepared, unfolded),
     )
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayestissue.report import model_words, posterior, posterior_tables, remarks
-from bayestissue.report.fit import answers, estimates, predictions, tables, words
+from bayestissue.report.fit import answers, estimates, predictions, sources, tables, words
 from bayestissue.report.fit.estimate_figures import estimates_figure
 from bayestissue.report.fit.population_figures import mass_figure, ranked_figure, spreads_figure
 from bayestissue.report.fit.prediction_figures import lag_one_figure, traces_figure, whiteness_figure
@@ -25,6 +25,7 @@ _CONTENTS = (
     ("people", "People and conditions"),
     ("mass", "Mass"),
     ("population", "Population"),
+    ("sources", "What makes the intervals"),
     ("chain", "Measuring chain"),
     ("left-out", "Leaving out"),
     ("priors", "Priors"),
@@ -134,6 +135,8 @@ def _population(run: FitRun) -> dict[str, Any]:
 
 def _checks(run: FitRun) -> dict[str, Any]:
     return {
+        "sources_words": sources.sources_words(run),
+        "sources_table": sources.sources_table(run),
         "declared": tables.declared_words(run),
         "chain_table": tables.chain_table(run),
         "left_out_summary": tables.left_out_summary(run),

@@ -30,6 +30,9 @@ _TABLES = (
     TableFile("estimates_dds", *_ESTIMATES),
 )
 _TRUTH = TableFile("truth", ("impact",), tuple(COLUMN.values()))
+_SOURCES = TableFile("interval_sources", ("level", "quantity", "source"), ("share", "sd"))
+# Not every run has them: only simulated data a truth, and earlier runs no sources.
+_OPTIONAL = (_TRUTH, _SOURCES)
 _TRACES = ("displacement", "deceleration")
 # What the page can't do without, by group of `posterior.nc`.
 _NEEDED = {
@@ -47,7 +50,8 @@ class FitRun:
 
     ``groups`` holds the data sets of `posterior.nc` that the report shows, draws of single impacts left
     out: their medians and intervals stand in ``summary``. The tables keep their column names, text as it
-    was written and numbers as float64; ``truth`` is None unless the data were simulated.
+    was written and numbers as float64; ``truth`` is None unless the data were simulated,
+    ``interval_sources`` where the run has none.
     """
 
     about: dict[str, Any]
@@ -60,6 +64,7 @@ class FitRun:
     estimates_exact: pd.DataFrame
     estimates_dds: pd.DataFrame
     truth: pd.DataFrame | None
+    interval_sources: pd.DataFrame | None = None
 
     def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
         """All draws of ``variable``, [draw, ...]: chains one after the other."""
@@ -126,15 +131,17 @@ def read_fit_run(folder: Path, about: dict[str, Any]) -> FitRun:
     """
     names = [f"{layout.name}.csv" for layout in _TABLES]
     require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
-    layouts = (*_TABLES, _TRUTH) if (folder / "truth.csv").is_file() else _TABLES
+    layouts = (*_TABLES, *(each for each in _OPTIONAL if (folder / f"{each.name}.csv").is_file()))
     problems: list[Problem] = []
     tables = _or(problems, lambda: dict(read_tables(folder, layouts)))
     groups = _or(problems, lambda: _read_groups(folder / "posterior.nc"))
     diagnostics = _or(problems, lambda: _read_diagnostics(folder / "diagnostics.json"))
     if tables is None or groups is None or diagnostics is None:
         raise InputError(problems)
-    truth = tables.pop("truth", None)
-    return FitRun(about=about, diagnostics=diagnostics, groups=groups, truth=truth, **tables)
+    truth, sources = (tables.pop(each.name, None) for each in _OPTIONAL)
+    return FitRun(
+        about=about, diagnostics=diagnostics, groups=groups, truth=truth, interval_sources=sources, **tables
+    )
 
 
 def _or[Found](problems: list[Problem], read: Callable[[], Found]) -> Found | None:

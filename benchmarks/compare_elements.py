@@ -1,0 +1,195 @@
+"""How often `bayestissue compare` finds the element that made the data, among all that there are.
+
+    .venv/bin/python benchmarks/compare_elements.py
+    .venv/bin/python benchmarks/compare_elements.py --elements maxwell wall --campaigns 10
+
+The campaigns are those of coverage_elements.py: five people in four conditions at 5 kHz. Each is fitted by
+the model file of every element through the summary path, and compared by what `compare` calls. A row a
+campaign goes to compare_elements.csv as soon as it is there, and the same command goes on behind the last.
+The difference is that of the expected log predictive densities of the right element and of the best other
+one, impacts left out in turn, and decides where it is above two of its standard errors. `_people` is the
+same with whole people left out. The K of the weights is held where the 90 % interval of the weighted mixture
+holds the geometric mean over the campaign's impacts of the true secant stiffness.
+"""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections.abc import Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from coverage_elements import FILES, ROOT, campaign_of
+from coverage_fit import Fits
+
+from bayestissue import runtime
+from bayestissue.elements import element_names
+from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.implied import TYPICAL, implied
+from bayestissue.inference.runs import FinishedRun, compare_runs
+from bayestissue.inference.summary_path import Correction
+from bayestissue.inference.trace_draws import Unfolded
+from bayestissue.inference.trace_scores import SCHEMES
+from bayestissue.simulation import simulate
+
+CAMPAIGNS = 10
+TABLE = ROOT / "benchmarks" / "compare_elements.csv"
+BY_IMPACT, BY_PERSON = SCHEMES["impact"][0], SCHEMES["subject"][0]
+# A difference that decides: the report's own words.
+DECISIVE_SE = 2.0
+_TRUE_K = "K_secant_N_per_m"
+
+
+@cache
+def fits_of(name: str) -> Fits:
+    """The fits of one element's model file, compiled once."""
+    model = read_specification(ROOT / "models" / f"{FILES.get(name, name)}.toml")
+    return Fits(model, simulate(campaign_of(name, 0)).dataset("first"))
+
+
+def finished(name: str, prepared: Prepared, found: Unfolded) -> FinishedRun:
+    """What `compare` reads of a run's folder."""
+    draws, people = ("chain", "draw"), prepared.impacts["subject"].astype(str).to_numpy()
+    scalars = {site: (draws, values) for site, values in found.sites.items() if values.ndim == 2}
+    wanted = {site for each in TYPICAL.values() for site in each}
+    impacts = {
+        site: ((*draws, "impact"), found.impacts[site]) for site in sorted(wanted) if site in found.impacts
+    }
+    scores = {site: ((*draws, site), values) for site, values in found.log_likelihood.items()}
+    trace = {"trace": ((*draws, "impact"), scores.pop("trace")[1])}
+    groups = {
+        site: ((*draws, site.removeprefix("traces_of_")), values) for site, (_, values) in scores.items()
+    }
+    inside = np.arange(prepared.signal.x.shape[1]) < prepared.signal.n_samples[:, None]
+    seen = np.where(inside, prepared.signal.deceleration, np.nan)
+    names = {"impact": prepared.impacts["impact"].astype(str).to_numpy()}
+    tree = xr.DataTree.from_dict(
+        {
+            "posterior": xr.Dataset({**scalars, **impacts}, names),
+            "log_likelihood": xr.Dataset(trace, names),
+            "log_likelihood_of_groups": xr.Dataset(groups),
+            "observed_data": xr.Dataset({"deceleration": (("impact", "sample"), seen)}, names),
+            "constant_data": xr.Dataset({"impact_subject": (("impact",), people)}, names),
+        }
+    )
+    return FinishedRun(name, {"likelihood": "impact", "element": name}, tree)
+
+
+def row_of(right: str, number: int) -> dict[str, Any]:
+    """One campaign: every fit, what `compare` says of them, and how long it took."""
+    made = campaign_of(right, number)
+    result, begun = simulate(made), time.perf_counter()
+    runs: list[FinishedRun] = []
+    corrections: dict[str, Correction] = {}
+    for name in element_names():
+        fits = fits_of(name)
+        prepared = fits.prepared(result.dataset(made.name))
+        found, corrections[name] = fits.fit(prepared, number)
+        if all(np.isfinite(values).all() for values in found.log_likelihood.values()):
+            runs.append(finished(name, prepared, found))
+        print(f"  {right} {number}: {name} after {time.perf_counter() - begun:.0f} s", flush=True)
+    comparison = compare_runs(runs)
+    of_weights = implied(runs, comparison)
+    typical = of_weights[(of_weights["scheme"] == BY_IMPACT) & (of_weights["variable"] == "K_secant_typical")]
+    true = float(np.exp(np.log(result.truth[_TRUE_K]).mean()))
+    low, high = (float(typical[end].iloc[0]) for end in ("eti90_low", "eti90_high"))
+    return {
+        "element": right,
+        "campaign": number,
+        **_score(comparison, BY_IMPACT, right, ""),
+        **_score(comparison, BY_PERSON, right, "_people"),
+        "K_of_weights_held": low <= true <= high,
+        "K_of_weights_error": round(float(typical["median"].iloc[0]) / true - 1, 5),
+        "K_of_weights_width": round((high - low) / true, 5),
+        "correction_k": round(corrections[right].pareto_k, 3),
+        **_elpd(comparison),
+        **{f"correction_k_{name}": round(found.pareto_k, 3) for name, found in corrections.items()},
+        "seconds": round(time.perf_counter() - begun, 1),
+    }
+
+
+def _score(comparison: pd.DataFrame, scheme: str, right: str, ending: str) -> dict[str, Any]:
+    """The right element beside the best other one; a fit without a finite density has lost."""
+    rows = comparison[comparison["scheme"] == scheme].set_index("model")
+    winner = rows["elpd"].idxmax()
+    if right not in rows.index:
+        nothing = {"difference": -np.inf, "se": 0.0, "weight": 0.0}
+        return {f"winner{ending}": winner, **{f"{key}{ending}": value for key, value in nothing.items()}}
+    rival = rows.drop(right)["elpd"].idxmax()
+    # The table gives differences from the best, which is one of the two.
+    loser, sign = (rival, -1) if winner == right else (right, 1)
+    return {
+        f"winner{ending}": winner,
+        f"rival{ending}": rival,
+        f"difference{ending}": round(sign * float(rows.loc[loser, "elpd_difference"]), 2),
+        f"se{ending}": round(float(rows.loc[loser, "se_difference"]), 2),
+        f"weight{ending}": round(float(rows.loc[right, "weight"]), 4),
+        f"high_k{ending}": int(rows["warning"].str.contains("Pareto").sum()),
+    }
+
+
+def _elpd(comparison: pd.DataFrame) -> dict[str, float]:
+    rows = comparison[comparison["scheme"] == BY_IMPACT].set_index("model")["elpd"]
+    return {f"elpd_{name}": round(float(rows.get(name, np.nan)), 2) for name in element_names()}
+
+
+def summarised(rows: pd.DataFrame, ending: str = "") -> pd.DataFrame:
+    """By element and over all: how often the right one wins where the difference decides, and loses there."""
+
+    def line(part: pd.DataFrame) -> dict[str, Any]:
+        difference, noise = part[f"difference{ending}"], DECISIVE_SE * part[f"se{ending}"]
+        told = difference.abs() > noise
+        return {
+            "campaigns": len(part),
+            "wins": int((difference > 0).sum()),
+            "differ": int(told.sum()),
+            "wins_where_differ": int((told & (difference > 0)).sum()),
+            "beaten_with_confidence": int((told & (difference < 0)).sum()),
+            "median_weight": round(float(part[f"weight{ending}"].median()), 3),
+            "K_of_weights_held": int(part["K_of_weights_held"].sum()),
+            "median_seconds": round(float(part["seconds"].median()), 1),
+        }
+
+    lines = [{"element": name, **line(part)} for name, part in rows.groupby("element", sort=False)]
+    return pd.DataFrame([*lines, {"element": "all", **line(rows)}])
+
+
+def measure(elements: Sequence[str], campaigns: int, seconds: float, table: Path) -> None:
+    """Append a row for each campaign that is not there yet and is begun in time."""
+    begun = time.perf_counter()
+    there = pd.read_csv(table) if table.is_file() else pd.DataFrame({"element": [], "campaign": []})
+    done = set(zip(there["element"], there["campaign"], strict=True))
+    for number in range(campaigns):
+        for name in elements:
+            if (name, number) in done or time.perf_counter() - begun > seconds:
+                continue
+            row = pd.DataFrame([row_of(name, number)])
+            row.to_csv(table, mode="a", header=not table.is_file(), index=False)
+            told = row.iloc[0]
+            print(f"{name} {number}: {told['winner']} by {told['difference']} ± {told['se']}", flush=True)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--elements", nargs="+", choices=element_names(), default=element_names())
+    parser.add_argument("--campaigns", type=int, default=CAMPAIGNS)
+    parser.add_argument("--seconds", type=float, default=np.inf, help="begin no campaign after these")
+    asked = parser.parse_args()
+    runtime.configure(one_core=True)
+    measure(asked.elements, asked.campaigns, asked.seconds, TABLE)
+    rows = pd.read_csv(TABLE)
+    for ending, scheme in (("", BY_IMPACT), ("_people", BY_PERSON)):
+        print(scheme)
+        print(summarised(rows, ending).to_string(index=False))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,120 @@
+"""What makes the intervals of K and C, in a table and in words."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.wording import listed, percent, relative
+
+_LEVELS = {"impact": "an impact", "typical person": "typical person", "new person": "new person"}
+# In the order of the page, as the run names them and as the page does.
+_NAMES = {
+    "noise": "noise of the recorder",
+    "velocity": "velocity at contact",
+    "gain": "gain",
+    "velocity and gain": "velocity at contact and gain",
+    "offset": "offset of the recorder",
+    "mass": "mass",
+    "contact moment": "contact moment",
+    "element": "element (discrepancy)",
+    "element's parameters": "the element's further parameters",
+    "impacts": "scatter between impacts",
+    "people": "people",
+    "conditions": "conditions",
+    "person and condition": "person and condition, not known better",
+    "priors": "priors",
+}
+_ALL, _DRAWN = "all", "as drawn"
+_WINDOW, _BY_NOISE = "window a tenth shorter", "window a tenth shorter, by noise"
+# Half a 90 % interval of a normal, in its standard deviations.
+_HALF = 1.645
+_WORTH_NAMING = 0.1
+# Of the draws' variance: how far off the sum of the sources may be before the page says so.
+_NEAR = (0.7, 1.4)
+_QUANTITIES = ("K", "C")
+
+
+def sources_table(run: FitRun) -> Table | None:
+    """A row a source, columns of K and C by level: share of the variance, and half its own interval."""
+    if (found := run.interval_sources) is None:
+        return None
+    cells = {(row["source"], row["level"], row["quantity"]): row for row in found.to_dict("records")}
+    kept = [(level, q) for level in _LEVELS for q in _QUANTITIES if (_ALL, level, q) in cells]
+    titles = [f"{q}, {_LEVELS[level]}" for level, q in kept]
+    present = set(found["source"])
+    rows = [
+        Row((told, *(_cell(cells.get((name, *place))) for place in kept)))
+        for name, told in _NAMES.items()
+        if name in present
+    ]
+    if "element" not in present:
+        rows.append(Row((_NAMES["element"], *("taken as true" for _ in kept))))
+    rows.append(Row(("all together", *(_half(cells[(_ALL, *place)]["sd"]) for place in kept))))
+    return Table(columns("source", *titles, number=titles), rows)
+
+
+def _cell(row: Mapping[Any, Any] | None) -> str:
+    return "" if row is None else f"{percent(max(row['share'], 0.0))} ({_half(row['sd'])})"
+
+
+def _half(sd: float) -> str:
+    return relative(math.expm1(_HALF * sd))
+
+
+def sources_words(run: FitRun) -> list[str]:
+    """What makes most of the interval of an impact and a new person, and what the fit takes for granted."""
+    if (found := run.interval_sources) is None:
+        return []
+    said = [
+        f"Of the 90 % interval of {told}: {'; '.join(_most(found, level, q) for q in _QUANTITIES)}."
+        for level, told in (("impact", "a recorded impact"), ("new person", "a new person"))
+    ]
+    if "element" not in set(found["source"]):
+        said.append(
+            "The element is taken as true: no part of these intervals stands for another law of the tissue."
+        )
+    return [*said, _window_words(found), *_doubt(found)]
+
+
+def _most(found: pd.DataFrame, level: str, quantity: str) -> str:
+    own = found[(found["level"] == level) & (found["quantity"] == quantity) & found["source"].isin(_NAMES)]
+    ordered = own.sort_values("share", ascending=False, kind="stable")
+    ordered = ordered[ordered["share"] >= min(_WORTH_NAMING, ordered["share"].max())]
+    named = [f"{_NAMES[row['source']]} {percent(row['share'])}" for row in ordered.to_dict("records")]
+    return f"of {quantity}’s variance {listed(named)}"
+
+
+def _window_words(found: pd.DataFrame) -> str:
+    cells = found[found["level"] == "impact"].set_index(["source", "quantity"])["sd"]
+    if (_WINDOW, "K") not in cells.index:
+        return "The window is taken as given."
+    told = [
+        f"{q} by {relative(math.expm1(cells[_WINDOW, q]))} where noise alone makes "
+        f"{relative(math.expm1(cells[_BY_NOISE, q]))}"
+        for q in _QUANTITIES
+    ]
+    return (
+        "The window is taken as given and has no part of its own. With a window a tenth shorter a trace by "
+        f"itself moves {listed(told)} (standard deviations over impacts)."
+    )
+
+
+def _doubt(found: pd.DataFrame) -> list[str]:
+    drawn = found[found["source"] == _DRAWN]
+    off = drawn[~drawn["share"].between(*_NEAR)]
+    told = [
+        f"{row['quantity']} of {_LEVELS[row['level']]} ({row['share']:.2g} times)"
+        for row in off.to_dict("records")
+    ]
+    if not told:
+        return []
+    return [
+        "The parts are those of a normal approximation with known spreads. The variance of the draws differs "
+        f"most for {listed(told)}."
+    ]

@@ -1,0 +1,185 @@
+"""What each source makes of an interval, against brute force and closed forms."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+from numpy.testing import assert_allclose
+
+from bayestissue import resources
+from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, with_normal_errors
+from bayestissue.inference.interval_sources import interval_sources
+from bayestissue.inference.trace_draws import Unfolded
+from bayestissue.inference.trace_errors import as_expected, shorter_window, trace_errors
+from bayestissue.inference.trace_summaries import loose_anchor, summarise_traces
+from bayestissue.simulation import Simulation, simulate
+
+PEOPLE, CONDITIONS = 4, 3
+RIDGE = 1e-9 * np.eye(3)
+COLUMN = {"velocity and gain": 0, "offset": 1, "contact moment": 2}
+SPREADS = {"sd_subject": 0.3, "sd_trial": 0.1, "sd_impact": 0.05}
+
+
+@pytest.fixture(scope="module")
+def given() -> Prepared:
+    """Twelve impacts of equal mass, so that the design is balanced."""
+    conditions = [{"trial": f"t{i}", "mass_kg": 0.7, "velocity_m_s": 1.2} for i in range(CONDITIONS)]
+    made = simulate(
+        Simulation.model_validate(
+            {
+                "name": "sources",
+                "seed": 3,
+                "design": {"subjects": PEOPLE, "conditions": conditions},
+                "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2},
+                "recording": {
+                    "sampling_rate_hz": 5000.0,
+                    "noise_relative_to_peak": 0.005,
+                    "offset_sd_m_s2": 0.2,
+                    "relative_gain_sd": 0.005,
+                    "velocity_sd_m_s": 0.005,
+                    "relative_mass_sd": 0.002,
+                },
+            }
+        )
+    )
+    found = read_specification(resources.shared("models", "impact.toml"))
+    both = "(1|subject) + (1|trial)"
+    formula = found.formula.model_copy(update={"K": both, "C": both})
+    return prepare(made.dataset("x"), found.model_copy(update={"formula": formula}), source="the model file")
+
+
+@pytest.fixture(scope="module")
+def u(given: Prepared) -> np.ndarray:
+    """The maximum of every likelihood."""
+    start = np.tile([np.log(3000.0), np.log(25.0), np.log(0.005)], (PEOPLE * CONDITIONS, 1))
+    data = with_normal_errors(given.data)
+    return np.asarray(summarise_traces(given.model, data, jnp.asarray(start), loose_anchor(start), 30).centre)
+
+
+def with_errors(given: Prepared, change: Callable[[np.ndarray], np.ndarray]) -> Prepared:
+    record: Any = given.data.record
+    changed = record._replace(error_sd=jnp.asarray(change(np.array(record.error_sd))))
+    return replace(given, data=given.data._replace(record=changed))
+
+
+def scaled(given: Prepared, column: int, factor: float) -> Prepared:
+    return with_errors(given, lambda sd: sd * np.where(np.arange(3) == column, factor, 1.0))
+
+
+@partial(jax.jit, static_argnames="model")
+def on_grid(model: TraceModel, data: TraceData, points: jax.Array) -> jax.Array:
+    return jax.lax.map(lambda u: log_likelihood(model, data, [u[:, a] for a in range(3)]), points)
+
+
+def by_quadrature(given: Prepared, u: np.ndarray, covariance: np.ndarray) -> np.ndarray:
+    """Variance of log K of every impact under its likelihood, over six standard deviations of K and C."""
+    data = as_expected(given, u)
+    steps = np.linspace(-6, 6, 61)
+    pairs = np.stack(np.meshgrid(steps, steps, indexing="ij"), axis=-1).reshape(-1, 2)
+    factor = np.linalg.cholesky(covariance[:, :2, :2])
+    away = np.einsum("iab,pb->pia", factor, pairs)
+    points = u + np.concatenate([away, np.zeros((*away.shape[:2], 1))], axis=-1)
+    logs = np.asarray(on_grid(given.model, data, jnp.asarray(points)))
+    weight = np.exp(logs - logs.max(axis=0))
+    weight /= weight.sum(axis=0)
+    K = points[..., 0]
+    return (weight * (K - (weight * K).sum(axis=0)) ** 2).sum(axis=0)
+
+
+def test_parts_are_those_of_brute_force(given: Prepared, u: np.ndarray) -> None:
+    errors = trace_errors(given, u, RIDGE)
+    # Likelihoods are normal but for terms of the order of their width, a hundredth, which move a variance by
+    # a few hundredths at most.
+    whole = by_quadrature(given, u, errors.total)
+    assert_allclose(errors.total[:, 0, 0], whole, rtol=0.05)
+    for name, column in COLUMN.items():
+        # The derivative by the log of the error's variance, over the same step twice as large.
+        ends = [by_quadrature(scaled(given, column, np.exp(s * 0.1)), u, errors.total) for s in (1, -1)]
+        assert_allclose(errors.parts[name][:, 0, 0] / whole, (ends[0] - ends[1]) / 0.4 / whole, atol=0.02)
+
+
+def test_without_errors_the_noise_makes_everything(given: Prepared, u: np.ndarray) -> None:
+    errors = trace_errors(with_errors(given, np.zeros_like), u, RIDGE)
+    assert list(errors.parts) == ["noise"]
+    assert_allclose(errors.parts["noise"], errors.total)
+
+
+def test_a_doubled_standard_deviation_quadruples_its_part(given: Prepared, u: np.ndarray) -> None:
+    # So small an error that the trace itself can't tell it: from there its variance passes straight on.
+    small = with_errors(given, lambda sd: sd * np.array([0.03, 1.0, 1.0]))
+    once, twice = (
+        trace_errors(each, u, RIDGE).parts["velocity and gain"] for each in (small, scaled(small, 0, 2.0))
+    )
+    # What the trace tells of the error takes off a share in proportion to its variance: of the whole error
+    # some ten times as much as is left, and so of this one about a hundredth.
+    assert_allclose(twice[:, 0, 0] / once[:, 0, 0], 4.0, rtol=0.05)
+
+
+def test_errors_move_a_shorter_window_no_more_than_they_may(given: Prepared, u: np.ndarray) -> None:
+    window = shorter_window(given, u)
+    assert window is not None
+    z = window.moved / window.expected
+    # Of K and C, correlated, twelve squares each: beyond 32.9 once in a thousand times.
+    assert (np.square(z).sum(axis=0) < 32.9).all()
+    assert (np.square(z).sum(axis=0) > 2.2).all()
+
+
+def drawn(given: Prepared, u: np.ndarray) -> Unfolded:
+    """A posterior that knows the spreads."""
+    rng = np.random.default_rng(1)
+    shape = (2, 50)
+    sites = {name: np.full(shape, 0.3) for name in given.model.spreads}
+    for q in "KC":
+        sites |= {f"{stem}_{q}": np.full(shape, sd) for stem, sd in SPREADS.items()}
+        sites[f"intercept_{q}"] = rng.standard_normal(shape)
+    sites["residual_correlation"] = np.zeros(shape)
+    impacts = {q: np.exp(u[:, i] + 0.01 * rng.standard_normal((*shape, len(u)))) for i, q in enumerate("KC")}
+    return Unfolded(sites, impacts | {"parameters": np.broadcast_to(u, (*shape, *u.shape))}, {})
+
+
+@pytest.fixture(scope="module")
+def table(given: Prepared, u: np.ndarray) -> pd.DataFrame:
+    return interval_sources(given, drawn(given, u)).set_index(["level", "quantity", "source"]).sort_index()
+
+
+def test_shares_add_up(table: pd.DataFrame) -> None:
+    told = table[table["share"].notna()].drop(index=["all", "as drawn"], level="source")
+    assert_allclose(told.groupby(level=["level", "quantity"])["share"].sum(), 1.0, rtol=1e-9)
+    assert (told["share"] > -1e-6).all()
+
+
+def test_the_mean_of_a_balanced_design_by_hand(table: pd.DataFrame) -> None:
+    own = table.loc[("typical person", "K")]["sd"]
+    numbers = {"people": PEOPLE, "conditions": CONDITIONS, "impacts": PEOPLE * CONDITIONS}
+    for (source, number), sd in zip(numbers.items(), SPREADS.values(), strict=True):
+        # A prior of sd 3 takes off 0.3 % of a variance of 0.026; the traces' errors weigh 4 % of the scatter.
+        assert_allclose(own[source] ** 2, sd**2 / number, rtol=0.01 if source != "impacts" else 0.1)
+    assert_allclose(own["mass"] ** 2, 0.002**2 / (PEOPLE * CONDITIONS), rtol=0.1)
+
+
+def test_a_new_person_differs_by_the_spreads(table: pd.DataFrame) -> None:
+    variance = table.loc[("new person", "C")]["sd"] ** 2
+    assert_allclose(variance["people"], 0.3**2 * (1 + 1 / PEOPLE), rtol=0.01)
+    assert_allclose(variance["conditions"], 0.1**2 * (1 + 1 / CONDITIONS), rtol=0.01)
+
+
+def test_an_impact_s_interval_is_that_of_all_its_sources(
+    given: Prepared, u: np.ndarray, table: pd.DataFrame
+) -> None:
+    N = trace_errors(given, u, RIDGE).total
+    own = np.diag([SPREADS["sd_impact"] ** 2] * 2 + [0.3**2])
+    measured = N + 0.002**2 * np.outer([1, 1, 0], [1, 1, 0])
+    V = np.linalg.inv(np.linalg.inv(own) + np.linalg.inv(measured))[:, 0, 0]
+    # Person and condition add their own ignorance, drawn in by the square of what the trace leaves open.
+    all_but = 1 - table.loc[("impact", "K", "person and condition"), "share"]
+    assert_allclose(table.loc[("impact", "K", "all"), "sd"] ** 2 * all_but, np.median(V), rtol=0.01)
