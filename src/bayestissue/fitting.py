@@ -8,7 +8,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,8 @@ import xarray as xr
 from bayestissue import resources, results, runtime
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.hierarchy.trace_data import KINDS, Prepared, prepare
+from bayestissue.hierarchy.trace_data import KINDS, Prepared, prepare, with_discrepancy
+from bayestissue.inference import model_form
 from bayestissue.inference.diagnostics import verdict_in_words
 from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
 
@@ -155,12 +156,38 @@ def fit_prepared(
 ) -> Fit:
     """`fit` from prepared data on; ``checkpoints`` is a folder for finished parts, see `fit_traces`.
 
-    float64 must be set.
+    Where the residuals are plainly structured and the model file leaves it to the program, a second fit with
+    a discrepancy follows, and is the one that is told. float64 must be set.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     analysis = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints)
+    if _asks_for_discrepancy(specification, analysis):
+        first = analysis.diagnostics["model_form"]
+        prepared = with_discrepancy(dataset, specification, prepared)
+        analysis = _again(prepared, specification, seed, say, checkpoints)
+        told = {"model_form": model_form.with_discrepancy(first, analysis.tree)}
+        analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
     wall_time_s = time.perf_counter() - clock
     return Fit(dataset, specification, prepared, analysis, seed, started, wall_time_s)
+
+
+def _asks_for_discrepancy(specification: ModelSpecification, analysis: TraceAnalysis) -> bool:
+    structured = analysis.diagnostics.get("model_form", {}).get("structured", False)
+    return specification.discrepancy == "automatic" and specification.reaches_peak and structured
+
+
+def _again(
+    prepared: Prepared, specification: ModelSpecification, seed: int, say: Say, checkpoints: Path | None
+) -> TraceAnalysis:
+    """The fit of ``prepared``, its stages told and its checkpoints kept apart from those of the first."""
+    kept = None if checkpoints is None else checkpoints / "discrepancy"
+    if kept is not None:
+        kept.mkdir(exist_ok=True)
+
+    def told(stage: str, done: int, total: int) -> None:
+        say(f"again with a discrepancy: {stage}", done, total)
+
+    return fit_traces(prepared, specification, seed, told, checkpoints=kept)
 
 
 def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
@@ -206,6 +233,7 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "started": fit.started.isoformat(timespec="seconds"),
         "wall_time_s": round(fit.wall_time_s, 1),
         **_kept_of_impacts(fit),
+        **({"discrepancy": True} if fit.prepared.model.discrepancy else {}),
         "verdict": {"passed": fit.diagnostics["passed"], "words": fit.verdict},
     }
 

@@ -8,7 +8,8 @@ from scipy.stats import multivariate_normal
 
 from bayestissue.elements import element, element_names, impact
 from bayestissue.likelihood.deceleration import DecelerationRecord, recorded_log_likelihood
-from bayestissue.likelihood.element_impact import ElementRecord, MeasuredImpact, displacement
+from bayestissue.likelihood.element_impact import MeasuredImpact
+from bayestissue.likelihood.element_response import ElementRecord, motion
 
 MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])
@@ -121,8 +122,9 @@ def test_errors_of_the_chain_are_found_again() -> None:
     np.testing.assert_allclose(errors[:, 2], -0.2, atol=3e-3)
 
 
-def test_displacement_is_the_simulated_one() -> None:
+def test_motion_is_the_simulated_one() -> None:
     traces = record("wall")
-    x = displacement(element("wall"), parameters("wall"), traces)
-    expected = impact("wall", values("wall"), MASS, VELOCITY, traces.time()).x
-    np.testing.assert_allclose(np.where(traces.inside(), x - expected, 0.0), 0.0, atol=1e-8)
+    found = motion(element("wall"), parameters("wall"), traces, traces.velocity)
+    expected = impact("wall", values("wall"), MASS, VELOCITY, traces.time())
+    for own, other, atol in ((found.x, expected.x, 1e-8), (found.v, expected.v, 1e-6)):
+        np.testing.assert_allclose(np.where(traces.inside(), own - other, 0.0), 0.0, atol=atol)

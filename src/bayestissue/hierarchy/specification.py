@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from bayestissue.elements.registry import element, element_names
 from bayestissue.hierarchy.priors import ElementPrior, Normal, Priors
@@ -18,6 +18,8 @@ DEFAULT_FORMULA = "log(mass_kg) + (1|subject) + (1|trial)"
 
 
 Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
+Discrepancy = Literal["automatic", "none", "always"]
+REACH_PEAK = ("peak", "rebound")
 
 
 class _Table(BaseModel):
@@ -69,6 +71,11 @@ class ModelSpecification(_Table):
         default=SIDE_BY_SIDE, description="what the impactor meets, of the impact likelihood alone"
     )
     signal: SignalOptions = SignalOptions()
+    discrepancy: Discrepancy = Field(
+        default="automatic",
+        description="a smooth force of unknown shape beside the element's. automatic: where the residuals of "
+        "a fit without it are plainly structured. Of the impact likelihood alone.",
+    )
     reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
     formula: Formulas = Formulas()
     residual_correlation: bool = True
@@ -81,6 +88,26 @@ class ModelSpecification(_Table):
     practical_equivalence: PracticalEquivalence = PracticalEquivalence()
     comparison: Comparison = Comparison()
     sampler: Sampler = Sampler()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _none_of_displacements(cls, content: Any) -> Any:
+        if isinstance(content, dict) and content.get("likelihood") != "impact":
+            return {"discrepancy": "none", **content}
+        return content
+
+    @field_validator("discrepancy")
+    @classmethod
+    def _possible(cls, choice: str, info: ValidationInfo) -> str:
+        if choice != "none" and info.data.get("likelihood") != "impact":
+            raise ValueError('"none", or the key left out: only likelihood = "impact" can have a discrepancy')
+        signal = info.data.get("signal")
+        if choice == "always" and signal is not None and signal.window not in REACH_PEAK:
+            raise ValueError(
+                '"none" or "automatic" beside this signal.window: with a discrepancy the stiffness is that '
+                'at the greatest penetration, and only the windows "peak" and "rebound" hold it'
+            )
+        return choice
 
     @field_validator("element")
     @classmethod
@@ -101,6 +128,11 @@ class ModelSpecification(_Table):
         if self.likelihood != "impact" and self.element != SIDE_BY_SIDE:
             raise ValueError('likelihood = "impact" beside element: the others are of spring and damper')
         return self
+
+    @property
+    def reaches_peak(self) -> bool:
+        """Whether the window holds the greatest penetration."""
+        return self.signal.window in REACH_PEAK
 
     def complete_priors(self) -> Priors:
         """The priors, those of the element's parameters too that the file leaves out."""

@@ -17,8 +17,9 @@ from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.traces import Kind, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.deceleration import DecelerationRecord
+from bayestissue.likelihood.discrepancy import modes
 from bayestissue.likelihood.displacement import DisplacementRecord, displacement_record
-from bayestissue.likelihood.element_impact import ElementRecord
+from bayestissue.likelihood.element_response import ElementRecord
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES, RecordedImpacts
 
@@ -109,7 +110,8 @@ def assemble(
 ) -> Prepared:
     """Model and data of a fit whose design and displacements are made."""
     kind: Kind = specification.likelihood  # type: ignore[assignment]
-    priors, nuisance = specification.complete_priors(), nuisance_of(kind, specification.element)
+    priors, discrepancy = specification.complete_priors(), specification.discrepancy == "always"
+    nuisance = nuisance_of(kind, specification.element, discrepancy=discrepancy)
     found, columns = population_design(design, priors, nuisance)
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd)
     model = TraceModel(
@@ -120,6 +122,7 @@ def assemble(
         relative_mass_sd,
         specification.mass_error if relative_mass_sd > 0 else "impact",
         specification.element,
+        discrepancy,
     )
     record, peak = _record(dataset, specification, signal)
     data = TraceData(
@@ -130,6 +133,14 @@ def assemble(
         jnp.log(jnp.asarray(peak)),
     )
     return Prepared(model, data, design, signal, dataset.impacts)
+
+
+def with_discrepancy(
+    dataset: MeasuredImpacts, specification: ModelSpecification, prepared: Prepared
+) -> Prepared:
+    """The same fit with a discrepancy beside the element."""
+    wider = specification.model_copy(update={"discrepancy": "always"})
+    return assemble(dataset, wider, prepared.design, prepared.signal)
 
 
 def _unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source: str) -> list[Problem]:
@@ -194,7 +205,7 @@ def _record(
     if specification.likelihood == "impact":
         # The likelihood asks the samples itself when contact was; what they said of it must not count twice.
         start = (signal.n_samples, signal.bracket_s, signal.dt)
-        if specification.element != SIDE_BY_SIDE:
+        if specification.element != SIDE_BY_SIDE or specification.discrepancy == "always":
             return _element_record(dataset, specification, signal, offset_sd)
         errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
         peak = np.abs(signal.deceleration).max(axis=1)
@@ -226,6 +237,9 @@ def _element_record(
     # A force without a jump leaves contact to a parameter of its own.
     known = element(specification.element).jumps
     contact_sd = signal.bracket_sd if known else np.zeros(len(size))
+    besides: tuple[np.ndarray, ...] = ()
+    if specification.discrepancy == "always":
+        besides = modes(signal.n_samples, signal.deceleration.shape[1])
     record = ElementRecord.of(
         signal.deceleration,
         signal.n_samples,
@@ -236,5 +250,6 @@ def _element_record(
         signal.bracket_uniform & known,
         signal.mass,
         np.where(np.isfinite(size), size, REFERENCE_DIAMETER_M),
+        *besides,
     )
     return record, np.abs(signal.deceleration).max(axis=1)

@@ -41,7 +41,8 @@ from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.warp import Warp
 from bayestissue.likelihood.deceleration import DecelerationRecord, MeasuredDeceleration
 from bayestissue.likelihood.displacement import DisplacementRecord, MeasuredDisplacement
-from bayestissue.likelihood.element_impact import ElementRecord, MeasuredImpact
+from bayestissue.likelihood.element_impact import MeasuredImpact
+from bayestissue.likelihood.element_response import ElementRecord
 
 Kind = Literal["arma", "a2", "impact"]
 NUISANCE: dict[str, tuple[str, ...]] = {
@@ -77,7 +78,7 @@ class TraceModel:
     """What is assumed: the likelihood, the parts of b, the priors, and the error of the recorded mass.
 
     ``mass_error`` says whether each impact has an error of its own, or all impacts of a person the same,
-    ``element`` what the impactor meets.
+    ``element`` what the impactor meets, ``discrepancy`` whether it meets something else besides.
     """
 
     kind: Kind
@@ -87,11 +88,12 @@ class TraceModel:
     log_mass_sd: float
     mass_error: MassError = "impact"
     element: str = SIDE_BY_SIDE
+    discrepancy: bool = False
 
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
-        return nuisance_of(self.kind, self.element)
+        return nuisance_of(self.kind, self.element, discrepancy=self.discrepancy)
 
     @property
     def spreads(self) -> tuple[str, ...]:
@@ -145,11 +147,11 @@ def element_parameters(
     return logs if which.jumps else jnp.concatenate([logs, u[own][None] * data.record.dt])
 
 
-def nuisance_of(kind: Kind, element: str) -> tuple[str, ...]:
-    """Names of an impact's parameters besides log K and log C."""
+def nuisance_of(kind: Kind, element: str, *, discrepancy: bool = False) -> tuple[str, ...]:
+    """Names of an impact's parameters besides log K and log C, a discrepancy's last."""
     which = element_named(element)
     own = [f"log_{parameter.name}" for parameter in which.extra]
-    return (*NUISANCE[kind], *own, *([] if which.jumps else ["contact"]))
+    return (*NUISANCE[kind], *own, *["contact"] * (not which.jumps), *["discrepancy"] * discrepancy)
 
 
 def trace_distribution(
@@ -159,7 +161,9 @@ def trace_distribution(
     at = physical(model, data, u)
     if isinstance(data.record, ElementRecord):
         which = element_named(model.element)
-        return MeasuredImpact(which, element_parameters(model, data, u), at.log_sigma, data.record)
+        log_discrepancy = u[-1] + data.log_peak if model.discrepancy else None
+        parameters = element_parameters(model, data, u)
+        return MeasuredImpact(which, parameters, at.log_sigma, data.record, log_discrepancy)
     if isinstance(data.record, DecelerationRecord):
         return MeasuredDeceleration(at.omega_n, at.zeta, at.log_sigma, data.record)
     return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, data.record)

@@ -8,8 +8,10 @@ from jaxtyping import Float
 
 from bayestissue.elements import element, element_names
 from bayestissue.elements.comparables import comparables_of
-from bayestissue.hierarchy.traces import TraceData, TraceModel, element_parameters
-from bayestissue.likelihood.element_impact import ElementRecord
+from bayestissue.hierarchy.traces import TraceData, TraceModel, element_parameters, trace_distribution
+from bayestissue.likelihood.discrepancy import integrals
+from bayestissue.likelihood.element_impact import MeasuredImpact
+from bayestissue.likelihood.element_response import ElementRecord, motion
 
 COMPARABLE = {
     "K_tangent": ("N/m", "slope of the force with penetration at contact"),
@@ -17,6 +19,7 @@ COMPARABLE = {
     "C_equivalent": ("N s/m", "damping of the spring and damper that lose as much from contact to peak"),
     "energy_lost": ("1", "share of the impactor's energy that it has lost when it leaves"),
 }
+_DISCREPANCY = "rms of the force beside the element's, relative to the trace's peak"
 
 
 def element_quantities(
@@ -25,12 +28,14 @@ def element_quantities(
     u: list[Array],
     mass_error: Float[Array, " impact"],
     chain_error: Float[Array, "impact error"],
+    key: Array,
 ) -> dict[str, Array]:
     """The element's further parameters, and stiffness, damping and loss that compare across elements.
 
     omega_n = sqrt(K_secant / M) and zeta = C_equivalent / (2 sqrt(K_secant M)). Force is in proportion to K
-    and C together, so that an error of the mass moves all stiffnesses and dampings alike. Nothing for a
-    record that is of spring and damper side by side.
+    and C together, so that an error of the mass moves all stiffnesses and dampings alike. With a discrepancy,
+    drawn with ``key``, K_secant is that of element and discrepancy together, and the rest the element's own.
+    Nothing for a record that is of spring and damper side by side alone.
     """
     record = data.record
     if not isinstance(record, ElementRecord):
@@ -41,13 +46,48 @@ def element_quantities(
         which, {**p, "diameter_m": record.diameter}, record.mass, record.velocity + chain_error[:, 0]
     )
     heavier = jnp.exp(mass_error)
+    further = {}
+    if isinstance(distribution := trace_distribution(model, data, u), MeasuredImpact) and model.discrepancy:
+        delta = distribution.draw_discrepancy(key, chain_error)
+        found = found._replace(K_secant=secant_with(distribution, delta, chain_error[:, 0]))
+        further = {"discrepancy": jnp.exp(u[-1])}
     return {
         **{parameter.name: p[parameter.name] for parameter in which.extra},
         **{name: getattr(found, name) * heavier for name in ("K_tangent", "K_secant", "C_equivalent")},
         "energy_lost": found.energy_lost,
         "omega_n": jnp.sqrt(found.K_secant / record.mass),
         "zeta": found.C_equivalent / (2 * jnp.sqrt(found.K_secant * record.mass)),
+        **further,
     }
+
+
+def secant_with(
+    measured: MeasuredImpact, delta: Float[Array, "impact sample"], velocity_error: Float[Array, " impact"]
+) -> Float[Array, " impact"]:
+    """M a / x at the greatest penetration, a = d + delta being the whole deceleration [N/m].
+
+    Velocity and penetration are the element's less delta's integrals. The moment lies v / a after the sample
+    whose velocity v is nearest to 0, in the window or a little past its end; a goes there along its slope.
+
+    Args:
+        measured: the element's impact and its record.
+        delta: the discrepancy [m/s^2].
+        velocity_error: of the velocity at contact [m/s].
+    """
+    record = measured.record
+    own = motion(measured.element, measured.parameters, record, record.velocity + velocity_error)
+    slower, nearer = integrals(delta, own.first_time, record.dt)
+    x, v, a = own.x - nearer, own.v - slower, own.d + delta
+    last = jnp.argmin(jnp.where(record.inside(), jnp.abs(v), jnp.inf), axis=1)[:, None]
+
+    def at(values: Array, place: Array = last) -> Array:
+        return jnp.take_along_axis(values, place, axis=1)[:, 0]
+
+    before, after = jnp.maximum(last - 1, 0), jnp.minimum(last + 1, record.n_samples[:, None] - 1)
+    slope = (at(a, after) - at(a, before)) / ((after - before)[:, 0] * record.dt)
+    wait = at(v) / at(a)
+    peak = at(x) + at(v) * wait / 2
+    return record.mass * (at(a) + slope * wait) / peak
 
 
 def element_attributes() -> dict[str, dict[str, str]]:
@@ -58,6 +98,9 @@ def element_attributes() -> dict[str, dict[str, str]]:
             "long_name": "mean over impacts of how much earlier contact was than found, in samples",
         },
         "sd_contact": {"unit": "1", "long_name": "standard deviation of that between impacts"},
+        "discrepancy": {"unit": "1", "long_name": _DISCREPANCY},
+        "discrepancy_mean": {"unit": "1", "long_name": f"mean over impacts of the log of the {_DISCREPANCY}"},
+        "sd_discrepancy": {"unit": "1", "long_name": "standard deviation of that log between impacts"},
     }
     table |= {name: {"unit": unit, "long_name": meaning} for name, (unit, meaning) in COMPARABLE.items()}
     for name in element_names():
@@ -73,4 +116,4 @@ def element_attributes() -> dict[str, dict[str, str]]:
 def per_impact() -> tuple[str, ...]:
     """Names of the variables of an impact that elements have besides K and C."""
     extras = (parameter.name for name in element_names() for parameter in element(name).extra)
-    return (*COMPARABLE, *dict.fromkeys(extras))
+    return (*COMPARABLE, *dict.fromkeys(extras), "discrepancy")

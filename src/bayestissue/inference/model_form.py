@@ -14,6 +14,8 @@ LIMIT = 4.0
 # fitted by a linear one showed at 74 standard errors, and at 12 less a cubic.
 _SMOOTH = 3
 _LAGS = 6
+_ANOTHER_LAW = "the traces obey another law than the model's"
+_REMEDY = "Fit the other elements of models/ and compare."
 
 
 def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
@@ -28,21 +30,43 @@ def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
         name: "deceleration" or "displacement", in its observed data and its predictions.
 
     Returns:
-        ``score``, the pooled one, ``structured``, whether it is above `LIMIT`, and both in ``words``.
+        ``score``, the pooled one, ``structured``, whether it is above `LIMIT`, and what follows in ``words``.
     """
     predicted = tree["posterior_predictive"].dataset[name]
     replicated = predicted.to_numpy().reshape(-1, *predicted.shape[2:]).astype(float)
     measured = tree["observed_data"].dataset[name].sel(impact=predicted["impact"]).to_numpy()
     score = pooled_score(measured, replicated)
     structured = bool(score > LIMIT)
-    said = f"The residuals' autocorrelation lies {score:.1f} standard errors from the model's"
     if not structured:
-        return {"score": score, "structured": structured, "words": f"{said}, as far as chance goes."}
-    remedy = (
-        "the traces obey another law than the model's, and its intervals are too narrow. Fit the other "
-        "elements of models/ and compare."
+        words = f"{_said(score)}, as far as chance goes."
+    else:
+        words = f"{_said(score)}: {_ANOTHER_LAW}, and its intervals are too narrow. {_REMEDY}"
+    return {"score": score, "structured": structured, "words": words}
+
+
+def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]:
+    """What `model_form` said of a fit without a discrepancy, after one with it.
+
+    Args:
+        first: of the fit without.
+        tree: the fit with it.
+
+    Returns:
+        ``score`` and ``structured`` as they were, ``discrepancy``, the discrepancy's rms as a fraction of the
+        trace's peak (median impact), ``left``, the score of the fit with it, and all of it in ``words``.
+    """
+    size = float(tree["posterior"].dataset["discrepancy"].median())
+    words = (
+        f"{_said(first['score'])}: {_ANOTHER_LAW}. The intervals printed include a discrepancy, a smooth "
+        f"force of unknown shape, of {100 * size:.2g} % of the peak; K_secant, the force over the depth at "
+        f"the greatest depth, is what they say of the stiffness. {_REMEDY}"
     )
-    return {"score": score, "structured": structured, "words": f"{said}: {remedy}"}
+    left = model_form(tree, "deceleration")["score"]
+    return first | {"discrepancy": size, "left": left, "words": words}
+
+
+def _said(score: float) -> str:
+    return f"The residuals' autocorrelation lies {score:.1f} standard errors from the model's"
 
 
 def pooled_score(

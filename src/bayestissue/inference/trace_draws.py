@@ -137,7 +137,8 @@ def impact_quantities(
         **({} if model.kind == "impact" else {"sigma_a": jnp.exp(at.log_sigma)}),
         "parameters": jnp.stack(u, axis=-1),
     }
-    impacts |= element_quantities(model, data, u, mass_error, impacts["chain_error"])
+    besides = jax.random.fold_in(key, 3)
+    impacts |= element_quantities(model, data, u, mass_error, impacts["chain_error"], besides)
     if model.kind != "impact":
         impacts["theta1"] = distribution.differences()[2]
     return impacts

@@ -102,6 +102,7 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     columns = [*(np.log(np.asarray(each)) for each in own), _noise(prepared, fit)]
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     columns += [np.ones(len(stiffness))] * (not which.jumps)
+    columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     if kind == "arma":
         # artanh has no value at -1 and 1, where point estimates like to lie.
         columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))

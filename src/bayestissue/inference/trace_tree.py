@@ -12,7 +12,6 @@ import pandas as pd
 import xarray as xr
 from numpyro.infer import Predictive
 
-from bayestissue.elements import element
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.specification import ModelSpecification
@@ -20,7 +19,6 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
-    element_parameters,
     physical,
     plain_model,
     trace_distribution,
@@ -31,7 +29,9 @@ from bayestissue.inference.many_kept import some_impacts, some_of
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.trace_draws import Unfolded, named_sites, thinned
 from bayestissue.likelihood.deceleration import DecelerationRecord
-from bayestissue.likelihood.element_impact import ElementRecord, displacement
+from bayestissue.likelihood.discrepancy import integrals
+from bayestissue.likelihood.element_impact import MeasuredImpact
+from bayestissue.likelihood.element_response import ElementRecord, motion
 from bayestissue.oscillator import impact_motion
 
 RESPONSES = derived.RESPONSES
@@ -81,7 +81,7 @@ def posterior_tree(
         "log_likelihood": put({"trace": log_likelihood["trace"]}),
         "log_likelihood_of_groups": put({k: v for k, v in log_likelihood.items() if k != "trace"}),
         "log_prior": put({name: np.asarray(v) for name, v in priors.items()}),
-        "posterior_predictive": put(_predicted(prepared, unfolded, seed)),
+        "posterior_predictive": put(predicted(prepared, unfolded, seed)),
         "observed_data": put(_observed(prepared), sampled=False),
         "constant_data": every(_constants(whole), sampled=False),
         **_prior_groups(prepared, put, seed, rng),
@@ -139,7 +139,8 @@ def _error_names(prepared: Prepared) -> tuple[str, ...]:
     return ERRORS["impact" if isinstance(record, DecelerationRecord) else "displacement"]
 
 
-def _predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, np.ndarray]:
+def predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, np.ndarray]:
+    """About a hundred replicates of every trace, as displacement and as deceleration."""
     parameters = unfolded.impacts["parameters"]
     if unfolded.kept is not None:
         parameters = parameters[:, :, some_impacts(parameters.shape[2])].astype(float)
@@ -161,17 +162,13 @@ def replicates(model: TraceModel, data: TraceData, u: jax.Array, keys: jax.Array
 def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array) -> dict[str, jax.Array]:
     """One replicate of every trace, as displacement and as deceleration."""
     columns = [u[:, a] for a in range(u.shape[1])]
-    trace = trace_distribution(model, data, columns).sample(key)
-    record = data.record
+    distribution, record = trace_distribution(model, data, columns), data.record
+    if isinstance(distribution, MeasuredImpact):
+        return _element_replicate(distribution, key)
+    trace = distribution.sample(key)
     inside = jnp.arange(trace.shape[1]) < record.n_samples[:, None]
     time = record.first_time[:, None] + jnp.arange(trace.shape[1]) * record.dt[:, None]
     at = physical(model, data, columns)
-    if isinstance(record, ElementRecord):
-        x = displacement(element(model.element), element_parameters(model, data, columns), record)
-        return {
-            "deceleration": jnp.where(inside, trace, jnp.nan),
-            "displacement": jnp.where(inside, x, jnp.nan),
-        }
     if isinstance(record, DecelerationRecord):
         velocity = record.velocity[:, None]
         x = impact_motion(time, at.omega_n[:, None], at.zeta[:, None], velocity).displacement
@@ -186,6 +183,16 @@ def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array)
         "displacement": jnp.where(inside, trace, jnp.nan),
         "deceleration": jnp.where(middle, edges, jnp.nan),
     }
+
+
+def _element_replicate(distribution: MeasuredImpact, key: jax.Array) -> dict[str, jax.Array]:
+    """The same of any element, whose discrepancy is part of both."""
+    record = distribution.record
+    trace, delta = distribution.sample_with_discrepancy(key)
+    own = motion(distribution.element, distribution.parameters, record, record.velocity)
+    x = own.x - integrals(delta, own.first_time, record.dt)[1]
+    found = {"deceleration": trace, "displacement": x}
+    return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
 
 
 def _observed(prepared: Prepared) -> dict[str, np.ndarray]:

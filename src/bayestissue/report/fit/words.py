@@ -52,11 +52,18 @@ _SHAPE = (
     "No spring and damper of constant K and C is a tissue: stiffening, bottoming out on bone and reflexes "
     "are not in this model, and show as structure in the residuals."
 )
+_DISCREPANCY = (
+    "Beside it acts a discrepancy: a smooth force of unknown shape, a Gaussian process over the window's own "
+    "time with a correlation length of 0.3 of it and a size that the traces tell. K_secant, the force over "
+    "the depth at the greatest depth, and ω_n and ζ are those of both together; K and C are the element's "
+    "own, widened by what they share with it."
+)
 
 
 def likelihood_words(run: FitRun) -> str:
     """What each trace is taken for."""
     met = _element(run)
+    besides = f" {_DISCREPANCY}" if has_discrepancy(run) else ""
     if met.name != SIDE_BY_SIDE:
         meanings = "; ".join(f"{each.name} ({each.unit}): {each.meaning}" for each in met.parameters)
         return (
@@ -64,9 +71,14 @@ def likelihood_words(run: FitRun) -> str:
             f"{met.title}; seen through an accelerometer with white noise. {meanings}. K_secant, "
             "C_equivalent and energy_lost compare across elements: force over depth at the greatest depth, "
             "the damping beside a spring that loses as much by then, and the share of the energy that is "
-            "gone when the impactor leaves; ω_n and ζ are those of K_secant and C_equivalent."
+            f"gone when the impactor leaves; ω_n and ζ are those of K_secant and C_equivalent.{besides}"
         )
-    return _LIKELIHOODS.get(run.likelihood, "")
+    return _LIKELIHOODS.get(run.likelihood, "") + besides
+
+
+def has_discrepancy(run: FitRun) -> bool:
+    """Whether the fit has a force beside the element's."""
+    return bool(run.about.get("discrepancy"))
 
 
 def _element(run: FitRun) -> Element:
@@ -75,7 +87,9 @@ def _element(run: FitRun) -> Element:
 
 def unused_priors(run: FitRun) -> tuple[str, ...]:
     """Priors that the model file may set and this likelihood has no use for."""
-    unused = () if run.likelihood == "arma" else ("atanh_theta1", "sd_atanh_theta1")
+    unused: tuple[str, ...] = () if run.likelihood == "arma" else ("atanh_theta1", "sd_atanh_theta1")
+    if not has_discrepancy(run):
+        unused = (*unused, "discrepancy", "sd_discrepancy")
     return (*unused, "contact", "sd_contact") if _element(run).jumps else unused
 
 
@@ -123,6 +137,8 @@ def thinned(run: FitRun) -> str:
 
 def coverage_table(run: FitRun) -> Table | None:
     """Coverage of this likelihood's intervals on simulated impacts; None where none was measured."""
+    if has_discrepancy(run):
+        return None
     with COVERAGE.open(encoding="utf-8") as stream:
         every = pd.read_csv(stream)
     rows = [

@@ -1,0 +1,154 @@
+"""What is recorded of an impact on any mechanical element, and the element's own answer at the samples."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from bayestissue.elements import Element, linear, solver
+from bayestissue.elements.element import deceleration_of, rates_of_motion
+
+
+class ElementRecord(NamedTuple):
+    """What the likelihood reads of a set of deceleration traces.
+
+    Attributes:
+        d: decelerations, 0 past a row's end [m/s^2].
+        n_samples: length of each.
+        first_time: from contact to the first sample [s].
+        dt: sampling interval [s].
+        velocity: recorded velocity at contact [m/s].
+        error_sd: standard deviations of velocity [m/s], gain [1], offset [m/s^2] and contact time [s].
+        uniform: where the contact time's error is uniform instead of normal.
+        mass: recorded mass [kg].
+        diameter: of the impactor [m].
+        basis: modes of a discrepancy, and ``share``, their part in it: see `discrepancy.modes`; None where
+            the element's law is taken as the tissue's.
+    """
+
+    d: Float[Array, "impact sample"]
+    n_samples: Int[Array, " impact"]
+    first_time: Float[Array, " impact"]
+    dt: Float[Array, " impact"]
+    velocity: Float[Array, " impact"]
+    error_sd: Float[Array, "impact 4"]
+    uniform: Bool[Array, " impact"]
+    mass: Float[Array, " impact"]
+    diameter: Float[Array, " impact"]
+    basis: Float[Array, "mode impact sample"] | None = None
+    share: Float[Array, "impact mode"] | None = None
+
+    @classmethod
+    def of(cls, *arrays: np.ndarray) -> ElementRecord:
+        """From numpy arrays in the order of the attributes; values past a row's end are cleared.
+
+        Without the modes there is no discrepancy.
+        """
+        made = cls(*(jnp.asarray(array) for array in arrays))
+        return made._replace(d=jnp.where(made.inside(), made.d, 0.0))
+
+    def inside(self) -> Bool[Array, "impact sample"]:
+        """True where there is a sample."""
+        return jnp.arange(self.d.shape[1]) < self.n_samples[:, None]
+
+    def time(self) -> Float[Array, "impact sample"]:
+        """Time since contact, also past a row's end [s]."""
+        return self.first_time[:, None] + jnp.arange(self.d.shape[1]) * self.dt[:, None]
+
+
+class Response(NamedTuple):
+    """An impact as recorded without errors, and how errors change it; all 0 past a trace's end.
+
+    Attributes:
+        d: deceleration [m/s^2].
+        by_velocity: its derivative by the velocity at contact [1/s].
+        jerk: its derivative in time [m/s^3].
+    """
+
+    d: Float[Array, "impact sample"]
+    by_velocity: Float[Array, "impact sample"]
+    jerk: Float[Array, "impact sample"]
+
+
+class Motion(NamedTuple):
+    """The element's own motion at the samples, also past a row's end.
+
+    Attributes:
+        x: penetration [m].
+        v: its velocity [m/s].
+        d: deceleration [m/s^2].
+        first_time: from contact to the first sample [s].
+    """
+
+    x: Float[Array, "impact sample"]
+    v: Float[Array, "impact sample"]
+    d: Float[Array, "impact sample"]
+    first_time: Float[Array, " impact"]
+
+
+def motion(
+    element: Element,
+    parameters: Float[Array, "parameter impact"],
+    record: ElementRecord,
+    velocity: Float[Array, " impact"],
+) -> Motion:
+    """The impact at ``velocity`` [m/s]; other arguments as of `response`."""
+    p = {name: value[:, None] for name, value in _named(element, parameters, record).items()}
+    y = _states(element, parameters, velocity, record)
+    d = deceleration_of(element, p, record.mass[:, None], y)
+    return Motion(y[0], y[1], d, _first_time(element, parameters, record))
+
+
+def response(
+    element: Element, parameters: Float[Array, "parameter impact"], record: ElementRecord
+) -> Response:
+    """The element's answer at the samples.
+
+    Args:
+        element: what is hit.
+        parameters: its parameters in their order, and after them, where contact is not known from the record
+            alone, by how much earlier it was than the record says [s].
+        record: masses, velocities and times.
+    """
+    p = {name: value[:, None] for name, value in _named(element, parameters, record).items()}
+    mass, inside = record.mass[:, None], record.inside()
+
+    def d_and_jerk(velocity: Array) -> tuple[Array, Array]:
+        y = _states(element, parameters, velocity, record)
+        flow = rates_of_motion(element, p, mass, y)
+        return jax.jvp(lambda y: deceleration_of(element, p, mass, y), (y,), (flow,))
+
+    if element.linear:
+        d, jerk = d_and_jerk(record.velocity)
+        by_velocity = d / record.velocity[:, None]
+    else:
+        (d, jerk), (by_velocity, _) = jax.jvp(
+            d_and_jerk, (record.velocity,), (jnp.ones_like(record.velocity),)
+        )
+    return Response(*(jnp.where(inside, part, 0.0) for part in (d, by_velocity, jerk)))
+
+
+def _named(element: Element, parameters: Array, record: ElementRecord) -> dict[str, Array]:
+    names = [parameter.name for parameter in element.parameters]
+    return {**dict(zip(names, parameters[: len(names)], strict=True)), "diameter_m": record.diameter}
+
+
+def _states(element: Element, parameters: Array, velocity: Array, record: ElementRecord) -> Array:
+    grid = linear.even_grid if element.linear else solver.even_grid
+    p, first_time = _named(element, parameters, record), _first_time(element, parameters, record)
+    return grid(element, p, record.mass, velocity, first_time, record.dt, record.d.shape[1])
+
+
+def _first_time(element: Element, parameters: Array, record: ElementRecord) -> Array:
+    later = parameters[len(element.parameters) :]
+    return record.first_time + later[0] if len(later) else record.first_time
+
+
+def columns(found: Response, record: ElementRecord) -> tuple[Array, Array, Array, Array]:
+    """What a unit of each error adds: of velocity, gain, offset and contact time, each [impact, sample]."""
+    return found.by_velocity, found.d, jnp.where(record.inside(), 1.0, 0.0), -found.jerk
