@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import jax
@@ -9,11 +10,13 @@ import pytest
 import xarray as xr
 
 import bayestissue as bt
+from bayestissue import fitting
 from bayestissue.fitting import TABLES, Fit, resolve
-from bayestissue.hierarchy.specification import read_specification
+from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.traces import TraceAnalysis
 from bayestissue.resources import shared
+from bayestissue.simulation import Simulation, simulate
 from make_fit_run import make_fit_run
 
 WORST = {"r_hat": 1.003, "ess_bulk": 1200.0, "ess_tail": 900.0}
@@ -93,3 +96,83 @@ def test_a_model_is_a_name_a_path_or_a_specification(tmp_path):
     assert resolve(specification) == (specification, f"model {specification.name}")
     with pytest.raises(bt.InputError, match=r"nowhere\.toml"):
         resolve(str(tmp_path / "nowhere.toml"))
+
+
+@pytest.mark.parametrize(
+    ("structured", "choice"), [(True, "automatic"), (False, "automatic"), (True, "none")]
+)
+def test_structured_residuals_ask_for_a_second_fit(
+    dataset, fitted, monkeypatch, tmp_path, structured, choice
+):
+    """The fits themselves are made up: what is asked for, told and kept is not."""
+    form = {"score": 9.0 * structured, "structured": structured, "words": "first"}
+    posterior = fitted.posterior["posterior"].dataset
+    own = {"discrepancy": 0.05 * posterior["K"] ** 0, "K_secant": posterior["K"]}
+    tree = xr.DataTree.from_dict({"posterior": posterior.assign(own)})
+    made = replace(fitted.analysis, tree=tree, diagnostics=fitted.diagnostics | {"model_form": form})
+    seen, said = [], []
+
+    def fit_traces(prepared, specification, seed, say, *, checkpoints):
+        seen.append((prepared.model.discrepancy, checkpoints))
+        say("summarising each trace", 0, 1)
+        return made
+
+    monkeypatch.setattr(fitting, "fit_traces", fit_traces)
+    monkeypatch.setattr(fitting.model_form, "model_form", lambda tree, name: {"score": 0.5})
+    specification = read_specification(shared("models", "impact.toml"))
+    specification = specification.model_copy(update={"discrepancy": choice})
+    prepared = prepare(dataset, specification, source="impact")
+    found = fitting.fit_prepared(
+        dataset, specification, prepared, 1, lambda stage, *_: said.append(stage), checkpoints=tmp_path
+    )
+    told = found.diagnostics["model_form"]
+    if structured and choice == "automatic":
+        assert seen == [(False, tmp_path), (True, tmp_path / "discrepancy")]
+        assert (tmp_path / "discrepancy").is_dir()
+        assert said == ["summarising each trace", "again with a discrepancy: summarising each trace"]
+        assert (told["score"], told["left"], round(told["discrepancy"], 12)) == (9.0, 0.5, 0.05)
+        assert "WARNING" in found.verdict
+        assert "5 % of the peak" in found.verdict
+        assert found.prepared.model.discrepancy
+        assert fitting.provenance(found)["discrepancy"] is True
+    else:
+        assert seen == [(False, tmp_path)]
+        assert said == ["summarising each trace"]
+        assert told == form
+        assert "discrepancy" not in fitting.provenance(found)
+
+
+@pytest.mark.long
+def test_a_stiffening_tissue_fitted_by_spring_and_damper_keeps_its_secant_stiffness(tmp_path):
+    conditions = [
+        {"trial": trial, "mass_kg": mass, "velocity_m_s": velocity}
+        for trial, mass, velocity in (("t1", 0.4, 1.5), ("t2", 0.7, 1.1), ("t3", 1.2, 0.8))
+    ]
+    tissue = {"element": "stiffening", "K_N_per_m": 2000.0, "C_N_s_per_m": 25.0, "reference_mass_kg": 0.7}
+    spreads = {f"sd_{group}_{q}": 0.1 for group in ("subject", "impact") for q in ("K", "C")}
+    recording = {"sampling_rate_hz": 5000.0, "noise_relative_to_peak": 0.005, "offset_sd_m_s2": 0.2}
+    errors = {"relative_gain_sd": 0.005, "velocity_sd_m_s": 0.005, "relative_mass_sd": 0.002}
+    made = simulate(
+        Simulation.model_validate(
+            {
+                "name": "stiffening",
+                "seed": 3,
+                "design": {"subjects": 4, "conditions": conditions},
+                "tissue": tissue | spreads | {"parameters": {"stiffening_depth_m": 0.02}},
+                "recording": recording | errors | {"before_contact_s": 0.005, "after_contact_s": 0.005},
+            }
+        )
+    )
+    specification = read_specification(shared("models", "impact.toml"))
+    fewer = {"sampler": Sampler(chains=2, warmup=300, draws=500)}
+    found = bt.fit(made.dataset("stiffening"), specification.model_copy(update=fewer), 1)
+    assert "WARNING" in found.verdict
+    assert found.diagnostics["model_form"]["score"] > 10
+    posterior = found.posterior["posterior"].dataset
+    low, high = posterior["K_secant"].quantile([0.05, 0.95], ("chain", "draw")).to_numpy()
+    true = made.truth["K_secant_N_per_m"].to_numpy()
+    # Of twelve 90 % intervals: more than four misses are a thousandth's chance.
+    assert ((low <= true) & (true <= high)).sum() >= 8
+    page = found.report(tmp_path / "page.html").read_text()
+    assert "include a discrepancy" in page
+    assert "a smooth force of unknown shape, a Gaussian process" in page

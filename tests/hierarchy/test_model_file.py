@@ -76,3 +76,25 @@ def test_a_wrong_prior_is_named_by_its_own_key(tmp_path: Path) -> None:
     with pytest.raises(InputError) as refused:
         read_specification(path)
     assert [problem.column for problem in refused.value.problems] == ["priors.sd_trial.K.scale"]
+
+
+def test_a_discrepancy_is_the_impact_likelihood_s_alone(tmp_path: Path) -> None:
+    assert read_specification(shared("models", "impact.toml")).discrepancy == "automatic"
+    for name in ("arma", "a2", "published"):
+        found = read_specification(shared("models", f"{name}.toml"))
+        assert found.discrepancy == "none"
+        assert type(found).model_validate(found.model_dump()) == found
+    path = tmp_path / "model.toml"
+    for text, choice in (
+        ('likelihood = "arma"\ndiscrepancy = "automatic"\n', "automatic"),
+        ('likelihood = "a2"\ndiscrepancy = "always"\n', "always"),
+        ('likelihood = "impact"\ndiscrepancy = "always"\n[signal]\nwindow = 0.5\n', "always"),
+        ('likelihood = "impact"\ndiscrepancy = "some"\n', "some"),
+    ):
+        path.write_text(f'name = "x"\n{text}', encoding="utf-8")
+        with pytest.raises(InputError) as refused:
+            read_specification(path)
+        (problem,) = refused.value.problems
+        assert (problem.column, problem.value, problem.row) == ("discrepancy", choice, 3)
+    path.write_text('name = "x"\nlikelihood = "arma"\ndiscrepancy = "none"\n', encoding="utf-8")
+    assert read_specification(path).discrepancy == "none"

@@ -12,8 +12,9 @@ from numpy.testing import assert_allclose
 from bayestissue.dataset import Dataset, Trace, Uncertainty
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
 from bayestissue.hierarchy.traces import Kind
+from bayestissue.likelihood.element_response import ElementRecord
 from bayestissue.oscillator import impact_motion
 from bayestissue.signal import SignalOptions
 
@@ -154,3 +155,21 @@ def test_the_impact_likelihood_reads_the_deceleration_itself() -> None:
     assert_allclose(made.data.record.first_time, made.signal.bracket_s)
     assert_allclose(np.exp(made.data.log_peak), np.abs(made.signal.deceleration).max(1))
     assert made.data.record.d.shape == made.signal.deceleration.shape
+
+
+def test_a_discrepancy_adds_a_parameter_and_the_modes_of_every_window() -> None:
+    model = specification("impact")
+    plain = prepare(dataset(), model, source="m.toml")
+    assert not plain.model.discrepancy
+    found = with_discrepancy(dataset(), model, plain)
+    assert found.model.discrepancy
+    assert found.model.nuisance == ("noise", "discrepancy")
+    assert found.signal is plain.signal
+    assert "discrepancy_mean" in found.model.locations.parts
+    record = found.data.record
+    assert isinstance(record, ElementRecord)
+    assert record.basis is not None
+    assert record.basis.shape == (6, *record.d.shape)
+    assert_allclose(record.share.sum(1), plain.signal.n_samples)
+    other = prepared("impact", element="hunt_crossley", discrepancy="always")
+    assert other.model.nuisance == ("noise", "contact", "discrepancy")

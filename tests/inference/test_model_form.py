@@ -1,8 +1,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
+import xarray as xr
 
-from bayestissue.inference.model_form import LIMIT, pooled_score
+from bayestissue.inference.model_form import LIMIT, model_form, pooled_score, with_discrepancy
 
 
 def traces(seed: int, swing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -28,3 +30,39 @@ def test_noise_scores_as_a_standard_normal() -> None:
 
 def test_a_wave_as_large_as_the_noise_is_structure() -> None:
     assert pooled_score(*traces(1, 1.0)) > LIMIT
+
+
+def tree(swing: float) -> xr.DataTree:
+    measured, replicated = traces(1, swing)
+    dims, drawn = ("impact", "sample"), ("chain", "draw", "impact")
+    names = {"impact": [f"i{k}" for k in range(len(measured))]}
+    sizes = np.linspace(0.05, 0.07, 30) * np.ones((2, 50, 1))
+    # Evenly from exp(-0.1) to exp(0.1): 90 % of it lies within exp(0.09) of the middle.
+    stiffness = np.exp(np.linspace(-0.1, 0.1, 100)).reshape(2, 50, 1) * np.ones(30)
+    replicates = replicated.reshape(2, 50, *measured.shape)
+    return xr.DataTree.from_dict(
+        {
+            "observed_data": xr.Dataset({"deceleration": (dims, measured)}, names),
+            "posterior_predictive": xr.Dataset({"deceleration": ((*drawn[:2], *dims), replicates)}, names),
+            "posterior": xr.Dataset({"discrepancy": (drawn, sizes), "K_secant": (drawn, stiffness)}, names),
+        }
+    )
+
+
+def test_the_words_of_a_fit_with_a_discrepancy_keep_the_first_fit_s_score() -> None:
+    first, last = model_form(tree(1.0), "deceleration"), model_form(tree(0.0), "deceleration")
+    assert first["structured"]
+    assert "intervals are too narrow" in first["words"]
+    found = with_discrepancy(first, tree(0.0))
+    assert found["structured"]
+    assert (found["score"], found["left"]) == (first["score"], last["score"])
+    assert found["discrepancy"] == pytest.approx(0.06)
+    for part in (
+        "another law",
+        "include a discrepancy",
+        "6 % of the peak",
+        "other elements",
+        "known to 9.4 %",
+    ):
+        assert part in found["words"], part
+    assert "too narrow" not in found["words"]

@@ -127,3 +127,14 @@ def test_coverage_is_shown_once_it_was_measured(run, tmp_path, monkeypatch):
         stream.write("a2,K,90,1500,2000,a command\narma,K,90,1,2,another\n")
     (row,) = words.coverage_table(run).rows
     assert row.cells[:4] == ("K", "90 %", "1500 of 2000", "75\N{NO-BREAK SPACE}%")
+
+
+def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):
+    impact = run.about | {"model": run.about["model"] | {"likelihood": "impact"}}
+    plain, wider = (replace(run, about=impact | more) for more in ({}, {"discrepancy": True}))
+    assert "discrepancy" in words.unused_priors(plain)
+    assert "discrepancy" not in words.unused_priors(wider)
+    assert "a smooth force of unknown shape" in words.likelihood_words(wider)
+    assert "a smooth force" not in words.likelihood_words(plain)
+    assert words.coverage_table(plain) is not None
+    assert words.coverage_table(wider) is None

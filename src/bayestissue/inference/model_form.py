@@ -55,11 +55,16 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
         ``score`` and ``structured`` as they were, ``discrepancy``, the discrepancy's rms as a fraction of the
         trace's peak (median impact), ``left``, the score of the fit with it, and all of it in ``words``.
     """
-    size = float(tree["posterior"].dataset["discrepancy"].median())
+    posterior = tree["posterior"].dataset
+    size, stiffness = float(posterior["discrepancy"].median()), posterior["K_secant"]
+    drawn = [name for name in stiffness.dims if name != "impact"]
+    low, high = stiffness.quantile([0.05, 0.95], drawn).to_numpy()
+    sure = float(np.sqrt(np.median(high / low)) - 1)
     words = (
         f"{_said(first['score'])}: {_ANOTHER_LAW}. The intervals printed include a discrepancy, a smooth "
-        f"force of unknown shape, of {100 * size:.2g} % of the peak; K_secant, the force over the depth at "
-        f"the greatest depth, is what they say of the stiffness. {_REMEDY}"
+        f"force of unknown shape, of {100 * size:.2g} % of the peak. K_secant, the force over the depth at "
+        f"the greatest depth, is known to {100 * sure:.2g} % (half the 90 % interval, median impact). "
+        f"{_REMEDY}"
     )
     left = model_form(tree, "deceleration")["score"]
     return first | {"discrepancy": size, "left": left, "words": words}
