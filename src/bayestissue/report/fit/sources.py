@@ -12,7 +12,7 @@ from bayestissue.report.fit.run import FitRun
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import listed, percent, relative
 
-_LEVELS = {"impact": "an impact", "typical person": "typical person", "new person": "new person"}
+_LEVELS = {"impact": "impact", "typical person": "typical person", "new person": "new person"}
 # In the order of the page, as the run names them and as the page does.
 _NAMES = {
     "noise": "noise of the recorder",
@@ -27,7 +27,7 @@ _NAMES = {
     "impacts": "scatter between impacts",
     "people": "people",
     "conditions": "conditions",
-    "person and condition": "person and condition, not known better",
+    "person and condition": "rest of person and condition",
     "priors": "priors",
 }
 _ALL, _DRAWN = "all", "as drawn"
@@ -35,6 +35,8 @@ _WINDOW, _BY_NOISE = "window a tenth shorter", "window a tenth shorter, by noise
 # Half a 90 % interval of a normal, in its standard deviations.
 _HALF = 1.645
 _WORTH_NAMING = 0.1
+# Below this share a part's own interval is no more worth a number than the share.
+_LEAST = 0.001
 # Of the draws' variance: how far off the sum of the sources may be before the page says so.
 _NEAR = (0.7, 1.4)
 _QUANTITIES = ("K", "C")
@@ -60,7 +62,10 @@ def sources_table(run: FitRun) -> Table | None:
 
 
 def _cell(row: Mapping[Any, Any] | None) -> str:
-    return "" if row is None else f"{percent(max(row['share'], 0.0))} ({_half(row['sd'])})"
+    if row is None:
+        return ""
+    share = percent(max(row["share"], 0.0))
+    return share if row["share"] < _LEAST else f"{share} ({_half(row['sd'])})"
 
 
 def _half(sd: float) -> str:
