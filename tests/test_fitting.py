@@ -134,7 +134,8 @@ def test_structured_residuals_ask_for_a_second_fit(
         assert "WARNING" in found.verdict
         assert "5 % of the peak" in found.verdict
         assert found.prepared.model.discrepancy
-        assert fitting.provenance(found)["discrepancy"] is True
+        about = fitting.provenance(found)["discrepancy"]
+        assert about == {"rms_of_peak": pytest.approx(0.05), "score_without": 9.0}
     else:
         assert seen == [(False, tmp_path)]
         assert said == ["summarising each trace"]

@@ -233,7 +233,7 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "started": fit.started.isoformat(timespec="seconds"),
         "wall_time_s": round(fit.wall_time_s, 1),
         **_kept_of_impacts(fit),
-        **({"discrepancy": True} if fit.prepared.model.discrepancy else {}),
+        **_discrepancy(fit),
         "verdict": {"passed": fit.diagnostics["passed"], "words": fit.verdict},
     }
 
@@ -256,6 +256,17 @@ def _kept_of_impacts(fit: Fit) -> dict[str, Any]:
     return {
         "kept_draws_of_an_impact": sizes["chain"] * sizes["kept_draw"],
         "sampler_of_population": "independence chains" if alone else "No-U-Turn",
+    }
+
+
+def _discrepancy(fit: Fit) -> dict[str, Any]:
+    """Of a fit with a discrepancy: its rms as a fraction of the peak, and why the program added it."""
+    if not fit.prepared.model.discrepancy:
+        return {}
+    told = {"rms_of_peak": float(fit.posterior["posterior"].dataset["discrepancy"].median())}
+    asked = fit.specification.discrepancy == "automatic"
+    return {
+        "discrepancy": told | ({"score_without": fit.diagnostics["model_form"]["score"]} if asked else {})
     }
 
 

@@ -131,7 +131,7 @@ def test_coverage_is_shown_once_it_was_measured(run, tmp_path, monkeypatch):
 
 def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):
     impact = run.about | {"model": run.about["model"] | {"likelihood": "impact"}}
-    plain, wider = (replace(run, about=impact | more) for more in ({}, {"discrepancy": True}))
+    plain, wider = (replace(run, about=impact | more) for more in ({}, {"discrepancy": {"rms_of_peak": 0.1}}))
     assert "discrepancy" in words.unused_priors(plain)
     assert "discrepancy" not in words.unused_priors(wider)
     assert "a smooth force of unknown shape" in words.likelihood_words(wider)
