@@ -138,6 +138,14 @@ def test_the_truth_is_within_reach(finished: Path, campaign: Path) -> None:
         assert distance.abs().max() < 4.5
 
 
+def test_the_sources_make_the_variance_that_was_drawn(finished: Path) -> None:
+    table = pd.read_csv(finished / "interval_sources.csv").set_index(["source", "level"]).sort_index()
+    drawn = table.loc[("as drawn", "impact"), "share"]
+    # Of spreads that nine impacts tell badly the sources take the median alone.
+    assert drawn.between(0.7, 1.4).all()
+    assert "What makes the intervals" in (finished / "report.html").read_text(encoding="utf-8")
+
+
 def test_wrong_models_are_refused_before_anything_is_written(campaign: Path) -> None:
     model = campaign / "wrong.toml"
     model.write_text(

@@ -35,8 +35,8 @@ _WINDOW, _BY_NOISE = "window a tenth shorter", "window a tenth shorter, by noise
 # Half a 90 % interval of a normal, in its standard deviations.
 _HALF = 1.645
 _WORTH_NAMING = 0.1
-# Below this share a part's own interval is no more worth a number than the share.
-_LEAST = 0.001
+# Below this share a part makes nothing of the interval that is worth a number.
+_LEAST = 0.01
 # Of the draws' variance: how far off the sum of the sources may be before the page says so.
 _NEAR = (0.7, 1.4)
 _QUANTITIES = ("K", "C")
