@@ -18,9 +18,10 @@ from bayestissue import resources
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, with_normal_errors
+from bayestissue.inference import interval_sources as sources
 from bayestissue.inference.interval_sources import interval_sources
 from bayestissue.inference.trace_draws import Unfolded
-from bayestissue.inference.trace_errors import as_expected, shorter_window, trace_errors
+from bayestissue.inference.trace_errors import TraceErrors, as_expected, shorter_window, trace_errors
 from bayestissue.inference.trace_summaries import loose_anchor, summarise_traces
 from bayestissue.simulation import Simulation, simulate
 
@@ -183,3 +184,25 @@ def test_an_impact_s_interval_is_that_of_all_its_sources(
     # Person and condition add their own ignorance, drawn in by the square of what the trace leaves open.
     all_but = 1 - table.loc[("impact", "K", "person and condition"), "share"]
     assert_allclose(table.loc[("impact", "K", "all"), "sd"] ** 2 * all_but, np.median(V), rtol=0.01)
+
+
+def test_a_mass_that_a_person_s_impacts_share_is_a_source_of_the_mean(
+    given: Prepared, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    u = np.zeros((PEOPLE * CONDITIONS, 3))
+    model = replace(given.model, mass_error="subject", log_mass_sd=0.2)
+    alone = np.tile(1e-6 * np.eye(3), (len(u), 1, 1))
+    known = TraceErrors(alone, {"noise": alone})
+    monkeypatch.setattr(sources, "trace_errors", lambda *_: known)
+    monkeypatch.setattr(sources, "shorter_window", lambda *_: None)
+    found = interval_sources(replace(given, model=model), drawn(given, u))
+    found = found.set_index(["level", "quantity", "source"]).sort_index()
+    for q in "KC":
+        variance = found.loc[("typical person", q)]["sd"] ** 2
+        # K and C have one design, so that neither lends the other anything: a mean of people's errors. The
+        # prior of variance 9 draws a mean of variance 0.036 in by 0.4 %, and so its parts by twice that.
+        assert_allclose(variance["mass"], 0.2**2 / PEOPLE, rtol=0.02)
+        assert_allclose(variance["people"], 0.3**2 / PEOPLE, rtol=0.02)
+    # Of an impact: what its person's two effects leave unknown of the error that they share.
+    left = 1 / (1 / 0.2**2 + 2 / 0.3**2)
+    assert_allclose(found.loc[("impact", "K", "mass"), "sd"] ** 2, left, rtol=1e-6)
