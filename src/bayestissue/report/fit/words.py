@@ -170,7 +170,8 @@ def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[s
         "recording of the same impact, whose chain has errors of its own."
     ]
     if run.shown == "deceleration":
-        sentences.append(_structure("Measured less predicted", "the model", left.whiteness_p, names))
+        who = "the element alone" if has_discrepancy(run) else "the model"
+        sentences.append(_structure("Measured less predicted", who, left.whiteness_p, names))
     if np.isfinite(one_step).any():
         who = "a single trace's ARMA(2,1)"
         sentences.append(
