@@ -48,3 +48,33 @@ def test_a_request_to_stop_is_not_lost_with_an_exception(
         program.kill()
         program.communicate()
     assert list(tmp_path.iterdir()) == []
+
+
+ENDS_SLOWLY = """
+import atexit, time
+from bayestissue import stopping
+
+stopping.on_request()
+
+def close():
+    print("closing", flush=True)
+    for _ in range(100):
+        time.sleep(0.01)
+
+atexit.register(close)
+"""
+
+
+def test_a_request_after_everything_is_done_changes_nothing() -> None:
+    program = subprocess.Popen(  # noqa: S603 - our own program
+        [sys.executable, "-c", ENDS_SLOWLY], stdout=subprocess.PIPE, stderr=subprocess.PIPE
+    )
+    try:
+        assert program.stdout is not None
+        assert program.stdout.readline() == b"closing\n"
+        program.send_signal(signal.SIGTERM)
+        _, said = program.communicate(timeout=30)
+        assert (program.returncode, said) == (0, b"")
+    finally:
+        program.kill()
+        program.communicate()

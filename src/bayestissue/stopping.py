@@ -32,7 +32,11 @@ def on_request() -> None:
 def _stop(number: int, frame: FrameType | None) -> None:
     if not _insisting.is_set():
         _insisting.set()
-        threading.Thread(target=_insist, daemon=True).start()
+        try:
+            threading.Thread(target=_insist, daemon=True).start()
+        except RuntimeError:
+            # The interpreter is shutting down, and starts no thread any more: everything is done.
+            return
     raise KeyboardInterrupt
 
 
