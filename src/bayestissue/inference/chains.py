@@ -21,6 +21,7 @@ from numpyro.infer import NUTS
 
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler
+from bayestissue.inference.compiling import compiled_quickly
 from bayestissue.inference.sampling import STATISTICS, Draws, Progress, silent
 from bayestissue.results import whole_file
 
@@ -267,7 +268,9 @@ def _compiled(
 
         return jax.lax.scan(step, state, None, length=SEGMENT)
 
-    return _Kernel(jax.jit(many(begin, in_axes=(0, None))), jax.jit(many(advance, in_axes=(0, None))))
+    return _Kernel(
+        compiled_quickly()(many(begin, in_axes=(0, None))), jax.jit(many(advance, in_axes=(0, None)))
+    )
 
 
 def _single(function: Callable[..., Any], in_axes: Any) -> Callable[..., Any]:

@@ -23,6 +23,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
 from bayestissue.inference.chains import Start, run_chains
+from bayestissue.inference.compiling import compiled_quickly
 from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
@@ -169,7 +170,7 @@ def spreads_of(model: TraceModel) -> Callable[..., None]:
     return partial(spreads_model, model)
 
 
-@partial(jax.jit, static_argnames="model")
+@compiled_quickly("model")
 def locations_of(
     model: TraceModel, data: TraceData, summaries: Summaries, raw: dict[str, Array], z_b: Array
 ) -> tuple[dict[str, Array], Array]:

@@ -27,6 +27,7 @@ from bayestissue.hierarchy.conditional import (
 )
 from bayestissue.hierarchy.population import Spread, expected
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, population
+from bayestissue.inference.compiling import compiled_quickly
 
 POINTS = 64
 
@@ -50,7 +51,7 @@ def standard_points(size: int, number: int = POINTS) -> Float[np.ndarray, "point
     return np.concatenate([half, -half])
 
 
-@partial(jax.jit, static_argnames="model")
+@compiled_quickly("model")
 def compare(
     model: TraceModel,
     data: TraceData,
@@ -85,7 +86,7 @@ def compare_about(
     return Points(u, log_ratio)
 
 
-@partial(jax.jit, static_argnames="model")
+@compiled_quickly("model")
 def refine(
     model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any], points: Points
 ) -> Summaries:

@@ -31,6 +31,7 @@ from bayestissue.hierarchy.traces import (
     with_normal_errors,
 )
 from bayestissue.hierarchy.warp import Warp
+from bayestissue.inference.compiling import compiled_quickly
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_correction import (
@@ -212,7 +213,7 @@ def _warp_of_mean(
     return Warp(*(jnp.asarray(value) for value in (location, np.exp(log_scale), skew)))
 
 
-@partial(jax.jit, static_argnames="model")
+@compiled_quickly("model")
 def _density_of_mean(
     model: TraceModel,
     data: TraceData,
@@ -232,7 +233,7 @@ def _density_of_mean(
     return jax.lax.map(one, z)
 
 
-@partial(jax.jit, static_argnames=("model", "names"))
+@compiled_quickly(("model", "names"))
 def _value_and_slope(
     model: TraceModel,
     names: tuple[str, ...],
@@ -282,7 +283,7 @@ class _SpreadsFinder:
         return Spreads(values, covariance)
 
 
-@partial(jax.jit, static_argnames="model")
+@compiled_quickly("model")
 def _anchor(model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any]) -> Anchor:
     spread = population(model, sites)
     conditional = condition(data.design, spread, data.location_mean, summaries)
