@@ -9,6 +9,13 @@ import pandas as pd
 
 from bayestissue.errors import InputError, Problem
 from bayestissue.report.comparison_figures import MOST_PEOPLE, comparison_figure, side_by_side_figure
+from bayestissue.report.comparison_weights import (
+    TYPICAL,
+    WORDS,
+    implied_table,
+    same_element,
+    weighted_words,
+)
 from bayestissue.report.page import render_page
 from bayestissue.report.remarks import best_explanations
 from bayestissue.report.run_folder import TableFile, read_tables, require_files
@@ -32,7 +39,6 @@ _TABLES = (
 # The page says once, and first, which densities can't be compared.
 _APART = (r"(; )?densities of other numbers.*", "")
 _AGAIN = "Compare the runs anew with `bayestissue compare`."
-_TYPICAL = {"K": "K_secant_typical", "C": "C_equivalent_typical"}
 _CONTENTS = (
     ("accuracy", "Accuracy"),
     ("weights", "Weights"),
@@ -40,18 +46,6 @@ _CONTENTS = (
     ("models", "Models"),
     ("provenance", "Provenance"),
 )
-_WORDS = {
-    "mass_exponent_K": "mass exponent of K",
-    "mass_exponent_C": "mass exponent of C",
-    "K_new": "K, new impact on a new person",
-    "C_new": "C, new impact on a new person",
-    "K_subject": "K of",
-    "C_subject": "C of",
-    "K_secant_typical": "K (secant) of the recorded impacts",
-    "C_equivalent_typical": "C (equivalent) of the recorded impacts",
-    "K_secant_of_subject": "K (secant) of the impacts of",
-    "C_equivalent_of_subject": "C (equivalent) of the impacts of",
-}
 
 
 def comparison_page(folder: Path, about: dict[str, Any]) -> str:
@@ -70,7 +64,7 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
     comparison, posteriors, implied = (tables[name] for name in ("comparison", "posteriors", "implied"))
     names = [str(run["name"]) for run in runs]
     alike = same_element(runs)
-    shown = {q: f"{q}_new" if alike else typical for q, typical in _TYPICAL.items()}
+    shown = {q: f"{q}_new" if alike else typical for q, typical in TYPICAL.items()}
     return render_page(
         "comparison.html",
         title=f"Fits of {about.get('dataset') or 'one dataset'} beside each other",
@@ -179,49 +173,6 @@ def exponent_rows(posteriors: pd.DataFrame, runs: list[str], quantity: str) -> l
     ]
 
 
-def same_element(runs: list[dict[str, Any]]) -> bool:
-    """Whether K and C are the same things in all runs: those of one mechanical element."""
-    return len({run["model"].get("element", "kelvin_voigt") for run in runs}) == 1
-
-
-def weighted_words(implied: pd.DataFrame) -> list[str]:
-    """K and C of the recorded impacts under the weights of each scheme, a sentence a kind of data."""
-    sentences = []
-    many = len(implied["data"].unique()) > 1
-    for (scheme, data), rows in implied.groupby(["scheme", "data"], sort=False):
-        by_name = rows[rows["label"] == ""].set_index("variable").to_dict("index")
-        told = [
-            f"{q} = {significant(row['median'])} {row['unit']} "
-            f"({interval(row['eti90_low'], row['eti90_high'])})"
-            for q, name in _TYPICAL.items()
-            if (row := by_name.get(name)) is not None
-        ]
-        several = f", densities of {data}" if many else ""
-        kind = str(scheme).removeprefix("leave one ").removesuffix(" out")
-        if told:
-            sentences.append(f"Weighted by how well each {kind} is predicted{several}: {listed(told)}.")
-    return sentences
-
-
-def implied_table(implied: pd.DataFrame) -> Table:
-    """Every row of `implied.csv`."""
-    rows = [
-        Row(
-            (
-                f"{_WORDS.get(row['variable'], row['variable'])} {row['label']}".strip(),
-                row["scheme"].removeprefix("leave one ").removesuffix(" out"),
-                row["data"],
-                significant(row["median"]),
-                interval(row["eti90_low"], row["eti90_high"]),
-                row["unit"],
-            )
-        )
-        for row in implied.to_dict("records")
-    ]
-    titles = ("quantity", "weights by", "density of", "median", "90 % interval", "unit")
-    return Table(columns(*titles, number=("median", "90 % interval")), rows)
-
-
 def reference_masses(runs: list[dict[str, Any]]) -> str:
     """At which mass new impacts and people are reported, by run where they differ."""
     masses = {str(run["name"]): run["model"].get("reference_mass_kg") for run in runs}
@@ -268,7 +219,7 @@ def posteriors_table(posteriors: pd.DataFrame) -> Table:
     rows = [
         Row(
             (
-                f"{_WORDS.get(row['variable'], row['variable'])} {row['label']}".strip(),
+                f"{WORDS.get(row['variable'], row['variable'])} {row['label']}".strip(),
                 row["run"],
                 significant(row["median"]),
                 interval(row["eti90_low"], row["eti90_high"]),
