@@ -103,7 +103,7 @@ def report(model: str, data: Path, out: Path) -> None:
     )
     for check in checks:
         print(f"  {check['name']}: {check['value']:.4g} ({check['limit']})")
-    summary = pd.read_csv(out / "summary.csv")
+    summary = pd.read_csv(out / "summary.csv", dtype={"unit": str})
     whole = summary[~summary["variable"].isin(["K", "C"]) & summary["label"].isna()]
     print(whole[["variable", "mean", "sd", "ess_bulk", "ess_tail", "r_hat"]].to_string(index=False))
     truth = pd.read_csv(data / "truth.csv").set_index("impact")

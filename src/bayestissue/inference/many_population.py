@@ -14,7 +14,6 @@ import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Float
 from numpyro.infer.util import potential_energy
-from scipy.optimize import minimize
 
 from bayestissue.hierarchy.cell_solution import locations_of, solve
 from bayestissue.hierarchy.cells import Arrangement, Cells, Expansion, expected_by_place, in_cells
@@ -22,8 +21,9 @@ from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.population import Spread
 from bayestissue.hierarchy.traces import TraceModel, constrained, population, sample_spreads
 from bayestissue.inference.many_correction import PopulationDraws
+from bayestissue.inference.mode import find_mode
 from bayestissue.inference.profile_surface import Surface
-from bayestissue.inference.trace_start import BOUNDS, Spreads
+from bayestissue.inference.trace_start import Spreads
 from bayestissue.inference.trace_summaries import Anchor
 
 _STEP = 1e-4
@@ -165,9 +165,7 @@ class Where:
         return constrained(self.model, dict(zip(self.names, jnp.asarray(flat), strict=True)))
 
     def _find(self, start: np.ndarray) -> np.ndarray:
-        begin = start if len(start) == len(self.names) else np.full(len(self.names), -1.5)
-        bounds = [BOUNDS] * len(begin)
-        return minimize(self._at, begin, jac=True, method="L-BFGS-B", bounds=bounds).x
+        return find_mode(self.model, self.names, self._at, start if len(start) == len(self.names) else None)
 
     def _at(self, flat: np.ndarray) -> tuple[float, np.ndarray]:
         value, slope = _value_and_slope(self.model, self.names, jnp.asarray(flat), self.cells, self.surface)

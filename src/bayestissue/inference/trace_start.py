@@ -15,7 +15,7 @@ import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Float
 from numpyro.infer.util import potential_energy
-from scipy.optimize import least_squares, minimize
+from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from bayestissue.elements import element
@@ -32,6 +32,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.hierarchy.warp import Warp
 from bayestissue.inference.compiling import compiled_quickly
+from bayestissue.inference.mode import find_mode
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_correction import (
@@ -47,8 +48,6 @@ from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summaris
 REFINEMENTS = 2
 # A profile integrates the other parameters over so many points: few where impacts are many.
 PROFILE_POINTS, FEW = 32, 4
-# Of unconstrained coordinates, where a mode is looked for: spreads of 1e-4 to 300 times their scale.
-BOUNDS = (-9.0, 300.0)
 LAST = "standard_last"
 # Of artanh theta1, the standard deviation up to which its likelihood passes for a normal.
 _WELL_TOLD = 0.3
@@ -104,6 +103,8 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     columns += [np.ones(len(stiffness))] * (not which.jumps)
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
+    correlation = prepared.model.priors.atanh_noise_correlation.mean
+    columns += [np.full(len(stiffness), correlation)] * prepared.model.autoregressive
     if kind == "arma":
         # artanh has no value at -1 and 1, where point estimates like to lie.
         columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))
@@ -266,9 +267,7 @@ class _SpreadsFinder:
         return float(value), np.asarray(slope)
 
     def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
-        begin = np.full(len(self._names), -1.5) if start is None else start
-        bounds = [BOUNDS] * len(begin)
-        return minimize(self._at, begin, args=(summaries,), jac=True, method="L-BFGS-B", bounds=bounds).x
+        return find_mode(self._model, self._names, lambda flat: self._at(flat, summaries), start)
 
     def constrained(self, flat: np.ndarray) -> dict[str, Array]:
         return constrained(self._model, dict(zip(self._names, jnp.asarray(flat), strict=True)))

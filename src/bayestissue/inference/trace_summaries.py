@@ -15,6 +15,10 @@ from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood
 
 ITERATIONS = 60
+# Log likelihood that an expansion may promise above its value at the centre, along one axis; one that bends
+# too little, or the wrong way, is given the bend that promises the least.
+_MOST_GAIN, _LEAST_GAIN = 20.0, 1.0
+_LEAST_BEND = 1e-9
 # Of a log parameter: far below where third derivatives count, far above rounding.
 STEP = 1e-4
 
@@ -95,8 +99,24 @@ def _summarise(
     u, _, _ = jax.lax.fori_loop(0, iterations, step, begin)
     slope, curvature = bend(u)
     values, axes = jnp.linalg.eigh(curvature)
-    precision = jnp.einsum("iab,ib,icb->iac", axes, jnp.maximum(values, 1e-9), axes)
+    firm = believable_bend(values, jnp.einsum("iab,ia->ib", axes, slope))
+    precision = jnp.einsum("iab,ib,icb->iac", axes, firm, axes)
     return Summaries(u, slope, precision, likelihood(u))
+
+
+def believable_bend(bend: Float[Array, "*axis"], slope: Float[Array, "*axis"]) -> Float[Array, "*axis"]:
+    """Minus the second derivative along each axis of an expansion, such that it promises no wonders.
+
+    A likelihood anchored away from its own maximum may bend the wrong way there. Its summary
+    exp(slope s - bend s^2 / 2) must all the same stay bounded, or else the wider the spread between impacts,
+    the better it would seem to explain such traces.
+
+    Args:
+        bend: as found, of any sign.
+        slope: along the axis.
+    """
+    believed = (bend > 0) & (slope**2 < 2 * _MOST_GAIN * bend)
+    return jnp.maximum(jnp.where(believed, bend, slope**2 / (2 * _LEAST_GAIN)), _LEAST_BEND)
 
 
 def loose_anchor(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) -> Anchor:

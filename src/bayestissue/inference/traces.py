@@ -24,6 +24,7 @@ from bayestissue.inference.many_draws import MANY, many_draws
 from bayestissue.inference.many_summaries import summarise_many
 from bayestissue.inference.model_form import model_form
 from bayestissue.inference.sampling import Draws
+from bayestissue.inference.secant_population import of_secant
 from bayestissue.inference.summary import summarise as summary_table
 from bayestissue.inference.summary_path import Correction, corrected_draws
 from bayestissue.inference.trace_draws import Unfolded, unfold
@@ -116,7 +117,7 @@ def label(
 ) -> TraceAnalysis:
     """Everything that follows from the draws."""
     say("predicting", 0, 1)
-    unfolded = unfold(prepared, summaries, draws, jax.random.PRNGKey(seed))
+    unfolded = of_secant(prepared, unfold(prepared, summaries, draws, jax.random.PRNGKey(seed)))
     return analyse(prepared, specification, unfolded, draws, seed, say, correction)
 
 

@@ -19,11 +19,12 @@ _AGAIN = (
 
 @dataclass(frozen=True)
 class TableFile:
-    """A table that a run must hold: its columns, and which of them are numbers (the others are text)."""
+    """A table that a run must hold: its columns of text and of numbers, and numbers that it may hold."""
 
     name: str
     text: tuple[str, ...] = ()
     numbers: tuple[str, ...] = ()
+    further: tuple[str, ...] = ()
 
 
 def read_about(folder: Path) -> dict[str, Any]:
@@ -112,7 +113,7 @@ def _read_table(path: Path, layout: TableFile, problems: list[Problem]) -> pd.Da
     problems += [
         Problem(str(path), row=1, column=column, expected="this column", remedy=_AGAIN) for column in missing
     ]
-    for column in layout.numbers:
+    for column in (*layout.numbers, *layout.further):
         if column in table:
             values = pd.to_numeric(table[column], errors="coerce")
             problems += [

@@ -8,7 +8,8 @@ import numpy as np
 import pandas as pd
 import statsmodels.api as sm
 
-from bayestissue.report.fit.run import COLUMN, FitRun
+from bayestissue.hierarchy.specification import SIDE_BY_SIDE
+from bayestissue.report.fit.run import COLUMN, COMPARABLE, FitRun
 from bayestissue.report.posterior import QUANTITIES, Spread
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import UNITS, significant
@@ -29,9 +30,16 @@ def side_by_side(run: FitRun, quantity: str) -> pd.DataFrame:
     for method, source in METHODS.items():
         found = getattr(run, source).set_index("impact")[COLUMN[quantity]]
         table[method] = found.reindex(table.index)
-    known = None if run.truth is None else run.truth.set_index("impact")[COLUMN[quantity]]
+    known = None if run.truth is None else run.truth.set_index("impact")[_true_column(run, quantity)]
     table["truth"] = np.nan if known is None else known.reindex(table.index)
     return table
+
+
+def _true_column(run: FitRun, quantity: str) -> str:
+    """Of another element's tissue, what spring and damper side by side can be right about."""
+    same = run.about.get("model", {}).get("element", SIDE_BY_SIDE) == SIDE_BY_SIDE
+    comparable = COMPARABLE[quantity]
+    return comparable if same and run.truth is not None and comparable in run.truth else COLUMN[quantity]
 
 
 def shown_rows(table: pd.DataFrame) -> pd.DataFrame:

@@ -15,6 +15,8 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.report.run_folder import TableFile, read_json, read_tables, require_files
 
 COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+# What means the same for every element, where the truth is another element's.
+COMPARABLE = {"K": "K_secant_N_per_m", "C": "C_equivalent_N_s_per_m"}
 _INTERVALS = ("median", "eti50_low", "eti50_high", "eti90_low", "eti90_high")
 _ESTIMATES = (("impact", "subject", "trial", "flags"), ("mass_kg", *COLUMN.values()))
 _TABLES = (
@@ -29,7 +31,7 @@ _TABLES = (
     TableFile("estimates_exact", *_ESTIMATES),
     TableFile("estimates_dds", *_ESTIMATES),
 )
-_TRUTH = TableFile("truth", ("impact",), tuple(COLUMN.values()))
+_TRUTH = TableFile("truth", ("impact",), tuple(COLUMN.values()), tuple(COMPARABLE.values()))
 _SOURCES = TableFile("interval_sources", ("level", "quantity", "source"), ("share", "sd"))
 # Not every run has them: only simulated data a truth, and earlier runs no sources.
 _OPTIONAL = (_TRUTH, _SOURCES)

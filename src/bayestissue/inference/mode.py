@@ -1,0 +1,60 @@
+"""The posterior mode of the standard deviations."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from jaxtyping import Float
+from scipy.optimize import minimize
+
+from bayestissue.hierarchy.half_normal import HalfNormalSpread
+from bayestissue.hierarchy.traces import TraceModel
+
+# Of the log of a spread over its prior's scale, and of any other unconstrained coordinate.
+_BOUNDS = (-9.0, 5.0)
+# Where a mode is looked for unless one is known: a fifth of the prior's scale.
+_BEGIN = -1.5
+
+
+def find_mode(
+    model: TraceModel,
+    names: tuple[str, ...],
+    value_and_slope: Callable[[Float[np.ndarray, " site"]], tuple[float, Float[np.ndarray, " site"]]],
+    start: Float[np.ndarray, " site"] | None = None,
+) -> Float[np.ndarray, " site"]:
+    """Where a function of the unconstrained spreads is least.
+
+    The way there goes by logs: an expansion about a point that is no maximum says nothing of spreads far
+    beyond what it has seen, but has a minimum there, and on the coordinate y with spread = scale log(1 + e^y)
+    a first step is long enough to find it.
+
+    Args:
+        model: whose spreads they are.
+        names: of the sites, one coordinate each.
+        value_and_slope: of the function, at unconstrained coordinates.
+        start: where to begin.
+    """
+    by_log = np.array([_is_half_normal(model, name) for name in names])
+
+    def at(place: np.ndarray) -> tuple[float, np.ndarray]:
+        spread = np.exp(np.where(by_log, place, 0.0))
+        value, slope = value_and_slope(_unconstrained(place, by_log))
+        return value, np.where(by_log, spread / -np.expm1(-spread), 1.0) * slope
+
+    begin = np.full(len(names), _BEGIN)
+    if start is not None:
+        begin = np.where(by_log, np.log(np.logaddexp(0.0, start)), start)
+    found = minimize(at, begin, jac=True, method="L-BFGS-B", bounds=[_BOUNDS] * len(begin)).x
+    return _unconstrained(found, by_log)
+
+
+def _unconstrained(place: np.ndarray, by_log: np.ndarray) -> np.ndarray:
+    """Y of log(log(1 + e^y)), or the coordinate itself."""
+    spread = np.exp(np.where(by_log, place, 0.0))
+    # log(e^s - 1), whose exponential must not overflow.
+    return np.where(by_log, spread + np.log(-np.expm1(-spread)), place)
+
+
+def _is_half_normal(model: TraceModel, name: str) -> bool:
+    return name in model.spreads and isinstance(model.prior_of(name), HalfNormalSpread)
