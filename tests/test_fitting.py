@@ -99,10 +99,16 @@ def test_a_model_is_a_name_a_path_or_a_specification(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("structured", "choice"), [(True, "automatic"), (False, "automatic"), (True, "none")]
+    ("structured", "choice", "noise"),
+    [
+        (True, "automatic", "white"),
+        (False, "automatic", "white"),
+        (True, "none", "white"),
+        (True, "automatic", "autoregressive"),
+    ],
 )
 def test_structured_residuals_ask_for_a_second_fit(
-    dataset, fitted, monkeypatch, tmp_path, structured, choice
+    dataset, fitted, monkeypatch, tmp_path, structured, choice, noise
 ):
     """The fits themselves are made up: what is asked for, told and kept is not."""
     form = {"score": 9.0 * structured, "structured": structured, "words": "first"}
@@ -120,13 +126,13 @@ def test_structured_residuals_ask_for_a_second_fit(
     monkeypatch.setattr(fitting, "fit_traces", fit_traces)
     monkeypatch.setattr(fitting.model_form, "model_form", lambda tree, name: {"score": 0.5})
     specification = read_specification(shared("models", "impact.toml"))
-    specification = specification.model_copy(update={"discrepancy": choice})
+    specification = specification.model_copy(update={"discrepancy": choice, "noise": noise})
     prepared = prepare(dataset, specification, source="impact")
     found = fitting.fit_prepared(
         dataset, specification, prepared, 1, lambda stage, *_: said.append(stage), checkpoints=tmp_path
     )
     told = found.diagnostics["model_form"]
-    if structured and choice == "automatic":
+    if structured and choice == "automatic" and noise == "white":
         assert seen == [(False, tmp_path), (True, tmp_path / "discrepancy")]
         assert (tmp_path / "discrepancy").is_dir()
         assert said == ["summarising each trace", "again with a discrepancy: summarising each trace"]

@@ -173,7 +173,7 @@ def fit_prepared(
 
 def _asks_for_discrepancy(specification: ModelSpecification, analysis: TraceAnalysis) -> bool:
     structured = analysis.diagnostics.get("model_form", {}).get("structured", False)
-    return specification.discrepancy == "automatic" and specification.reaches_peak and structured
+    return specification.may_add_discrepancy and structured
 
 
 def _again(

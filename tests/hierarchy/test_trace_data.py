@@ -173,3 +173,18 @@ def test_a_discrepancy_adds_a_parameter_and_the_modes_of_every_window() -> None:
     assert_allclose(record.share.sum(1), plain.signal.n_samples)
     other = prepared("impact", element="hunt_crossley", discrepancy="always")
     assert other.model.nuisance == ("noise", "contact", "discrepancy")
+
+
+def test_autoregressive_noise_adds_its_correlation_and_marks_quiet_parts() -> None:
+    made = prepared("impact", noise="autoregressive")
+    assert made.model.nuisance == ("noise", "atanh_noise_correlation")
+    assert made.model.prior_of("sd_atanh_noise_correlation").scale == 0.3
+    assert "atanh_noise_correlation_mean" in made.model.locations.parts
+    record = made.data.record
+    assert isinstance(record, ElementRecord)
+    assert record.basis is None
+    assert np.asarray(record.quiet).all()
+    bare = prepared("impact", noise="autoregressive", signal=SignalOptions(remove_offset=False))
+    assert not np.asarray(bare.data.record.quiet).any()
+    other = prepared("impact", element="hunt_crossley", noise="autoregressive")
+    assert other.model.nuisance == ("noise", "contact", "atanh_noise_correlation")

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from scipy import stats
+from scipy.signal import lfilter
 
 from bayestissue.report.fit import answers, estimates, predictions, tables, words
 from bayestissue.report.fit.run import read_fit_run
@@ -138,3 +139,26 @@ def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):
     assert "a smooth force" not in words.likelihood_words(plain)
     assert words.coverage_table(plain) is not None
     assert words.coverage_table(wider) is None
+
+
+def test_autoregressive_noise_is_told_and_taken_off_the_residuals(run):
+    model = run.about["model"] | {"likelihood": "impact"}
+    white, other = (
+        replace(run, about=run.about | {"model": model | more}) for more in ({}, {"noise": "autoregressive"})
+    )
+    assert "accelerometer with white noise" in words.likelihood_words(white)
+    assert "accelerometer with first-order autoregressive noise" in words.likelihood_words(other)
+    assert "atanh_noise_correlation" in words.unused_priors(white)
+    assert "atanh_noise_correlation" not in words.unused_priors(other)
+    assert words.coverage_table(other) is None
+    assert "may take up what another law leaves" in " ".join(words.limits(other))
+    assert words.limits(white) == words.limits(other)[:1]
+    rng, rho, count, length = np.random.default_rng(2), 0.7, 40, 200
+    noise = lfilter([1.0], [1.0, -rho], rng.standard_normal((count, length + 100)))[:, 100:]
+    left = predictions.Residuals(noise, noise[None], np.arange(count) % len(run.impacts))
+    known = replace(left, correlation=np.full(count, rho))
+    assert (left.whiteness_p < predictions.STRUCTURED).all()
+    # Of forty, 0.4 are expected; five are a thousandth's chance.
+    assert (known.whiteness_p < predictions.STRUCTURED).sum() < 5
+    said = words.residual_words(white, known, np.full(count, np.nan))
+    assert "the noise's correlation makes of the one before" in " ".join(said)

@@ -19,6 +19,7 @@ DEFAULT_FORMULA = "log(mass_kg) + (1|subject) + (1|trial)"
 
 Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
 Discrepancy = Literal["automatic", "none", "always"]
+Noise = Literal["white", "autoregressive"]
 REACH_PEAK = ("peak", "rebound")
 
 
@@ -76,6 +77,11 @@ class ModelSpecification(_Table):
         description="a smooth force of unknown shape beside the element's. automatic: where the residuals of "
         "a fit without it are plainly structured. Of the impact likelihood alone.",
     )
+    noise: Noise = Field(
+        default="white",
+        description="of the recorder. autoregressive: of first order, with no discrepancy beside it. Of the "
+        "impact likelihood alone.",
+    )
     reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
     formula: Formulas = Formulas()
     residual_correlation: bool = True
@@ -109,6 +115,18 @@ class ModelSpecification(_Table):
             )
         return choice
 
+    @field_validator("noise")
+    @classmethod
+    def _alone(cls, choice: str, info: ValidationInfo) -> str:
+        wrong = []
+        if choice == "autoregressive" and info.data.get("likelihood", "impact") != "impact":
+            wrong.append('only likelihood = "impact" can have another noise')
+        if choice == "autoregressive" and info.data.get("discrepancy") == "always":
+            wrong.append('discrepancy = "always" is told from white noise alone')
+        if wrong:
+            raise ValueError(f'"white", or the key left out: {"; ".join(wrong)}')
+        return choice
+
     @field_validator("element")
     @classmethod
     def _known(cls, name: str) -> str:
@@ -128,6 +146,11 @@ class ModelSpecification(_Table):
         if self.likelihood != "impact" and self.element != SIDE_BY_SIDE:
             raise ValueError('likelihood = "impact" beside element: the others are of spring and damper')
         return self
+
+    @property
+    def may_add_discrepancy(self) -> bool:
+        """Whether the program may add a discrepancy: a window that reaches the peak, noise that is white."""
+        return self.discrepancy == "automatic" and self.reaches_peak and self.noise == "white"
 
     @property
     def reaches_peak(self) -> bool:

@@ -111,7 +111,10 @@ def assemble(
     """Model and data of a fit whose design and displacements are made."""
     kind: Kind = specification.likelihood  # type: ignore[assignment]
     priors, discrepancy = specification.complete_priors(), specification.discrepancy == "always"
-    nuisance = nuisance_of(kind, specification.element, discrepancy=discrepancy)
+    autoregressive = specification.noise == "autoregressive"
+    nuisance = nuisance_of(
+        kind, specification.element, discrepancy=discrepancy, autoregressive=autoregressive
+    )
     found, columns = population_design(design, priors, nuisance)
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd)
     model = TraceModel(
@@ -123,6 +126,7 @@ def assemble(
         specification.mass_error if relative_mass_sd > 0 else "impact",
         specification.element,
         discrepancy,
+        autoregressive,
     )
     record, peak = _record(dataset, specification, signal)
     data = TraceData(
@@ -170,7 +174,7 @@ def _unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, sourc
         problems.append(
             Problem(
                 source,
-                '"none", since a filtered trace has no white noise',
+                '"none", since a filter leaves noise that is neither white nor autoregressive',
                 "Take signal.filter out: the likelihood itself tells impact from noise.",
                 column="signal.filter",
                 value=specification.signal.filter,
@@ -205,7 +209,8 @@ def _record(
     if specification.likelihood == "impact":
         # The likelihood asks the samples itself when contact was; what they said of it must not count twice.
         start = (signal.n_samples, signal.bracket_s, signal.dt)
-        if specification.element != SIDE_BY_SIDE or specification.discrepancy == "always":
+        plain = specification.discrepancy != "always" and specification.noise == "white"
+        if specification.element != SIDE_BY_SIDE or not plain:
             return _element_record(dataset, specification, signal, offset_sd)
         errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
         peak = np.abs(signal.deceleration).max(axis=1)
@@ -252,4 +257,6 @@ def _element_record(
         np.where(np.isfinite(size), size, REFERENCE_DIAMETER_M),
         *besides,
     )
+    if specification.noise == "autoregressive":
+        record = record._replace(quiet=jnp.asarray(np.isfinite(signal.offset_sd)))
     return record, np.abs(signal.deceleration).max(axis=1)

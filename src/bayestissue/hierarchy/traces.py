@@ -78,7 +78,8 @@ class TraceModel:
     """What is assumed: the likelihood, the parts of b, the priors, and the error of the recorded mass.
 
     ``mass_error`` says whether each impact has an error of its own, or all impacts of a person the same,
-    ``element`` what the impactor meets, ``discrepancy`` whether it meets something else besides.
+    ``element`` what the impactor meets, ``discrepancy`` whether it meets something else besides,
+    ``autoregressive`` whether the recorder's noise is that instead of white.
     """
 
     kind: Kind
@@ -89,11 +90,13 @@ class TraceModel:
     mass_error: MassError = "impact"
     element: str = SIDE_BY_SIDE
     discrepancy: bool = False
+    autoregressive: bool = False
 
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
-        return nuisance_of(self.kind, self.element, discrepancy=self.discrepancy)
+        beside = {"discrepancy": self.discrepancy, "autoregressive": self.autoregressive}
+        return nuisance_of(self.kind, self.element, **beside)
 
     @property
     def spreads(self) -> tuple[str, ...]:
@@ -126,7 +129,8 @@ def physical(model: TraceModel, data: TraceData, u: list[Array]) -> Physical:
     """omega_n = sqrt(K / M), zeta = C / (2 omega_n M), theta1 and the noise.
 
     For "arma" the noise parameter is log s with s^2 = sigma_a^2 (1 + theta1^2), the variance of
-    a_t - theta1 a_{t-1}, which the data tell whatever theta1 is; sigma_a alone would follow theta1.
+    a_t - theta1 a_{t-1}, which the data tell whatever theta1 is; sigma_a alone would follow theta1. For
+    autoregressive noise it is that of its shocks: see `bayestissue.likelihood.autoregressive`.
     """
     omega_n = jnp.exp((u[0] - data.log_mass) / 2)
     zeta = jnp.exp(u[1] - data.log_mass - LOG_2) / omega_n
@@ -147,11 +151,15 @@ def element_parameters(
     return logs if which.jumps else jnp.concatenate([logs, u[own][None] * data.record.dt])
 
 
-def nuisance_of(kind: Kind, element: str, *, discrepancy: bool = False) -> tuple[str, ...]:
-    """Names of an impact's parameters besides log K and log C, a discrepancy's last."""
+def nuisance_of(
+    kind: Kind, element: str, *, discrepancy: bool = False, autoregressive: bool = False
+) -> tuple[str, ...]:
+    """Names of an impact's parameters besides log K and log C, a discrepancy's or a correlation's last."""
     which = element_named(element)
     own = [f"log_{parameter.name}" for parameter in which.extra]
-    return (*NUISANCE[kind], *own, *["contact"] * (not which.jumps), *["discrepancy"] * discrepancy)
+    own += ["contact"] * (not which.jumps)
+    last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
+    return (*NUISANCE[kind], *own, *last)
 
 
 def trace_distribution(
@@ -163,7 +171,8 @@ def trace_distribution(
         which = element_named(model.element)
         log_discrepancy = u[-1] + data.log_peak if model.discrepancy else None
         parameters = element_parameters(model, data, u)
-        return MeasuredImpact(which, parameters, at.log_sigma, data.record, log_discrepancy)
+        correlation = u[-1] if model.autoregressive else None
+        return MeasuredImpact(which, parameters, at.log_sigma, data.record, log_discrepancy, correlation)
     if isinstance(data.record, DecelerationRecord):
         return MeasuredDeceleration(at.omega_n, at.zeta, at.log_sigma, data.record)
     return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, data.record)

@@ -8,7 +8,13 @@ from jaxtyping import Float
 
 from bayestissue.elements import element, element_names
 from bayestissue.elements.comparables import comparables_of
-from bayestissue.hierarchy.traces import TraceData, TraceModel, element_parameters, trace_distribution
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    element_parameters,
+    physical,
+    trace_distribution,
+)
 from bayestissue.likelihood.discrepancy import integrals
 from bayestissue.likelihood.element_impact import MeasuredImpact
 from bayestissue.likelihood.element_response import ElementRecord, motion
@@ -35,7 +41,8 @@ def element_quantities(
     omega_n = sqrt(K_secant / M) and zeta = C_equivalent / (2 sqrt(K_secant M)). Force is in proportion to K
     and C together, so that an error of the mass moves all stiffnesses and dampings alike. With a discrepancy,
     drawn with ``key``, K_secant is that of element and discrepancy together, and the rest the element's own.
-    Nothing for a record that is of spring and damper side by side alone.
+    Of autoregressive noise there are its correlation and, as sigma_d, its own standard deviation, not its
+    shocks'. Nothing for a record that is of spring and damper side by side alone.
     """
     record = data.record
     if not isinstance(record, ElementRecord):
@@ -51,6 +58,9 @@ def element_quantities(
         delta = distribution.draw_discrepancy(key, chain_error)
         found = found._replace(K_secant=secant_with(distribution, delta, chain_error[:, 0]))
         further = {"discrepancy": jnp.exp(u[-1])}
+    if model.autoregressive:
+        log_sigma = physical(model, data, u).log_sigma
+        further = {"noise_correlation": jnp.tanh(u[-1]), "sigma_d": jnp.exp(log_sigma) * jnp.cosh(u[-1])}
     return {
         **{parameter.name: p[parameter.name] for parameter in which.extra},
         **{name: getattr(found, name) * heavier for name in ("K_tangent", "K_secant", "C_equivalent")},
@@ -98,6 +108,15 @@ def element_attributes() -> dict[str, dict[str, str]]:
             "long_name": "mean over impacts of how much earlier contact was than found, in samples",
         },
         "sd_contact": {"unit": "1", "long_name": "standard deviation of that between impacts"},
+        "noise_correlation": {"unit": "1", "long_name": "correlation of the noise from sample to sample"},
+        "atanh_noise_correlation_mean": {
+            "unit": "1",
+            "long_name": "mean over impacts of artanh of the noise's correlation from sample to sample",
+        },
+        "sd_atanh_noise_correlation": {
+            "unit": "1",
+            "long_name": "standard deviation between impacts of artanh of the noise's correlation",
+        },
         "discrepancy": {"unit": "1", "long_name": _DISCREPANCY},
         "discrepancy_mean": {"unit": "1", "long_name": f"mean over impacts of the log of the {_DISCREPANCY}"},
         "sd_discrepancy": {"unit": "1", "long_name": "standard deviation of that log between impacts"},
@@ -116,4 +135,4 @@ def element_attributes() -> dict[str, dict[str, str]]:
 def per_impact() -> tuple[str, ...]:
     """Names of the variables of an impact that elements have besides K and C."""
     extras = (parameter.name for name in element_names() for parameter in element(name).extra)
-    return (*COMPARABLE, *dict.fromkeys(extras), "discrepancy")
+    return (*COMPARABLE, *dict.fromkeys(extras), "discrepancy", "noise_correlation")

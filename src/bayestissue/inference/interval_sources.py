@@ -44,7 +44,13 @@ MOST_IMPACTS = 100
 _RIDGE = 1e-6
 # Of a standard normal, the median of its absolute value.
 _MEDIAN = 0.6745
-_NUISANCE = {"noise": NOISE, "atanh_theta1": NOISE, "contact": CONTACT, "discrepancy": ELEMENT}
+_NUISANCE = {
+    "noise": NOISE,
+    "atanh_theta1": NOISE,
+    "atanh_noise_correlation": NOISE,
+    "contact": CONTACT,
+    "discrepancy": ELEMENT,
+}
 
 
 def interval_sources(prepared: Prepared, unfolded: Unfolded) -> pd.DataFrame:

@@ -32,7 +32,8 @@ _ERRORS = {3: ("velocity and gain", "offset", CONTACT), 4: ("velocity", "gain", 
 _OF_DISPLACEMENT = (CONTACT, "velocity and gain", "offset")
 
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
-_OF_NOISE = ("noise", "atanh_theta1", "discrepancy")
+_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "atanh_noise_correlation")
+_CORRELATIONS = ("atanh_theta1", "atanh_noise_correlation")
 _NOTHING = -60.0
 
 Matrices = Float[np.ndarray, "impact parameter parameter"]
@@ -89,7 +90,7 @@ def trace_errors(
 def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
     """The data with each trace as its model has it at ``u``, without noise and errors; all errors normal."""
     data = with_normal_errors(prepared.data)
-    quiet = np.where(_of_noise(prepared) & (np.arange(u.shape[1]) != _theta1(prepared)), _NOTHING, u)
+    quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
     bare = prepared.data.record._replace(error_sd=jnp.zeros_like(data.record.error_sd))
     # As many draws as predictions have, so that nothing is compiled anew.
     made = replicates(
@@ -103,13 +104,8 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
     return data._replace(record=record)
 
 
-def _of_noise(prepared: Prepared) -> Bool[np.ndarray, " parameter"]:
-    return np.array([False, False, *(name in _OF_NOISE for name in prepared.model.nuisance)])
-
-
-def _theta1(prepared: Prepared) -> int:
-    names = prepared.model.nuisance
-    return 2 + names.index("atanh_theta1") if "atanh_theta1" in names else -1
+def _named(prepared: Prepared, names: tuple[str, ...]) -> Bool[np.ndarray, " parameter"]:
+    return np.array([False, False, *(name in names for name in prepared.model.nuisance)])
 
 
 def _information(prepared: Prepared, data: TraceData, u: np.ndarray) -> Matrices:
@@ -118,7 +114,7 @@ def _information(prepared: Prepared, data: TraceData, u: np.ndarray) -> Matrices
     What tells of the noise alone is left out, and a 1 put in its place.
     """
     found = summarise_traces(prepared.model, data, jnp.asarray(u), loose_anchor(u), 0)
-    apart = _of_noise(prepared)
+    apart = _named(prepared, _OF_NOISE)
     both = apart[:, None] | apart
     return np.where(both, np.diag(apart.astype(float)), np.asarray(found.precision))
 

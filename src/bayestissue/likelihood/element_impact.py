@@ -1,15 +1,16 @@
-"""Recorded decelerations of an impact on any mechanical element, with white noise and a measuring chain.
+"""Recorded decelerations of an impact on any mechanical element, with noise and a measuring chain.
 
 (1 + g) d(t - tau; V + dV) + b, to first order in the errors, d being F / M of the element: the columns of
 the errors are d's derivative by V, d itself, 1 and minus its derivative in time. An element that is not
 linear tells gain from velocity, since its deceleration is not in proportion to V. Where the element's law is
-not trusted a smooth discrepancy is added: see `bayestissue.likelihood.discrepancy`.
+not trusted a smooth discrepancy is added: see `bayestissue.likelihood.discrepancy`. Noise is white or,
+without a discrepancy, first-order autoregressive: see `bayestissue.likelihood.autoregressive`.
 """
 
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -19,7 +20,7 @@ from jaxtyping import Float
 from numpyro.distributions import constraints
 
 from bayestissue.elements import Element
-from bayestissue.likelihood import discrepancy
+from bayestissue.likelihood import autoregressive, discrepancy
 from bayestissue.likelihood.element_response import ElementRecord, Response, columns, response
 from bayestissue.likelihood.linear_errors import (
     Products,
@@ -29,25 +30,42 @@ from bayestissue.likelihood.linear_errors import (
     prior_errors,
 )
 
+# Among the chain's errors.
+_OFFSET = 2
 
-def _products(
-    found: Response, log_sigma: Array, log_discrepancy: Array | None, value: Array, record: ElementRecord
-) -> Products:
+
+class _Noise(NamedTuple):
+    """What a trace holds besides the impact and the chain's errors: see `element_log_likelihood`."""
+
+    log_sigma: Array
+    log_discrepancy: Array | None
+    atanh_correlation: Array | None
+
+
+def _products(found: Response, noise: _Noise, value: Array, record: ElementRecord) -> Products:
     residual = jnp.where(record.inside(), value - found.d, 0.0)
     count = record.n_samples + 0.0
     parts = (residual, *columns(found, record))
+    if noise.atanh_correlation is not None:
+        a = noise.atanh_correlation
+        white = tuple(autoregressive.whitened(part, a, record.inside()) for part in parts)
+        return Products(gram(white, jnp.ones(())), autoregressive.log_determinant(a), count)
     plain = Products(gram(parts, jnp.ones(())), jnp.zeros_like(count), count)
-    if log_discrepancy is None or record.basis is None or record.share is None:
+    if noise.log_discrepancy is None or record.basis is None or record.share is None:
         return plain
-    ratio = discrepancy.ratios(log_sigma, log_discrepancy, record.share)
+    ratio = discrepancy.ratios(noise.log_sigma, noise.log_discrepancy, record.share)
     return discrepancy.with_discrepancy(plain, parts, record.basis, ratio)
 
 
-def _log_density(
-    found: Response, log_sigma: Array, log_discrepancy: Array | None, value: Array, record: ElementRecord
-) -> Array:
-    products = _products(found, log_sigma, log_discrepancy, value, record)
-    return marginal_log_likelihood(products, log_sigma, record.error_sd, record.uniform)
+def _log_density(found: Response, noise: _Noise, value: Array, record: ElementRecord) -> Array:
+    products = _products(found, noise, value, record)
+    return marginal_log_likelihood(products, noise.log_sigma, _error_sd(noise, record), record.uniform)
+
+
+def _error_sd(noise: _Noise, record: ElementRecord) -> Array:
+    if noise.atanh_correlation is None or record.quiet is None:
+        return record.error_sd
+    return autoregressive.offset_sd(record.error_sd, record.quiet, noise.atanh_correlation, _OFFSET)
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -57,6 +75,7 @@ def element_log_likelihood(
     log_sigma: Float[Array, " impact"],
     record: ElementRecord,
     log_discrepancy: Float[Array, " impact"] | None = None,
+    atanh_correlation: Float[Array, " impact"] | None = None,
 ) -> Float[Array, " impact"]:
     """Log density of the recorded traces, errors and discrepancy integrated out.
 
@@ -66,17 +85,19 @@ def element_log_likelihood(
     Args:
         element: what is hit.
         parameters: as of `response`.
-        log_sigma: log of the noise's standard deviation [m/s^2].
+        log_sigma: log of the noise's standard deviation [m/s^2]; of autoregressive noise, of its shocks'.
         record: the traces.
         log_discrepancy: log of the discrepancy's rms [m/s^2]; none unless given.
+        atanh_correlation: artanh of the noise's correlation from sample to sample; white unless given, and
+            not beside a discrepancy.
     """
     found = response(element, parameters, record)
-    return _log_density(found, log_sigma, log_discrepancy, record.d, record)
+    return _log_density(found, _Noise(log_sigma, log_discrepancy, atanh_correlation), record.d, record)
 
 
 @element_log_likelihood.defjvp
 def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, Array]:
-    parameters, log_sigma, record, log_discrepancy = primals
+    parameters, log_sigma, record, log_discrepancy, atanh_correlation = primals
     number = parameters.shape[0]
     basis = jnp.broadcast_to(jnp.eye(number)[..., None], (number, *parameters.shape))
 
@@ -85,12 +106,14 @@ def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, 
 
     found, changes = jax.vmap(along, out_axes=(None, 0))(basis)
     value, pull_back = jax.vjp(
-        lambda f, s, delta: _log_density(f, s, delta, record.d, record), found, log_sigma, log_discrepancy
+        lambda f, noise: _log_density(f, noise, record.d, record),
+        found,
+        _Noise(log_sigma, log_discrepancy, atanh_correlation),
     )
-    by_response, by_log_sigma, by_discrepancy = pull_back(jnp.ones_like(value))
+    by_response, by_noise = pull_back(jnp.ones_like(value))
     slopes = sum((change * by).sum(-1) for change, by in zip(changes, by_response, strict=True))
-    slope = (slopes * tangents[0]).sum(0) + by_log_sigma * tangents[1]
-    return value, slope if log_discrepancy is None else slope + by_discrepancy * tangents[3]
+    along_noise = zip(by_noise, (tangents[1], tangents[3], tangents[4]), strict=True)
+    return value, (slopes * tangents[0]).sum(0) + sum(by * to for by, to in along_noise if by is not None)
 
 
 class MeasuredImpact(dist.Distribution):
@@ -99,14 +122,15 @@ class MeasuredImpact(dist.Distribution):
     Args:
         element: what is hit.
         parameters: as of `response`.
-        log_sigma: log of the noise's standard deviation [m/s^2].
+        log_sigma: log of the noise's standard deviation [m/s^2]; of autoregressive noise, of its shocks'.
         record: see `ElementRecord`.
         log_discrepancy: log of the discrepancy's rms [m/s^2]; none unless given.
+        atanh_correlation: as of `element_log_likelihood`.
     """
 
     arg_constraints = {"log_sigma": constraints.real}  # noqa: RUF012
     support = constraints.real_vector
-    pytree_data_fields = ("parameters", "log_sigma", "record", "log_discrepancy")
+    pytree_data_fields = ("parameters", "log_sigma", "record", "log_discrepancy", "atanh_correlation")
     pytree_aux_fields = ("element",)
 
     def __init__(
@@ -116,11 +140,12 @@ class MeasuredImpact(dist.Distribution):
         log_sigma: Array,
         record: ElementRecord,
         log_discrepancy: Array | None = None,
+        atanh_correlation: Array | None = None,
         *,
         validate_args: bool | None = None,
     ) -> None:
         self.element, self.parameters, self.log_sigma, self.record = element, parameters, log_sigma, record
-        self.log_discrepancy = log_discrepancy
+        self.log_discrepancy, self.atanh_correlation = log_discrepancy, atanh_correlation
         super().__init__(log_sigma.shape, record.d.shape[1:], validate_args=validate_args)
 
     def response(self) -> Response:
@@ -130,20 +155,21 @@ class MeasuredImpact(dist.Distribution):
     def products(self, value: Array | None = None) -> Products:
         """Products of the residual at ``value`` (the record's own unless given) and the errors' columns."""
         value = self.record.d if value is None else value
-        return _products(self.response(), self.log_sigma, self.log_discrepancy, value, self.record)
+        return _products(self.response(), self._noise(), value, self.record)
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors and its discrepancy integrated out."""
         if value is self.record.d:
+            log_sigma, log_discrepancy, atanh_correlation = self._noise()
             return element_log_likelihood(
-                self.element, self.parameters, self.log_sigma, self.record, self.log_discrepancy
+                self.element, self.parameters, log_sigma, self.record, log_discrepancy, atanh_correlation
             )
-        return _log_density(self.response(), self.log_sigma, self.log_discrepancy, value, self.record)
+        return _log_density(self.response(), self._noise(), value, self.record)
 
     def draw_errors(self, key: Array) -> Float[Array, "impact 4"]:
         """The chain's errors given the recorded traces: velocity, gain, offset, contact time."""
-        record = self.record
-        return draw_errors(key, self.products(), self.log_sigma, record.error_sd, record.uniform)
+        error_sd = _error_sd(self._noise(), self.record)
+        return draw_errors(key, self.products(), self.log_sigma, error_sd, self.record.uniform)
 
     def draw_discrepancy(self, key: Array, errors: Float[Array, "impact 4"]) -> Float[Array, "impact sample"]:
         """The discrepancy given the recorded traces and the chain's errors [m/s^2]."""
@@ -155,7 +181,7 @@ class MeasuredImpact(dist.Distribution):
         return discrepancy.draw_given(key, left, record.basis, self.log_sigma, ratio)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
-        """Draw traces: the impact, its discrepancy, the chain's errors and white noise."""
+        """Draw traces: the impact, its discrepancy, the chain's errors and noise."""
         return self.sample_with_discrepancy(key, sample_shape)[0]
 
     def sample_with_discrepancy(self, key: Array, sample_shape: tuple[int, ...] = ()) -> tuple[Array, Array]:
@@ -166,10 +192,15 @@ class MeasuredImpact(dist.Distribution):
         if self.log_discrepancy is not None and record.basis is not None and record.share is not None:
             own = jax.random.fold_in(key, 2)
             delta = discrepancy.draw_prior(own, shape, record.basis, self.log_discrepancy, record.share)
-        errors = prior_errors(key_of_errors, shape, record.error_sd, record.uniform)
+        errors = prior_errors(key_of_errors, shape, _error_sd(self._noise(), record), record.uniform)
         noise = jax.random.normal(key_of_noise, (*shape, *self.event_shape))
+        if self.atanh_correlation is not None:
+            noise = autoregressive.correlated(noise, self.atanh_correlation)
         added = _added(errors, found, record) + jnp.exp(self.log_sigma)[:, None] * noise
         return jnp.where(record.inside(), found.d + delta + added, 0.0), delta
+
+    def _noise(self) -> _Noise:
+        return _Noise(self.log_sigma, self.log_discrepancy, self.atanh_correlation)
 
 
 def _added(

@@ -29,6 +29,8 @@ class ElementRecord(NamedTuple):
         diameter: of the impactor [m].
         basis: modes of a discrepancy, and ``share``, their part in it: see `discrepancy.modes`; None where
             the element's law is taken as the tissue's.
+        quiet: where the offset was found as the mean of a quiet part, and its standard deviation is that
+            under white noise; None where this does not matter.
     """
 
     d: Float[Array, "impact sample"]
@@ -42,6 +44,7 @@ class ElementRecord(NamedTuple):
     diameter: Float[Array, " impact"]
     basis: Float[Array, "mode impact sample"] | None = None
     share: Float[Array, "impact mode"] | None = None
+    quiet: Bool[Array, " impact"] | None = None
 
     @classmethod
     def of(cls, *arrays: np.ndarray) -> ElementRecord:

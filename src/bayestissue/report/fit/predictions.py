@@ -27,11 +27,13 @@ class Residuals:
         measured: [impact, sample], in m/s² (or m where displacement was recorded).
         replicated: [draw, impact, sample].
         which: the rows of the run's impacts that they belong to.
+        correlation: of the noise from sample to sample, by the model (posterior median); None where white.
     """
 
     measured: Float[np.ndarray, "impact sample"]
     replicated: Float[np.ndarray, "draw impact sample"]
     which: np.ndarray
+    correlation: Float[np.ndarray, " impact"] | None = None
 
     @cached_property
     def used(self) -> Bool[np.ndarray, "impact sample"]:
@@ -55,8 +57,13 @@ class Residuals:
 
     @cached_property
     def whiteness_p(self) -> Float[np.ndarray, " impact"]:
-        """p-values of Ljung and Box's test over ten lags; NaN for a row of fewer than 20 samples."""
+        """p-values of Ljung and Box's test over ten lags; NaN for a row of fewer than 20 samples.
+
+        What the noise's correlation makes of the sample before is taken off each.
+        """
         values = [row[used] for row, used in zip(self.measured, self.used, strict=True)]
+        if self.correlation is not None:
+            values = [row[1:] - r * row[:-1] for row, r in zip(values, self.correlation, strict=True)]
         return np.array(
             [
                 acorr_ljungbox(row, lags=[LAGS])["lb_pvalue"].iloc[0] if row.size >= _FEWEST else np.nan
@@ -83,7 +90,10 @@ def residuals(run: FitRun) -> Residuals:
     replicates = run.draws(run.shown, "posterior_predictive")[:, which].astype(float)
     middle = np.median(replicates, axis=0)
     measured = run.groups["observed_data"][run.shown].to_numpy()[which]
-    return Residuals(measured - middle, replicates - middle, run.predicted[which])
+    found = run.predicted[which]
+    correlation = run.of_impacts("noise_correlation")
+    expected = correlation["median"].to_numpy()[found] if len(correlation) else None
+    return Residuals(measured - middle, replicates - middle, found, expected)
 
 
 def inside_band(left: Residuals) -> float:

@@ -165,7 +165,9 @@ def population_names(run: FitRun) -> tuple[str, ...]:
         for stem in ("intercept", "mass_exponent", "sd_subject", "sd_trial", "sd_impact")
         for quantity in QUANTITIES
     )
-    others = ("residual_correlation", "noise_mean", "sd_noise", "atanh_theta1_mean", "sd_atanh_theta1")
+    stems = ("atanh_theta1", "atanh_noise_correlation")
+    last = (name for stem in stems for name in (f"{stem}_mean", f"sd_{stem}"))
+    others = ("residual_correlation", "noise_mean", "sd_noise", *last)
     covariates = [
         str(name)
         for name in dict.fromkeys(run.summary["variable"])

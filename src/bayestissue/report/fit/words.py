@@ -22,7 +22,12 @@ _LIKELIHOODS = {
     "a2": "Each impact's displacement x is an A(2), a mass on a spring and damper driven by white noise, as "
     "it looks when sampled: θ₁ follows from K, C and the sampling interval.",
     "impact": "Each impact's deceleration is that of a mass that meets a spring and damper at the recorded "
-    "velocity, seen through an accelerometer with white noise.",
+    "velocity, seen through an accelerometer with {noise}.",
+}
+_RECORDERS = {
+    "white": "white noise",
+    "autoregressive": "first-order autoregressive noise, whose correlation from sample to sample the traces "
+    "tell and impacts share in part; the noise that is given relative to the peak is that of its shocks",
 }
 _WINDOWS = {
     "peak": "from contact to zero velocity, the greatest displacement",
@@ -52,6 +57,10 @@ _SHAPE = (
     "No spring and damper of constant K and C is a tissue: stiffening, bottoming out on bone and reflexes "
     "are not in this model, and show as structure in the residuals."
 )
+_PASSES_FOR_NOISE = (
+    "Correlated noise may take up what another law leaves over: structure shows less in the residuals than "
+    "it would beside white noise, and this program adds no discrepancy then."
+)
 _DISCREPANCY = (
     "Beside it acts a discrepancy: a smooth force of unknown shape, a Gaussian process over the window's own "
     "time with a correlation length of 0.3 of it and a size that the traces tell. K_secant, the force over "
@@ -62,23 +71,28 @@ _DISCREPANCY = (
 
 def likelihood_words(run: FitRun) -> str:
     """What each trace is taken for."""
-    met = _element(run)
+    met, noise = _element(run), _RECORDERS[recorder_noise(run)]
     besides = f" {_DISCREPANCY}" if has_discrepancy(run) else ""
     if met.name != SIDE_BY_SIDE:
         meanings = "; ".join(f"{each.name} ({each.unit}): {each.meaning}" for each in met.parameters)
         return (
             f"Each impact's deceleration is that of a mass that meets this at the recorded velocity: "
-            f"{met.title}; seen through an accelerometer with white noise. {meanings}. K_secant, "
+            f"{met.title}; seen through an accelerometer with {noise}. {meanings}. K_secant, "
             "C_equivalent and energy_lost compare across elements: force over depth at the greatest depth, "
             "the damping beside a spring that loses as much by then, and the share of the energy that is "
             f"gone when the impactor leaves; ω_n and ζ are those of K_secant and C_equivalent.{besides}"
         )
-    return _LIKELIHOODS.get(run.likelihood, "") + besides
+    return _LIKELIHOODS.get(run.likelihood, "").format(noise=noise) + besides
 
 
 def has_discrepancy(run: FitRun) -> bool:
     """Whether the fit has a force beside the element's."""
     return bool(run.about.get("discrepancy"))
+
+
+def recorder_noise(run: FitRun) -> str:
+    """The noise of the recorder as the model file names it: "white" or "autoregressive"."""
+    return str(run.about.get("model", {}).get("noise", "white"))
 
 
 def _element(run: FitRun) -> Element:
@@ -90,6 +104,8 @@ def unused_priors(run: FitRun) -> tuple[str, ...]:
     unused: tuple[str, ...] = () if run.likelihood == "arma" else ("atanh_theta1", "sd_atanh_theta1")
     if not has_discrepancy(run):
         unused = (*unused, "discrepancy", "sd_discrepancy")
+    if recorder_noise(run) == "white":
+        unused = (*unused, "atanh_noise_correlation", "sd_atanh_noise_correlation")
     return (*unused, "contact", "sd_contact") if _element(run).jumps else unused
 
 
@@ -107,7 +123,7 @@ def signal_words(run: FitRun) -> str:
 def limits(run: FitRun) -> list[str]:
     """What this model can't tell, one paragraph each."""
     if run.likelihood not in ("arma", "a2"):
-        return [_SHAPE]
+        return [_SHAPE] if recorder_noise(run) == "white" else [_SHAPE, _PASSES_FOR_NOISE]
     paragraphs = [_NOISE[run.shown]]
     theta1 = run.of_impacts("theta1")
     if run.likelihood == "arma" and len(theta1):
@@ -137,7 +153,7 @@ def thinned(run: FitRun) -> str:
 
 def coverage_table(run: FitRun) -> Table | None:
     """Coverage of this likelihood's intervals on simulated impacts; None where none was measured."""
-    if has_discrepancy(run):
+    if has_discrepancy(run) or recorder_noise(run) != "white":
         return None
     with COVERAGE.open(encoding="utf-8") as stream:
         every = pd.read_csv(stream)
@@ -171,7 +187,10 @@ def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[s
     ]
     if run.shown == "deceleration":
         who = "the element alone" if has_discrepancy(run) else "the model"
-        sentences.append(_structure("Measured less predicted", who, left.whiteness_p, names))
+        what = "Measured less predicted"
+        if left.correlation is not None:
+            what += ", each sample less what the noise's correlation makes of the one before"
+        sentences.append(_structure(what, who, left.whiteness_p, names))
     if np.isfinite(one_step).any():
         who = "a single trace's ARMA(2,1)"
         sentences.append(

@@ -1,0 +1,102 @@
+"""A campaign recorded with autoregressive noise, its correlation and the tissue found again."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import lfilter
+
+from bayestissue import resources
+from bayestissue.dataset import Dataset, Trace
+from bayestissue.fitting import fit_prepared
+from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
+from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.inference.trace_start import summarise
+from bayestissue.simulation import Campaign, Simulation, simulate
+
+RHO, NOISE = 0.6, 0.005
+
+
+def campaign() -> tuple[Campaign, Dataset]:
+    """Twelve impacts; the shocks of the noise are `NOISE` of each peak."""
+    conditions = [
+        {"trial": "a", "mass_kg": 0.375, "velocity_m_s": 1.5},
+        {"trial": "b", "mass_kg": 0.7, "velocity_m_s": 1.2},
+        {"trial": "c", "mass_kg": 1.333, "velocity_m_s": 0.9},
+    ]
+    effects = dict.fromkeys(("sd_subject_K", "sd_subject_C"), 0.2)
+    effects |= dict.fromkeys(("sd_impact_K", "sd_impact_C"), 0.05)
+    recording = {
+        "sampling_rate_hz": 5000.0,
+        # Nothing beside what is added here.
+        "noise_relative_to_peak": 1e-6,
+        "offset_sd_m_s2": 0.2,
+        "relative_gain_sd": 0.005,
+        "velocity_sd_m_s": 0.005,
+        "relative_mass_sd": 0.002,
+    }
+    made = simulate(
+        Simulation.model_validate(
+            {
+                "name": "correlated",
+                "seed": 5,
+                "design": {"subjects": 4, "conditions": conditions},
+                "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, **effects},
+                "recording": recording,
+            }
+        )
+    )
+    data, random = made.dataset("x"), np.random.default_rng(8)
+
+    def noisy(trace: Trace) -> Trace:
+        settling = 200
+        shocks = random.standard_normal(len(trace.value) + settling)
+        noise = lfilter([1.0], [1.0, -RHO], shocks)[settling:]
+        return Trace(trace.time_s, trace.value + NOISE * np.abs(trace.value).max() * noise)
+
+    return made, replace(data, traces=[noisy(trace) for trace in data.traces])
+
+
+def specification(**changes: object) -> ModelSpecification:
+    found = read_specification(resources.shared("models", "impact.toml"))
+    return found.model_copy(update={"noise": "autoregressive", **changes})
+
+
+def test_summaries_of_traces_lie_about_the_correlation_and_the_tissue() -> None:
+    made, data = campaign()
+    given = prepare(data, specification(), source="the model file")
+    assert given.model.nuisance == ("noise", "atanh_noise_correlation")
+    summaries = summarise(given).summaries
+    sd = np.sqrt(np.diagonal(np.linalg.inv(np.asarray(summaries.precision)), axis1=1, axis2=2))
+    truth = [
+        np.log(made.truth["K_N_per_m"]),
+        np.log(made.truth["C_N_s_per_m"]),
+        np.full(len(sd), np.log(NOISE)),
+        np.full(len(sd), np.arctanh(RHO)),
+    ]
+    # K and C are those at the recorded mass: its error of 0.2 % comes on top.
+    sd[:, :2] = np.hypot(sd[:, :2], 0.002)
+    z = (np.asarray(summaries.centre) - np.stack(truth, axis=1)) / sd
+    # Twelve squares of standard normals: their sum exceeds 32.9 once in a thousand times.
+    assert (np.square(z).sum(0) < 32.9).all(), z
+
+
+@pytest.mark.long
+def test_a_fit_holds_the_correlation_and_finds_no_other_law() -> None:
+    made, data = campaign()
+    model = specification(sampler=Sampler(chains=2, warmup=300, draws=500))
+    fit = fit_prepared(data, model, prepare(data, model, source="the model file"), 1, lambda *_: None)
+    posterior = fit.posterior["posterior"].dataset
+    low, high = np.tanh(posterior["atanh_noise_correlation_mean"].quantile([0.01, 0.99]).to_numpy())
+    assert low < RHO < high
+    # About 80 samples of each of twelve impacts tell it to 0.03.
+    assert high - low < 0.2
+    assert not fit.diagnostics["model_form"]["structured"]
+    true = {"K": made.truth["K_N_per_m"], "C": made.truth["C_N_s_per_m"]}
+    true["noise_correlation"] = np.full(len(made.truth), RHO)
+    for variable, values in true.items():
+        low, high = posterior[variable].quantile([0.01, 0.99], ("chain", "draw")).to_numpy()
+        # Of twelve 98 % intervals, dependent through the people: three misses are a thousandth's chance.
+        assert ((low <= values) & (values <= high)).sum() >= 10, variable
