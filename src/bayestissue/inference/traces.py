@@ -152,7 +152,7 @@ def analyse(
 
 
 def _form(prepared: Prepared, tree: xr.DataTree) -> dict[str, Any]:
-    """What the residuals say of the model, where it is one of the recorded deceleration with white noise."""
+    """What the residuals say of the model, where it is one of the recorded deceleration."""
     if prepared.model.kind != "impact":
         return {}
     return {"model_form": model_form(tree, "deceleration")}
