@@ -16,6 +16,7 @@ import time
 from pathlib import Path
 from typing import Any
 
+import jax
 import numpy as np
 import pandas as pd
 from coverage_fit import LEVELS, Fits, campaign, summarised
@@ -106,6 +107,8 @@ def main() -> None:
     runtime.configure(one_core=True)
     for name in element_names() if asked.element == "all" else (asked.element,):
         rows, pareto = measured(name, asked.campaigns, asked.seconds)
+        # What is compiled for all six takes more mapped memory than a process may have.
+        jax.clear_caches()
         command = f"benchmarks/coverage_elements.py {name} --campaigns {len(pareto)}"
         lines = summarised(name, rows, pareto, command).rename(columns={"likelihood": "element"})
         if TABLE.is_file():

@@ -134,7 +134,13 @@ class Summarised:
     warp: Warp | None = None
 
 
-def summarise(prepared: Prepared, *, normal: bool | None = None, say: Progress = silent) -> Summarised:
+def summarise(
+    prepared: Prepared,
+    *,
+    normal: bool | None = None,
+    refinements: int = REFINEMENTS,
+    say: Progress = silent,
+) -> Summarised:
     """Summaries of the traces, each made where the whole data set says that its parameters are.
 
     First every likelihood is expanded at its own maximum, then at the maximum under the population that
@@ -144,11 +150,14 @@ def summarise(prepared: Prepared, *, normal: bool | None = None, say: Progress =
         prepared: model and data.
         normal: whether theta1 is part of the normal summaries, where the model leaves it free, or has a
             profile of its own; as the traces suggest, unless given.
+        refinements: how often moments replace the expansions. They make a summary that stands for its trace;
+            one that only whitens, as on the exact path, is better without: under a population whose spread
+            has its mode next to 0, moments tell of a trace what is not there.
         say: told how many of these passes are done, and of how many.
     """
     model, data = prepared.model, prepared.data
     start = first_guess(prepared)
-    passes = 2 + REFINEMENTS
+    passes = 2 + refinements
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
     smooth = with_normal_errors(data)
     summaries = summarise_traces(model, smooth, jnp.asarray(start), loose_anchor(start))
@@ -160,7 +169,7 @@ def summarise(prepared: Prepared, *, normal: bool | None = None, say: Progress =
     summaries = summarise_traces(model, smooth, summaries.centre, anchor)
     say(2, passes)
     standard = jnp.asarray(standard_points(start.shape[1]))
-    for number in range(REFINEMENTS):
+    for number in range(refinements):
         mode = finder.mode(summaries, mode)
         sites = finder.constrained(mode)
         points = compare(model, data, summaries, sites, standard)

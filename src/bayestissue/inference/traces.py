@@ -29,7 +29,7 @@ from bayestissue.inference.summary import summarise as summary_table
 from bayestissue.inference.summary_path import Correction, corrected_draws
 from bayestissue.inference.trace_draws import Unfolded, unfold
 from bayestissue.inference.trace_scores import cross_validation, prior_sensitivity
-from bayestissue.inference.trace_start import Summarised, summarise
+from bayestissue.inference.trace_start import summarise
 from bayestissue.inference.trace_tree import posterior_tree
 
 Say = Callable[[str, int, int], None]
@@ -80,14 +80,14 @@ def fit_traces(
         return analyse(prepared, specification, unfolded, drawn, seed, say, corrected)
     path, settings = specification.sampler.path, specification.sampler
     if path == "exact":
-        return _exactly(prepared, specification, summarise(prepared, say=done), seed, say, checkpoints)
+        return _exactly(prepared, specification, seed, say, checkpoints)
     with compiling_ahead(prepared, settings) as wait:
         sampling = partial(say, "sampling the population")
         summarised, draws, correction = corrected_draws(
             prepared, settings, seed, say=done, progress=sampling, wait=wait
         )
         if path == "automatic" and not correction.trusted:
-            return _exactly(prepared, specification, summarised, seed, say, checkpoints)
+            return _exactly(prepared, specification, seed, say, checkpoints)
         wait(DRAWS)
         return label(prepared, specification, summarised.summaries, draws, seed, say, correction)
 
@@ -95,11 +95,12 @@ def fit_traces(
 def _exactly(
     prepared: Prepared,
     specification: ModelSpecification,
-    summarised: Summarised,
     seed: int,
     say: Say,
     checkpoints: Path | None,
 ) -> TraceAnalysis:
+    # Here the summaries only whiten.
+    summarised = summarise(prepared, refinements=0, say=partial(say, "summarising each trace"))
     sampling = partial(say, "sampling the posterior")
     settings = specification.sampler
     draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)

@@ -64,15 +64,21 @@ _PASSES_FOR_NOISE = (
 _DISCREPANCY = (
     "Beside it acts a discrepancy: a smooth force of unknown shape, a Gaussian process over the window's own "
     "time with a correlation length of 0.3 of it and a size that the traces tell. K_secant, the force over "
-    "the depth at the greatest depth, and ω_n and ζ are those of both together; K and C are the element's "
-    "own, widened by what they share with it."
+    "the depth at the greatest depth, and ω_n and ζ are those of both together. "
 )
+_OWN_K = (
+    "So is K, of impacts, people and the population: beside a spring K and a damper it would be the same. "
+    "The spring's own stiffness is K_tangent; C is the damper's own, widened by what they share with the "
+    "discrepancy."
+)
+_OWN_K_AND_C = "K and C are the element's own, widened by what they share with it."
 
 
 def likelihood_words(run: FitRun) -> str:
     """What each trace is taken for."""
     met, noise = _element(run), _RECORDERS[recorder_noise(run)]
-    besides = f" {_DISCREPANCY}" if has_discrepancy(run) else ""
+    own = _OWN_K if met.name == SIDE_BY_SIDE else _OWN_K_AND_C
+    besides = f" {_DISCREPANCY}{own}" if has_discrepancy(run) else ""
     if met.name != SIDE_BY_SIDE:
         meanings = "; ".join(f"{each.name} ({each.unit}): {each.meaning}" for each in met.parameters)
         return (
