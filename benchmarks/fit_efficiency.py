@@ -99,16 +99,18 @@ class Bench:
     specification: ModelSpecification
     budget: float
     summarised: Summarised = field(init=False)
+    whitening: Summarised = field(init=False)
     summarising: Time = field(init=False)
     summarising_cold: Time = field(init=False)
 
     def __post_init__(self) -> None:
         _, self.summarising_cold = timed(lambda: summarise(self.prepared))
         self.summarised, self.summarising = timed(lambda: summarise(self.prepared))
+        self.whitening = summarise(self.prepared, refinements=0)
 
-    def quantities(self, draws: Draws) -> Arrays:
-        """What is reported of draws of the fit's standard normals."""
-        found = unfold(self.prepared, self.summarised.summaries, draws, jax.random.PRNGKey(SEED))
+    def quantities(self, draws: Draws, summarised: Summarised) -> Arrays:
+        """What is reported of draws of the fit's standard normals, which these summaries make."""
+        found = unfold(self.prepared, summarised.summaries, draws, jax.random.PRNGKey(SEED))
         model = self.prepared.model
         parts = {name: found.sites[name] for name in (*model.spreads, *model.locations.parts)}
         return parts | {name: np.log(found.impacts[name]) for name in ("K", "C")}
@@ -124,7 +126,7 @@ def summary_path(bench: Bench) -> Outcome:
 
     def whole() -> tuple[Draws, Arrays]:
         draws, _ = summary_draws(bench.prepared, bench.summarised, bench.specification.sampler, SEED)
-        return draws, bench.quantities(draws)
+        return draws, bench.quantities(draws, bench.summarised)
 
     _, cold = timed(whole)
     (draws, quantities), warm = timed(whole)
@@ -134,7 +136,7 @@ def summary_path(bench: Bench) -> Outcome:
 
 def exact_path(bench: Bench) -> Outcome:
     model, arguments = exact_density(bench)
-    start, settings = start_of(bench.prepared, bench.summarised), bench.specification.sampler
+    start, settings = start_of(bench.prepared, bench.whitening), bench.specification.sampler
 
     def sample(settings: Sampler) -> Draws:
         draws = run_chains(model, arguments, start, settings, SEED, processes=False)
@@ -146,8 +148,8 @@ def exact_path(bench: Bench) -> Outcome:
     draws, warm = timed(lambda: sample(settings))
     share = gradients(first) / gradients(draws)
     compiling = cold - Time(share * warm.wall, share * warm.own) + bench.summarising_cold - bench.summarising
-    bench.quantities(draws)
-    quantities, unfolding = timed(lambda: bench.quantities(draws))
+    bench.quantities(draws, bench.whitening)
+    quantities, unfolding = timed(lambda: bench.quantities(draws, bench.whitening))
     sampling = warm + unfolding + bench.summarising
     return Outcome(compiling, sampling, quantities, gradients(draws), USUAL)
 
@@ -159,16 +161,16 @@ def gradients(draws: Draws) -> float:
 
 def exact_density(bench: Bench) -> tuple[Callable[..., None], tuple[Any, ...]]:
     """The numpyro model of the exact path, and its arguments."""
-    summarised = bench.summarised
+    summarised = bench.whitening
     arguments = (bench.prepared.data, summarised.summaries, summarised.warp)
     return partial(sampled_model, bench.prepared.model), arguments
 
 
 def straightened(bench: Bench, sites: Arrays) -> Arrays:
     """The last location's standard normal back from the coordinate in which it was sampled."""
-    if bench.summarised.warp is None:
+    if bench.whitening.warp is None:
         return sites
-    straight = warped(jnp.asarray(sites["standard_locations"]), bench.summarised.warp)
+    straight = warped(jnp.asarray(sites["standard_locations"]), bench.whitening.warp)
     return sites | {"standard_locations": np.asarray(straight)}
 
 
@@ -245,7 +247,7 @@ def nutpie_draws(
 def nutpie_exact(bench: Bench, adaptation: str) -> Outcome:
     """Nutpie on the density of the exact path, its chains begun where the exact path's begin."""
     density, made = timed(lambda: FlatDensity(*exact_density(bench)))
-    start = start_of(bench.prepared, bench.summarised)
+    start = start_of(bench.prepared, bench.whitening)
     scale = np.linalg.cholesky(start.inverse_mass)
 
     def begin(seed: int) -> np.ndarray:
@@ -262,8 +264,8 @@ def nutpie_exact(bench: Bench, adaptation: str) -> Outcome:
         density, begin, tune=settings.warmup, draws=settings.draws, chains=CHAINS, adaptation=adaptation
     )
     draws = Draws(straightened(bench, found), {}, settings.max_tree_depth)
-    bench.quantities(draws)
-    quantities, unfolding = timed(lambda: bench.quantities(draws))
+    bench.quantities(draws, bench.whitening)
+    quantities, unfolding = timed(lambda: bench.quantities(draws, bench.whitening))
     compiling = made + bench.summarising_cold - bench.summarising
     return Outcome(compiling, spent + unfolding + bench.summarising, quantities, steps, USUAL, transitions)
 

@@ -234,7 +234,11 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "wall_time_s": round(fit.wall_time_s, 1),
         **_kept_of_impacts(fit),
         **_discrepancy(fit),
-        "verdict": {"passed": fit.diagnostics["passed"], "words": fit.verdict},
+        "verdict": {
+            "passed": fit.diagnostics["passed"],
+            "words": fit.verdict,
+            "warned": bool(fit.diagnostics.get("model_form", {}).get("structured", False)),
+        },
     }
 
 

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 
 import pytest
@@ -165,3 +166,12 @@ def test_a_posterior_file_that_is_none_is_named(tmp_path):
     (folder / "posterior.nc").write_bytes(b"not a file of draws")
     with pytest.raises(InputError, match=r"posterior\.nc"):
         write_report(folder)
+
+
+def test_a_warning_of_the_model_form_has_a_colour_of_its_own(tmp_path):
+    folder = make_fit_run(tmp_path / "run")
+    path = folder / "run.json"
+    about = json.loads(path.read_text(encoding="utf-8"))
+    about["verdict"]["warned"] = True
+    path.write_text(json.dumps(about), encoding="utf-8")
+    assert '<p class="verdict warned" role="status">Diagnostics passed.' in page_of(folder)
