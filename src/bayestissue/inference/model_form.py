@@ -15,7 +15,10 @@ LIMIT = 4.0
 _SMOOTH = 3
 _LAGS = 6
 _ANOTHER_LAW = "the traces obey another law than the model's"
-_REMEDY = "Fit the other elements of models/ and compare."
+_REMEDY = (
+    "Fit the other elements of models/ (or, where the recorder is known for it, "
+    'noise = "autoregressive") and compare.'
+)
 
 
 def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
