@@ -93,7 +93,7 @@ for method, table in estimates.items():
 
 # %%
 model = read_specification(shared("models", "a2.toml"))
-model = model.model_copy(update={"sampler": Sampler(path="summary", chains=4, warmup=300, draws=400)})
+model = model.model_copy(update={"sampler": Sampler(path="summary", chains=4, warmup=400, draws=600)})
 fit = bt.fit(dataset, model, seed=1)
 print("diagnostics passed:", fit.diagnostics["passed"])
 print(fit.verdict)

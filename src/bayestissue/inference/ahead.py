@@ -23,6 +23,7 @@ from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.hierarchy.warp import Warp
 from bayestissue.inference import summary_path, trace_draws
 from bayestissue.inference.chains import Start, compile_chain
 from bayestissue.inference.ratios import compare_over
@@ -97,7 +98,9 @@ def _compile(
     if what == CHAINS:
         names = sorted([*model.spreads, *(["standard_last"] if profile is not None else [])])
         start = Start({name: np.zeros(()) for name in names}, tuple(names), np.eye(len(names)))
-        compile_chain(summary_path.spreads_of(model), (bare, summaries, profile), start, settings)
+        warp = None if profile is None else Warp._make(real(()) for _ in Warp._fields)
+        arguments = (bare, summaries, profile, warp)
+        compile_chain(summary_path.spreads_of(model), arguments, start, settings)
         return
     z_b = real((number, model.locations.size))
     keys = jax.eval_shape(lambda: jax.random.split(jax.random.PRNGKey(0), number))

@@ -119,16 +119,15 @@ def summary_draws(
 
     ``wait`` is called with the name of each part before it is compiled; see `bayestissue.inference.ahead`.
     """
-    model, summaries, spreads = prepared.model, summarised.summaries, summarised.spreads
+    model, summaries = prepared.model, summarised.summaries
     profile = summarised.profile
     # The record stays behind: the population asks only for the summaries.
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
     wait("chains")
-    start = Start(spreads.mode, tuple(sorted(spreads.mode)), spreads.covariance)
     found = run_chains(
         spreads_of(model),
-        (data, summaries, profile),
-        start,
+        (data, summaries, profile, summarised.warp),
+        _start(summarised),
         settings,
         seed,
         progress=progress,
@@ -139,7 +138,8 @@ def summary_draws(
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 3)
     z_b = jax.random.normal(keys[0], (shape[0] * shape[1], model.locations.size))
     if profile is not None:
-        z_b = z_b.at[:, -1].set(raw.pop(LAST))
+        last = raw.pop(LAST)
+        z_b = z_b.at[:, -1].set(last if summarised.warp is None else summarised.warp(last))
     standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
     wait("correction")
@@ -162,6 +162,18 @@ def summary_draws(
     )
     effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
     return draws, Correction(k, float(effective))
+
+
+def _start(summarised: Summarised) -> Start:
+    """The spreads' mode; the warped coordinate begins at its middle, and is standard normal by design."""
+    mode, covariance = dict(summarised.spreads.mode), summarised.spreads.covariance.copy()
+    names = tuple(sorted(mode))
+    if summarised.warp is not None:
+        place = names.index(LAST)
+        mode[LAST] = np.zeros(())
+        covariance[place], covariance[:, place] = 0.0, 0.0
+        covariance[place, place] = 1.0
+    return Start(mode, names, covariance)
 
 
 @lru_cache(maxsize=8)

@@ -73,18 +73,26 @@ class Spreads:
 
 
 def spreads_model(
-    model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None = None
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    profile: Profile | None = None,
+    warp: Warp | None = None,
 ) -> None:
     """The numpyro model of the standard deviations alone, everything else integrated out.
 
     With a profile of the last parameter, its mean is sampled too, since only a normal integrates in closed
-    form. That mean is the last element of b, and so depends on the last standard normal alone.
+    form. That mean is the last element of b, and so depends on the last standard normal alone, to which
+    ``warp`` is the map from the coordinate that is sampled.
     """
     spread = population(model, sample_spreads(model))
     found = condition(data.design, spread, data.location_mean, summaries)
     numpyro.factor("summaries", found.log_evidence)
     if profile is not None:
-        z = numpyro.sample(LAST, dist.Normal())
+        y = z = numpyro.sample(LAST, dist.Normal())
+        if warp is not None:
+            z = warp(y)
+            numpyro.factor("warp", warp.log_slope(y) + (y**2 - z**2) / 2)
         mean = found.mean[-1] + z / found.factor[-1, -1]
         numpyro.factor("profile", profile.log_evidence(mean, spread.nuisance[-1]).sum())
 
