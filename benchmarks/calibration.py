@@ -23,7 +23,7 @@ from pathlib import Path
 import jax
 import numpy as np
 import pandas as pd
-from coverage_fit import SAMPLER, campaign
+from coverage_fit import SAMPLER, campaign, kept_with
 from numpyro.infer import Predictive
 from scipy import stats
 
@@ -195,12 +195,7 @@ def main() -> None:
     made.to_csv(HERE / f"calibration_ranks_{asked.likelihood}.csv", index=False, float_format="%.3f")
     files = {kind: HERE / f"calibration_ranks_{kind}.csv" for kind in KINDS}
     figure({kind: pd.read_csv(path) for kind, path in files.items() if path.is_file()})
-    lines, path = table(asked.likelihood, made, command), HERE / "calibration.csv"
-    if path.is_file():
-        before = pd.read_csv(path)
-        lines = pd.concat([before[before["likelihood"] != asked.likelihood], lines], ignore_index=True)
-    lines.to_csv(path, index=False)
-    print(lines[lines["likelihood"] == asked.likelihood].drop(columns="command").to_string(index=False))
+    kept_with(HERE / "calibration.csv", table(asked.likelihood, made, command), "likelihood")
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
-from coverage_fit import LEVELS, Fits, campaign, summarised
+from coverage_fit import LEVELS, Fits, campaign, kept_with, summarised
 
 from bayestissue import runtime
 from bayestissue.elements import element, element_names
@@ -111,11 +111,7 @@ def main() -> None:
         jax.clear_caches()
         command = f"benchmarks/coverage_elements.py {name} --campaigns {len(pareto)}"
         lines = summarised(name, rows, pareto, command).rename(columns={"likelihood": "element"})
-        if TABLE.is_file():
-            before = pd.read_csv(TABLE)
-            lines = pd.concat([before[before["element"] != name], lines], ignore_index=True)
-        lines.to_csv(TABLE, index=False)
-        print(lines[lines["element"] == name].drop(columns="command").to_string(index=False))
+        kept_with(TABLE, lines, "element")
 
 
 if __name__ == "__main__":

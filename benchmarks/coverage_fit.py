@@ -200,6 +200,16 @@ def summarised(kind: str, rows: pd.DataFrame, pareto: list[float], command: str)
     return pd.DataFrame(lines)
 
 
+def kept_with(path: Path, lines: pd.DataFrame, key: str) -> pd.DataFrame:
+    """Print new lines, and write them into a table in the place of those of the same ``key``."""
+    print(lines.drop(columns="command").to_string(index=False))
+    if path.is_file():
+        before = pd.read_csv(path)
+        lines = pd.concat([before[~before[key].isin(lines[key])], lines], ignore_index=True)
+    lines.to_csv(path, index=False)
+    return lines
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -214,12 +224,8 @@ def main() -> None:
     if len(pareto) != CAMPAIGNS:
         command += f" --campaigns {len(pareto)}"
     lines = summarised(asked.likelihood, rows, pareto, command)
-    if TABLE.is_file():
-        before = pd.read_csv(TABLE)
-        lines = pd.concat([before[before["likelihood"] != asked.likelihood], lines], ignore_index=True)
-    lines.to_csv(TABLE, index=False)
-    lines[COLUMNS].to_csv(SHOWN, index=False)
-    print(lines[lines["likelihood"] == asked.likelihood].drop(columns="command").to_string(index=False))
+    every = kept_with(TABLE, lines, "likelihood")
+    every[COLUMNS].to_csv(SHOWN, index=False)
 
 
 if __name__ == "__main__":

@@ -19,7 +19,7 @@ import jax
 import numpy as np
 import pandas as pd
 from coverage_elements import campaign_of
-from coverage_fit import SAMPLER, Fits
+from coverage_fit import SAMPLER, Fits, kept_with
 from jaxtyping import Float
 
 from bayestissue import runtime
@@ -142,11 +142,7 @@ def main() -> None:
     command = f"benchmarks/model_form.py --campaigns {asked.campaigns}"
     for name in asked.tissue or ("stiffening", "kelvin_voigt"):
         lines = summarised(name, measured(name, specification, asked.campaigns), command)
-        if TABLE.is_file():
-            before = pd.read_csv(TABLE)
-            lines = pd.concat([before[before["tissue"] != name], lines], ignore_index=True)
-        lines.to_csv(TABLE, index=False)
-        print(lines[lines["tissue"] == name].drop(columns="command").to_string(index=False))
+        kept_with(TABLE, lines, "tissue")
 
 
 if __name__ == "__main__":

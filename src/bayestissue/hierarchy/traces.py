@@ -246,8 +246,8 @@ def sampled_model(model: TraceModel, data: TraceData, summaries: Summaries, warp
     z_b = numpyro.sample("standard_locations", _standard(model.locations.size))
     z_u = numpyro.sample("standard_impacts", _standard(number, size))
     if warp is not None:
-        y, z_b = z_b[-1], warped(z_b, warp)
-        numpyro.factor("warp", warp.log_slope(y) + (y**2 - z_b[-1] ** 2) / 2)
+        numpyro.factor("warp", warp.log_change(z_b[-1]))
+        z_b = warped(z_b, warp)
     found = from_standard(model, data, summaries, sites, z_b, z_u)
     density = found.conditional.log_evidence - summaries.log_summary(found.u).sum()
     numpyro.factor("change_of_variables", density)

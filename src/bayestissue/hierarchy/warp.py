@@ -31,3 +31,10 @@ class Warp(NamedTuple):
     def log_slope(self, y: Array) -> Array:
         """Log of dz/dy."""
         return jnp.log(self.scale) + jnp.log(jnp.cosh(jnp.arcsinh(y) + self.skew)) - jnp.log1p(y**2) / 2
+
+    def log_change(self, y: Array) -> Array:
+        """Log of dz/dy times the standard normal density of z over that of ``y``.
+
+        What a model whose z is standard normal gains where y is sampled as if it were.
+        """
+        return self.log_slope(y) + (y**2 - self(y) ** 2) / 2

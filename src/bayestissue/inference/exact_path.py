@@ -14,7 +14,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, sampled_model, warped
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.sampling import Draws, Progress, silent
-from bayestissue.inference.trace_start import Summarised
+from bayestissue.inference.trace_start import LAST, Summarised
 
 
 def exact_draws(
@@ -56,8 +56,5 @@ def start_of(prepared: Prepared, summarised: Summarised) -> Start:
         "standard_locations": np.zeros(prepared.model.locations.size),
         "standard_impacts": np.zeros(summarised.summaries.centre.shape),
     }
-    spreads = summarised.spreads
-    names = [name for name in sorted(spreads.mode) if name in prepared.model.spreads]
-    kept = np.array([name in names for name in sorted(spreads.mode)])
-    mode = {name: spreads.mode[name] for name in names}
-    return Start({**mode, **middle}, tuple(names), spreads.covariance[np.ix_(kept, kept)])
+    spreads = summarised.spreads.without(LAST)
+    return Start({**spreads.mode, **middle}, tuple(sorted(spreads.mode)), spreads.covariance)

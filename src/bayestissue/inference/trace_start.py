@@ -89,10 +89,10 @@ def spreads_model(
     found = condition(data.design, spread, data.location_mean, summaries)
     numpyro.factor("summaries", found.log_evidence)
     if profile is not None:
-        y = z = numpyro.sample(LAST, dist.Normal())
+        z = numpyro.sample(LAST, dist.Normal())
         if warp is not None:
-            z = warp(y)
-            numpyro.factor("warp", warp.log_slope(y) + (y**2 - z**2) / 2)
+            numpyro.factor("warp", warp.log_change(z))
+            z = warp(z)
         mean = found.mean[-1] + z / found.factor[-1, -1]
         numpyro.factor("profile", profile.log_evidence(mean, spread.nuisance[-1]).sum())
 
