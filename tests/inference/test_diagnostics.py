@@ -1,10 +1,13 @@
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
 import xarray as xr
 
 from bayestissue.inference.diagnostics import diagnose, verdict_in_words
+from bayestissue.inference.summary import summarise
 
 CHAINS, DRAWS = 4, 1000
 
@@ -28,8 +31,12 @@ def run(seed: int = 0) -> xr.DataTree:
     return xr.DataTree.from_dict({"posterior": posterior, "sample_stats": statistics})
 
 
+def diagnosed(tree: xr.DataTree) -> dict[str, Any]:
+    return diagnose(summarise(tree["posterior"].dataset), tree["sample_stats"].dataset)
+
+
 def failed(tree: xr.DataTree) -> list[str]:
-    found = diagnose(tree)
+    found = diagnosed(tree)
     names = [check["name"] for check in found["checks"] if not check["passed"]]
     assert found["passed"] == (not names)
     assert all(name in verdict_in_words(found) for name in names)
@@ -37,7 +44,7 @@ def failed(tree: xr.DataTree) -> list[str]:
 
 
 def test_independent_draws_pass() -> None:
-    found = diagnose(run())
+    found = diagnosed(run())
     assert failed(run()) == []
     assert "no divergences" in verdict_in_words(found)
     assert {"r_hat", "ess_bulk", "ess_tail"} == set(found["worst"])
@@ -47,7 +54,7 @@ def test_a_chain_elsewhere_is_named() -> None:
     tree = run()
     tree["posterior"].dataset["planted"].to_numpy()[0] += 3.0
     assert "R-hat" in failed(tree)
-    found = diagnose(tree)
+    found = diagnosed(tree)
     assert found["worst"]["r_hat"]["variable"] == "planted"
     assert found["worst"]["ess_bulk"]["variable"] == "planted"
     assert "Do not use these numbers" in verdict_in_words(found)
@@ -71,7 +78,7 @@ def test_one_bad_transition_is_enough(statistic: str, value: object, name: str) 
     tree = run()
     tree["sample_stats"].dataset[statistic].to_numpy()[2, 17] = value
     assert failed(tree) == [name]
-    (check,) = [check for check in diagnose(tree)["checks"] if check["name"] == name]
+    (check,) = [check for check in diagnosed(tree)["checks"] if check["name"] == name]
     assert check["value"] == 1
     assert check["next_step"]
 

@@ -8,7 +8,7 @@ this process finds it.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
@@ -24,13 +24,15 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.hierarchy.warp import Warp
-from bayestissue.inference import summary_path, trace_draws
-from bayestissue.inference.chains import Start, compile_chain
+from bayestissue.inference import summary_path, trace_draws, trace_start
+from bayestissue.inference.chains import Start, lowered_chain
+from bayestissue.inference.compiling import CHAINS, CORRECTION, DRAWS, PREDICTIONS, PROFILE, Wait, at_once
 from bayestissue.inference.ratios import compare_over
-from bayestissue.inference.trace_correction import POINTS, Profile, flat_profile
+from bayestissue.inference.trace_correction import POINTS, Profile, flat_profile, profile_last
+from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, prior_draws, replicates
 
-CHAINS, CORRECTION, DRAWS = "chains", "correction", "draws"
-Wait = Callable[[str], None]
+# In the order in which a fit asks for them.
+PARTS = (PROFILE, CHAINS, CORRECTION, DRAWS, PREDICTIONS)
 
 
 @contextmanager
@@ -41,7 +43,7 @@ def compiling_ahead(prepared: Prepared, settings: Sampler) -> Iterator[Wait]:
     accelerator. A worker that fails costs time only: whoever calls compiles for himself.
     """
     if not runtime.compiled_folder() or runtime.cores() < 2 or jax.default_backend() != "cpu":
-        yield summary_path.at_once
+        yield at_once
         return
     from loky import ProcessPoolExecutor
 
@@ -49,11 +51,8 @@ def compiling_ahead(prepared: Prepared, settings: Sampler) -> Iterator[Wait]:
     others = tuple(core for core in runtime.CORES if core not in own) or runtime.CORES
     pool = ProcessPoolExecutor(1, initializer=runtime.settle_on, initargs=(others[0] if others else None,))
     try:
-        bare = _shapes(prepared.data)
-        job = (prepared.model, bare, settings, [len(codes) for codes in _codes(prepared)], _counts(prepared))
-        parts: dict[str, Future] = {
-            name: pool.submit(_compile, name, *job) for name in (CHAINS, CORRECTION, DRAWS)
-        }
+        job = arguments_of(prepared, settings)
+        parts: dict[str, Future] = {name: pool.submit(_compile, name, *job) for name in PARTS}
 
         def wait(what: str) -> None:
             # A broken worker tells only when it is asked; what it should have done is then done here.
@@ -64,12 +63,14 @@ def compiling_ahead(prepared: Prepared, settings: Sampler) -> Iterator[Wait]:
         pool.shutdown(wait=True, kill_workers=True)
 
 
-def _codes(prepared: Prepared) -> list[Any]:
-    return [getattr(prepared.design, group) for group in trace_draws.GROUPS]
-
-
-def _counts(prepared: Prepared) -> tuple[int, ...]:
-    return tuple(len(getattr(prepared.design, f"{group}s")) for group in trace_draws.GROUPS)
+def arguments_of(
+    prepared: Prepared, settings: Sampler
+) -> tuple[TraceModel, TraceData, Sampler, list[int], tuple[int, ...]]:
+    """What `lowered_functions` asks for."""
+    design = prepared.design
+    codes = [len(getattr(design, group)) for group in trace_draws.GROUPS]
+    counts = tuple(len(getattr(design, f"{group}s")) for group in trace_draws.GROUPS)
+    return prepared.model, _shapes(prepared.data), settings, codes, counts
 
 
 def _shapes(tree: Any) -> Any:
@@ -84,7 +85,28 @@ def _compile(
     codes: list[int],
     counts: tuple[int, ...],
 ) -> None:
-    """Compile one part from shapes alone."""
+    for lowered in lowered_functions(what, model, data, settings, codes, counts):
+        lowered.compile()
+
+
+def lowered_functions(
+    what: str,
+    model: TraceModel,
+    data: TraceData,
+    settings: Sampler,
+    codes: list[int],
+    counts: tuple[int, ...],
+) -> Iterator[Any]:
+    """The functions of one part, ready for the compiler, from shapes alone.
+
+    Args:
+        what: one of `PARTS`.
+        model: the model.
+        data: shapes of the dataset.
+        settings: how many chains and draws.
+        codes: how many impacts are coded for each group of effects.
+        counts: how many levels each group has.
+    """
     impacts = data.log_mass.shape[0]
     size = 2 + len(model.nuisance)
     real = partial(jax.ShapeDtypeStruct, dtype=jnp.float64)
@@ -94,25 +116,36 @@ def _compile(
     profile = _shapes(flat_profile(impacts)) if model.kind == "arma" else None
     number = settings.chains * settings.draws
     raw = {name: real((number,)) for name in model.spreads}
+    z_b = real((number, model.locations.size))
     bare = data._replace(record=None)  # type: ignore[arg-type]
-    if what == CHAINS:
-        names = sorted([*model.spreads, *(["standard_last"] if profile is not None else [])])
+    keys = jax.eval_shape(lambda: jax.random.split(jax.random.PRNGKey(0), number))
+    if what == PROFILE and profile is not None:
+        sites = {name: real(()) for name in model.spreads}
+        few = real((trace_start.PROFILE_POINTS, size))
+        yield profile_last.lower(model, data, summaries, sites, few)
+        grid = real((trace_start.PLACES,))
+        yield trace_start.density_of_mean.lower(model, bare, summaries, sites, profile, grid)
+    elif what == CHAINS:
+        names = sorted([*model.spreads, *([trace_start.LAST] if profile is not None else [])])
         start = Start({name: np.zeros(()) for name in names}, tuple(names), np.eye(len(names)))
         warp = None if profile is None else Warp._make(real(()) for _ in Warp._fields)
         arguments = (bare, summaries, profile, warp)
-        compile_chain(summary_path.spreads_of(model), arguments, start, settings)
-        return
-    z_b = real((number, model.locations.size))
-    keys = jax.eval_shape(lambda: jax.random.split(jax.random.PRNGKey(0), number))
-    if what == CORRECTION:
-        _compile_correction(model, data, summaries, profile, raw, z_b, keys)
-        return
-    flat = raw | {"standard_locations": z_b, "standard_impacts": real((number, impacts, size))}
-    groups = tuple(jax.ShapeDtypeStruct((count,), jnp.int64) for count in codes)
-    trace_draws.unfold_all.lower(model, counts, data, summaries, flat, keys, groups).compile()
+        yield from lowered_chain(summary_path.spreads_of(model), arguments, start, settings)
+    elif what == CORRECTION:
+        yield from _of_correction(model, data, summaries, profile, raw, z_b, keys)
+    elif what == DRAWS:
+        flat = raw | {"standard_locations": z_b, "standard_impacts": real((number, impacts, size))}
+        groups = tuple(jax.ShapeDtypeStruct((count,), jnp.int64) for count in codes)
+        yield trace_draws.unfold_all.lower(model, counts, data, summaries, flat, keys, groups)
+    elif what == PREDICTIONS:
+        one = jax.ShapeDtypeStruct(keys.shape[1:], keys.dtype)
+        yield prior_draws.lower(model, data, one)
+        some = real((PREDICTIVE_DRAWS, impacts, size))
+        of_some = jax.ShapeDtypeStruct((PREDICTIVE_DRAWS, *keys.shape[1:]), keys.dtype)
+        yield replicates.lower(model, data, some, of_some)
 
 
-def _compile_correction(
+def _of_correction(
     model: TraceModel,
     data: TraceData,
     summaries: Summaries,
@@ -120,13 +153,13 @@ def _compile_correction(
     raw: dict[str, Any],
     z_b: Any,
     keys: Any,
-) -> None:
+) -> Iterator[Any]:
     bare = data._replace(record=None)  # type: ignore[arg-type]
     some = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((POINTS, *leaf.shape[1:]), leaf.dtype), (raw, z_b))
-    summary_path.locations_of.lower(model, bare, summaries, *some).compile()
-    part = jax.eval_shape(partial(summary_path.locations_of, model), bare, summaries, *some)
+    yield summary_path.locations_of.lower(model, bare, summaries, *some)
+    part = summary_path.locations_of.eval_shape(model, bare, summaries, *some)
     standard = jax.ShapeDtypeStruct((POINTS, summaries.centre.shape[1]), jnp.float64)
-    compare_over.lower(model, data, summaries, part, standard, profile).compile()
-    ratios = jax.eval_shape(partial(compare_over, model), data, summaries, part, standard, profile)
-    summary_path.log_weights.lower(model, bare, summaries, ratios, raw, z_b).compile()
-    summary_path.standard_impacts.lower(model, data, summaries, raw, z_b, keys).compile()
+    yield compare_over.lower(model, data, summaries, part, standard, profile)
+    ratios = compare_over.eval_shape(model, data, summaries, part, standard, profile)
+    yield summary_path.log_weights.lower(model, bare, summaries, ratios, raw, z_b)
+    yield summary_path.standard_impacts.lower(model, data, summaries, raw, z_b, keys)

@@ -7,7 +7,7 @@ chain's whole state can be written down; a later run reads them and continues wi
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import wait
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -89,13 +89,12 @@ def run_chains(
     return Draws(sites, statistics, settings.max_tree_depth)
 
 
-def compile_chain(
+def lowered_chain(
     model: Callable[..., None], arguments: tuple[Any, ...], start: Start, settings: Sampler
-) -> None:
-    """Compile what one chain of `run_chains` needs, without running it: ``arguments`` may be mere shapes."""
+) -> Iterator[Any]:
+    """What one chain of `run_chains` needs, ready for the compiler: ``arguments`` may be mere shapes."""
     chains = _Chains(_Job(model, arguments, start, settings, 0))
-    key = jax.eval_shape(lambda: jax.random.PRNGKey(0)[None])
-    chains.compile(key)
+    return chains.lowered(jax.eval_shape(lambda: jax.random.PRNGKey(0)[None]))
 
 
 def _tell(progress: Progress, before: int, total: int, done: int) -> None:
@@ -180,12 +179,12 @@ class _Chains:
         target, depth = settings.target_accept, settings.max_tree_depth
         self._kernel = _compiled(job.model, start.dense, others, settings.warmup, target, depth)
 
-    def compile(self, keys: Any) -> None:
-        """Compile for so many chains side by side as there are keys."""
+    def lowered(self, keys: Any) -> Iterator[Any]:
+        """Of both functions, for so many chains side by side as there are keys."""
         given = (self._start, self._arguments)
-        self._kernel.begin.lower(keys, given).compile()
-        state = jax.eval_shape(self._kernel.begin, keys, given)
-        self._kernel.advance.lower(state, self._arguments).compile()
+        yield self._kernel.begin.lower(keys, given)
+        state = self._kernel.begin.eval_shape(keys, given)
+        yield self._kernel.advance.lower(state, self._arguments)
 
     def run(
         self, numbers: Sequence[int], checkpoints: Path | None, advanced: Callable[[int], None]

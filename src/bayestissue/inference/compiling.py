@@ -1,4 +1,4 @@
-"""How functions are compiled that are called a few times only."""
+"""How functions are compiled that are called a few times only, and which parts are compiled ahead."""
 
 from __future__ import annotations
 
@@ -6,6 +6,15 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
+
+# The parts of a fit whose functions another process may compile ahead; see `bayestissue.inference.ahead`.
+PROFILE, CHAINS, CORRECTION, DRAWS, PREDICTIONS = "profile", "chains", "correction", "draws", "predictions"
+Wait = Callable[[str], None]
+
+
+def at_once(part: str) -> None:
+    """Wait for nothing."""
+
 
 # XLA spends most of a compilation on making the result fast.
 _QUICKLY = {"xla_backend_optimization_level": 0}

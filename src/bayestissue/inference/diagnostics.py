@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 R_HAT_LIMIT = 1.01
@@ -26,25 +27,19 @@ class Check:
     next_step: str
 
 
-def diagnose(tree: xr.DataTree, further: Sequence[Check] = ()) -> dict[str, Any]:
+def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Check] = ()) -> dict[str, Any]:
     """The verdict on a run, as it is written to ``diagnostics.json``.
 
     R̂ and bulk and tail effective sample sizes are rank-normalised (Vehtari et al. 2021,
     doi:10.1214/20-BA1221), the worst over every reported quantity; the energy fraction is Betancourt's.
-    ``further`` checks are added to them.
-    """
-    import arviz as az
 
-    posterior = tree["posterior"].dataset
-    r_hat = az.rhat(posterior)
-    bulk = az.ess(posterior, method="bulk")
-    tail = az.ess(posterior, method="tail")
-    statistics = tree["sample_stats"].dataset
-    worst_r, worst_bulk, worst_tail = (
-        _extreme(r_hat, np.nanmax),
-        _extreme(bulk, np.nanmin),
-        _extreme(tail, np.nanmin),
-    )
+    Args:
+        summary: as `bayestissue.inference.summary.summarise` makes it; what it leaves open is not judged.
+        statistics: of the sampler's transitions.
+        further: checks to be added.
+    """
+    worst_r = _worst(summary, "r_hat", largest=True)
+    worst_bulk, worst_tail = (_worst(summary, column) for column in ("ess_bulk", "ess_tail"))
     divergences = int(statistics["diverging"].sum())
     saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
     bfmi = float(_bfmi(statistics["energy"].to_numpy()).min())
@@ -126,10 +121,10 @@ def verdict_in_words(diagnostics: dict[str, Any]) -> str:
     return f"Failed: {', '.join(failed)}. Do not use these numbers yet.{warning}"
 
 
-def _extreme(values: xr.Dataset, choose: Any) -> tuple[str, float]:
-    best = {str(name): float(choose(array.to_numpy())) for name, array in values.data_vars.items()}
-    name = (max if choose is np.nanmax else min)(best, key=lambda key: best[key])
-    return name, best[name]
+def _worst(summary: pd.DataFrame, column: str, *, largest: bool = False) -> tuple[str, float]:
+    values = summary[column].to_numpy(float)
+    row = int(np.nanargmax(values) if largest else np.nanargmin(values))
+    return str(summary["variable"].iloc[row]), float(values[row])
 
 
 def _bfmi(energy: np.ndarray) -> np.ndarray:

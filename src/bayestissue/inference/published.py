@@ -95,10 +95,11 @@ def analyse(
     exponents = {
         q: posterior[f"mass_exponent_{q}"].to_numpy() for q in RESPONSES if f"mass_exponent_{q}" in posterior
     }
+    summary = summarise(posterior)
     return PublishedAnalysis(
         tree,
-        summarise(posterior),
-        diagnose(tree),
+        summary,
+        diagnose(summary, tree["sample_stats"].dataset),
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         _comparison(observations, competing, specification, seed, say, room),
         _sensitivity(tree),

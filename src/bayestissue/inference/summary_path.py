@@ -23,7 +23,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
 from bayestissue.inference.chains import Start, run_chains
-from bayestissue.inference.compiling import compiled_quickly
+from bayestissue.inference.compiling import CHAINS, CORRECTION, Wait, at_once, compiled_quickly
 from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
@@ -65,10 +65,6 @@ class Correction:
         )
 
 
-def at_once(part: str) -> None:
-    """Wait for nothing."""
-
-
 def corrected_draws(
     prepared: Prepared,
     settings: Sampler,
@@ -76,7 +72,7 @@ def corrected_draws(
     *,
     say: Progress = silent,
     progress: Progress = silent,
-    wait: Callable[[str], None] = at_once,
+    wait: Wait = at_once,
 ) -> tuple[Summarised, Draws, Correction]:
     """Summaries, and draws made with them; where theta1 is free, of the better of two kinds if need be.
 
@@ -97,9 +93,9 @@ def _attempt(
     normal: bool | None,
     say: Progress,
     progress: Progress,
-    wait: Callable[[str], None],
+    wait: Wait,
 ) -> tuple[Summarised, Draws, Correction]:
-    summarised = summarise(prepared, normal=normal, say=say)
+    summarised = summarise(prepared, normal=normal, say=say, wait=wait)
     if prepared.model.kind == "arma" and summarised.profile is None:
         # What is compiled ahead is for a theta1 with a profile.
         wait = at_once
@@ -113,7 +109,7 @@ def summary_draws(
     seed: int,
     *,
     progress: Progress = silent,
-    wait: Callable[[str], None] = at_once,
+    wait: Wait = at_once,
 ) -> tuple[Draws, Correction]:
     """Draws of the same sites as `sampled_model` has, corrected to the same posterior.
 
@@ -123,7 +119,7 @@ def summary_draws(
     profile = summarised.profile
     # The record stays behind: the population asks only for the summaries.
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
-    wait("chains")
+    wait(CHAINS)
     found = run_chains(
         spreads_of(model),
         (data, summaries, profile, summarised.warp),
@@ -142,7 +138,7 @@ def summary_draws(
         z_b = z_b.at[:, -1].set(last if summarised.warp is None else summarised.warp(last))
     standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
-    wait("correction")
+    wait(CORRECTION)
     part = locations_of(
         model, data, summaries, {name: values[some] for name, values in raw.items()}, z_b[some]
     )

@@ -31,7 +31,7 @@ from bayestissue.hierarchy.traces import (
     with_normal_errors,
 )
 from bayestissue.hierarchy.warp import Warp
-from bayestissue.inference.compiling import compiled_quickly
+from bayestissue.inference.compiling import PROFILE, Wait, at_once, compiled_quickly
 from bayestissue.inference.mode import find_mode
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.sampling import Progress, silent
@@ -148,6 +148,7 @@ def summarise(
     normal: bool | None = None,
     refinements: int = REFINEMENTS,
     say: Progress = silent,
+    wait: Wait = at_once,
 ) -> Summarised:
     """Summaries of the traces, each made where the whole data set says that its parameters are.
 
@@ -162,6 +163,7 @@ def summarise(
             one that only whitens, as on the exact path, is better without: under a population whose spread
             has its mode next to 0, moments tell of a trace what is not there.
         say: told how many of these passes are done, and of how many.
+        wait: called before what may have been compiled ahead; see `bayestissue.inference.ahead`.
     """
     model, data = prepared.model, prepared.data
     start = first_guess(prepared)
@@ -190,6 +192,7 @@ def summarise(
         return Summarised(summaries, finder.spreads(summaries, mode).without(LAST), None)
     few = standard_points(start.shape[1], PROFILE_POINTS)
     sites = finder.constrained(mode)
+    wait(PROFILE)
     summaries, profile = profile_last(model, data, summaries, sites, jnp.asarray(few))
     finder.profile = profile
     mode = finder.mode(summaries, mode)
@@ -209,6 +212,8 @@ def _theta1_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
     return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
 
 
+# Of the last location at which its density is looked at.
+PLACES = 641
 _PROBABILITIES = np.linspace(0.01, 0.99, 50)
 
 
@@ -216,8 +221,8 @@ def _warp_of_mean(
     model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any], profile: Profile
 ) -> Warp:
     """The warp whose quantiles are nearest to those of the last location, the spreads given."""
-    z = jnp.linspace(-8.0, 8.0, 641)
-    density = np.asarray(_density_of_mean(model, data, summaries, sites, profile, z))
+    z = jnp.linspace(-8.0, 8.0, PLACES)
+    density = np.asarray(density_of_mean(model, data, summaries, sites, profile, z))
     below = np.cumsum(np.exp(density - density.max()))
     quantiles = np.interp(_PROBABILITIES, below / below[-1], np.asarray(z))
     normal = norm.ppf(_PROBABILITIES)
@@ -232,7 +237,7 @@ def _warp_of_mean(
 
 
 @compiled_quickly("model")
-def _density_of_mean(
+def density_of_mean(
     model: TraceModel,
     data: TraceData,
     summaries: Summaries,

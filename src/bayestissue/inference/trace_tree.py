@@ -10,33 +10,22 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpyro.infer import Predictive
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import (
-    TraceData,
-    TraceModel,
-    physical,
-    plain_model,
-    trace_distribution,
-)
+from bayestissue.inference.compiling import compiled_quickly
 from bayestissue.inference.element_draws import per_impact
 from bayestissue.inference.labels import labelled, labelled_statistics
 from bayestissue.inference.many_kept import some_impacts, some_of
 from bayestissue.inference.sampling import Draws
-from bayestissue.inference.trace_draws import Unfolded, named_sites, thinned
+from bayestissue.inference.trace_draws import Unfolded, named_sites
+from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, predicted, prior_draws, replicates
 from bayestissue.likelihood.deceleration import DecelerationRecord
-from bayestissue.likelihood.discrepancy import integrals
-from bayestissue.likelihood.element_impact import MeasuredImpact
-from bayestissue.likelihood.element_response import ElementRecord, motion
-from bayestissue.oscillator import impact_motion
+from bayestissue.likelihood.element_response import ElementRecord
 
 RESPONSES = derived.RESPONSES
-PREDICTIVE_DRAWS = 100
-PRIOR_DRAWS = 1000
 ERRORS = {
     "impact": ("velocity_error", "offset_error", "contact_time_error"),
     "element": ("velocity_error", "gain_error", "offset_error", "contact_time_error"),
@@ -73,7 +62,9 @@ def posterior_tree(
         )
     quantities = _quantities(whole, unfolded.sites, unfolded.impacts, rng)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
-    priors = specification.priors.log_densities({k: v for k, v in unfolded.sites.items() if k in quantities})
+    priors = compiled_quickly()(specification.priors.log_densities)(
+        {k: v for k, v in unfolded.sites.items() if k in quantities}
+    )
     log_likelihood = unfolded.log_likelihood
     groups = {
         "posterior": every(quantities),
@@ -139,62 +130,6 @@ def _error_names(prepared: Prepared) -> tuple[str, ...]:
     return ERRORS["impact" if isinstance(record, DecelerationRecord) else "displacement"]
 
 
-def predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, np.ndarray]:
-    """About a hundred replicates of every trace, as displacement and as deceleration."""
-    parameters = unfolded.impacts["parameters"]
-    if unfolded.kept is not None:
-        parameters = parameters[:, :, some_impacts(parameters.shape[2])].astype(float)
-    some = thinned({"u": parameters}, PREDICTIVE_DRAWS)["u"]
-    flat = jnp.asarray(some.reshape(-1, *some.shape[2:]))
-    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), len(flat))
-    made = replicates(prepared.model, prepared.data, flat, keys)
-    return {
-        name: np.asarray(v, np.float32).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()
-    }
-
-
-@partial(jax.jit, static_argnames="model")
-def replicates(model: TraceModel, data: TraceData, u: jax.Array, keys: jax.Array) -> dict[str, jax.Array]:
-    """A replicate of every trace for each draw of ``u``; see `_replicate`."""
-    return jax.lax.map(lambda part: _replicate(model, data, *part), (u, keys))
-
-
-def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array) -> dict[str, jax.Array]:
-    """One replicate of every trace, as displacement and as deceleration."""
-    columns = [u[:, a] for a in range(u.shape[1])]
-    distribution, record = trace_distribution(model, data, columns), data.record
-    if isinstance(distribution, MeasuredImpact):
-        return _element_replicate(distribution, key)
-    trace = distribution.sample(key)
-    inside = jnp.arange(trace.shape[1]) < record.n_samples[:, None]
-    time = record.first_time[:, None] + jnp.arange(trace.shape[1]) * record.dt[:, None]
-    at = physical(model, data, columns)
-    if isinstance(record, DecelerationRecord):
-        velocity = record.velocity[:, None]
-        x = impact_motion(time, at.omega_n[:, None], at.zeta[:, None], velocity).displacement
-        return {
-            "deceleration": jnp.where(inside, trace, jnp.nan),
-            "displacement": jnp.where(inside, x, jnp.nan),
-        }
-    bend = -jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
-    edges = jnp.pad(bend, ((0, 0), (1, 1)), constant_values=jnp.nan)
-    middle = jnp.arange(trace.shape[1]) < record.n_samples[:, None] - 1
-    return {
-        "displacement": jnp.where(inside, trace, jnp.nan),
-        "deceleration": jnp.where(middle, edges, jnp.nan),
-    }
-
-
-def _element_replicate(distribution: MeasuredImpact, key: jax.Array) -> dict[str, jax.Array]:
-    """The same of any element, whose discrepancy is part of both."""
-    record = distribution.record
-    trace, delta = distribution.sample_with_discrepancy(key)
-    own = motion(distribution.element, distribution.parameters, record, record.velocity)
-    x = own.x - integrals(delta, own.first_time, record.dt)[1]
-    found = {"deceleration": trace, "displacement": x}
-    return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
-
-
 def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
     signal = prepared.signal
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
@@ -225,34 +160,25 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
 
 def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Generator) -> dict[str, xr.Dataset]:
     model, data = prepared.model, prepared.data
-    shared = ["log_mass_error"] if model.mass_error == "subject" else []
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
-    bare = Predictive(
-        lambda: plain_model(model, data, conditioned=False),
-        num_samples=PRIOR_DRAWS,
-        return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance, *shared],
-    )
-    drawn = {name: np.asarray(values)[None] for name, values in bare(key).items()}
+    made, u, ratios = jax.device_get(prior_draws(model, data, key))
+    drawn = {name: values[None] for name, values in made.items()}
     sites = named_sites(prepared, {name: drawn[name] for name in model.spreads}, drawn["locations"])
-    u = np.concatenate([drawn["log_K_and_C"], *(drawn[name][..., None] for name in model.nuisance)], axis=-1)
-    at = physical(model, data, [jnp.asarray(u[..., a]) for a in range(u.shape[-1])])
-    if shared:
+    if "log_mass_error" in drawn:
         person = pd.Index(prepared.design.subjects).get_indexer(
             pd.Index(prepared.impacts["subject"].astype(str))
         )
         error = drawn["log_mass_error"][..., person]
     else:
-        error = model.log_mass_sd * rng.standard_normal(u.shape[:-1])
+        error = model.log_mass_sd * rng.standard_normal(u[None].shape[:-1])
     impacts = {
-        "K": np.exp(u[..., 0] + error),
-        "C": np.exp(u[..., 1] + error),
+        "K": np.exp(u[None, ..., 0] + error),
+        "C": np.exp(u[None, ..., 1] + error),
+        **{name: values[None] for name, values in ratios.items()},
     }
-    if not isinstance(data.record, ElementRecord):
-        impacts |= {"omega_n": np.asarray(at.omega_n), "zeta": np.asarray(at.zeta)}
-    some = jnp.asarray(u[0, :PREDICTIVE_DRAWS])
-    keys = jax.random.split(key, len(some))
-    made = replicates(model, data, some, keys)
+    some = jnp.asarray(u[:PREDICTIVE_DRAWS])
+    seen = replicates(model, data, some, jax.random.split(key, len(some)))
     return {
         "prior": put(_quantities(prepared, sites, impacts, rng)),
-        "prior_predictive": put({name: np.asarray(v, np.float32)[None] for name, v in made.items()}),
+        "prior_predictive": put({name: np.asarray(v, np.float32)[None] for name, v in seen.items()}),
     }

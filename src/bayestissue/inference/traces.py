@@ -16,7 +16,8 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.ahead import DRAWS, compiling_ahead
+from bayestissue.inference.ahead import compiling_ahead
+from bayestissue.inference.compiling import DRAWS, PREDICTIONS, Wait, at_once
 from bayestissue.inference.diagnostics import diagnose
 from bayestissue.inference.exact_path import exact_draws
 from bayestissue.inference.interval_sources import interval_sources
@@ -88,8 +89,7 @@ def fit_traces(
         )
         if path == "automatic" and not correction.trusted:
             return _exactly(prepared, specification, seed, say, checkpoints)
-        wait(DRAWS)
-        return label(prepared, specification, summarised.summaries, draws, seed, say, correction)
+        return label(prepared, specification, summarised.summaries, draws, seed, say, correction, wait)
 
 
 def _exactly(
@@ -115,10 +115,13 @@ def label(
     seed: int,
     say: Say,
     correction: Correction | None = None,
+    wait: Wait = at_once,
 ) -> TraceAnalysis:
     """Everything that follows from the draws."""
     say("predicting", 0, 1)
+    wait(DRAWS)
     unfolded = of_secant(prepared, unfold(prepared, summaries, draws, jax.random.PRNGKey(seed)))
+    wait(PREDICTIONS)
     return analyse(prepared, specification, unfolded, draws, seed, say, correction)
 
 
@@ -140,10 +143,12 @@ def analyse(
         if f"mass_exponent_{q}" in posterior
     }
     say("checking and scoring", 0, 1)
-    diagnostics = diagnose(_of_chains(tree), () if correction is None else (correction.check(),))
+    summary = summary_table(posterior)
+    further = () if correction is None else (correction.check(),)
+    diagnostics = diagnose(summary, tree["sample_stats"].dataset, further)
     return TraceAnalysis(
         tree,
-        summary_table(posterior),
+        summary,
         diagnostics | _form(prepared, tree),
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         cross_validation(tree),
@@ -157,9 +162,3 @@ def _form(prepared: Prepared, tree: xr.DataTree) -> dict[str, Any]:
     if prepared.model.kind != "impact":
         return {}
     return {"model_form": model_form(tree, "deceleration")}
-
-
-def _of_chains(tree: xr.DataTree) -> xr.DataTree:
-    """Without what is drawn afresh for each kept draw, which no chain has made."""
-    posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
-    return xr.DataTree.from_dict({"posterior": posterior, "sample_stats": tree["sample_stats"].dataset})
