@@ -16,9 +16,8 @@ from bayestissue.inference.compiling import at_once
 from bayestissue.resources import shared
 
 EXAMPLE = shared("data", "published").parent / "example"
-# Two of a chain, four of the correction, one that maps draws back, two of the predictions; where theta1 is
-# free, two of its profile.
-FUNCTIONS = {"arma": 11, "a2": 9, "impact": 9}
+# Two of a chain, four of the correction, one that maps draws back, two of the predictions.
+FUNCTIONS = 9
 FIT = """
 import sys
 from collections import Counter
@@ -48,22 +47,22 @@ def test_without_a_folder_nothing_is_compiled_ahead(monkeypatch: pytest.MonkeyPa
 
 
 @pytest.mark.long
-@pytest.mark.parametrize(("model", "functions"), FUNCTIONS.items())
+@pytest.mark.parametrize("model", ["arma", "a2", "impact"])
 def test_what_was_compiled_ahead_is_what_the_fit_asks_for(
-    model: str, functions: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    model: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("JAX_COMPILATION_CACHE_DIR", str(tmp_path / "compiled"))
     made = subprocess.run(  # noqa: S603 - our own program
         [sys.executable, "-c", FIT, model, str(EXAMPLE)], capture_output=True, text=True, check=True
     )
-    assert int(made.stdout) >= functions
+    assert int(made.stdout) >= FUNCTIONS
 
 
-@pytest.mark.parametrize(("model", "functions"), FUNCTIONS.items())
-def test_every_part_can_be_made_from_shapes_alone(model: str, functions: int) -> None:
+@pytest.mark.parametrize("model", ["arma", "a2", "impact"])
+def test_every_part_can_be_made_from_shapes_alone(model: str) -> None:
     """A worker's error costs time only, and nobody would hear of it."""
     specification, source = resolve(model)
     prepared = prepare(read_dataset(EXAMPLE), specification, source=source)
     arguments = ahead.arguments_of(prepared, specification.sampler)
     made = [lowered for part in ahead.PARTS for lowered in ahead.lowered_functions(part, *arguments)]
-    assert len(made) == functions
+    assert len(made) == FUNCTIONS

@@ -8,6 +8,7 @@ whitening power depends on them, and the ratio of likelihood to summary puts thi
 
 from __future__ import annotations
 
+import itertools
 from typing import NamedTuple
 
 import jax
@@ -76,6 +77,11 @@ class ImpactParts(NamedTuple):
     pull: list[Array]
     constant: Array
 
+    def prior_times(self, away: list[Array]) -> list[Array]:
+        """D times a vector; only the first two parameters, log K and log C, are coupled."""
+        pair = [small.dot(row[:2], away[:2]) for row in self.prior[:2]]
+        return [*pair, *(self.prior[a][a] * away[a] for a in range(2, len(away)))]
+
 
 def condition(
     design: PopulationDesign,
@@ -99,15 +105,12 @@ def condition(
     weighted = small.times(impacts.weight, away)
     toward = [impacts.pull[a] - weighted[a] for a in range(size)]
     constant = log_evidence_of(impacts, summaries, prior_mean)
-    precision = jnp.block(
-        [
-            [
-                design.columns[a].T @ (_cells(design, impacts.weight[a][b])[:, None] * design.columns[b])
-                for b in range(size)
-            ]
-            for a in range(size)
-        ]
-    )
+    blocks: list[list[Array]] = [[prior_mean[0]] * size for _ in range(size)]
+    for a, b in itertools.combinations_with_replacement(range(size), 2):
+        weighted_columns = _cells(design, impacts.weight[a][b])[:, None] * design.columns[b]
+        blocks[a][b] = jnp.asarray(design.columns[a].T @ weighted_columns)
+        blocks[b][a] = blocks[a][b].T
+    precision = jnp.block(blocks)
     precision = precision + spread.precision_matrix()
     right = jnp.concatenate([design.columns[a].T @ _cells(design, toward[a]) for a in range(size)])
     factor = jnp.linalg.cholesky(precision)
@@ -143,7 +146,7 @@ def impact_values(
     """The same from the impacts' parts alone."""
     size = len(about)
     away = [about[a] - summaries.centre[:, a] for a in range(size)]
-    pulled = small.times(parts.prior, away)
+    pulled = parts.prior_times(away)
     right = [summaries.slope[:, a] + pulled[a] for a in range(size)]
     half = small.forward_solve(parts.factor, right)
     whole = small.backward_solve(parts.factor, [half[a] + standard[:, a] for a in range(size)])
@@ -184,13 +187,17 @@ def impact_parts(spread: Spread, summaries: Summaries) -> ImpactParts:
     factor = small.cholesky([[own[a][b] + prior[a][b] for b in range(size)] for a in range(size)])
     # Columns of L^-1 D and L^-1 P: W = (L^-1 D)' (L^-1 P), which equals D - D V D but stays exact where a
     # spread is so small that D dwarfs P, and where P has nothing to say.
-    columns, told = (
-        [small.forward_solve(factor, [entry + zeros for entry in column]) for column in matrix]
-        for matrix in (prior, own)
-    )
+    firsts = [0 if a < 2 else a for a in range(size)]
+    columns = [
+        small.forward_solve(factor, [entry + zeros for entry in prior[a][first:]], first)
+        for a, first in enumerate(firsts)
+    ]
+    told = [small.forward_solve(factor, column) for column in own]
     slope = small.forward_solve(factor, [summaries.slope[:, a] for a in range(size)])
-    weight = [[small.dot(columns[a], told[b]) for b in range(size)] for a in range(size)]
-    pull = [small.dot(columns[a], slope) for a in range(size)]
+    weight: list[list[Array]] = [[zero] * size for _ in range(size)]
+    for b, a in itertools.combinations_with_replacement(range(size), 2):
+        weight[a][b] = weight[b][a] = small.dot(columns[a], told[b][firsts[a] :])
+    pull = [small.dot(columns[a], slope[first:]) for a, first in enumerate(firsts)]
     constant = (
         summaries.log_likelihood
         + log_prior

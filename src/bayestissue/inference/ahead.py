@@ -26,13 +26,13 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.hierarchy.warp import Warp
 from bayestissue.inference import summary_path, trace_draws, trace_start
 from bayestissue.inference.chains import Start, lowered_chain
-from bayestissue.inference.compiling import CHAINS, CORRECTION, DRAWS, PREDICTIONS, PROFILE, Wait, at_once
+from bayestissue.inference.compiling import CHAINS, CORRECTION, DRAWS, PREDICTIONS, Wait, at_once
 from bayestissue.inference.ratios import compare_over
-from bayestissue.inference.trace_correction import POINTS, Profile, flat_profile, profile_last
+from bayestissue.inference.trace_correction import POINTS, Profile, flat_profile
 from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, prior_draws, replicates
 
 # In the order in which a fit asks for them.
-PARTS = (PROFILE, CHAINS, CORRECTION, DRAWS, PREDICTIONS)
+PARTS = (CHAINS, CORRECTION, DRAWS, PREDICTIONS)
 
 
 @contextmanager
@@ -119,13 +119,7 @@ def lowered_functions(
     z_b = real((number, model.locations.size))
     bare = data._replace(record=None)  # type: ignore[arg-type]
     keys = jax.eval_shape(lambda: jax.random.split(jax.random.PRNGKey(0), number))
-    if what == PROFILE and profile is not None:
-        sites = {name: real(()) for name in model.spreads}
-        few = real((trace_start.PROFILE_POINTS, size))
-        yield profile_last.lower(model, data, summaries, sites, few)
-        grid = real((trace_start.PLACES,))
-        yield trace_start.density_of_mean.lower(model, bare, summaries, sites, profile, grid)
-    elif what == CHAINS:
+    if what == CHAINS:
         names = sorted([*model.spreads, *([trace_start.LAST] if profile is not None else [])])
         start = Start({name: np.zeros(()) for name in names}, tuple(names), np.eye(len(names)))
         warp = None if profile is None else Warp._make(real(()) for _ in Warp._fields)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import wait
+from concurrent.futures import wait as wait_for
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -55,6 +55,7 @@ def run_chains(
     progress: Progress = silent,
     checkpoints: Path | None = None,
     processes: bool = True,
+    wait: Callable[[], None] | None = None,
 ) -> Draws:
     """Draw from the posterior of a numpyro ``model``; sites come back unconstrained, [chain, draw, ...].
 
@@ -71,6 +72,7 @@ def run_chains(
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
         processes: false runs one chain after the other in this process.
+        wait: called in this process before anything is compiled.
     """
     job = _Job(model, arguments, start, settings, seed)
     total = settings.chains * (settings.warmup + settings.draws)
@@ -80,6 +82,10 @@ def run_chains(
     elif runtime.cores() == 1 or not processes:
         parts, done = [], 0
         chains = _Chains(job)
+        if wait is not None:
+            # What can be made ready for the compiler meanwhile need not be done afterwards.
+            list(chains.lowered(_key_shape()))
+            wait()
         for number in range(settings.chains):
             parts.append(chains.run([number], checkpoints, partial(_tell, progress, done, total)))
             done += total // settings.chains
@@ -94,7 +100,11 @@ def lowered_chain(
 ) -> Iterator[Any]:
     """What one chain of `run_chains` needs, ready for the compiler: ``arguments`` may be mere shapes."""
     chains = _Chains(_Job(model, arguments, start, settings, 0))
-    return chains.lowered(jax.eval_shape(lambda: jax.random.PRNGKey(0)[None]))
+    return chains.lowered(_key_shape())
+
+
+def _key_shape() -> Any:
+    return jax.eval_shape(lambda: jax.random.PRNGKey(0)[None])
 
 
 def _tell(progress: Progress, before: int, total: int, done: int) -> None:
@@ -138,7 +148,7 @@ def _in_processes(
             futures = [
                 pool.submit(_worker, job, number, checkpoints, counts[number]) for number in range(chains)
             ]
-            while wait(futures, timeout=0.5).not_done:
+            while wait_for(futures, timeout=0.5).not_done:
                 progress(sum(int(count.read_text() or 0) for count in counts if count.is_file()), total)
                 if any(future.done() and future.exception() for future in futures):
                     break

@@ -8,7 +8,7 @@ from typing import Any
 import jax
 
 # The parts of a fit whose functions another process may compile ahead; see `bayestissue.inference.ahead`.
-PROFILE, CHAINS, CORRECTION, DRAWS, PREDICTIONS = "profile", "chains", "correction", "draws", "predictions"
+CHAINS, CORRECTION, DRAWS, PREDICTIONS = "chains", "correction", "draws", "predictions"
 Wait = Callable[[str], None]
 
 

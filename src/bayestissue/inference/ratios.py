@@ -202,7 +202,7 @@ def _conditional(
     own, size = small.entries(summaries.precision), len(order)
     factor = small.cholesky([[own[a][b] + parts.prior[a][b] for b in order] for a in order])
     away = [about[a] - summaries.centre[:, a] for a in range(size)]
-    pulled = [small.dot(parts.prior[a][:size], away) for a in range(size)]
+    pulled = parts.prior_times(away)
     shift = small.forward_solve(factor, [summaries.slope[:, a] + pulled[a] for a in order])
     zero = jnp.zeros_like(shift[0])
     lower = [[factor[a][b] + zero if b <= a else zero for b in range(size)] for a in range(size)]

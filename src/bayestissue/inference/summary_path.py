@@ -95,7 +95,7 @@ def _attempt(
     progress: Progress,
     wait: Wait,
 ) -> tuple[Summarised, Draws, Correction]:
-    summarised = summarise(prepared, normal=normal, say=say, wait=wait)
+    summarised = summarise(prepared, normal=normal, say=say)
     if prepared.model.kind == "arma" and summarised.profile is None:
         # What is compiled ahead is for a theta1 with a profile.
         wait = at_once
@@ -119,7 +119,6 @@ def summary_draws(
     profile = summarised.profile
     # The record stays behind: the population asks only for the summaries.
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
-    wait(CHAINS)
     found = run_chains(
         spreads_of(model),
         (data, summaries, profile, summarised.warp),
@@ -128,6 +127,7 @@ def summary_draws(
         seed,
         progress=progress,
         processes=False,
+        wait=partial(wait, CHAINS),
     )
     shape = (settings.chains, settings.draws)
     raw = {name: jnp.asarray(values.reshape(-1)) for name, values in found.sites.items()}

@@ -18,6 +18,7 @@ from jaxtyping import Float
 from scipy.stats import norm, qmc
 
 from bayestissue.hierarchy.conditional import (
+    Conditional,
     ImpactParts,
     Summaries,
     condition,
@@ -30,6 +31,31 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, 
 from bayestissue.inference.compiling import compiled_quickly
 
 POINTS = 64
+
+
+class Expectation(NamedTuple):
+    """Where the population puts each impact's parameters, its spreads and all summaries given.
+
+    Attributes:
+        spread: the population's spreads.
+        conditional: of b and of each impact, given them.
+        about: X b where b has its conditional mean.
+    """
+
+    spread: Spread
+    conditional: Conditional
+    about: list[Float[Array, " impact"]]
+
+
+# Compiled once for the several passes that ask for it: it is the larger part of most of them.
+@compiled_quickly("model")
+def expectation(
+    model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any]
+) -> Expectation:
+    """The normal conditionals of `bayestissue.hierarchy.conditional` at one value of the spreads."""
+    spread = population(model, sites)
+    conditional = condition(data.design, spread, data.location_mean, summaries)
+    return Expectation(spread, conditional, expected(data.design, conditional.mean))
 
 
 class Points(NamedTuple):
@@ -56,14 +82,12 @@ def compare(
     model: TraceModel,
     data: TraceData,
     summaries: Summaries,
-    sites: dict[str, Any],
+    parts: ImpactParts,
+    about: list[Array],
     standard: Float[Array, "point parameter"],
 ) -> Points:
-    """Compare where the population with these spreads, and the summaries, put each impact's parameters."""
-    spread = population(model, sites)
-    conditional = condition(data.design, spread, data.location_mean, summaries)
-    about = expected(data.design, conditional.mean)
-    return compare_about(model, data, summaries, conditional.parts, about, standard)
+    """Compare where the population, with X b as given, and the summaries put each impact's parameters."""
+    return compare_about(model, data, summaries, parts, about, standard)
 
 
 def compare_about(
@@ -74,7 +98,7 @@ def compare_about(
     about: list[Array],
     standard: Float[Array, "point parameter"],
 ) -> Points:
-    """`compare` for given X b and impacts' parts."""
+    """`compare`, to be called from within a compiled function."""
     count = summaries.centre.shape[0]
 
     def one(z: Array) -> tuple[Array, Array]:
@@ -86,25 +110,23 @@ def compare_about(
     return Points(u, log_ratio)
 
 
-@compiled_quickly("model")
+@compiled_quickly()
 def refine(
-    model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any], points: Points
+    spread: Spread, summaries: Summaries, parts: ImpactParts, about: list[Array], points: Points
 ) -> Summaries:
     """Summaries whose product with the population's expectation has the mean and covariance of the truth.
 
     One step of expectation propagation (Minka 2001), the moments taken over the compared points; where a
     moment leaves no positive precision to the trace, its old summary stays.
     """
-    spread = population(model, sites)
-    conditional = condition(data.design, spread, data.location_mean, summaries)
-    return refine_about(spread, summaries, conditional.parts, expected(data.design, conditional.mean), points)
+    return refine_about(spread, summaries, parts, about, points)
 
 
 def refine_about(
-    spread: Spread, summaries: Summaries, parts: ImpactParts, expectation: list[Array], points: Points
+    spread: Spread, summaries: Summaries, parts: ImpactParts, columns: list[Array], points: Points
 ) -> Summaries:
-    """`refine` for given X b and impacts' parts."""
-    about = jnp.stack(expectation, axis=-1)
+    """`refine`, to be called from within a compiled function."""
+    about = jnp.stack(columns, axis=-1)
     weight = jax.nn.softmax(points.log_ratio, axis=0)
     mean = jnp.einsum("pi,pia->ia", weight, points.u)
     away = points.u - mean
@@ -186,15 +208,13 @@ _HERMITE_POINTS, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
 def profile_last(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
-    sites: dict[str, Any],
+    cleared: Summaries,
+    parts: ImpactParts,
+    about: list[Array],
     standard: Float[Array, "point parameter"],
-) -> tuple[Summaries, Profile]:
-    """Tabulate the last parameter's likelihood, and clear the summaries of it."""
-    cleared, spread = cleared_of_last(summaries), population(model, sites)
-    conditional = condition(data.design, spread, data.location_mean, cleared)
-    about = expected(data.design, conditional.mean)
-    return cleared, profile_about(model, data, cleared, conditional.parts, about, standard)
+) -> Profile:
+    """Tabulate the last parameter's likelihood, of which the summaries are cleared."""
+    return profile_about(model, data, cleared, parts, about, standard)
 
 
 def cleared_of_last(summaries: Summaries) -> Summaries:
@@ -212,7 +232,7 @@ def profile_about(
     about: list[Array],
     standard: Float[Array, "point parameter"],
 ) -> Profile:
-    """The table of `profile_last` for given X b and impacts' parts."""
+    """`profile_last`, to be called from within a compiled function."""
     count, last = cleared.centre.shape[0], cleared.centre.shape[1] - 1
 
     def one(value: Array) -> Array:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -20,7 +19,6 @@ from scipy.stats import norm
 
 from bayestissue.elements import element
 from bayestissue.hierarchy.conditional import Summaries, condition
-from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
@@ -31,13 +29,16 @@ from bayestissue.hierarchy.traces import (
     with_normal_errors,
 )
 from bayestissue.hierarchy.warp import Warp
-from bayestissue.inference.compiling import PROFILE, Wait, at_once, compiled_quickly
+from bayestissue.inference.compiling import compiled_quickly
 from bayestissue.inference.mode import find_mode
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_correction import (
+    Expectation,
     Profile,
+    cleared_of_last,
     compare,
+    expectation,
     flat_profile,
     profile_last,
     refine,
@@ -148,7 +149,6 @@ def summarise(
     normal: bool | None = None,
     refinements: int = REFINEMENTS,
     say: Progress = silent,
-    wait: Wait = at_once,
 ) -> Summarised:
     """Summaries of the traces, each made where the whole data set says that its parameters are.
 
@@ -163,7 +163,6 @@ def summarise(
             one that only whitens, as on the exact path, is better without: under a population whose spread
             has its mode next to 0, moments tell of a trace what is not there.
         say: told how many of these passes are done, and of how many.
-        wait: called before what may have been compiled ahead; see `bayestissue.inference.ahead`.
     """
     model, data = prepared.model, prepared.data
     start = first_guess(prepared)
@@ -175,15 +174,15 @@ def summarise(
     profile = flat_profile(len(start)) if model.kind == "arma" else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
-    anchor = _anchor(model, data, summaries, finder.constrained(mode))
+    anchor = _anchor(finder.expectation(summaries, mode))
     summaries = summarise_traces(model, smooth, summaries.centre, anchor)
     say(2, passes)
     standard = jnp.asarray(standard_points(start.shape[1]))
     for number in range(refinements):
         mode = finder.mode(summaries, mode)
-        sites = finder.constrained(mode)
-        points = compare(model, data, summaries, sites, standard)
-        summaries = refine(model, data, summaries, sites, points)
+        spread, conditional, about = finder.expectation(summaries, mode)
+        points = compare(model, data, summaries, conditional.parts, about, standard)
+        summaries = refine(spread, summaries, conditional.parts, about, points)
         say(3 + number, passes)
     mode = finder.mode(summaries, mode)
     if model.kind != "arma":
@@ -191,15 +190,14 @@ def summarise(
     if _theta1_is_normal(prepared, summaries) if normal is None else normal:
         return Summarised(summaries, finder.spreads(summaries, mode).without(LAST), None)
     few = standard_points(start.shape[1], PROFILE_POINTS)
-    sites = finder.constrained(mode)
-    wait(PROFILE)
-    summaries, profile = profile_last(model, data, summaries, sites, jnp.asarray(few))
+    summaries = cleared_of_last(summaries)
+    found = finder.expectation(summaries, mode)
+    profile = profile_last(model, data, summaries, found.conditional.parts, found.about, jnp.asarray(few))
     finder.profile = profile
     mode = finder.mode(summaries, mode)
     spreads = finder.spreads(summaries, mode)
-    sites = finder.constrained(mode)
     return Summarised(
-        summaries, spreads, profile, _warp_of_mean(model, finder.data, summaries, sites, profile)
+        summaries, spreads, profile, _warp_of_mean(finder.expectation(summaries, mode), profile)
     )
 
 
@@ -212,17 +210,16 @@ def _theta1_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
     return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
 
 
-# Of the last location at which its density is looked at.
-PLACES = 641
+# Of the last location's standard normal, at which its density is looked at.
+_PLACES = np.linspace(-8.0, 8.0, 641)
 _PROBABILITIES = np.linspace(0.01, 0.99, 50)
 
 
-def _warp_of_mean(
-    model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any], profile: Profile
-) -> Warp:
+def _warp_of_mean(found: Expectation, profile: Profile) -> Warp:
     """The warp whose quantiles are nearest to those of the last location, the spreads given."""
-    z = jnp.linspace(-8.0, 8.0, PLACES)
-    density = np.asarray(density_of_mean(model, data, summaries, sites, profile, z))
+    z = jnp.asarray(_PLACES)
+    conditional, sd = found.conditional, found.spread.nuisance[-1]
+    density = np.asarray(_density_of_mean(conditional.mean[-1], conditional.factor[-1, -1], sd, profile, z))
     below = np.cumsum(np.exp(density - density.max()))
     quantiles = np.interp(_PROBABILITIES, below / below[-1], np.asarray(z))
     normal = norm.ppf(_PROBABILITIES)
@@ -236,22 +233,14 @@ def _warp_of_mean(
     return Warp(*(jnp.asarray(value) for value in (location, np.exp(log_scale), skew)))
 
 
-@compiled_quickly("model")
-def density_of_mean(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Summaries,
-    sites: dict[str, Any],
-    profile: Profile,
-    z: Float[Array, " point"],
+@compiled_quickly()
+def _density_of_mean(
+    mean: Array, root_precision: Array, sd: Array, profile: Profile, z: Float[Array, " point"]
 ) -> Float[Array, " point"]:
     """Log density of the last location's standard normal, up to a constant."""
-    spread = population(model, sites)
-    found = condition(data.design, spread, data.location_mean, summaries)
 
     def one(value: Array) -> Array:
-        mean = found.mean[-1] + value / found.factor[-1, -1]
-        return profile.log_evidence(mean, spread.nuisance[-1]).sum() - value**2 / 2
+        return profile.log_evidence(mean + value / root_precision, sd).sum() - value**2 / 2
 
     return jax.lax.map(one, z)
 
@@ -291,8 +280,9 @@ class _SpreadsFinder:
     def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
         return find_mode(self._model, self._names, lambda flat: self._at(flat, summaries), start)
 
-    def constrained(self, flat: np.ndarray) -> dict[str, Array]:
-        return constrained(self._model, dict(zip(self._names, jnp.asarray(flat), strict=True)))
+    def expectation(self, summaries: Summaries, flat: np.ndarray) -> Expectation:
+        sites = constrained(self._model, dict(zip(self._names, jnp.asarray(flat), strict=True)))
+        return expectation(self._model, self.data, summaries, sites)
 
     def spreads(self, summaries: Summaries, flat: np.ndarray) -> Spreads:
         steps = _STEP * np.eye(len(flat))
@@ -304,13 +294,7 @@ class _SpreadsFinder:
         return Spreads(values, covariance)
 
 
-@compiled_quickly("model")
-def _anchor(model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any]) -> Anchor:
-    spread = population(model, sites)
-    conditional = condition(data.design, spread, data.location_mean, summaries)
-    about = expected(data.design, conditional.mean)
-    size = len(about)
-    prior = conditional.parts.prior
-    precision = jnp.stack([jnp.stack([jnp.asarray(prior[a][b]) for b in range(size)]) for a in range(size)])
-    mean = jnp.stack(about, axis=1)
-    return Anchor(mean, jnp.broadcast_to(precision, (*mean.shape, size)))
+def _anchor(found: Expectation) -> Anchor:
+    precision = np.array(jax.device_get(found.conditional.parts.prior))
+    mean = np.stack(jax.device_get(found.about), axis=1)
+    return Anchor(jnp.asarray(mean), jnp.asarray(np.broadcast_to(precision, (*mean.shape, len(precision)))))

@@ -29,11 +29,12 @@ def cholesky(matrix: Matrix) -> list[list[Array]]:
     return factor
 
 
-def forward_solve(factor: Matrix, right: Vector) -> list[Array]:
-    """L^-1 right."""
+def forward_solve(factor: Matrix, right: Vector, first: int = 0) -> list[Array]:
+    """L^-1 right, from entry ``first`` on, before which ``right`` is zero and has no entries."""
     solved: list[Array] = []
     for i in range(len(right)):
-        solved.append((right[i] - _dot(factor[i], solved, i)) / factor[i][i])
+        row = factor[first + i]
+        solved.append((right[i] - _dot(row[first:], solved, i)) / row[first + i])
     return solved
 
 
@@ -74,7 +75,9 @@ def dot(left: Vector, right: Vector) -> Array:
 
 
 def _dot(left: Vector, right: Vector, count: int) -> Array:
-    total = jnp.asarray(0.0)
-    for k in range(count):
+    if not count:
+        return jnp.zeros(())
+    total = left[0] * right[0]
+    for k in range(1, count):
         total = total + left[k] * right[k]
     return total
