@@ -33,7 +33,7 @@ TABLE = ROOT / "benchmarks" / "fit_time.csv"
 EXAMPLE = ROOT / "data" / "example"
 TISSUES = ("example", "own")
 # Beyond this the answer is known, and how much later it would come is not asked.
-MOST_S = 1800
+MOST_S = 900
 
 
 def campaign_of(name: str) -> Simulation:

@@ -99,6 +99,16 @@ class TraceModel:
         return nuisance_of(self.kind, self.element, **beside)
 
     @property
+    def last_may_be_open(self) -> bool:
+        """Whether traces may leave an impact's last parameter open on one side.
+
+        They do so of a theta1 near -1, and of an element's further parameter where the tissue is as good as
+        a spring and damper side by side: no finite value of it is then needed.
+        """
+        extra = [f"log_{parameter.name}" for parameter in element_named(self.element).extra]
+        return self.nuisance[-1] in {"atanh_theta1", *extra}
+
+    @property
     def spreads(self) -> tuple[str, ...]:
         """Names of the standard deviations and correlations: all that is sampled but standard normals."""
         groups = sorted({name for name in self.locations.spread if name})
@@ -146,18 +156,21 @@ def element_parameters(
 ) -> Float[Array, "parameter impact"]:
     """K, C, the element's further parameters and, where its force does not jump, the contact's lead [s]."""
     which = element_named(model.element)
-    own = 1 + len(which.parameters)
-    logs = jnp.exp(jnp.stack([u[0], u[1], *u[3:own]]))
-    return logs if which.jumps else jnp.concatenate([logs, u[own][None] * data.record.dt])
+    first = 3 + (not which.jumps)
+    logs = jnp.exp(jnp.stack([u[0], u[1], *u[first : first + len(which.extra)]]))
+    return logs if which.jumps else jnp.concatenate([logs, u[3][None] * data.record.dt])
 
 
 def nuisance_of(
     kind: Kind, element: str, *, discrepancy: bool = False, autoregressive: bool = False
 ) -> tuple[str, ...]:
-    """Names of an impact's parameters besides log K and log C, a discrepancy's or a correlation's last."""
+    """Names of an impact's parameters besides log K and log C, a discrepancy's or a correlation's last.
+
+    Without these two an element's further parameter is the last: see `TraceModel.last_may_be_open`.
+    """
     which = element_named(element)
-    own = [f"log_{parameter.name}" for parameter in which.extra]
-    own += ["contact"] * (not which.jumps)
+    own = ["contact"] * (not which.jumps)
+    own += [f"log_{parameter.name}" for parameter in which.extra]
     last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
     return (*NUISANCE[kind], *own, *last)
 

@@ -74,13 +74,13 @@ def corrected_draws(
     progress: Progress = silent,
     wait: Wait = at_once,
 ) -> tuple[Summarised, Draws, Correction]:
-    """Summaries, and draws made with them; where theta1 is free, of the better of two kinds if need be.
+    """Summaries, and draws made with them; of the better of two kinds if need be.
 
-    Whether theta1 passes for normal is judged before the chains; where the correction then can't be
-    trusted, the other kind of summary may still be right.
+    Whether a last parameter that may be open passes for normal is judged before the chains; where the
+    correction then can't be trusted, the other kind of summary may still be right.
     """
     made = [_attempt(prepared, settings, seed, None, say, progress, wait)]
-    if prepared.model.kind == "arma" and not made[0][2].trusted:
+    if prepared.model.last_may_be_open and not made[0][2].trusted:
         other = made[0][0].profile is not None
         made.append(_attempt(prepared, settings, seed, other, say, progress, wait))
     return min(made, key=lambda attempt: np.nan_to_num(attempt[2].pareto_k, nan=np.inf))
@@ -96,8 +96,8 @@ def _attempt(
     wait: Wait,
 ) -> tuple[Summarised, Draws, Correction]:
     summarised = summarise(prepared, normal=normal, say=say)
-    if prepared.model.kind == "arma" and summarised.profile is None:
-        # What is compiled ahead is for a theta1 with a profile.
+    if (summarised.profile is not None) != (prepared.model.kind == "arma"):
+        # What is compiled ahead is for a theta1 with a profile, and for elements without.
         wait = at_once
     return summarised, *summary_draws(prepared, summarised, settings, seed, progress=progress, wait=wait)
 

@@ -50,7 +50,7 @@ REFINEMENTS = 2
 # A profile integrates the other parameters over so many points: few where impacts are many.
 PROFILE_POINTS, FEW = 32, 4
 LAST = "standard_last"
-# Of artanh theta1, the standard deviation up to which its likelihood passes for a normal.
+# Of artanh theta1 or a log, the standard deviation up to which its likelihood passes for a normal.
 _WELL_TOLD = 0.3
 _NEAREST = 0.99
 _STEP = 1e-4
@@ -109,8 +109,8 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     which = element(prepared.model.element)
     own = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
     columns = [*(np.log(np.asarray(each)) for each in own), _noise(prepared, fit)]
-    columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     columns += [np.ones(len(stiffness))] * (not which.jumps)
+    columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     correlation = prepared.model.priors.atanh_noise_correlation.mean
     columns += [np.full(len(stiffness), correlation)] * prepared.model.autoregressive
@@ -157,7 +157,7 @@ def summarise(
 
     Args:
         prepared: model and data.
-        normal: whether theta1 is part of the normal summaries, where the model leaves it free, or has a
+        normal: whether a last parameter that traces may leave open is part of the normal summaries, or has a
             profile of its own; as the traces suggest, unless given.
         refinements: how often moments replace the expansions. They make a summary that stands for its trace;
             one that only whitens, as on the exact path, is better without: under a population whose spread
@@ -171,7 +171,7 @@ def summarise(
     smooth = with_normal_errors(data)
     summaries = summarise_traces(model, smooth, jnp.asarray(start), loose_anchor(start))
     say(1, passes)
-    profile = flat_profile(len(start)) if model.kind == "arma" else None
+    profile = flat_profile(len(start)) if model.last_may_be_open else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
     anchor = _anchor(finder.expectation(summaries, mode))
@@ -185,9 +185,9 @@ def summarise(
         summaries = refine(spread, summaries, conditional.parts, about, points)
         say(3 + number, passes)
     mode = finder.mode(summaries, mode)
-    if model.kind != "arma":
+    if not model.last_may_be_open:
         return Summarised(summaries, finder.spreads(summaries, mode), None)
-    if _theta1_is_normal(prepared, summaries) if normal is None else normal:
+    if _last_is_normal(prepared, summaries) if normal is None else normal:
         return Summarised(summaries, finder.spreads(summaries, mode).without(LAST), None)
     few = standard_points(start.shape[1], PROFILE_POINTS)
     summaries = cleared_of_last(summaries)
@@ -201,11 +201,15 @@ def summarise(
     )
 
 
-def _theta1_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
-    """Whether the traces tell theta1 well enough for its likelihood to be normal in artanh theta1.
+def _last_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
+    """Whether the traces tell the last parameter well enough for its likelihood to be normal.
 
-    N samples tell theta1 to ((1 - theta1^2) / N)^1/2, and so artanh theta1 to cosh(artanh theta1) / N^1/2.
+    N samples tell theta1 to ((1 - theta1^2) / N)^1/2, and so artanh theta1 to cosh(artanh theta1) / N^1/2;
+    an element's further parameter as well as the summaries say.
     """
+    if prepared.model.kind != "arma":
+        covariance = np.linalg.inv(np.asarray(summaries.precision))
+        return bool(np.sqrt(np.median(covariance[:, -1, -1])) < _WELL_TOLD)
     middle = np.median(np.asarray(summaries.centre)[:, -1])
     return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
 

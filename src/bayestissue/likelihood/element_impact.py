@@ -30,6 +30,8 @@ from bayestissue.likelihood.linear_errors import (
     prior_errors,
 )
 
+# A response this many times the trace is no impact; the products would keep seven digits.
+_GREATEST = 1e4
 # Among the chain's errors.
 _OFFSET = 2
 
@@ -59,7 +61,11 @@ def _products(found: Response, noise: _Noise, value: Array, record: ElementRecor
 
 def _log_density(found: Response, noise: _Noise, value: Array, record: ElementRecord) -> Array:
     products = _products(found, noise, value, record)
-    return marginal_log_likelihood(products, noise.log_sigma, _error_sd(noise, record), record.uniform)
+    density = marginal_log_likelihood(products, noise.log_sigma, _error_sd(noise, record), record.uniform)
+    # Parameters far from anything seen may send a response beyond all bounds, where the products' digits are
+    # lost and a density would be anything.
+    greatest = _GREATEST * jnp.abs(record.d).max(-1)
+    return jnp.where(jnp.abs(found.d).max(-1) <= greatest, density, -jnp.inf)
 
 
 def _error_sd(noise: _Noise, record: ElementRecord) -> Array:
