@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import numpy as np
 import pytest
 
@@ -11,8 +12,10 @@ from bayestissue import resources
 from bayestissue.elements import element
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
-from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
 from bayestissue.inference.element_draws import COMPARABLE
+from bayestissue.inference.summary_path import corrected_draws
+from bayestissue.inference.trace_draws import unfold
 from bayestissue.inference.trace_start import summarise
 from bayestissue.inference.traces import fit_traces
 from bayestissue.simulation import Campaign, Simulation, simulate
@@ -48,7 +51,7 @@ def campaign(name: str) -> Campaign:
                     "C_N_s_per_m": 25.0,
                     "element": name,
                     **effects,
-                    **TISSUE[name],
+                    **TISSUE.get(name, {}),
                 },
                 "recording": {
                     "sampling_rate_hz": 5000.0,
@@ -130,3 +133,34 @@ def test_elements_and_priors_that_do_not_exist_are_refused(tmp_path) -> None:
         path.write_text(wrong, encoding="utf-8")
         with pytest.raises(InputError, match=message):
             read_specification(path)
+
+
+@LONG
+@pytest.mark.parametrize("name", ["stiffening", "wall"])
+def test_a_tissue_without_what_the_element_has_more_leaves_that_open(name: str) -> None:
+    """Of a spring and damper K is found all the same, and the element's own parameter is only bounded."""
+    made = campaign("kelvin_voigt")
+    given, specification = prepared(name, made)
+    summarised, draws, correction = corrected_draws(given, specification.sampler, 0)
+    assert summarised.profile is not None
+    assert correction.trusted
+    assert not draws.statistics["diverging"].any()
+    found = unfold(given, summarised.summaries, draws, jax.random.PRNGKey(0))
+    low, high = np.quantile(found.impacts["K"].reshape(-1, len(made.truth)), [0.05, 0.95], axis=0)
+    true = made.truth["K_N_per_m"].to_numpy()
+    # Twelve independent impacts: fewer than eight held has a probability of 0.004.
+    assert ((low <= true) & (true <= high)).sum() >= 8
+
+
+@pytest.mark.parametrize(
+    ("name", "may_be_open"),
+    [("arma", True), ("a2", False), ("impact", False), ("maxwell", False), ("hunt_crossley", False)]
+    + [(name, True) for name in ("standard_linear", "stiffening", "wall")],
+)
+def test_which_models_have_a_parameter_that_may_be_open(name: str, may_be_open: bool) -> None:
+    made = campaign("kelvin_voigt")
+    given, specification = prepared(name, made)
+    assert given.model.last_may_be_open == may_be_open
+    if specification.likelihood == "impact":
+        data = made.dataset(name)
+        assert not with_discrepancy(data, specification, given).model.last_may_be_open

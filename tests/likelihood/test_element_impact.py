@@ -128,3 +128,12 @@ def test_motion_is_the_simulated_one() -> None:
     expected = impact("wall", values("wall"), MASS, VELOCITY, traces.time())
     for own, other, atol in ((found.x, expected.x, 1e-8), (found.v, expected.v, 1e-6)):
         np.testing.assert_allclose(np.where(traces.inside(), own - other, 0.0), 0.0, atol=atol)
+
+
+def test_a_response_beyond_all_bounds_has_no_density() -> None:
+    """A wall far thinner than the penetration: the solver's answer is beyond what products can hold."""
+    traces = record("wall")
+    thin = parameters("wall").at[2].set(jnp.array([0.03, 1e-4]))
+    found = MeasuredImpact(element("wall"), thin, LOG_SIGMA, traces).log_prob(traces.d)
+    assert np.isfinite(found[0])
+    assert found[1] == -np.inf

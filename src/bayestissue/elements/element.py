@@ -32,7 +32,7 @@ class Parameter:
     unit: str
     meaning: str
     typical: float = 1.0
-    log_sd: float = 1.0
+    log_sd: float = 2.5
 
 
 STIFFNESS = "K"

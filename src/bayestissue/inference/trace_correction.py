@@ -200,6 +200,7 @@ def flat_profile(impacts: int) -> Profile:
     return Profile(first, step, jnp.zeros((len(_GRID), impacts)))
 
 
+_DEEPEST = 200.0
 _GRID = np.linspace(-8.0, 8.0, 161)
 _HERMITE_POINTS, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
 
@@ -245,5 +246,7 @@ def profile_about(
         ratios = jax.vmap(ratio)(standard)
         return jax.nn.logsumexp(ratios, axis=0) - jnp.log(standard.shape[0])
 
-    table = jnp.maximum(jax.lax.map(one, jnp.asarray(_GRID)), -1e6)
+    table = jax.lax.map(one, jnp.asarray(_GRID))
+    # Cubics overshoot at the foot of a cliff; so far down it does not matter.
+    table = jnp.maximum(table, table.max(0) - _DEEPEST)
     return flat_profile(count)._replace(log_likelihood=table)

@@ -194,7 +194,9 @@ def summarise(
     found = finder.expectation(summaries, mode)
     profile = profile_last(model, data, summaries, found.conditional.parts, found.about, jnp.asarray(few))
     finder.profile = profile
-    mode = finder.mode(summaries, mode)
+    # Away from where the profiles are high, a search would follow the slope of a cliff.
+    begin = finder.with_last(mode, _PLACES[np.argmax(_log_density_at_places(found, profile))])
+    mode = finder.mode(summaries, begin)
     spreads = finder.spreads(summaries, mode)
     return Summarised(
         summaries, spreads, profile, _warp_of_mean(finder.expectation(summaries, mode), profile)
@@ -221,11 +223,9 @@ _PROBABILITIES = np.linspace(0.01, 0.99, 50)
 
 def _warp_of_mean(found: Expectation, profile: Profile) -> Warp:
     """The warp whose quantiles are nearest to those of the last location, the spreads given."""
-    z = jnp.asarray(_PLACES)
-    conditional, sd = found.conditional, found.spread.nuisance[-1]
-    density = np.asarray(_density_of_mean(conditional.mean[-1], conditional.factor[-1, -1], sd, profile, z))
+    density = _log_density_at_places(found, profile)
     below = np.cumsum(np.exp(density - density.max()))
-    quantiles = np.interp(_PROBABILITIES, below / below[-1], np.asarray(z))
+    quantiles = np.interp(_PROBABILITIES, below / below[-1], _PLACES)
     normal = norm.ppf(_PROBABILITIES)
 
     def away(parameters: np.ndarray) -> np.ndarray:
@@ -235,6 +235,12 @@ def _warp_of_mean(found: Expectation, profile: Profile) -> Warp:
     begin = [np.median(quantiles), np.log(quantiles.std() + 1e-3), 0.0]
     location, log_scale, skew = least_squares(away, begin).x
     return Warp(*(jnp.asarray(value) for value in (location, np.exp(log_scale), skew)))
+
+
+def _log_density_at_places(found: Expectation, profile: Profile) -> Float[np.ndarray, " place"]:
+    conditional, sd = found.conditional, found.spread.nuisance[-1]
+    places = jnp.asarray(_PLACES)
+    return np.asarray(_density_of_mean(conditional.mean[-1], conditional.factor[-1, -1], sd, profile, places))
 
 
 @compiled_quickly()
@@ -283,6 +289,12 @@ class _SpreadsFinder:
 
     def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
         return find_mode(self._model, self._names, lambda flat: self._at(flat, summaries), start)
+
+    def with_last(self, flat: np.ndarray, value: float) -> np.ndarray:
+        """The same place with another value of the last location's standard normal."""
+        moved = np.array(flat)
+        moved[self._names.index(LAST)] = value
+        return moved
 
     def expectation(self, summaries: Summaries, flat: np.ndarray) -> Expectation:
         sites = constrained(self._model, dict(zip(self._names, jnp.asarray(flat), strict=True)))
