@@ -27,7 +27,7 @@ from coverage_elements import FILES, ROOT, TISSUE
 from coverage_fit import kept_with
 
 from bayestissue.elements import element, element_names
-from bayestissue.simulation import Simulation, simulate
+from bayestissue.simulation import Simulation, simulate, write_campaign
 
 TABLE = ROOT / "benchmarks" / "fit_time.csv"
 EXAMPLE = ROOT / "data" / "example"
@@ -83,8 +83,9 @@ def row_of(name: str, tissue: str) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as temporary:
         dataset = EXAMPLE
         if tissue == "own":
-            dataset = Path(temporary) / "campaign"
-            simulate(campaign_of(name)).write(dataset)
+            dataset, made = Path(temporary) / "campaign", campaign_of(name)
+            dataset.mkdir()
+            write_campaign(dataset, simulate(made), made)
         first, again, found = timed(dataset, name, Path(temporary))
     return {
         "element": name,
