@@ -21,7 +21,8 @@ from bayestissue.elements.registry import element as named
 NODES = 401
 # Of 1 / omega_n: four times the contact of an undamped spring K.
 LONG = 8 * np.pi
-_BISECTIONS = 40
+# Newton steps follow: these need only come near, also where a force fades out without a slope.
+_BISECTIONS = 20
 
 Quantity = Callable[[Array], Array]
 
