@@ -11,7 +11,7 @@ one, impacts left out in turn, and decides where it is above two of its standard
 same with whole people left out. The K of the weights is held where the 90 % interval of the weighted mixture
 holds the geometric mean over the campaign's impacts of the true secant stiffness.
 
-Compiling all six models takes ten minutes, a campaign after that about one: a folder named in
+Compiling all six models takes ten minutes, a campaign after that about a quarter of one: a folder named in
 JAX_COMPILATION_CACHE_DIR keeps what is compiled for the next time.
 """
 

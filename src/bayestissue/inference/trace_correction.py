@@ -165,7 +165,8 @@ def _evidence(spread: Spread, summaries: Summaries, about: Array) -> Array:
 class Profile(NamedTuple):
     """Log likelihood of each impact's last parameter on an even grid, the others integrated out.
 
-    For theta1, which a trace may leave open all the way to -1: no normal describes such a likelihood.
+    For theta1, which a trace may leave open all the way to -1, and for what an element has besides K and C,
+    which it leaves open where that is not needed: no normal describes such a likelihood.
 
     Attributes:
         first, step: of the grid.

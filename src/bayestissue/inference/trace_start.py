@@ -132,9 +132,9 @@ def _noise(prepared: Prepared, fit: PointFit) -> np.ndarray:
 class Summarised:
     """All that the sampler needs to know of the traces beforehand.
 
-    ``profile`` is what the traces say of theta1, where the model leaves it free, and ``warp`` makes the
-    posterior of its mean normal: traces whose theta1 is at -1 leave that mean a wall on one side and nothing
-    but its prior on the other.
+    ``profile`` is what the traces say of a last parameter that they leave open (see
+    `TraceModel.last_may_be_open`), and ``warp`` makes the posterior of its mean normal: traces whose theta1
+    is at -1 leave that mean a wall on one side and nothing but its prior on the other.
     """
 
     summaries: Summaries
