@@ -63,6 +63,6 @@ def test_every_part_can_be_made_from_shapes_alone(model: str) -> None:
     """A worker's error costs time only, and nobody would hear of it."""
     specification, source = resolve(model)
     prepared = prepare(read_dataset(EXAMPLE), specification, source=source)
-    arguments = ahead.arguments_of(prepared, specification.sampler)
-    made = [lowered for part in ahead.PARTS for lowered in ahead.lowered_functions(part, *arguments)]
+    job = ahead.Job.of(prepared, specification.sampler)
+    made = [lowered for part in ahead.PARTS for lowered in ahead.lowered_functions(part, job)]
     assert len(made) == FUNCTIONS

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from concurrent.futures import Future
 from contextlib import contextmanager
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -51,8 +51,8 @@ def compiling_ahead(prepared: Prepared, settings: Sampler) -> Iterator[Wait]:
     others = tuple(core for core in runtime.CORES if core not in own) or runtime.CORES
     pool = ProcessPoolExecutor(1, initializer=runtime.settle_on, initargs=(others[0] if others else None,))
     try:
-        job = arguments_of(prepared, settings)
-        parts: dict[str, Future] = {name: pool.submit(_compile, name, *job) for name in PARTS}
+        job = Job.of(prepared, settings)
+        parts: dict[str, Future] = {name: pool.submit(_compile, name, job) for name in PARTS}
 
         def wait(what: str) -> None:
             # A broken worker tells only when it is asked; what it should have done is then done here.
@@ -63,50 +63,44 @@ def compiling_ahead(prepared: Prepared, settings: Sampler) -> Iterator[Wait]:
         pool.shutdown(wait=True, kill_workers=True)
 
 
-def arguments_of(
-    prepared: Prepared, settings: Sampler
-) -> tuple[TraceModel, TraceData, Sampler, list[int], tuple[int, ...]]:
-    """What `lowered_functions` asks for."""
-    design = prepared.design
-    codes = [len(getattr(design, group)) for group in trace_draws.GROUPS]
-    counts = tuple(len(getattr(design, f"{group}s")) for group in trace_draws.GROUPS)
-    return prepared.model, _shapes(prepared.data), settings, codes, counts
+class Job(NamedTuple):
+    """All that determines what a fit will need compiled.
 
-
-def _shapes(tree: Any) -> Any:
-    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(np.shape(leaf), jnp.result_type(leaf)), tree)
-
-
-def _compile(
-    what: str,
-    model: TraceModel,
-    data: TraceData,
-    settings: Sampler,
-    codes: list[int],
-    counts: tuple[int, ...],
-) -> None:
-    for lowered in lowered_functions(what, model, data, settings, codes, counts):
-        lowered.compile()
-
-
-def lowered_functions(
-    what: str,
-    model: TraceModel,
-    data: TraceData,
-    settings: Sampler,
-    codes: list[int],
-    counts: tuple[int, ...],
-) -> Iterator[Any]:
-    """The functions of one part, ready for the compiler, from shapes alone.
-
-    Args:
-        what: one of `PARTS`.
+    Attributes:
         model: the model.
         data: shapes of the dataset.
         settings: how many chains and draws.
         codes: how many impacts are coded for each group of effects.
         counts: how many levels each group has.
     """
+
+    model: TraceModel
+    data: TraceData
+    settings: Sampler
+    codes: list[int]
+    counts: tuple[int, ...]
+
+    @classmethod
+    def of(cls, prepared: Prepared, settings: Sampler) -> Job:
+        """That of a fit."""
+        design = prepared.design
+        codes = [len(getattr(design, group)) for group in trace_draws.GROUPS]
+        counts = tuple(len(getattr(design, f"{group}s")) for group in trace_draws.GROUPS)
+        return cls(prepared.model, _shapes(prepared.data), settings, codes, counts)
+
+
+def _shapes(tree: Any) -> Any:
+    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(np.shape(leaf), jnp.result_type(leaf)), tree)
+
+
+def _compile(what: str, job: Job) -> None:
+    for lowered in lowered_functions(what, job):
+        lowered.compile()
+
+
+def lowered_functions(what: str, job: Job) -> Iterator[Any]:
+    """The functions of one of `PARTS`, ready for the compiler, from shapes alone."""
+    model, data, settings, codes, counts = job
     impacts = data.log_mass.shape[0]
     size = 2 + len(model.nuisance)
     real = partial(jax.ShapeDtypeStruct, dtype=jnp.float64)
