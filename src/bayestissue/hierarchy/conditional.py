@@ -105,12 +105,13 @@ def condition(
     weighted = small.times(impacts.weight, away)
     toward = [impacts.pull[a] - weighted[a] for a in range(size)]
     constant = log_evidence_of(impacts, summaries, prior_mean)
-    blocks: list[list[Array]] = [[prior_mean[0]] * size for _ in range(size)]
-    for a, b in itertools.combinations_with_replacement(range(size), 2):
-        weighted_columns = _cells(design, impacts.weight[a][b])[:, None] * design.columns[b]
-        blocks[a][b] = jnp.asarray(design.columns[a].T @ weighted_columns)
-        blocks[b][a] = blocks[a][b].T
-    precision = jnp.block(blocks)
+    upper = {
+        (a, b): design.columns[a].T @ (_cells(design, impacts.weight[a][b])[:, None] * design.columns[b])
+        for a, b in itertools.combinations_with_replacement(range(size), 2)
+    }
+    precision = jnp.block(
+        [[upper[a, b] if a <= b else upper[b, a].T for b in range(size)] for a in range(size)]
+    )
     precision = precision + spread.precision_matrix()
     right = jnp.concatenate([design.columns[a].T @ _cells(design, toward[a]) for a in range(size)])
     factor = jnp.linalg.cholesky(precision)
@@ -194,9 +195,11 @@ def impact_parts(spread: Spread, summaries: Summaries) -> ImpactParts:
     ]
     told = [small.forward_solve(factor, column) for column in own]
     slope = small.forward_solve(factor, [summaries.slope[:, a] for a in range(size)])
-    weight: list[list[Array]] = [[zero] * size for _ in range(size)]
-    for b, a in itertools.combinations_with_replacement(range(size), 2):
-        weight[a][b] = weight[b][a] = small.dot(columns[a], told[b][firsts[a] :])
+    lower = {
+        (a, b): small.dot(columns[a], told[b][firsts[a] :])
+        for b, a in itertools.combinations_with_replacement(range(size), 2)
+    }
+    weight = [[lower[max(a, b), min(a, b)] for b in range(size)] for a in range(size)]
     pull = [small.dot(columns[a], slope[first:]) for a, first in enumerate(firsts)]
     constant = (
         summaries.log_likelihood
