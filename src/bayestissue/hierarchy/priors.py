@@ -135,12 +135,10 @@ class Priors(BaseModel):
     ``noise`` is the mean over impacts of the log of the noise's standard deviation as a fraction of the
     trace's peak, ``atanh_theta1`` that of artanh theta1, and ``sd_noise`` and ``sd_atanh_theta1`` their
     spread.
-    ``contact`` is the mean over impacts of how much earlier contact was than found, in sampling intervals,
-    and ``sd_contact`` its spread; ``atanh_noise_correlation`` that of artanh of the noise's correlation from
-    sample to sample, where it has one, and ``sd_atanh_noise_correlation`` its spread. ``discrepancy`` is the
-    mean over impacts of the log of the rms of the force beside the element's, as a fraction of the trace's
-    peak, and ``sd_discrepancy`` its spread. ``element`` has the further parameters of a mechanical element by
-    name.
+    ``atanh_noise_correlation`` is that of artanh of the noise's correlation from sample to sample, where it
+    has one, and ``sd_atanh_noise_correlation`` its spread. ``discrepancy`` is the mean over impacts of the
+    log of the rms of the force beside the element's, as a fraction of the trace's peak, and
+    ``sd_discrepancy`` its spread. ``element`` has the further parameters of a mechanical element by name.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -155,8 +153,6 @@ class Priors(BaseModel):
     sd_noise: Scale = _half_normal(1.0)
     atanh_theta1: Location = _normal(0.0, 1.5)
     sd_atanh_theta1: Scale = _half_normal(0.5)
-    contact: Location = _normal(1.0, 2.0)
-    sd_contact: Scale = _half_normal(1.0)
     atanh_noise_correlation: Location = _normal(0.0, 1.0)
     sd_atanh_noise_correlation: Scale = _half_normal(0.3)
     discrepancy: Location = _normal(-4.0, 2.0)

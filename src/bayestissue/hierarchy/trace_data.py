@@ -21,8 +21,10 @@ from bayestissue.likelihood.discrepancy import modes
 from bayestissue.likelihood.displacement import DisplacementRecord, displacement_record
 from bayestissue.likelihood.element_response import ElementRecord
 from bayestissue.signal import Displacements, displacements
-from bayestissue.signal.displacement import FEWEST_SAMPLES, RecordedImpacts
+from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES, RecordedImpacts
 
+# In so many cells contact may be, where a recording does not show it.
+CELLS = 12
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
 
@@ -239,12 +241,17 @@ def _element_record(
     gain_sd, velocity_sd = (
         np.full(len(size), value) for value in (chain.relative_gain_sd, chain.velocity_sd_m_s)
     )
-    # A force without a jump leaves contact to a parameter of its own.
-    known = element(specification.element).jumps
-    contact_sd = signal.bracket_sd if known else np.zeros(len(size))
-    besides: tuple[np.ndarray, ...] = ()
+    besides: dict[str, np.ndarray] = {}
+    contact_sd, uniform = signal.bracket_sd, signal.bracket_uniform
+    if not element(specification.element).jumps and (signal.reach_s > 0).all():
+        cells, width = _cells(signal)
+        reach = cells * width
+        before = np.moveaxis(signal.before[:, BEFORE - reach :].reshape(-1, cells, width), 1, 0)
+        besides = {"before": before, "n_before": np.minimum(signal.n_before, reach)}
+        contact_sd, uniform = reach * signal.dt / np.sqrt(12), np.ones_like(uniform)
     if specification.discrepancy == "always":
-        besides = modes(signal.n_samples, signal.deceleration.shape[1])
+        basis, share = modes(signal.n_samples, signal.deceleration.shape[1])
+        besides |= {"basis": basis, "share": share}
     record = ElementRecord.of(
         signal.deceleration,
         signal.n_samples,
@@ -252,11 +259,20 @@ def _element_record(
         signal.dt,
         signal.velocity,
         np.stack([velocity_sd, gain_sd, offset_sd, contact_sd], axis=1),
-        signal.bracket_uniform & known,
+        uniform,
         signal.mass,
         np.where(np.isfinite(size), size, REFERENCE_DIAMETER_M),
-        *besides,
+        **besides,
     )
     if specification.noise == "autoregressive":
         record = record._replace(quiet=jnp.asarray(np.isfinite(signal.offset_sd)))
     return record, np.abs(signal.deceleration).max(axis=1)
+
+
+def _cells(signal: Displacements) -> tuple[int, int]:
+    """How many cells contact may be in, and how many sampling intervals wide they are."""
+    reach = min(int(np.ceil((signal.reach_s / signal.dt).max())), BEFORE)
+    width = -(-reach // CELLS)
+    # Odd, so that no sample falls on the middle of a cell, where a force begins.
+    width += 1 - width % 2
+    return min(-(-reach // width), BEFORE // width), width

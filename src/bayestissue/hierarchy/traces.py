@@ -151,14 +151,10 @@ def physical(model: TraceModel, data: TraceData, u: list[Array]) -> Physical:
     return Physical(omega_n, zeta, theta1, log_s - jnp.log1p(theta1**2) / 2)
 
 
-def element_parameters(
-    model: TraceModel, data: TraceData, u: list[Array]
-) -> Float[Array, "parameter impact"]:
-    """K, C, the element's further parameters and, where its force does not jump, the contact's lead [s]."""
-    which = element_named(model.element)
-    first = 3 + (not which.jumps)
-    logs = jnp.exp(jnp.stack([u[0], u[1], *u[first : first + len(which.extra)]]))
-    return logs if which.jumps else jnp.concatenate([logs, u[3][None] * data.record.dt])
+def element_parameters(model: TraceModel, u: list[Array]) -> Float[Array, "parameter impact"]:
+    """K, C and the element's further parameters."""
+    further = len(element_named(model.element).extra)
+    return jnp.exp(jnp.stack([u[0], u[1], *u[3 : 3 + further]]))
 
 
 def nuisance_of(
@@ -169,8 +165,7 @@ def nuisance_of(
     Without these two an element's further parameter is the last: see `TraceModel.last_may_be_open`.
     """
     which = element_named(element)
-    own = ["contact"] * (not which.jumps)
-    own += [f"log_{parameter.name}" for parameter in which.extra]
+    own = [f"log_{parameter.name}" for parameter in which.extra]
     last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
     return (*NUISANCE[kind], *own, *last)
 
@@ -183,7 +178,7 @@ def trace_distribution(
     if isinstance(data.record, ElementRecord):
         which = element_named(model.element)
         log_discrepancy = u[-1] + data.log_peak if model.discrepancy else None
-        parameters = element_parameters(model, data, u)
+        parameters = element_parameters(model, u)
         correlation = u[-1] if model.autoregressive else None
         return MeasuredImpact(which, parameters, at.log_sigma, data.record, log_discrepancy, correlation)
     if isinstance(data.record, DecelerationRecord):
@@ -204,6 +199,9 @@ def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[
 def with_normal_errors(data: TraceData) -> TraceData:
     """The same traces, every error of the measuring chain taken as normal with its standard deviation."""
     if not isinstance(data.record, RECORDED):
+        return data
+    if isinstance(data.record, ElementRecord) and data.record.before is not None:
+        # Over all cells of contact the likelihood is smooth as it is.
         return data
     return data._replace(record=data.record._replace(uniform=jnp.zeros_like(data.record.uniform)))
 

@@ -47,8 +47,8 @@ def element_quantities(
     record = data.record
     if not isinstance(record, ElementRecord):
         return {}
-    which, values = element(model.element), element_parameters(model, data, u)
-    p = {parameter.name: value for parameter, value in zip(which.parameters, values, strict=False)}
+    which, values = element(model.element), element_parameters(model, u)
+    p = {parameter.name: value for parameter, value in zip(which.parameters, values, strict=True)}
     found = comparables_of(
         which, {**p, "diameter_m": record.diameter}, record.mass, record.velocity + chain_error[:, 0]
     )
@@ -56,7 +56,8 @@ def element_quantities(
     further = {}
     if isinstance(distribution := trace_distribution(model, data, u), MeasuredImpact) and model.discrepancy:
         delta = distribution.draw_discrepancy(key, chain_error)
-        found = found._replace(K_secant=secant_with(distribution, delta, chain_error[:, 0]))
+        known = distribution.as_drawn(chain_error[:, 3])
+        found = found._replace(K_secant=secant_with(known, delta, chain_error[:, 0]))
         further = {"discrepancy": jnp.exp(u[-1])}
     if model.autoregressive:
         log_sigma = physical(model, data, u).log_sigma
@@ -86,7 +87,7 @@ def secant_with(
     """
     record = measured.record
     own = motion(measured.element, measured.parameters, record, record.velocity + velocity_error)
-    slower, nearer = integrals(delta, own.first_time, record.dt)
+    slower, nearer = integrals(delta, record.first_time, record.dt)
     x, v, a = own.x - nearer, own.v - slower, own.d + delta
     last = jnp.argmin(jnp.where(record.inside(), jnp.abs(v), jnp.inf), axis=1)[:, None]
 
@@ -103,11 +104,6 @@ def secant_with(
 def element_attributes() -> dict[str, dict[str, str]]:
     """Unit and meaning of the variables that elements have besides K and C."""
     table = {
-        "contact_mean": {
-            "unit": "1",
-            "long_name": "mean over impacts of how much earlier contact was than found, in samples",
-        },
-        "sd_contact": {"unit": "1", "long_name": "standard deviation of that between impacts"},
         "noise_correlation": {"unit": "1", "long_name": "correlation of the noise from sample to sample"},
         "atanh_noise_correlation_mean": {
             "unit": "1",

@@ -23,7 +23,6 @@ from bayestissue.hierarchy.traces import population
 from bayestissue.inference.many_kept import some_of
 from bayestissue.inference.trace_draws import Unfolded
 from bayestissue.inference.trace_errors import (
-    CONTACT,
     ELEMENT,
     NOISE,
     Matrices,
@@ -48,7 +47,6 @@ _NUISANCE = {
     "noise": NOISE,
     "atanh_theta1": NOISE,
     "atanh_noise_correlation": NOISE,
-    "contact": CONTACT,
     "discrepancy": ELEMENT,
 }
 

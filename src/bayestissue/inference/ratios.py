@@ -22,7 +22,7 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, 
 from bayestissue.inference.trace_correction import Profile
 from bayestissue.likelihood import small
 
-# Among an impact's parameters: the noise, and after it theta1 or, of an element, when contact was.
+# Among an impact's parameters: the noise, and after it theta1.
 NOISE, BESIDES = 2, 3
 _NODES = 9
 _POINTS_A_NODE = 16
@@ -59,9 +59,8 @@ class Table(NamedTuple):
 class Ratios(NamedTuple):
     """Likelihood over summary of each impact.
 
-    The noise is tabulated, whose spread between impacts may be next to nothing, and what has a long tail:
-    theta1 towards 1 where it is part of the summary, and the moment of contact where an element's force does
-    not jump there. The points lie at the references of both.
+    The noise is tabulated, whose spread between impacts may be next to nothing, and theta1, where it is part
+    of the summary, which has a long tail towards 1. The points lie at the references of both.
 
     Attributes:
         u: points, [point, impact, parameter].
@@ -111,7 +110,7 @@ def compare_over_about(
     size = summaries.centre.shape[1]
     known = size if profile is None else size - 1
     besides = model.nuisance[BESIDES - NOISE : known - NOISE]
-    tables = 2 if besides and besides[0] in {"atanh_theta1", "contact"} else 1
+    tables = 2 if besides and besides[0] == "atanh_theta1" else 1
     order = _order(known, tables)
     lasts = abouts[-1] + spreads.nuisance[-1][:, None] * standard[:, -1:]
 

@@ -31,6 +31,8 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, 
 from bayestissue.inference.compiling import compiled_quickly
 
 POINTS = 64
+# Of a log parameter of which a trace says nothing.
+_LEAST_PRECISION = 1e-3
 
 
 class Expectation(NamedTuple):
@@ -116,8 +118,9 @@ def refine(
 ) -> Summaries:
     """Summaries whose product with the population's expectation has the mean and covariance of the truth.
 
-    One step of expectation propagation (Minka 2001), the moments taken over the compared points; where a
-    moment leaves no positive precision to the trace, its old summary stays.
+    One step of expectation propagation (Minka 2001), the moments taken over the compared points. Along an
+    axis where a moment leaves no positive precision to the trace, which is open on that side, its summary has
+    next to none, and only the mean is met; where the points tell too little, the old summary stays.
     """
     return refine_about(spread, summaries, parts, about, points)
 
@@ -141,10 +144,10 @@ def refine_about(
     exact = jnp.linalg.inv(summaries.precision + prior)
     covariance = covariance + exact - own
     whole = jnp.linalg.inv(covariance)
-    precision = whole - prior
-    values = jnp.linalg.eigvalsh(precision)
+    values, axes = jnp.linalg.eigh(whole - prior)
+    precision = jnp.einsum("iab,ib,icb->iac", axes, jnp.maximum(values, _LEAST_PRECISION), axes)
     enough = 1 / jnp.square(weight).sum(0) > points.u.shape[0] / 4
-    usable = (values[:, 0] > 0) & jnp.isfinite(values).all(1) & enough
+    usable = jnp.isfinite(values).all(1) & enough
     slope = (mean - about) @ prior
     found = Summaries(mean, slope, precision, jnp.zeros_like(summaries.log_likelihood))
     mean_ratio = jax.nn.logsumexp(points.log_ratio, axis=0) - jnp.log(points.u.shape[0])

@@ -15,12 +15,13 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, observed, with_normal_errors
+from bayestissue.hierarchy.traces import TraceData, observed, trace_distribution, with_normal_errors
 from bayestissue.inference.trace_summaries import loose_anchor, summarise_traces
 from bayestissue.inference.trace_tree import PREDICTIVE_DRAWS, replicates
 from bayestissue.likelihood.deceleration import DecelerationRecord
 from bayestissue.likelihood.displacement import DisplacementRecord, displacement_record
-from bayestissue.likelihood.element_impact import ElementRecord
+from bayestissue.likelihood.element_impact import MeasuredImpact
+from bayestissue.likelihood.element_response import ElementRecord
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 NOISE, CONTACT, ELEMENT = "noise", "contact moment", "element"
@@ -89,19 +90,28 @@ def trace_errors(
 
 def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
     """The data with each trace as its model has it at ``u``, without noise and errors; all errors normal."""
-    data = with_normal_errors(prepared.data)
+    data = with_normal_errors(_known_contact(prepared, u))
     quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
-    bare = prepared.data.record._replace(error_sd=jnp.zeros_like(data.record.error_sd))
+    bare = data.record._replace(error_sd=jnp.zeros_like(data.record.error_sd))
     # As many draws as predictions have, so that nothing is compiled anew.
     made = replicates(
         prepared.model,
-        prepared.data._replace(record=bare),
+        data._replace(record=bare),
         jnp.tile(jnp.asarray(quiet), (PREDICTIVE_DRAWS, 1, 1)),
         jax.random.split(jax.random.PRNGKey(0), PREDICTIVE_DRAWS),
     )
     trace = made["deceleration" if prepared.model.kind == "impact" else "displacement"][0]
     record = _with_traces(data.record, np.nan_to_num(np.asarray(trace)), np.asarray(data.record.n_samples))
     return data._replace(record=record)
+
+
+def _known_contact(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
+    """Contact where the traces have it, and its error about that, where a record leaves it to them."""
+    data = prepared.data
+    distribution = trace_distribution(prepared.model, data, list(jnp.asarray(u).T))
+    if not isinstance(distribution, MeasuredImpact) or distribution.record.before is None:
+        return data
+    return data._replace(record=distribution.record.at_contact(distribution.mean_first_time()))
 
 
 def _named(prepared: Prepared, names: tuple[str, ...]) -> Bool[np.ndarray, " parameter"]:

@@ -109,7 +109,6 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     which = element(prepared.model.element)
     own = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
     columns = [*(np.log(np.asarray(each)) for each in own), _noise(prepared, fit)]
-    columns += [np.ones(len(stiffness))] * (not which.jumps)
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     correlation = prepared.model.priors.atanh_noise_correlation.mean

@@ -8,6 +8,8 @@ sigma^2 it makes sigma^2 T with T = 1 + (s / sigma)^2 U diag(lambda) U'.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -65,10 +67,7 @@ def ratios(
 
 
 def with_discrepancy(
-    plain: Products,
-    parts: tuple[Float[Array, "impact sample"], ...],
-    basis: Float[Array, "mode impact sample"],
-    ratio: Float[Array, "mode impact"],
+    plain: Products, along: Sequence[Array], ratio: Float[Array, "mode *cell impact"]
 ) -> Products:
     """The products under T^-1 from those under white noise.
 
@@ -77,11 +76,9 @@ def with_discrepancy(
 
     Args:
         plain: products of the parts under white noise.
-        parts: residual and error columns.
-        basis: U.
+        along: U' times residual and error columns, each [mode, ..., impact].
         ratio: see `ratios`.
     """
-    along = [(basis * part).sum(-1) for part in parts]
     kept = ratio / (1 + ratio)
     entries = tuple(
         tuple(entry - (kept * along[a] * along[b]).sum(0) for b, entry in enumerate(row))

@@ -20,7 +20,7 @@ from jaxtyping import Float
 from numpyro.distributions import constraints
 
 from bayestissue.elements import Element
-from bayestissue.likelihood import autoregressive, discrepancy
+from bayestissue.likelihood import autoregressive, contact_cells, discrepancy
 from bayestissue.likelihood.element_response import ElementRecord, Response, columns, response
 from bayestissue.likelihood.linear_errors import (
     Products,
@@ -33,7 +33,7 @@ from bayestissue.likelihood.linear_errors import (
 # A response this many times the trace is no impact; the products would keep seven digits.
 _GREATEST = 1e4
 # Among the chain's errors.
-_OFFSET = 2
+_OFFSET, _CONTACT = 2, 3
 
 
 class _Noise(NamedTuple):
@@ -44,7 +44,11 @@ class _Noise(NamedTuple):
     atanh_correlation: Array | None
 
 
-def _products(found: Response, noise: _Noise, value: Array, record: ElementRecord) -> Products:
+def _products(
+    element: Element, found: Response, noise: _Noise, value: Array, record: ElementRecord
+) -> Products:
+    if record.before is not None:
+        return _products_by_cell(element, found, noise, value, record)
     residual = jnp.where(record.inside(), value - found.d, 0.0)
     count = record.n_samples + 0.0
     parts = (residual, *columns(found, record))
@@ -53,15 +57,33 @@ def _products(found: Response, noise: _Noise, value: Array, record: ElementRecor
         white = tuple(autoregressive.whitened(part, a, record.inside()) for part in parts)
         return Products(gram(white, jnp.ones(())), autoregressive.log_determinant(a), count)
     plain = Products(gram(parts, jnp.ones(())), jnp.zeros_like(count), count)
-    if noise.log_discrepancy is None or record.basis is None or record.share is None:
+    ratio = _ratio(noise, record)
+    if ratio is None or record.basis is None:
         return plain
-    ratio = discrepancy.ratios(noise.log_sigma, noise.log_discrepancy, record.share)
-    return discrepancy.with_discrepancy(plain, parts, record.basis, ratio)
+    return discrepancy.with_discrepancy(plain, [(record.basis * part).sum(-1) for part in parts], ratio)
 
 
-def _log_density(found: Response, noise: _Noise, value: Array, record: ElementRecord) -> Array:
-    products = _products(found, noise, value, record)
+def _products_by_cell(
+    element: Element, found: Response, noise: _Noise, value: Array, record: ElementRecord
+) -> Products:
+    if noise.atanh_correlation is not None:
+        return contact_cells.products_of_correlated(found, value, record, noise.atanh_correlation)
+    return contact_cells.products(found, value, record, _ratio(noise, record), linear=element.linear)
+
+
+def _ratio(noise: _Noise, record: ElementRecord) -> Array | None:
+    if noise.log_discrepancy is None or record.basis is None or record.share is None:
+        return None
+    return discrepancy.ratios(noise.log_sigma, noise.log_discrepancy, record.share)
+
+
+def _log_density(
+    element: Element, found: Response, noise: _Noise, value: Array, record: ElementRecord
+) -> Array:
+    products = _products(element, found, noise, value, record)
     density = marginal_log_likelihood(products, noise.log_sigma, _error_sd(noise, record), record.uniform)
+    if record.before is not None:
+        density = jax.nn.logsumexp(density, axis=0) + jnp.log(contact_cells.shape(record)[1])
     # Parameters far from anything seen may send a response beyond all bounds, where the products' digits are
     # lost and a density would be anything.
     greatest = _GREATEST * jnp.abs(record.d).max(-1)
@@ -69,9 +91,15 @@ def _log_density(found: Response, noise: _Noise, value: Array, record: ElementRe
 
 
 def _error_sd(noise: _Noise, record: ElementRecord) -> Array:
+    own = record.error_sd if record.before is None else contact_cells.error_sd(record, record.error_sd)
     if noise.atanh_correlation is None or record.quiet is None:
-        return record.error_sd
-    return autoregressive.offset_sd(record.error_sd, record.quiet, noise.atanh_correlation, _OFFSET)
+        return own
+    return autoregressive.offset_sd(own, record.quiet, noise.atanh_correlation, _OFFSET)
+
+
+def _of_cell(cell: Array, shape: tuple[int, ...], values: Array) -> Array:
+    """What broadcasts to [cell, impact], that shape, at one cell of each impact."""
+    return jnp.take_along_axis(jnp.broadcast_to(values, shape), cell[None], axis=0)[0]
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0,))
@@ -98,7 +126,8 @@ def element_log_likelihood(
             not beside a discrepancy.
     """
     found = response(element, parameters, record)
-    return _log_density(found, _Noise(log_sigma, log_discrepancy, atanh_correlation), record.d, record)
+    noise = _Noise(log_sigma, log_discrepancy, atanh_correlation)
+    return _log_density(element, found, noise, record.d, record)
 
 
 @element_log_likelihood.defjvp
@@ -112,7 +141,7 @@ def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, 
 
     found, changes = jax.vmap(along, out_axes=(None, 0))(basis)
     value, pull_back = jax.vjp(
-        lambda f, noise: _log_density(f, noise, record.d, record),
+        lambda f, noise: _log_density(element, f, noise, record.d, record),
         found,
         _Noise(log_sigma, log_discrepancy, atanh_correlation),
     )
@@ -161,7 +190,7 @@ class MeasuredImpact(dist.Distribution):
     def products(self, value: Array | None = None) -> Products:
         """Products of the residual at ``value`` (the record's own unless given) and the errors' columns."""
         value = self.record.d if value is None else value
-        return _products(self.response(), self._noise(), value, self.record)
+        return _products(self.element, self.response(), self._noise(), value, self.record)
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors and its discrepancy integrated out."""
@@ -170,28 +199,65 @@ class MeasuredImpact(dist.Distribution):
             return element_log_likelihood(
                 self.element, self.parameters, log_sigma, self.record, log_discrepancy, atanh_correlation
             )
-        return _log_density(self.response(), self._noise(), value, self.record)
+        return _log_density(self.element, self.response(), self._noise(), value, self.record)
 
     def draw_errors(self, key: Array) -> Float[Array, "impact 4"]:
-        """The chain's errors given the recorded traces: velocity, gain, offset, contact time."""
-        error_sd = _error_sd(self._noise(), self.record)
-        return draw_errors(key, self.products(), self.log_sigma, error_sd, self.record.uniform)
+        """The chain's errors given the recorded traces: velocity, gain, offset, contact time (later)."""
+        products, record = self.products(), self.record
+        error_sd = _error_sd(self._noise(), record)
+        if record.before is None:
+            return draw_errors(key, products, self.log_sigma, error_sd, record.uniform)
+        density = marginal_log_likelihood(products, self.log_sigma, error_sd, record.uniform)
+        cell = jax.random.categorical(jax.random.fold_in(key, 2), density, axis=0)
+        chosen = partial(_of_cell, cell, density.shape)
+        products = Products(*jax.tree.map(chosen, tuple(products)))
+        found = draw_errors(key, products, self.log_sigma, error_sd, record.uniform)
+        return found.at[:, _CONTACT].add(record.first_time - chosen(contact_cells.middles(record)))
+
+    def mean_first_time(self) -> Float[Array, " impact"]:
+        """From contact to the first sample as the traces have it, by the mean over the cells [s]."""
+        record = self.record
+        if record.before is None:
+            return record.first_time
+        error_sd = _error_sd(self._noise(), record)
+        density = marginal_log_likelihood(self.products(), self.log_sigma, error_sd, record.uniform)
+        return (jax.nn.softmax(density, axis=0) * contact_cells.middles(record)).sum(0)
+
+    def as_drawn(self, contact_error: Float[Array, " impact"]) -> MeasuredImpact:
+        """The same with contact where such an error puts it, if the record leaves it to be found."""
+        record, own = self.record, self._noise()
+        if record.before is None:
+            return self
+        known = record.at_contact(record.first_time - contact_error)
+        known = known._replace(error_sd=known.error_sd.at[:, _CONTACT].set(0.0))
+        return MeasuredImpact(self.element, self.parameters, own.log_sigma, known, *own[1:])
 
     def draw_discrepancy(self, key: Array, errors: Float[Array, "impact 4"]) -> Float[Array, "impact sample"]:
         """The discrepancy given the recorded traces and the chain's errors [m/s^2]."""
-        record, found = self.record, self.response()
+        record = self.record
         if self.log_discrepancy is None or record.basis is None or record.share is None:
             return jnp.zeros_like(record.d)
+        if record.before is not None:
+            known = self.as_drawn(errors[:, _CONTACT])
+            return known.draw_discrepancy(key, errors.at[:, _CONTACT].set(0.0))
+        found = self.response()
         left = jnp.where(record.inside(), record.d - found.d - _added(errors, found, record), 0.0)
         ratio = discrepancy.ratios(self.log_sigma, self.log_discrepancy, record.share)
         return discrepancy.draw_given(key, left, record.basis, self.log_sigma, ratio)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
-        """Draw traces: the impact, its discrepancy, the chain's errors and noise."""
+        """Draw traces: the impact, its discrepancy, the chain's errors and noise.
+
+        Where the recorded trace has to tell when contact was, contact is where it has it: the samples are
+        counted from what it shows.
+        """
         return self.sample_with_discrepancy(key, sample_shape)[0]
 
     def sample_with_discrepancy(self, key: Array, sample_shape: tuple[int, ...] = ()) -> tuple[Array, Array]:
         """The same, and the discrepancy that is in them."""
+        if self.record.before is not None:
+            contact = self.draw_errors(jax.random.fold_in(key, 3))[:, _CONTACT]
+            return self.as_drawn(contact).sample_with_discrepancy(key, sample_shape)
         key_of_noise, key_of_errors = jax.random.split(key)
         shape, record = (*sample_shape, *self.batch_shape), self.record
         found, delta = self.response(), jnp.zeros((*shape, *self.event_shape))

@@ -31,6 +31,10 @@ class ElementRecord(NamedTuple):
             the element's law is taken as the tissue's.
         quiet: where the offset was found as the mean of a quiet part, and its standard deviation is that
             under white noise; None where this does not matter.
+        before: the samples before the first, in order of time, by the cell of contact's moment they are in; 0
+            where there are none [m/s^2]. None where contact is known but for its error, uniform or not. Where
+            it is not it may be in any of these cells: see `bayestissue.likelihood.contact_cells`.
+        n_before: how many of these samples were recorded and count.
     """
 
     d: Float[Array, "impact sample"]
@@ -45,15 +49,22 @@ class ElementRecord(NamedTuple):
     basis: Float[Array, "mode impact sample"] | None = None
     share: Float[Array, "impact mode"] | None = None
     quiet: Bool[Array, " impact"] | None = None
+    before: Float[Array, "cell impact width"] | None = None
+    n_before: Int[Array, " impact"] | None = None
 
     @classmethod
-    def of(cls, *arrays: np.ndarray) -> ElementRecord:
-        """From numpy arrays in the order of the attributes; values past a row's end are cleared.
+    def of(cls, *arrays: np.ndarray, **named: np.ndarray) -> ElementRecord:
+        """From numpy arrays in the order of the attributes, or named; values past a row's end are cleared.
 
         Without the modes there is no discrepancy.
         """
-        made = cls(*(jnp.asarray(array) for array in arrays))
+        given = {name: jnp.asarray(array) for name, array in named.items()}
+        made = cls(*(jnp.asarray(array) for array in arrays), **given)
         return made._replace(d=jnp.where(made.inside(), made.d, 0.0))
+
+    def at_contact(self, first_time: Float[Array, " impact"]) -> ElementRecord:
+        """The same traces with contact so long before the first sample [s], its error about that."""
+        return self._replace(first_time=first_time, before=None, n_before=None)
 
     def inside(self) -> Bool[Array, "impact sample"]:
         """True where there is a sample."""
@@ -66,6 +77,9 @@ class ElementRecord(NamedTuple):
 
 class Response(NamedTuple):
     """An impact as recorded without errors, and how errors change it; all 0 past a trace's end.
+
+    Where contact may be in any of several cells it is instead on a grid of the sampling interval that begins
+    half an interval after contact; its end is no trace's.
 
     Attributes:
         d: deceleration [m/s^2].
@@ -85,13 +99,11 @@ class Motion(NamedTuple):
         x: penetration [m].
         v: its velocity [m/s].
         d: deceleration [m/s^2].
-        first_time: from contact to the first sample [s].
     """
 
     x: Float[Array, "impact sample"]
     v: Float[Array, "impact sample"]
     d: Float[Array, "impact sample"]
-    first_time: Float[Array, " impact"]
 
 
 def motion(
@@ -100,11 +112,11 @@ def motion(
     record: ElementRecord,
     velocity: Float[Array, " impact"],
 ) -> Motion:
-    """The impact at ``velocity`` [m/s]; other arguments as of `response`."""
+    """The impact at ``velocity`` [m/s], contact as the record has it; other arguments as of `response`."""
+    record = record.at_contact(record.first_time)
     p = {name: value[:, None] for name, value in _named(element, parameters, record).items()}
     y = _states(element, parameters, velocity, record)
-    d = deceleration_of(element, p, record.mass[:, None], y)
-    return Motion(y[0], y[1], d, _first_time(element, parameters, record))
+    return Motion(y[0], y[1], deceleration_of(element, p, record.mass[:, None], y))
 
 
 def response(
@@ -114,12 +126,11 @@ def response(
 
     Args:
         element: what is hit.
-        parameters: its parameters in their order, and after them, where contact is not known from the record
-            alone, by how much earlier it was than the record says [s].
+        parameters: its parameters in their order.
         record: masses, velocities and times.
     """
     p = {name: value[:, None] for name, value in _named(element, parameters, record).items()}
-    mass, inside = record.mass[:, None], record.inside()
+    mass, inside = record.mass[:, None], record.inside() if record.before is None else True
 
     def d_and_jerk(velocity: Array) -> tuple[Array, Array]:
         y = _states(element, parameters, velocity, record)
@@ -138,18 +149,16 @@ def response(
 
 def _named(element: Element, parameters: Array, record: ElementRecord) -> dict[str, Array]:
     names = [parameter.name for parameter in element.parameters]
-    return {**dict(zip(names, parameters[: len(names)], strict=True)), "diameter_m": record.diameter}
+    return {**dict(zip(names, parameters, strict=True)), "diameter_m": record.diameter}
 
 
 def _states(element: Element, parameters: Array, velocity: Array, record: ElementRecord) -> Array:
     grid = linear.even_grid if element.linear else solver.even_grid
-    p, first_time = _named(element, parameters, record), _first_time(element, parameters, record)
-    return grid(element, p, record.mass, velocity, first_time, record.dt, record.d.shape[1])
-
-
-def _first_time(element: Element, parameters: Array, record: ElementRecord) -> Array:
-    later = parameters[len(element.parameters) :]
-    return record.first_time + later[0] if len(later) else record.first_time
+    p, first_time, count = _named(element, parameters, record), record.first_time, record.d.shape[1]
+    if record.before is not None:
+        cells, _, width = record.before.shape
+        first_time, count = record.dt / 2, count + cells * width
+    return grid(element, p, record.mass, velocity, first_time, record.dt, count)
 
 
 def columns(found: Response, record: ElementRecord) -> tuple[Array, Array, Array, Array]:

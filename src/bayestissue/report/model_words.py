@@ -19,8 +19,6 @@ _MEANINGS = {
     "noise": "mean over impacts of the log of the noise, as a fraction of the trace's peak",
     "sd_noise": "spread of that log between impacts",
     "atanh_theta1": "mean over impacts of artanh θ₁: 0 is white, minus infinity is θ₁ = −1",
-    "contact": "mean over impacts of how much earlier contact was than found, in sampling intervals",
-    "sd_contact": "spread of that between impacts",
     "atanh_noise_correlation": "mean over impacts of artanh of the noise's correlation from sample to sample",
     "sd_atanh_noise_correlation": "spread of that between impacts",
     "discrepancy": "mean over impacts of the log of the discrepancy's rms, as a fraction of the trace's peak",

@@ -29,6 +29,9 @@ _QUIET_DRIFT = 0.01
 _CERTAIN = 5.0
 _QUIET = 3.0
 _DOUBTFUL_S = 1e-3
+# A force that rises evenly passes five standard deviations, with noise in its way, about twice as long after
+# contact as the bracket says; one that rises faster than that sooner.
+_REACH = 4
 # Recorded numbers are rounded; below this fraction of the peak a difference means nothing.
 _ROUNDING = 1e-6
 
@@ -41,7 +44,8 @@ class Onset:
     seconds before it. ``offset`` is the mean of the quiet part, 0 where ``quiet`` is false; it has
     ``quiet_samples``. ``noise_sd`` is the standard deviation of the recorder's noise. Both have the unit of
     the recording. ``doubtful`` says that a chosen contact is more than 1 ms, and five samples, from where the
-    trace itself shows it.
+    trace itself shows it. ``reach`` seconds before ``first`` a force that rises from 0 may have begun without
+    showing in the noise; 0 where contact is given.
     """
 
     first: Index
@@ -52,6 +56,7 @@ class Onset:
     quiet: Mask
     quiet_samples: Index
     doubtful: Mask
+    reach: Column
 
 
 def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
@@ -81,18 +86,20 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     quiet, offset, sd = _quiet_part(recordings, last_quiet, sd, peak, baseline)
     least, most = np.zeros(len(peak)), (first - last_quiet) * recordings.dt
     shown, earliest, end = first, most, last_quiet
+    reach = _REACH * most + 2 * recordings.dt
     if options.contact == "threshold":
         first, least = _crossing(recordings, offset + options.threshold * (peak - offset), last_below)
         most = least
+        reach = reach + np.maximum(first - shown, 0) * recordings.dt
     elif options.contact == "time-zero":
         first, least = from_time_zero(recordings)
         end = first - 1
         quiet, offset, sd = _quiet_part(recordings, end, sd, peak, offset)
-        most = least
+        most, reach = least, np.zeros_like(least)
     later = (first - shown) * recordings.dt - least
     tolerance = np.maximum(_DOUBTFUL_S, 5 * recordings.dt)
     doubtful = (least == most) & ((later > tolerance) | (later < -earliest - tolerance))
-    return Onset(first, least, most, offset, sd, quiet, np.where(quiet, end, 0), doubtful)
+    return Onset(first, least, most, offset, sd, quiet, np.where(quiet, end, 0), doubtful, reach)
 
 
 def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:

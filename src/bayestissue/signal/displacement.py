@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import pandas as pd
 
-from bayestissue.signal.contact import find_onset
+from bayestissue.signal.contact import Onset, find_onset
 from bayestissue.signal.filters import low_pass
 from bayestissue.signal.integration import cumulative
 from bayestissue.signal.options import SignalOptions
@@ -32,6 +32,8 @@ from bayestissue.signal.window import Stop, samples_in, zero_velocity
 # Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
 _BLOCK = 1_000_000
 FEWEST_SAMPLES = 8
+# Samples before contact that are kept, at the most.
+BEFORE = 60
 
 
 class RecordedImpacts(Protocol):
@@ -75,6 +77,11 @@ class Displacements:
         offset_sd: [impact], standard error of that, from the noise of the quiet part; NaN where nothing was
             subtracted.
         noise_sd: [impact], standard deviation of the recording's white noise, same unit.
+        before: [impact, `BEFORE`], the last samples before the first one of x, offset removed, m/s²; 0 where
+            there are none, as of a recorded displacement.
+        n_before: [impact], how many of these there are.
+        reach_s: [impact], for how long before the first sample a force that rises from 0 may have acted
+            without showing, s; 0 where contact was given.
         flags: per impact, what a reader should know about it.
     """
 
@@ -97,6 +104,9 @@ class Displacements:
     offset: Column
     offset_sd: Column
     noise_sd: Column
+    before: Rows
+    n_before: Index
+    reach_s: Column
     flags: list[list[str]]
 
 
@@ -176,8 +186,24 @@ def _integrated(
         "contact as chosen is more than 1 ms from where the trace shows it": onset.doubtful,
     }
     return _windowed(
-        part, x, v, d, stop, flags, mass, velocity, start, offset, offset_sd, onset.noise_sd, options,
+        part, x, v, d, stop, flags, mass, velocity, start, offset, offset_sd, onset.noise_sd,
+        _before(recordings, onset, offset), options,
     )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class _Before:
+    """What was recorded before the first sample in contact: see `Displacements`."""
+
+    value: Rows
+    n: Index
+    reach: Column
+
+
+def _before(recordings: Recordings, onset: Onset, offset: Column) -> _Before:
+    place = onset.first[:, None] - BEFORE + np.arange(BEFORE)
+    value = np.take_along_axis(recordings.value, np.maximum(place, 0), axis=1) - offset[:, None]
+    return _Before(np.where(place >= 0, value, 0.0), np.minimum(onset.first, BEFORE), onset.reach)
 
 
 def _recorded(
@@ -203,7 +229,7 @@ def _recorded(
     start = Start(since_contact, sd, since_contact, sd, np.zeros(len(sd), bool), x[:, 0], v[:, 0])
     return _windowed(
         part, x, v, d, stop, flags, mass, velocity, start, at_contact, np.full_like(sd, np.nan), noise,
-        options,
+        _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd)), options,
     )  # fmt: skip
 
 
@@ -220,6 +246,7 @@ def _windowed(
     offset: Column,
     offset_sd: Column,
     noise: Column,
+    before: _Before,
     options: SignalOptions,
 ) -> Displacements:
     n = samples_in(options.window, stop, start.since_contact, deceleration, x, part.inside, part.dt, noise)
@@ -251,6 +278,9 @@ def _windowed(
         offset=offset,
         offset_sd=offset_sd,
         noise_sd=noise,
+        before=before.value,
+        n_before=before.n,
+        reach_s=before.reach,
         flags=[[text for text, up in zip(flags, row, strict=True) if up] for row in raised.tolist()],
     )
 
@@ -258,13 +288,13 @@ def _windowed(
 def _joined(blocks: list[Displacements]) -> Displacements:
     if len(blocks) == 1:
         return blocks[0]
-    width = max(block.x.shape[1] for block in blocks)
     joined: dict[str, Any] = {"flags": [row for block in blocks for row in block.flags]}
     for field in fields(Displacements):
         if field.name in joined:
             continue
         parts = [getattr(block, field.name) for block in blocks]
         if parts[0].ndim == 2:
+            width = max(part.shape[1] for part in parts)
             parts = [np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in parts]
         joined[field.name] = np.concatenate(parts)
     return Displacements(**joined)

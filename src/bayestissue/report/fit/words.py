@@ -112,7 +112,7 @@ def unused_priors(run: FitRun) -> tuple[str, ...]:
         unused = (*unused, "discrepancy", "sd_discrepancy")
     if recorder_noise(run) == "white":
         unused = (*unused, "atanh_noise_correlation", "sd_atanh_noise_correlation")
-    return (*unused, "contact", "sd_contact") if _element(run).jumps else unused
+    return unused
 
 
 def signal_words(run: FitRun) -> str:

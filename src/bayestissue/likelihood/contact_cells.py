@@ -1,0 +1,180 @@
+"""Contact where a recording does not show its moment: in one of several cells, and anywhere in it.
+
+A force that rises from 0 has its first samples lost in noise. Contact may then be in any of some cells
+before the first sample that is certain to be in contact, each an odd number of sampling intervals long.
+Beforehand all moments are as likely, with a density of one per sampling interval: that of a force that jumps,
+which must have come between two samples. Within a cell the trace is linear in the moment, about the cell's
+middle, and the cells' densities add up.
+
+From cell to cell the same response is shifted by whole samples. It is made once, and so are its products with
+itself, but for what enters or leaves at the ends of a trace; only its products with the data are made for
+each. Samples before the first count by how much likelier the response makes them than noise alone would, as
+the rest of their density is the same for all elements; of autoregressive noise they do not count.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import jax.numpy as jnp
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.likelihood import autoregressive, discrepancy
+from bayestissue.likelihood.element_response import ElementRecord, Response, columns
+from bayestissue.likelihood.linear_errors import Products, gram
+
+# Among the chain's errors.
+_CONTACT = 3
+_ROOT_12 = 12**0.5
+
+
+def shape(record: ElementRecord) -> tuple[int, int]:
+    """How many cells there are, and how many sampling intervals each has."""
+    assert record.before is not None  # noqa: S101 - for the type checker
+    return record.before.shape[0], record.before.shape[2]
+
+
+def middles(record: ElementRecord) -> Float[Array, "cell impact"]:
+    """From the middle of each cell to the first sample [s]; the first cell is the last before that sample."""
+    cells, width = shape(record)
+    return (jnp.arange(cells)[:, None] + 0.5) * width * record.dt
+
+
+def error_sd(record: ElementRecord, whole: Float[Array, "impact 4"]) -> Float[Array, "impact 4"]:
+    """The errors' standard deviations, that of contact in its cell; ``whole`` has that of all cells."""
+    return whole.at[:, _CONTACT].set(shape(record)[1] * record.dt / _ROOT_12)
+
+
+def products(
+    found: Response,
+    value: Float[Array, "impact sample"],
+    record: ElementRecord,
+    ratio: Float[Array, "mode impact"] | None,
+    *,
+    linear: bool,
+) -> Products:
+    """As of `bayestissue.likelihood.linear_errors`, each [cell, impact]; noise is white.
+
+    Args:
+        found: the response from contact on.
+        value: the traces.
+        record: what was recorded.
+        ratio: see `bayestissue.likelihood.discrepancy.ratios`; None where there is no discrepancy.
+        linear: whether the response is in proportion to the velocity.
+    """
+    slides = _Slides(record)
+    inside = record.inside()
+    window = jnp.where(inside, value, 0.0)
+    parts = [found.d, -found.jerk] if linear else [found.d, -found.jerk, found.by_velocity]
+    own = [[slides.together(parts[a], parts[b]) for b in range(a + 1)] for a in range(len(parts))]
+    levels = [slides.level(part) for part in parts]
+    seen = slides.against(slides.whole(window), parts)
+    count = record.n_samples + 0.0
+    residual = [each - own[a][0] for a, each in enumerate(seen)]
+    # Of residual, gain, contact, velocity; the offset has none before the first sample.
+    lower = [[(window**2).sum(-1) - seen[0] - residual[0]]]
+    lower += [[residual[a], *own[a]] for a in range(len(parts))]
+    offset = [window.sum(-1) - levels[0], *levels]
+    along = None
+    if ratio is not None and record.basis is not None:
+        modes = jnp.where(inside, record.basis, 0.0)
+        each = slides.against(slides.alone(modes), parts)
+        data = (modes * window).sum(-1)[:, None] - each[0]
+        along = [data, *each]
+        level = modes.sum(-1)[:, None]
+    if linear:
+        velocity = record.velocity
+        row = [*(entry / velocity for entry in (residual[0], own[0][0], own[1][0])), own[0][0] / velocity**2]
+        lower.append(row)
+        offset.append(levels[0] / velocity)
+        if along is not None:
+            along.append(along[1] / velocity)
+    order = (0, 3, 1, None, 2)
+    entries = tuple(
+        tuple(_entry(lower, offset, count, order[a], order[b]) for b in range(len(order)))
+        for a in range(len(order))
+    )
+    plain = Products(entries, jnp.zeros_like(count), count)
+    if along is None or ratio is None:
+        return plain
+    ordered = [level if a is None else along[a] for a in order]
+    return discrepancy.with_discrepancy(plain, ordered, ratio[:, None])
+
+
+def _entry(
+    lower: list[list[Array]], offset: list[Array], count: Array, a: int | None, b: int | None
+) -> Array:
+    if a is None or b is None:
+        return count if a is b else offset[b if a is None else a]  # type: ignore[index]
+    return lower[max(a, b)][min(a, b)]
+
+
+def products_of_correlated(
+    found: Response, value: Float[Array, "impact sample"], record: ElementRecord, atanh_correlation: Array
+) -> Products:
+    """The same under autoregressive noise."""
+    inside, samples = record.inside(), record.d.shape[1]
+    made = []
+    for shift in _Slides(record).shifts:
+        here = Response(*(jnp.where(inside, part[:, shift : shift + samples], 0.0) for part in found))
+        parts = (jnp.where(inside, value - here.d, 0.0), *columns(here, record))
+        white = tuple(autoregressive.whitened(part, atanh_correlation, inside) for part in parts)
+        made.append(gram(white, jnp.ones(())))
+    entries = tuple(
+        tuple(jnp.stack([cell[a][b] for cell in made]) for b in range(len(made[0])))
+        for a in range(len(made[0]))
+    )
+    return Products(entries, autoregressive.log_determinant(atanh_correlation), record.n_samples + 0.0)
+
+
+class _Slides:
+    """Sums over a trace's samples of a response that slides along it, each [..., cell, impact]."""
+
+    def __init__(self, record: ElementRecord) -> None:
+        cells, width = shape(record)
+        self.shifts = [cell * width + width // 2 for cell in range(cells)]
+        self._record, self._reach = record, cells * width
+        self._number = self._reach + record.d.shape[1]
+        self._within = jnp.arange(self._number) < record.n_samples[:, None]
+        place = jnp.arange(self._reach)
+        self._after = record.n_samples[:, None] + place
+        shift = jnp.asarray(self.shifts)[:, None, None]
+        self._enters = place < shift
+        before = 0 if record.n_before is None else record.n_before[:, None]
+        self._leaves = place < shift - before
+
+    def whole(self, window: Float[Array, "impact sample"]) -> Array:
+        """The samples before the first and those of the window as `against` takes them."""
+        record = self._record
+        before = jnp.zeros((len(window), self._reach))
+        if record.before is not None and record.n_before is not None:
+            recorded = jnp.arange(self._reach) >= self._reach - record.n_before[:, None]
+            before = jnp.where(recorded, jnp.moveaxis(record.before, 0, 1).reshape(before.shape), 0.0)
+        return jnp.concatenate([before, window], axis=-1)
+
+    def alone(self, window: Float[Array, "*batch impact sample"]) -> Array:
+        """Those of the window alone."""
+        return jnp.pad(window, [(0, 0)] * (window.ndim - 1) + [(self._reach, 0)])
+
+    def against(self, samples: Array, parts: Sequence[Array]) -> list[Array]:
+        """Of the samples times each part."""
+        samples = jnp.pad(samples, [(0, 0)] * (samples.ndim - 1) + [(0, self._reach)])
+        seen = [
+            samples[..., self._reach - shift : self._reach - shift + self._number] for shift in self.shifts
+        ]
+        return [jnp.stack([(each * part).sum(-1) for each in seen], axis=-2) for part in parts]
+
+    def together(self, a: Array, b: Array) -> Array:
+        """Of a times b, over the window and what was recorded before it."""
+        return self._sums(a, b, self._leaves)
+
+    def level(self, a: Array) -> Array:
+        """Of a over the window."""
+        return self._sums(a, jnp.ones_like(a), self._enters)
+
+    def _sums(self, a: Array, b: Array, leaves: Array) -> Array:
+        middle = jnp.where(self._within, a * b, 0.0).sum(-1)
+        late = jnp.take_along_axis(a, self._after, axis=1) * jnp.take_along_axis(b, self._after, axis=1)
+        early = (a * b)[:, : self._reach]
+        return middle + jnp.where(self._enters, late, 0.0).sum(-1) - jnp.where(leaves, early, 0.0).sum(-1)

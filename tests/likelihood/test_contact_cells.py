@@ -1,0 +1,203 @@
+"""Contact in one of several cells, against the same sum made trace by trace and cell by cell."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+from scipy.stats import kstest, multivariate_normal
+
+from bayestissue.elements import element, impact
+from bayestissue.likelihood.discrepancy import modes
+from bayestissue.likelihood.element_impact import MeasuredImpact
+from bayestissue.likelihood.element_response import ElementRecord
+
+DT, SAMPLES, CELLS = 2e-4, 60, 4
+COUNT = np.array([60, 48])
+RECORDED = np.array([100, 3])
+MASS, VELOCITY, DIAMETER = np.array([0.6, 0.9]), np.array([1.2, 1.1]), np.full(2, 0.0318)
+SIGMA = 0.3
+ERROR_SD = np.array([0.02, 0.01, 0.1, 0.0])
+VALUES = {
+    "maxwell": {"K": 3000.0, "C": 120.0},
+    "standard_linear": {"K": 2000.0, "C": 30.0, "arm_ratio": 2.0},
+    "hunt_crossley": {"K": 3000.0, "C": 60.0},
+}
+
+
+def simulated(name: str, lead: np.ndarray, reach: int, sigma: float = SIGMA) -> np.ndarray:
+    """Traces from ``reach`` samples before the first on, contact being ``lead`` before that one."""
+    time = (np.arange(-reach, SAMPLES)) * DT + lead[:, None]
+    d = response(name, np.maximum(time, 0.0), VELOCITY)
+    rng = np.random.default_rng(1)
+    return np.where(time > 0, d, 0.0) + sigma * rng.standard_normal(d.shape)
+
+
+def response(name: str, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+    found = impact(element(name), VALUES[name], MASS, velocity, jnp.asarray(time), diameter=DIAMETER)
+    return np.asarray(found.deceleration)
+
+
+def measured(
+    name: str, width: int, *, discrepancy: bool = False, sigma: float = SIGMA, lead: float = 2.6
+) -> MeasuredImpact:
+    reach = CELLS * width
+    traces = simulated(name, np.full(2, lead * DT), reach, sigma)
+    before = np.where(np.arange(reach) >= reach - RECORDED[:, None], traces[:, :reach], 0.0)
+    error_sd = np.tile(ERROR_SD, (2, 1))
+    error_sd[:, 3] = reach * DT / np.sqrt(12)
+    more = {}
+    if discrepancy:
+        basis, share = modes(COUNT, SAMPLES)
+        more = {"basis": basis, "share": share}
+    record = ElementRecord.of(
+        traces[:, reach:],
+        COUNT,
+        np.full(2, DT / 2),
+        np.full(2, DT),
+        VELOCITY,
+        error_sd,
+        np.ones(2, bool),
+        MASS,
+        DIAMETER,
+        before=np.moveaxis(before.reshape(2, CELLS, width), 1, 0),
+        n_before=np.minimum(RECORDED, reach),
+        **more,
+    )
+    parameters = jnp.stack([jnp.full(2, value) for value in VALUES[name].values()])
+    log_discrepancy = jnp.full(2, np.log(0.5)) if discrepancy else None
+    return MeasuredImpact(element(name), parameters, jnp.full(2, np.log(sigma)), record, log_discrepancy)
+
+
+def density_at(given: MeasuredImpact, name: str, row: int, lead: float, about: float) -> float:
+    """Log density of a row, contact ``lead`` before its first sample, by one large covariance.
+
+    The trace is linear in that moment about ``about``. Of the samples before the first, what noise alone
+    would have made of them is taken off.
+    """
+    record = given.record
+    n, before = int(COUNT[row]), int(record.n_before[row])
+    time = np.arange(-before, n) * DT + about
+    touched = np.tile(np.maximum(time, 0.0), (2, 1))
+    step = 1e-3 * VELOCITY
+    d = response(name, touched, VELOCITY)[row]
+    faster, slower = (response(name, touched, VELOCITY + side * step)[row] for side in (1, -1))
+    h = 1e-6
+    ends = [response(name, np.maximum(touched + side * h, 0.0), VELOCITY)[row] for side in (1, -1)]
+    jerk = (ends[0] - ends[1]) / (2 * h)
+    inside = np.arange(-before, n) >= 0
+    own = time > 0
+    columns = [
+        np.where(own, (faster - slower) / (2 * step[row]), 0.0) * ERROR_SD[0],
+        np.where(own, d, 0.0) * ERROR_SD[1],
+        np.where(inside, 1.0, 0.0) * ERROR_SD[2],
+    ]
+    covariance = np.exp(2 * float(given.log_sigma[row])) * np.eye(n + before)
+    covariance += sum(np.outer(column, column) for column in columns)
+    if record.basis is not None:
+        basis = np.asarray(record.basis)[:, row, :n]
+        part = (basis.T * np.asarray(record.share)[row]) @ basis * np.exp(2 * given.log_discrepancy[row])
+        covariance[before:, before:] += part
+    reach = record.before.shape[0] * record.before.shape[2]
+    early = np.moveaxis(np.asarray(record.before), 0, 1).reshape(2, -1)[row, reach - before :]
+    seen = np.concatenate([early, np.asarray(record.d)[row, :n]])
+    mean = np.where(own, d + jerk * (lead - about), 0.0)
+    found = multivariate_normal.logpdf(seen, mean, covariance)
+    noise = multivariate_normal(np.zeros(1), np.exp(2 * float(given.log_sigma[row])))
+    return float(found - noise.logpdf(early[:, None]).sum()) if before else float(found)
+
+
+def density_of_row(given: MeasuredImpact, name: str, row: int, width: int) -> float:
+    """Log of the integral over all cells, contact in sampling intervals.
+
+    Within a cell the log density is a parabola in contact: three values give it, many points its integral.
+    """
+    inner = (np.arange(20_000) + 0.5) / 10_000 - 1
+    total = []
+    for cell in range(CELLS):
+        about, half = (cell + 0.5) * width * DT, width * DT / 2
+        values = [density_at(given, name, row, about + side * half, about) for side in (-1, 0, 1)]
+        total.append(np.polyval(np.polyfit([-1, 0, 1], values, 2), inner))
+    return float(logsumexp(total) - np.log(len(inner)) + np.log(width))
+
+
+@pytest.mark.parametrize("width", [1, 3])
+@pytest.mark.parametrize("name", VALUES)
+def test_density_is_the_integral_over_all_cells(name: str, width: int) -> None:
+    given = measured(name, width)
+    found = np.asarray(given.log_prob(given.record.d))
+    expected = [density_of_row(given, name, row, width) for row in range(2)]
+    # Both are good to the differences that the oracle takes: a millionth of a trace's product over sigma^2.
+    assert found == pytest.approx(expected, abs=1e-3)
+
+
+def test_density_with_a_discrepancy() -> None:
+    given = measured("maxwell", 1, discrepancy=True)
+    found = np.asarray(given.log_prob(given.record.d))
+    assert found == pytest.approx([density_of_row(given, "maxwell", row, 1) for row in range(2)], abs=1e-3)
+
+
+def test_slopes_are_those_of_differences() -> None:
+    given = measured("standard_linear", 1)
+    which = given.element
+
+    def total(logs: jax.Array) -> jax.Array:
+        made = MeasuredImpact(which, jnp.exp(logs[:-1]), logs[-1], given.record)
+        return made.log_prob(given.record.d).sum()
+
+    logs = jnp.concatenate([jnp.log(given.parameters), given.log_sigma[None]])
+    slope = np.asarray(jax.grad(total)(logs))
+    h = 1e-5
+    for place in np.ndindex(*logs.shape):
+        ends = [float(total(logs.at[place].add(side * h))) for side in (1, -1)]
+        # Third derivatives of a log density of a few thousand, and its rounding over 2 h.
+        assert slope[place] == pytest.approx((ends[0] - ends[1]) / (2 * h), abs=1e-3, rel=1e-5)
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_contact_is_found_where_it_was(name: str) -> None:
+    """Nearly without noise the moment is told to a hundredth of a sampling interval or so."""
+    given = measured(name, 1, sigma=1e-3)
+    first = np.asarray(given.record.first_time)
+    errors = np.asarray(given.draw_errors(jax.random.PRNGKey(0)))
+    # The trace is linear in the moment over half an interval: the rest is bent by a few per cent.
+    assert first - errors[:, 3] == pytest.approx(np.full(2, 2.6 * DT), abs=0.1 * DT)
+    assert np.asarray(given.mean_first_time()) == pytest.approx(np.full(2, 2.5 * DT), abs=0.01 * DT)
+
+
+def test_drawn_contact_is_distributed_as_its_density() -> None:
+    given = measured("maxwell", 1, sigma=1.0)
+    keys = jax.random.split(jax.random.PRNGKey(1), 4000)
+    drawn = np.asarray(jax.vmap(given.draw_errors)(keys))[:, 0, 3]
+    drawn = DT / 2 - drawn
+
+    def density(lead: float) -> float:
+        return density_at(given, "maxwell", 0, lead, (np.floor(lead / DT) + 0.5) * DT)
+
+    places = (np.arange(40 * CELLS) + 0.5) * DT / 40
+    logs = np.array([density(place) for place in places])
+    below = np.cumsum(np.exp(logs - logs.max()))
+    uniform = np.interp(drawn, places + DT / 80, below / below[-1])
+    assert kstest(uniform, "uniform").pvalue > 0.001
+
+
+def test_early_samples_bound_contact() -> None:
+    """Without them contact could be earlier by as much as the rest of the trace allows."""
+    with_them = measured("maxwell", 3, sigma=1.0, lead=1.2)
+    none = with_them.record._replace(n_before=jnp.zeros(2, int))
+    without = MeasuredImpact(with_them.element, with_them.parameters, with_them.log_sigma, none)
+    keys = jax.random.split(jax.random.PRNGKey(2), 2000)
+    spread = [np.asarray(jax.vmap(each.draw_errors)(keys))[:, 0, 3].std() for each in (with_them, without)]
+    assert spread[0] < spread[1]
+
+
+def test_replicates_have_contact_where_the_trace_has_it() -> None:
+    given = measured("maxwell", 1, sigma=1e-2)
+    made = np.asarray(given.sample(jax.random.PRNGKey(3)))
+    expected = response("maxwell", np.arange(SAMPLES) * DT + np.full((2, 1), 2.6 * DT), VELOCITY)
+    inside = np.arange(SAMPLES) < COUNT[:, None]
+    # Errors of velocity, gain and offset are as large as these.
+    tolerance = 5 * (0.02 / 1.1 + 0.01) * np.abs(expected).max() + 0.5
+    assert np.abs(np.where(inside, made - expected, 0.0)).max() < tolerance
