@@ -10,7 +10,6 @@ from scipy.special import logsumexp
 from scipy.stats import kstest, multivariate_normal
 
 from bayestissue.elements import element, impact
-from bayestissue.likelihood.discrepancy import modes
 from bayestissue.likelihood.element_impact import MeasuredImpact
 from bayestissue.likelihood.element_response import ElementRecord
 
@@ -40,18 +39,12 @@ def response(name: str, time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
     return np.asarray(found.deceleration)
 
 
-def measured(
-    name: str, width: int, *, discrepancy: bool = False, sigma: float = SIGMA, lead: float = 2.6
-) -> MeasuredImpact:
+def measured(name: str, width: int, *, sigma: float = SIGMA, lead: float = 2.6) -> MeasuredImpact:
     reach = CELLS * width
     traces = simulated(name, np.full(2, lead * DT), reach, sigma)
     before = np.where(np.arange(reach) >= reach - RECORDED[:, None], traces[:, :reach], 0.0)
     error_sd = np.tile(ERROR_SD, (2, 1))
     error_sd[:, 3] = reach * DT / np.sqrt(12)
-    more = {}
-    if discrepancy:
-        basis, share = modes(COUNT, SAMPLES)
-        more = {"basis": basis, "share": share}
     record = ElementRecord.of(
         traces[:, reach:],
         COUNT,
@@ -64,11 +57,9 @@ def measured(
         DIAMETER,
         before=np.moveaxis(before.reshape(2, CELLS, width), 1, 0),
         n_before=np.minimum(RECORDED, reach),
-        **more,
     )
     parameters = jnp.stack([jnp.full(2, value) for value in VALUES[name].values()])
-    log_discrepancy = jnp.full(2, np.log(0.5)) if discrepancy else None
-    return MeasuredImpact(element(name), parameters, jnp.full(2, np.log(sigma)), record, log_discrepancy)
+    return MeasuredImpact(element(name), parameters, jnp.full(2, np.log(sigma)), record)
 
 
 def density_at(given: MeasuredImpact, name: str, row: int, lead: float, about: float) -> float:
@@ -96,10 +87,6 @@ def density_at(given: MeasuredImpact, name: str, row: int, lead: float, about: f
     ]
     covariance = np.exp(2 * float(given.log_sigma[row])) * np.eye(n + before)
     covariance += sum(np.outer(column, column) for column in columns)
-    if record.basis is not None:
-        basis = np.asarray(record.basis)[:, row, :n]
-        part = (basis.T * np.asarray(record.share)[row]) @ basis * np.exp(2 * given.log_discrepancy[row])
-        covariance[before:, before:] += part
     reach = record.before.shape[0] * record.before.shape[2]
     early = np.moveaxis(np.asarray(record.before), 0, 1).reshape(2, -1)[row, reach - before :]
     seen = np.concatenate([early, np.asarray(record.d)[row, :n]])
@@ -131,12 +118,6 @@ def test_density_is_the_integral_over_all_cells(name: str, width: int) -> None:
     expected = [density_of_row(given, name, row, width) for row in range(2)]
     # Both are good to the differences that the oracle takes: a millionth of a trace's product over sigma^2.
     assert found == pytest.approx(expected, abs=1e-3)
-
-
-def test_density_with_a_discrepancy() -> None:
-    given = measured("maxwell", 1, discrepancy=True)
-    found = np.asarray(given.log_prob(given.record.d))
-    assert found == pytest.approx([density_of_row(given, "maxwell", row, 1) for row in range(2)], abs=1e-3)
 
 
 def test_slopes_are_those_of_differences() -> None:

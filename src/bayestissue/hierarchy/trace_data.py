@@ -243,15 +243,16 @@ def _element_record(
     )
     besides: dict[str, np.ndarray] = {}
     contact_sd, uniform = signal.bracket_sd, signal.bracket_uniform
-    if not element(specification.element).jumps and (signal.reach_s > 0).all():
+    if specification.discrepancy == "always":
+        # It takes up what a wrong moment of contact does to a trace.
+        basis, share = modes(signal.n_samples, signal.deceleration.shape[1])
+        besides = {"basis": basis, "share": share}
+    elif not element(specification.element).jumps and (signal.reach_s > 0).all():
         cells, width = _cells(signal)
         reach = cells * width
         before = np.moveaxis(signal.before[:, BEFORE - reach :].reshape(-1, cells, width), 1, 0)
         besides = {"before": before, "n_before": np.minimum(signal.n_before, reach)}
         contact_sd, uniform = reach * signal.dt / np.sqrt(12), np.ones_like(uniform)
-    if specification.discrepancy == "always":
-        basis, share = modes(signal.n_samples, signal.deceleration.shape[1])
-        besides |= {"basis": basis, "share": share}
     record = ElementRecord.of(
         signal.deceleration,
         signal.n_samples,

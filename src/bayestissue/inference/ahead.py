@@ -150,4 +150,5 @@ def _of_correction(
     yield compare_over.lower(model, data, summaries, part, standard, profile)
     ratios = compare_over.eval_shape(model, data, summaries, part, standard, profile)
     yield summary_path.log_weights.lower(model, bare, summaries, ratios, raw, z_b)
-    yield summary_path.standard_impacts.lower(model, data, summaries, raw, z_b, keys)
+    candidates = jax.eval_shape(lambda: jnp.asarray(summary_path.CANDIDATES))
+    yield summary_path.standard_impacts.lower(model, data, summaries, raw, z_b, keys, candidates)

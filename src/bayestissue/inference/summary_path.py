@@ -28,10 +28,10 @@ from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
 from bayestissue.inference.sampling import Draws, Progress, silent
-from bayestissue.inference.trace_correction import standard_points
+from bayestissue.inference.trace_correction import Profile, standard_points
 from bayestissue.inference.trace_start import LAST, Summarised, spreads_model, summarise
 
-CANDIDATES = 8
+CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
 PARETO_LIMIT = 0.7
 
 
@@ -149,7 +149,8 @@ def summary_draws(
     chosen = _resample(weight, np.random.default_rng([seed, 21]))
     raw = {name: values[chosen] for name, values in raw.items()}
     z_b = z_b[chosen]
-    z_u = standard_impacts(model, prepared.data, summaries, raw, z_b, jax.random.split(keys[2], len(chosen)))
+    of_draws, candidates = jax.random.split(keys[2], len(chosen)), _candidates(ratios, profile)
+    z_u = standard_impacts(model, prepared.data, summaries, raw, z_b, of_draws, candidates)
     sites = {**raw, "standard_locations": z_b, "standard_impacts": z_u}
     draws = Draws(
         {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
@@ -158,6 +159,18 @@ def summary_draws(
     )
     effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
     return draws, Correction(k, float(effective))
+
+
+def _candidates(ratios: Ratios, profile: Profile | None) -> Array:
+    """How many candidates an impact's parameters are chosen from.
+
+    The choice is off the truth by about v / n, v being the variance of likelihood over summary relative to
+    its mean squared. A parameter that has a profile is not in that.
+    """
+    weight = np.exp(np.asarray(ratios.log_ratio - ratios.log_ratio.max(0)))
+    varies = np.mean(weight.var(0) / weight.mean(0) ** 2)
+    wanted = CANDIDATES if profile is not None or not np.isfinite(varies) else np.ceil(varies / _OFF)
+    return jnp.asarray(int(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES)))
 
 
 def _start(summarised: Summarised) -> Start:
@@ -232,6 +245,7 @@ def standard_impacts(
     raw: dict[str, Array],
     z_b: Array,
     keys: Array,
+    candidates: Array,
 ) -> Array:
     """Standard normals of every impact, one of a few candidates each, chosen by likelihood over summary."""
     shape = summaries.centre.shape
@@ -241,15 +255,18 @@ def standard_impacts(
         spread = population(model, constrained(model, own))
         found = condition(data.design, spread, data.location_mean, summaries)
         about = expected(data.design, locations(found, z))
-        of_candidates, of_choice = jax.random.split(key)
-        candidates = jax.random.normal(of_candidates, (CANDIDATES, *shape))
 
-        def ratio(candidate: Array) -> Array:
+        def consider(number: Array, kept: tuple[Array, Array]) -> tuple[Array, Array]:
+            best, most = kept
+            of_candidate, of_choice = jax.random.split(jax.random.fold_in(key, number))
+            candidate = jax.random.normal(of_candidate, shape)
             u = impact_parameters(found, summaries, about, candidate)
-            return log_likelihood(model, data, u) - summaries.log_summary(u)
+            ratio = log_likelihood(model, data, u) - summaries.log_summary(u)
+            # The greatest of these sums is a choice by likelihood over summary (Gumbel 1954).
+            value = jnp.nan_to_num(ratio, nan=-jnp.inf) + jax.random.gumbel(of_choice, ratio.shape)
+            better = (value > most) | (number == 0)
+            return jnp.where(better[:, None], candidate, best), jnp.where(better, value, most)
 
-        ratios = jax.lax.map(ratio, candidates)
-        choice = jax.random.categorical(of_choice, jnp.nan_to_num(ratios, nan=-jnp.inf), axis=0)
-        return jnp.take_along_axis(candidates, choice[None, :, None], axis=0)[0]
+        return jax.lax.fori_loop(0, candidates, consider, (jnp.zeros(shape), jnp.full(shape[0], -jnp.inf)))[0]
 
     return jax.lax.map(one, (raw, z_b, keys))

@@ -29,10 +29,9 @@ from bayestissue.hierarchy.conditional import (
 from bayestissue.hierarchy.population import Spread, expected
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, population
 from bayestissue.inference.compiling import compiled_quickly
+from bayestissue.inference.trace_summaries import least_bend
 
 POINTS = 64
-# Of a log parameter of which a trace says nothing.
-_LEAST_PRECISION = 1e-3
 
 
 class Expectation(NamedTuple):
@@ -114,19 +113,30 @@ def compare_about(
 
 @compiled_quickly()
 def refine(
-    spread: Spread, summaries: Summaries, parts: ImpactParts, about: list[Array], points: Points
+    spread: Spread,
+    summaries: Summaries,
+    parts: ImpactParts,
+    about: list[Array],
+    points: Points,
+    bent: bool | Array = False,
 ) -> Summaries:
     """Summaries whose product with the population's expectation has the mean and covariance of the truth.
 
-    One step of expectation propagation (Minka 2001), the moments taken over the compared points. Along an
-    axis where a moment leaves no positive precision to the trace, which is open on that side, its summary has
-    next to none, and only the mean is met; where the points tell too little, the old summary stays.
+    One step of expectation propagation (Minka 2001), the moments taken over the compared points. Where a
+    moment leaves no positive precision to the trace along some axis, the trace being open on that side, its
+    old summary stays; or, if that is to be ``bent``, it gets as little precision there as is believable, and
+    only the mean is met. It stays too where the points tell too little.
     """
-    return refine_about(spread, summaries, parts, about, points)
+    return refine_about(spread, summaries, parts, about, points, bent)
 
 
 def refine_about(
-    spread: Spread, summaries: Summaries, parts: ImpactParts, columns: list[Array], points: Points
+    spread: Spread,
+    summaries: Summaries,
+    parts: ImpactParts,
+    columns: list[Array],
+    points: Points,
+    bent: bool | Array = False,
 ) -> Summaries:
     """`refine`, to be called from within a compiled function."""
     about = jnp.stack(columns, axis=-1)
@@ -145,10 +155,12 @@ def refine_about(
     covariance = covariance + exact - own
     whole = jnp.linalg.inv(covariance)
     values, axes = jnp.linalg.eigh(whole - prior)
-    precision = jnp.einsum("iab,ib,icb->iac", axes, jnp.maximum(values, _LEAST_PRECISION), axes)
     enough = 1 / jnp.square(weight).sum(0) > points.u.shape[0] / 4
-    usable = jnp.isfinite(values).all(1) & enough
+    usable = ((values[:, 0] > 0) | bent) & jnp.isfinite(values).all(1) & enough
     slope = (mean - about) @ prior
+    along = jnp.einsum("iab,ia->ib", axes, slope)
+    firm = jnp.maximum(values, least_bend(along))
+    precision = jnp.einsum("iab,ib,icb->iac", axes, firm, axes)
     found = Summaries(mean, slope, precision, jnp.zeros_like(summaries.log_likelihood))
     mean_ratio = jax.nn.logsumexp(points.log_ratio, axis=0) - jnp.log(points.u.shape[0])
     # Equal evidence under this population, old and new: the level follows.

@@ -24,6 +24,7 @@ from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
     constrained,
+    log_likelihood,
     population,
     sample_spreads,
     with_normal_errors,
@@ -52,6 +53,8 @@ PROFILE_POINTS, FEW = 32, 4
 LAST = "standard_last"
 # Of artanh theta1 or a log, the standard deviation up to which its likelihood passes for a normal.
 _WELL_TOLD = 0.3
+# Steps of that log; where a likelihood is a normal so narrow, it is lower there by 50.
+_FAR, _CLEARLY_LESS = (0.0, -3.0, 3.0), 10.0
 _NEAREST = 0.99
 _STEP = 1e-4
 
@@ -181,7 +184,9 @@ def summarise(
         mode = finder.mode(summaries, mode)
         spread, conditional, about = finder.expectation(summaries, mode)
         points = compare(model, data, summaries, conditional.parts, about, standard)
-        summaries = refine(spread, summaries, conditional.parts, about, points)
+        # A last parameter that is open has a profile instead.
+        bent = not model.last_may_be_open
+        summaries = refine(spread, summaries, conditional.parts, about, points, bent)
         say(3 + number, passes)
     mode = finder.mode(summaries, mode)
     if not model.last_may_be_open:
@@ -206,13 +211,32 @@ def _last_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
     """Whether the traces tell the last parameter well enough for its likelihood to be normal.
 
     N samples tell theta1 to ((1 - theta1^2) / N)^1/2, and so artanh theta1 to cosh(artanh theta1) / N^1/2;
-    an element's further parameter as well as the summaries say.
+    an element's further parameter as well as the summaries say, unless the likelihood has another end.
     """
     if prepared.model.kind != "arma":
         covariance = np.linalg.inv(np.asarray(summaries.precision))
-        return bool(np.sqrt(np.median(covariance[:, -1, -1])) < _WELL_TOLD)
+        narrow = np.sqrt(np.median(covariance[:, -1, -1])) < _WELL_TOLD
+        return bool(narrow) and not _has_another_end(prepared, summaries)
     middle = np.median(np.asarray(summaries.centre)[:, -1])
     return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
+
+
+def _has_another_end(prepared: Prepared, summaries: Summaries) -> bool:
+    """Whether far from the summaries' centres, along the last parameter, traces are nearly as likely.
+
+    A search may have stopped on a shelf, from which the likelihood rises slowly to where it is level.
+    """
+    own, *far = np.asarray(_along_last(prepared.model, prepared.data, summaries.centre, jnp.array(_FAR)))
+    lost = np.median(own - np.asarray(far), axis=1)
+    return bool((lost < _CLEARLY_LESS).any())
+
+
+@compiled_quickly("model")
+def _along_last(
+    model: TraceModel, data: TraceData, centre: Array, away: Float[Array, " place"]
+) -> Float[Array, "place impact"]:
+    *others, last = jnp.moveaxis(jnp.asarray(centre), 1, 0)
+    return jax.lax.map(lambda step: log_likelihood(model, data, [*others, last + step]), away)
 
 
 # Of the last location's standard normal, at which its density is looked at.

@@ -19,6 +19,8 @@ ITERATIONS = 60
 # too little, or the wrong way, is given the bend that promises the least.
 _MOST_GAIN, _LEAST_GAIN = 20.0, 1.0
 _LEAST_BEND = 1e-9
+# Of a log parameter of which a trace says nothing.
+_LEAST_PRECISION = 1e-3
 # Of a log parameter: far below where third derivatives count, far above rounding.
 STEP = 1e-4
 
@@ -117,6 +119,11 @@ def believable_bend(bend: Float[Array, "*axis"], slope: Float[Array, "*axis"]) -
     """
     believed = (bend > 0) & (slope**2 < 2 * _MOST_GAIN * bend)
     return jnp.maximum(jnp.where(believed, bend, slope**2 / (2 * _LEAST_GAIN)), _LEAST_BEND)
+
+
+def least_bend(slope: Float[Array, "*axis"]) -> Float[Array, "*axis"]:
+    """The bend with which a summary of this slope still promises no wonders, next to nothing without one."""
+    return jnp.maximum(slope**2 / (2 * _MOST_GAIN), _LEAST_PRECISION)
 
 
 def loose_anchor(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) -> Anchor:

@@ -9,7 +9,8 @@ middle, and the cells' densities add up.
 From cell to cell the same response is shifted by whole samples. It is made once, and so are its products with
 itself, but for what enters or leaves at the ends of a trace; only its products with the data are made for
 each. Samples before the first count by how much likelier the response makes them than noise alone would, as
-the rest of their density is the same for all elements; of autoregressive noise they do not count.
+the rest of their density is the same for all elements; of autoregressive noise they do not count. Beside a
+discrepancy, which takes up what a wrong moment does to a trace, contact is between two samples instead.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.likelihood import autoregressive, discrepancy
+from bayestissue.likelihood import autoregressive
 from bayestissue.likelihood.element_response import ElementRecord, Response, columns
 from bayestissue.likelihood.linear_errors import Products, gram
 
@@ -50,7 +51,6 @@ def products(
     found: Response,
     value: Float[Array, "impact sample"],
     record: ElementRecord,
-    ratio: Float[Array, "mode impact"] | None,
     *,
     linear: bool,
 ) -> Products:
@@ -60,7 +60,6 @@ def products(
         found: the response from contact on.
         value: the traces.
         record: what was recorded.
-        ratio: see `bayestissue.likelihood.discrepancy.ratios`; None where there is no discrepancy.
         linear: whether the response is in proportion to the velocity.
     """
     slides = _Slides(record)
@@ -76,30 +75,17 @@ def products(
     lower = [[(window**2).sum(-1) - seen[0] - residual[0]]]
     lower += [[residual[a], *own[a]] for a in range(len(parts))]
     offset = [window.sum(-1) - levels[0], *levels]
-    along = None
-    if ratio is not None and record.basis is not None:
-        modes = jnp.where(inside, record.basis, 0.0)
-        each = slides.against(slides.alone(modes), parts)
-        data = (modes * window).sum(-1)[:, None] - each[0]
-        along = [data, *each]
-        level = modes.sum(-1)[:, None]
     if linear:
         velocity = record.velocity
         row = [*(entry / velocity for entry in (residual[0], own[0][0], own[1][0])), own[0][0] / velocity**2]
         lower.append(row)
         offset.append(levels[0] / velocity)
-        if along is not None:
-            along.append(along[1] / velocity)
     order = (0, 3, 1, None, 2)
     entries = tuple(
         tuple(_entry(lower, offset, count, order[a], order[b]) for b in range(len(order)))
         for a in range(len(order))
     )
-    plain = Products(entries, jnp.zeros_like(count), count)
-    if along is None or ratio is None:
-        return plain
-    ordered = [level if a is None else along[a] for a in order]
-    return discrepancy.with_discrepancy(plain, ordered, ratio[:, None])
+    return Products(entries, jnp.zeros_like(count), count)
 
 
 def _entry(
@@ -153,17 +139,12 @@ class _Slides:
             before = jnp.where(recorded, jnp.moveaxis(record.before, 0, 1).reshape(before.shape), 0.0)
         return jnp.concatenate([before, window], axis=-1)
 
-    def alone(self, window: Float[Array, "*batch impact sample"]) -> Array:
-        """Those of the window alone."""
-        return jnp.pad(window, [(0, 0)] * (window.ndim - 1) + [(self._reach, 0)])
-
     def against(self, samples: Array, parts: Sequence[Array]) -> list[Array]:
         """Of the samples times each part."""
-        samples = jnp.pad(samples, [(0, 0)] * (samples.ndim - 1) + [(0, self._reach)])
-        seen = [
-            samples[..., self._reach - shift : self._reach - shift + self._number] for shift in self.shifts
-        ]
-        return [jnp.stack([(each * part).sum(-1) for each in seen], axis=-2) for part in parts]
+        samples = jnp.pad(samples, ((0, 0), (0, self._reach)))
+        starts = [self._reach - shift for shift in self.shifts]
+        seen = [samples[:, start : start + self._number] for start in starts]
+        return [jnp.stack([(each * part).sum(-1) for each in seen]) for part in parts]
 
     def together(self, a: Array, b: Array) -> Array:
         """Of a times b, over the window and what was recorded before it."""

@@ -48,7 +48,9 @@ def _products(
     element: Element, found: Response, noise: _Noise, value: Array, record: ElementRecord
 ) -> Products:
     if record.before is not None:
-        return _products_by_cell(element, found, noise, value, record)
+        if noise.atanh_correlation is not None:
+            return contact_cells.products_of_correlated(found, value, record, noise.atanh_correlation)
+        return contact_cells.products(found, value, record, linear=element.linear)
     residual = jnp.where(record.inside(), value - found.d, 0.0)
     count = record.n_samples + 0.0
     parts = (residual, *columns(found, record))
@@ -57,24 +59,10 @@ def _products(
         white = tuple(autoregressive.whitened(part, a, record.inside()) for part in parts)
         return Products(gram(white, jnp.ones(())), autoregressive.log_determinant(a), count)
     plain = Products(gram(parts, jnp.ones(())), jnp.zeros_like(count), count)
-    ratio = _ratio(noise, record)
-    if ratio is None or record.basis is None:
-        return plain
-    return discrepancy.with_discrepancy(plain, [(record.basis * part).sum(-1) for part in parts], ratio)
-
-
-def _products_by_cell(
-    element: Element, found: Response, noise: _Noise, value: Array, record: ElementRecord
-) -> Products:
-    if noise.atanh_correlation is not None:
-        return contact_cells.products_of_correlated(found, value, record, noise.atanh_correlation)
-    return contact_cells.products(found, value, record, _ratio(noise, record), linear=element.linear)
-
-
-def _ratio(noise: _Noise, record: ElementRecord) -> Array | None:
     if noise.log_discrepancy is None or record.basis is None or record.share is None:
-        return None
-    return discrepancy.ratios(noise.log_sigma, noise.log_discrepancy, record.share)
+        return plain
+    ratio = discrepancy.ratios(noise.log_sigma, noise.log_discrepancy, record.share)
+    return discrepancy.with_discrepancy(plain, [(record.basis * part).sum(-1) for part in parts], ratio)
 
 
 def _log_density(
@@ -224,11 +212,9 @@ class MeasuredImpact(dist.Distribution):
         return (jax.nn.softmax(density, axis=0) * contact_cells.middles(record)).sum(0)
 
     def as_drawn(self, contact_error: Float[Array, " impact"]) -> MeasuredImpact:
-        """The same with contact where such an error puts it, if the record leaves it to be found."""
+        """The same with contact where such an error puts it, and known."""
         record, own = self.record, self._noise()
-        if record.before is None:
-            return self
-        known = record.at_contact(record.first_time - contact_error)
+        known = record.at_contact(jnp.maximum(record.first_time - contact_error, 0.0))
         known = known._replace(error_sd=known.error_sd.at[:, _CONTACT].set(0.0))
         return MeasuredImpact(self.element, self.parameters, own.log_sigma, known, *own[1:])
 
@@ -237,9 +223,6 @@ class MeasuredImpact(dist.Distribution):
         record = self.record
         if self.log_discrepancy is None or record.basis is None or record.share is None:
             return jnp.zeros_like(record.d)
-        if record.before is not None:
-            known = self.as_drawn(errors[:, _CONTACT])
-            return known.draw_discrepancy(key, errors.at[:, _CONTACT].set(0.0))
         found = self.response()
         left = jnp.where(record.inside(), record.d - found.d - _added(errors, found, record), 0.0)
         ratio = discrepancy.ratios(self.log_sigma, self.log_discrepancy, record.share)
