@@ -12,7 +12,7 @@ from bayestissue.fitting import resolve
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference import ahead
-from bayestissue.inference.compiling import at_once
+from bayestissue.inference.compiling import Helper
 from bayestissue.resources import shared
 
 EXAMPLE = shared("data", "published").parent / "example"
@@ -42,8 +42,8 @@ print(found["/jax/compilation_cache/cache_hits"])
 
 def test_without_a_folder_nothing_is_compiled_ahead(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runtime, "compiled_folder", lambda: None)
-    with ahead.compiling_ahead(None, Sampler()) as wait:  # type: ignore[arg-type]
-        assert wait is at_once
+    with ahead.second_process(None, Sampler()) as helper:  # type: ignore[arg-type]
+        assert type(helper) is Helper
 
 
 @pytest.mark.long
@@ -64,5 +64,10 @@ def test_every_part_can_be_made_from_shapes_alone(model: str) -> None:
     specification, source = resolve(model)
     prepared = prepare(read_dataset(EXAMPLE), specification, source=source)
     job = ahead.Job.of(prepared, specification.sampler)
-    made = [lowered for part in ahead.PARTS for lowered in ahead.lowered_functions(part, job)]
-    assert len(made) == FUNCTIONS
+    for profiled in (model == "arma", True):
+        made = [
+            lowered
+            for part in ahead.PARTS
+            for lowered in ahead.lowered_functions(part, job, profiled=profiled)
+        ]
+        assert len(made) == FUNCTIONS

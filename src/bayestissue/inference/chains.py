@@ -21,7 +21,7 @@ from numpyro.infer import NUTS
 
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.compiling import compiled_quickly
+from bayestissue.inference.compiling import CHAINS, Helper, compiled_quickly
 from bayestissue.inference.sampling import STATISTICS, Draws, Progress, silent
 from bayestissue.results import whole_file
 
@@ -55,7 +55,7 @@ def run_chains(
     progress: Progress = silent,
     checkpoints: Path | None = None,
     processes: bool = True,
-    wait: Callable[[], None] | None = None,
+    helper: Helper | None = None,
 ) -> Draws:
     """Draw from the posterior of a numpyro ``model``; sites come back unconstrained, [chain, draw, ...].
 
@@ -72,7 +72,7 @@ def run_chains(
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
         processes: false runs one chain after the other in this process.
-        wait: called in this process before anything is compiled.
+        helper: runs half of these chains, if there is one.
     """
     job = _Job(model, arguments, start, settings, seed)
     total = settings.chains * (settings.warmup + settings.draws)
@@ -80,15 +80,7 @@ def run_chains(
     if jax.default_backend() != "cpu":
         parts = [_run(job, range(settings.chains), checkpoints, lambda done: progress(done, total))]
     elif runtime.cores() == 1 or not processes:
-        parts, done = [], 0
-        chains = _Chains(job)
-        if wait is not None:
-            # What can be made ready for the compiler meanwhile need not be done afterwards.
-            list(chains.lowered(_key_shape()))
-            wait()
-        for number in range(settings.chains):
-            parts.append(chains.run([number], checkpoints, partial(_tell, progress, done, total)))
-            done += total // settings.chains
+        parts = _one_by_one(job, checkpoints, progress, total, helper)
     else:
         parts = _in_processes(job, checkpoints, progress, total)
     sites, statistics = jax.tree.map(lambda *rows: np.concatenate(rows), *parts)
@@ -105,6 +97,44 @@ def lowered_chain(
 
 def _key_shape() -> Any:
     return jax.eval_shape(lambda: jax.random.PRNGKey(0)[None])
+
+
+def run_compiled(
+    compiled: Sequence[Any],
+    model: Callable[..., None],
+    settings: Sampler,
+    arguments: tuple[Any, ...],
+    start: Start,
+    seed: int,
+    numbers: Sequence[int],
+) -> list[tuple[Arrays, Arrays]]:
+    """Some chains of `run_chains` by what has been compiled of `lowered_chain`."""
+    chains = _Chains(_Job(model, arguments, start, settings, seed), _Kernel(*compiled))
+    return [chains.run([number], None, lambda _: None) for number in numbers]
+
+
+def _one_by_one(
+    job: _Job, checkpoints: Path | None, progress: Progress, total: int, helper: Helper | None
+) -> list[tuple[Arrays, Arrays]]:
+    chains, numbers = _Chains(job), range(job.settings.chains)
+    each = total // job.settings.chains
+
+    def run(*given: Any) -> list[tuple[Arrays, Arrays]]:
+        return [
+            chains.run([number], checkpoints, partial(_tell, progress, number * each, total))
+            for number in given[-1]
+        ]
+
+    if helper is None:
+        return run(numbers)
+    # What can be made ready for the compiler meanwhile need not be done afterwards.
+    list(chains.lowered(_key_shape()))
+    helper.wait(CHAINS)
+    half = -(-len(numbers) // 2)
+    others = helper.begin_rows(CHAINS, run, job.arguments, job.start, job.seed, tuple(numbers[half:]))
+    parts = run(numbers[:half]) + others()
+    progress(total, total)
+    return parts
 
 
 def _tell(progress: Progress, before: int, total: int, done: int) -> None:
@@ -178,7 +208,7 @@ class _Kernel(NamedTuple):
 class _Chains:
     """The chains of one job."""
 
-    def __init__(self, job: _Job) -> None:
+    def __init__(self, job: _Job, compiled: _Kernel | None = None) -> None:
         start, settings = job.start, job.settings
         self._settings, self._seed, self._arguments = settings, job.seed, job.arguments
         others = tuple(sorted(set(start.centre) - set(start.dense)))
@@ -187,7 +217,7 @@ class _Chains:
             jnp.asarray(start.inverse_mass),
         )
         target, depth = settings.target_accept, settings.max_tree_depth
-        self._kernel = _compiled(job.model, start.dense, others, settings.warmup, target, depth)
+        self._kernel = compiled or _compiled(job.model, start.dense, others, settings.warmup, target, depth)
 
     def lowered(self, keys: Any) -> Iterator[Any]:
         """Of both functions, for so many chains side by side as there are keys."""

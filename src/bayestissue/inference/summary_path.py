@@ -23,7 +23,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
 from bayestissue.inference.chains import Start, run_chains
-from bayestissue.inference.compiling import CHAINS, CORRECTION, Wait, at_once, compiled_quickly
+from bayestissue.inference.compiling import CHOICE, CORRECTION, Helper, compiled_quickly, in_halves
 from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
@@ -72,17 +72,18 @@ def corrected_draws(
     *,
     say: Progress = silent,
     progress: Progress = silent,
-    wait: Wait = at_once,
+    helper: Helper | None = None,
 ) -> tuple[Summarised, Draws, Correction]:
     """Summaries, and draws made with them; of the better of two kinds if need be.
 
     Whether a last parameter that may be open passes for normal is judged before the chains; where the
     correction then can't be trusted, the other kind of summary may still be right.
     """
-    made = [_attempt(prepared, settings, seed, None, say, progress, wait)]
+    helper = helper or Helper()
+    made = [_attempt(prepared, settings, seed, None, say, progress, helper)]
     if prepared.model.last_may_be_open and not made[0][2].trusted:
         other = made[0][0].profile is not None
-        made.append(_attempt(prepared, settings, seed, other, say, progress, wait))
+        made.append(_attempt(prepared, settings, seed, other, say, progress, helper))
     return min(made, key=lambda attempt: np.nan_to_num(attempt[2].pareto_k, nan=np.inf))
 
 
@@ -93,13 +94,10 @@ def _attempt(
     normal: bool | None,
     say: Progress,
     progress: Progress,
-    wait: Wait,
+    helper: Helper,
 ) -> tuple[Summarised, Draws, Correction]:
-    summarised = summarise(prepared, normal=normal, say=say)
-    if (summarised.profile is not None) != (prepared.model.kind == "arma"):
-        # What is compiled ahead is for a theta1 with a profile, and for elements without.
-        wait = at_once
-    return summarised, *summary_draws(prepared, summarised, settings, seed, progress=progress, wait=wait)
+    summarised = summarise(prepared, normal=normal, say=say, helper=helper)
+    return summarised, *summary_draws(prepared, summarised, settings, seed, progress=progress, helper=helper)
 
 
 def summary_draws(
@@ -109,12 +107,13 @@ def summary_draws(
     seed: int,
     *,
     progress: Progress = silent,
-    wait: Wait = at_once,
+    helper: Helper | None = None,
 ) -> tuple[Draws, Correction]:
     """Draws of the same sites as `sampled_model` has, corrected to the same posterior.
 
-    ``wait`` is called with the name of each part before it is compiled; see `bayestissue.inference.ahead`.
+    ``helper`` may have compiled what is asked for, and does half of what is done draw by draw.
     """
+    helper = helper or Helper()
     model, summaries = prepared.model, summarised.summaries
     profile = summarised.profile
     # The record stays behind: the population asks only for the summaries.
@@ -127,7 +126,7 @@ def summary_draws(
         seed,
         progress=progress,
         processes=False,
-        wait=partial(wait, CHAINS),
+        helper=helper,
     )
     shape = (settings.chains, settings.draws)
     raw = {name: jnp.asarray(values.reshape(-1)) for name, values in found.sites.items()}
@@ -138,7 +137,7 @@ def summary_draws(
         z_b = z_b.at[:, -1].set(last if summarised.warp is None else summarised.warp(last))
     standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
-    wait(CORRECTION)
+    helper.wait(CORRECTION)
     part = locations_of(
         model, data, summaries, {name: values[some] for name, values in raw.items()}, z_b[some]
     )
@@ -149,8 +148,10 @@ def summary_draws(
     chosen = _resample(weight, np.random.default_rng([seed, 21]))
     raw = {name: values[chosen] for name, values in raw.items()}
     z_b = z_b[chosen]
-    of_draws, candidates = jax.random.split(keys[2], len(chosen)), _candidates(ratios, profile)
-    z_u = standard_impacts(model, prepared.data, summaries, raw, z_b, of_draws, candidates)
+    of_draws, candidates = jax.random.split(keys[2], len(chosen)), _candidates(model, ratios, profile, part)
+    choose = partial(standard_impacts, model)
+    shared, rows = (prepared.data, summaries, candidates), (raw, z_b, of_draws)
+    z_u = in_halves(helper, CHOICE, choose, shared, rows)
     sites = {**raw, "standard_locations": z_b, "standard_impacts": z_u}
     draws = Draws(
         {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
@@ -161,16 +162,27 @@ def summary_draws(
     return draws, Correction(k, float(effective))
 
 
-def _candidates(ratios: Ratios, profile: Profile | None) -> Array:
+def _candidates(
+    model: TraceModel, ratios: Ratios, profile: Profile | None, part: tuple[dict[str, Array], Array]
+) -> Array:
     """How many candidates an impact's parameters are chosen from.
 
     The choice is off the truth by about v / n, v being the variance of likelihood over summary relative to
-    its mean squared. A parameter that has a profile is not in that.
+    its mean squared, of what has a profile also under the population of each draw.
     """
-    weight = np.exp(np.asarray(ratios.log_ratio - ratios.log_ratio.max(0)))
-    varies = np.mean(weight.var(0) / weight.mean(0) ** 2)
-    wanted = CANDIDATES if profile is not None or not np.isfinite(varies) else np.ceil(varies / _OFF)
-    return jnp.asarray(int(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES)))
+    varies = _relative_variance(ratios.log_ratio)
+    if profile is not None:
+        sites, b = part
+        of_profile = profile.over(b[:, -1], sites[f"sd_{model.nuisance[-1]}"])
+        varies = (1 + varies) * (1 + _relative_variance(of_profile)) - 1
+    wanted = np.ceil(varies / _OFF) if np.isfinite(varies) else CANDIDATES
+    return jnp.asarray(np.int64(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES)))
+
+
+def _relative_variance(log_weight: Array) -> float:
+    """Of weights along a first axis: the mean of variance over mean squared."""
+    weight = np.exp(np.asarray(log_weight - log_weight.max(0)))
+    return float(np.mean(weight.var(0) / weight.mean(0) ** 2))
 
 
 def _start(summarised: Summarised) -> Start:
@@ -242,10 +254,10 @@ def standard_impacts(
     model: TraceModel,
     data: TraceData,
     summaries: Summaries,
+    candidates: Array,
     raw: dict[str, Array],
     z_b: Array,
     keys: Array,
-    candidates: Array,
 ) -> Array:
     """Standard normals of every impact, one of a few candidates each, chosen by likelihood over summary."""
     shape = summaries.centre.shape

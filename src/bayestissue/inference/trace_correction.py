@@ -203,6 +203,15 @@ class Profile(NamedTuple):
         bend = a * (-0.5) + 1.5 * b - 1.5 * c + 0.5 * d
         return ((bend * t + a - 2.5 * b + 2 * c - 0.5 * d) * t + (c - a) / 2) * t + b
 
+    def over(
+        self, mean: Float[Array, " draw"], sd: Float[Array, " draw"]
+    ) -> Float[Array, "point draw impact"]:
+        """The log likelihood at evenly likely points of each of some normals."""
+        points = norm.ppf((np.arange(_EVEN) + 0.5) / _EVEN)[:, None, None]
+        shape = (_EVEN, len(mean), self.log_likelihood.shape[1])
+        values = jnp.broadcast_to(mean[:, None] + sd[:, None] * points, shape)
+        return self.at(values)
+
     def log_evidence(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
         """Log of the integral over a normal last parameter, by Gauss-Hermite quadrature."""
         points = mean + sd * jnp.asarray(_HERMITE_POINTS)[:, None]
@@ -217,6 +226,7 @@ def flat_profile(impacts: int) -> Profile:
 
 
 _DEEPEST = 200.0
+_EVEN = 16
 _GRID = np.linspace(-8.0, 8.0, 161)
 _HERMITE_POINTS, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
 
@@ -259,7 +269,7 @@ def profile_about(
             found = log_likelihood(model, data, u) - cleared.log_summary(u)
             return jnp.where(jnp.isfinite(found), found, -1e6)
 
-        ratios = jax.vmap(ratio)(standard)
+        ratios = jax.lax.map(ratio, standard)
         return jax.nn.logsumexp(ratios, axis=0) - jnp.log(standard.shape[0])
 
     table = jax.lax.map(one, jnp.asarray(_GRID))

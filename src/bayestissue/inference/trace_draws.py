@@ -26,6 +26,7 @@ from bayestissue.hierarchy.traces import (
     population,
     trace_distribution,
 )
+from bayestissue.inference.compiling import DRAWS, Helper, in_halves
 from bayestissue.inference.element_draws import element_quantities
 from bayestissue.inference.sampling import Draws
 
@@ -46,8 +47,10 @@ class Unfolded:
     kept: np.ndarray | None = None
 
 
-def unfold(prepared: Prepared, summaries: Summaries, draws: Draws, key: Array) -> Unfolded:
-    """Map all draws back in one compiled pass over them."""
+def unfold(
+    prepared: Prepared, summaries: Summaries, draws: Draws, key: Array, helper: Helper | None = None
+) -> Unfolded:
+    """Map all draws back, half of them by the helper, if there is one."""
     model, data = prepared.model, prepared.data
     shape = next(iter(draws.sites.values())).shape[:2]
     flat = {name: jnp.asarray(v.reshape(-1, *v.shape[2:])) for name, v in draws.sites.items()}
@@ -57,7 +60,9 @@ def unfold(prepared: Prepared, summaries: Summaries, draws: Draws, key: Array) -
         (getattr(prepared.design, group), len(getattr(prepared.design, f"{group}s"))) for group in GROUPS
     )
     counts = tuple(count for _, count in groups)
-    made = unfold_all(model, counts, data, summaries, flat, keys, tuple(codes for codes, _ in groups))
+    given = (data, summaries, tuple(jnp.asarray(codes) for codes, _ in groups))
+    function = partial(unfold_all, model, counts)
+    made = in_halves(helper or Helper(), DRAWS, function, given, (flat, keys))
     b, impacts, scores = jax.tree.map(lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), made)
     spreads = {name: np.asarray(flat[name]).reshape(shape) for name in model.spreads}
     return Unfolded(named_sites(prepared, spreads, b), impacts, scores)
@@ -86,9 +91,9 @@ def unfold_all(
     counts: tuple[int, ...],
     data: TraceData,
     summaries: Summaries,
+    codes: tuple[Array, ...],
     flat: dict[str, Array],
     keys: Array,
-    codes: tuple[Array, ...],
 ) -> tuple[Array, dict[str, Array], dict[str, Array]]:
     """b, every impact's quantities and the log densities, of each draw along a first axis."""
     groups = tuple(zip(codes, counts, strict=True))

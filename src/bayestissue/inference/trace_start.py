@@ -30,7 +30,7 @@ from bayestissue.hierarchy.traces import (
     with_normal_errors,
 )
 from bayestissue.hierarchy.warp import Warp
-from bayestissue.inference.compiling import compiled_quickly
+from bayestissue.inference.compiling import Helper, compiled_quickly
 from bayestissue.inference.mode import find_mode
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.sampling import Progress, silent
@@ -56,6 +56,7 @@ _WELL_TOLD = 0.3
 # Steps of that log; where a likelihood is a normal so narrow, it is lower there by 50.
 _FAR, _CLEARLY_LESS = (0.0, -3.0, 3.0), 10.0
 _NEAREST = 0.99
+_HELD = 1e8
 _STEP = 1e-4
 
 
@@ -151,6 +152,7 @@ def summarise(
     normal: bool | None = None,
     refinements: int = REFINEMENTS,
     say: Progress = silent,
+    helper: Helper | None = None,
 ) -> Summarised:
     """Summaries of the traces, each made where the whole data set says that its parameters are.
 
@@ -165,6 +167,7 @@ def summarise(
             one that only whitens, as on the exact path, is better without: under a population whose spread
             has its mode next to 0, moments tell of a trace what is not there.
         say: told how many of these passes are done, and of how many.
+        helper: told whether there will be a profile.
     """
     model, data = prepared.model, prepared.data
     start = first_guess(prepared)
@@ -191,9 +194,11 @@ def summarise(
     mode = finder.mode(summaries, mode)
     if not model.last_may_be_open:
         return Summarised(summaries, finder.spreads(summaries, mode), None)
-    if _last_is_normal(prepared, summaries) if normal is None else normal:
+    normal = _last_is_normal(prepared, summaries) if normal is None else normal
+    (helper or Helper()).decided(profiled=not normal)
+    if normal:
         return Summarised(summaries, finder.spreads(summaries, mode).without(LAST), None)
-    few = standard_points(start.shape[1], PROFILE_POINTS)
+    few = standard_points(start.shape[1], PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2)
     summaries = cleared_of_last(summaries)
     found = finder.expectation(summaries, mode)
     profile = profile_last(model, data, summaries, found.conditional.parts, found.about, jnp.asarray(few))
@@ -201,6 +206,14 @@ def summarise(
     # Away from where the profiles are high, a search would follow the slope of a cliff.
     begin = finder.with_last(mode, _PLACES[np.argmax(_log_density_at_places(found, profile))])
     mode = finder.mode(summaries, begin)
+    if model.kind != "arma":
+        # The first summaries were made where a search along the last parameter had stopped.
+        anchor = _anchored_at(finder.last_mean(found, mode), finder.expectation(summaries, mode))
+        summaries = cleared_of_last(summarise_traces(model, smooth, anchor.mean, anchor))
+        found = finder.expectation(summaries, mode)
+        profile = profile_last(model, data, summaries, found.conditional.parts, found.about, jnp.asarray(few))
+        finder.profile = profile
+        mode = finder.mode(summaries, mode)
     spreads = finder.spreads(summaries, mode)
     return Summarised(
         summaries, spreads, profile, _warp_of_mean(finder.expectation(summaries, mode), profile)
@@ -319,6 +332,12 @@ class _SpreadsFinder:
         moved[self._names.index(LAST)] = value
         return moved
 
+    def last_mean(self, found: Expectation, flat: np.ndarray) -> float:
+        """The mean of the last parameter there."""
+        conditional = found.conditional
+        standard = flat[self._names.index(LAST)]
+        return float(conditional.mean[-1] + standard / conditional.factor[-1, -1])
+
     def expectation(self, summaries: Summaries, flat: np.ndarray) -> Expectation:
         sites = constrained(self._model, dict(zip(self._names, jnp.asarray(flat), strict=True)))
         return expectation(self._model, self.data, summaries, sites)
@@ -331,6 +350,12 @@ class _SpreadsFinder:
         covariance = (axes / np.maximum(curvature, 1.0)) @ axes.T
         values = dict(zip(self._names, np.asarray(flat), strict=True))
         return Spreads(values, covariance)
+
+
+def _anchored_at(last: float, found: Expectation) -> Anchor:
+    """The population's anchor with the last parameter held at a value."""
+    mean, precision = _anchor(found)
+    return Anchor(mean.at[:, -1].set(last), precision.at[:, -1, -1].set(_HELD))
 
 
 def _anchor(found: Expectation) -> Anchor:

@@ -60,6 +60,15 @@ def summarise_traces(
     return _summarise(model, data, start, anchor, iterations)
 
 
+class _Expansion(NamedTuple):
+    """A log likelihood to second order at ``u``, the curvature being minus its second derivatives."""
+
+    u: Array
+    value: Array
+    slope: Array
+    curvature: Array
+
+
 @partial(jax.jit, static_argnames="model")
 def _summarise(
     model: TraceModel, data: TraceData, start: Array, anchor: Anchor, iterations: int
@@ -69,41 +78,53 @@ def _summarise(
     def likelihood(u: Array) -> Array:
         return log_likelihood(model, data, [u[:, a] for a in range(size)])
 
-    slope_of = jax.grad(lambda u: likelihood(u).sum())
+    def total(u: Array) -> tuple[Array, Array]:
+        value = likelihood(u)
+        return value.sum(), value
 
-    def bend(u: Array) -> tuple[Array, Array]:
+    slope_of = jax.grad(total, has_aux=True)
+
+    def expansion(u: Array) -> _Expansion:
         steps = STEP * jnp.concatenate([jnp.zeros((1, size)), jnp.eye(size), -jnp.eye(size)])
-        slopes = jax.lax.map(lambda step: slope_of(u + step), steps)
+        slopes, values = jax.lax.map(lambda step: slope_of(u + step), steps)
         columns = (slopes[1 : size + 1] - slopes[size + 1 :]) / (-2 * STEP)
         curvature = columns.transpose(1, 2, 0)
-        return slopes[0], (curvature + curvature.swapaxes(1, 2)) / 2
+        return _Expansion(u, values[0], slopes[0], (curvature + curvature.swapaxes(1, 2)) / 2)
 
-    def target(u: Array) -> Array:
-        away = u - anchor.mean
-        return likelihood(u) - jnp.einsum("ia,iab,ib->i", away, anchor.precision, away) / 2
+    def target(at: _Expansion) -> Array:
+        away = at.u - anchor.mean
+        return at.value - jnp.einsum("ia,iab,ib->i", away, anchor.precision, away) / 2
 
-    def step(_: int, state: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
-        u, best, damping = state
-        slope, curvature = bend(u)
-        slope = slope - jnp.einsum("iab,ib->ia", anchor.precision, u - anchor.mean)
-        values, axes = jnp.linalg.eigh(curvature + anchor.precision)
+    def next_after(at: _Expansion, damping: Array) -> Array:
+        slope = at.slope - jnp.einsum("iab,ib->ia", anchor.precision, at.u - anchor.mean)
+        values, axes = jnp.linalg.eigh(at.curvature + anchor.precision)
         firm = jnp.abs(values) + damping[:, None] * jnp.abs(values).max(1, keepdims=True)
         move = jnp.einsum("iab,ib->ia", axes, jnp.einsum("iba,ib->ia", axes, slope) / firm)
         # No step may be longer than a unit of a log parameter.
-        move = move * jnp.minimum(1, 1 / jnp.abs(move).max(1, keepdims=True))
-        value = target(u + move)
-        better = value > best
-        u = jnp.where(better[:, None], u + move, u)
-        damping = jnp.where(better, damping / 10, jnp.minimum(jnp.maximum(damping, 1e-12) * 10, 1e6))
-        return u, jnp.where(better, value, best), jnp.maximum(damping, 1e-14)
+        return at.u + move * jnp.minimum(1, 1 / jnp.abs(move).max(1, keepdims=True))
 
-    begin = (start, target(start), jnp.full(start.shape[0], 1e-4))
-    u, _, _ = jax.lax.fori_loop(0, iterations, step, begin)
-    slope, curvature = bend(u)
+    # The likelihood stands here once, since most of a first fit is spent on compiling it: the start is the
+    # first candidate, which nothing beats.
+    def step(_: int, state: tuple[_Expansion, Array, Array, Array]) -> tuple[_Expansion, Array, Array, Array]:
+        best, most, damping, candidate = state
+        tried = expansion(candidate)
+        value = target(tried)
+        better = value > most
+        best = jax.tree.map(
+            lambda new, old: jnp.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old), tried, best
+        )
+        damping = jnp.where(better, damping / 10, jnp.minimum(jnp.maximum(damping, 1e-12) * 10, 1e6))
+        damping = jnp.maximum(damping, 1e-14)
+        return best, jnp.where(better, value, most), damping, next_after(best, damping)
+
+    number = start.shape[0]
+    nothing = _Expansion(start, jnp.zeros(number), jnp.zeros((number, size)), jnp.zeros((number, size, size)))
+    begin = (nothing, jnp.full(number, -jnp.inf), jnp.full(number, 1e-3), jnp.asarray(start))
+    (u, value, slope, curvature), *_ = jax.lax.fori_loop(0, iterations + 1, step, begin)
     values, axes = jnp.linalg.eigh(curvature)
     firm = believable_bend(values, jnp.einsum("iab,ia->ib", axes, slope))
     precision = jnp.einsum("iab,ib,icb->iac", axes, firm, axes)
-    return Summaries(u, slope, precision, likelihood(u))
+    return Summaries(u, slope, precision, value)
 
 
 def believable_bend(bend: Float[Array, "*axis"], slope: Float[Array, "*axis"]) -> Float[Array, "*axis"]:

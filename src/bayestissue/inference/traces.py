@@ -16,8 +16,8 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.ahead import compiling_ahead
-from bayestissue.inference.compiling import DRAWS, PREDICTIONS, Wait, at_once
+from bayestissue.inference.ahead import second_process
+from bayestissue.inference.compiling import DRAWS, PREDICTIONS, Helper
 from bayestissue.inference.diagnostics import diagnose
 from bayestissue.inference.exact_path import exact_draws
 from bayestissue.inference.interval_sources import interval_sources
@@ -82,14 +82,14 @@ def fit_traces(
     path, settings = specification.sampler.path, specification.sampler
     if path == "exact":
         return _exactly(prepared, specification, seed, say, checkpoints)
-    with compiling_ahead(prepared, settings) as wait:
+    with second_process(prepared, settings) as helper:
         sampling = partial(say, "sampling the population")
         summarised, draws, correction = corrected_draws(
-            prepared, settings, seed, say=done, progress=sampling, wait=wait
+            prepared, settings, seed, say=done, progress=sampling, helper=helper
         )
-        if path == "automatic" and not correction.trusted:
-            return _exactly(prepared, specification, seed, say, checkpoints)
-        return label(prepared, specification, summarised.summaries, draws, seed, say, correction, wait)
+        if path == "summary" or correction.trusted:
+            return label(prepared, specification, summarised.summaries, draws, seed, say, correction, helper)
+    return _exactly(prepared, specification, seed, say, checkpoints)
 
 
 def _exactly(
@@ -115,14 +115,15 @@ def label(
     seed: int,
     say: Say,
     correction: Correction | None = None,
-    wait: Wait = at_once,
+    helper: Helper | None = None,
 ) -> TraceAnalysis:
     """Everything that follows from the draws."""
+    helper = helper or Helper()
     say("predicting", 0, 1)
-    wait(DRAWS)
-    unfolded = of_secant(prepared, unfold(prepared, summaries, draws, jax.random.PRNGKey(seed)))
-    wait(PREDICTIONS)
-    return analyse(prepared, specification, unfolded, draws, seed, say, correction)
+    helper.wait(DRAWS)
+    unfolded = of_secant(prepared, unfold(prepared, summaries, draws, jax.random.PRNGKey(seed), helper))
+    helper.wait(PREDICTIONS)
+    return analyse(prepared, specification, unfolded, draws, seed, say, correction, helper)
 
 
 def analyse(
@@ -133,8 +134,10 @@ def analyse(
     seed: int,
     say: Say,
     correction: Correction | None = None,
+    helper: Helper | None = None,
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of draws of everything."""
+    sources = (helper or Helper()).begin(interval_sources, prepared, unfolded)
     tree = posterior_tree(prepared, specification, draws, unfolded, seed)
     posterior = tree["posterior"].dataset
     exponents = {
@@ -153,7 +156,7 @@ def analyse(
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         cross_validation(tree),
         prior_sensitivity(tree),
-        interval_sources(prepared, unfolded),
+        sources(),
     )
 
 
