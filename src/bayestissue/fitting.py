@@ -157,23 +157,21 @@ def fit_prepared(
     """`fit` from prepared data on; ``checkpoints`` is a folder for finished parts, see `fit_traces`.
 
     Where the residuals are plainly structured and the model file leaves it to the program, a second fit with
-    a discrepancy follows, and is the one that is told. float64 must be set.
+    a discrepancy follows, and is the one that is told; the first is not finished if its summaries show it.
+    float64 must be set.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
-    analysis = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints)
-    if _asks_for_discrepancy(specification, analysis):
-        first = analysis.diagnostics["model_form"]
+    found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints)
+    form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
+    if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
         prepared = with_discrepancy(dataset, specification, prepared)
         analysis = _again(prepared, specification, seed, say, checkpoints)
-        told = {"model_form": model_form.with_discrepancy(first, analysis.tree)}
+        told = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
         analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
+    else:
+        analysis = found
     wall_time_s = time.perf_counter() - clock
     return Fit(dataset, specification, prepared, analysis, seed, started, wall_time_s)
-
-
-def _asks_for_discrepancy(specification: ModelSpecification, analysis: TraceAnalysis) -> bool:
-    structured = analysis.diagnostics.get("model_form", {}).get("structured", False)
-    return specification.may_add_discrepancy and structured
 
 
 def _again(
@@ -187,7 +185,9 @@ def _again(
     def told(stage: str, done: int, total: int) -> None:
         say(f"again with a discrepancy: {stage}", done, total)
 
-    return fit_traces(prepared, specification, seed, told, checkpoints=kept)
+    found = fit_traces(prepared, specification, seed, told, checkpoints=kept)
+    assert isinstance(found, TraceAnalysis)  # noqa: S101 - with a discrepancy there is no other
+    return found
 
 
 def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:

@@ -38,6 +38,13 @@ def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
     predicted = tree["posterior_predictive"].dataset[name]
     replicated = predicted.to_numpy().reshape(-1, *predicted.shape[2:]).astype(float)
     measured = tree["observed_data"].dataset[name].sel(impact=predicted["impact"]).to_numpy()
+    return judged(measured, replicated)
+
+
+def judged(
+    measured: Float[np.ndarray, "impact sample"], replicated: Float[np.ndarray, "draw impact sample"]
+) -> dict[str, Any]:
+    """`model_form` of traces and their replicates, NaN past a row's end."""
     score = pooled_score(measured, replicated)
     structured = bool(score > LIMIT)
     if not structured:

@@ -70,6 +70,7 @@ def corrected_draws(
     settings: Sampler,
     seed: int,
     *,
+    summarised: Summarised | None = None,
     say: Progress = silent,
     progress: Progress = silent,
     helper: Helper | None = None,
@@ -77,27 +78,18 @@ def corrected_draws(
     """Summaries, and draws made with them; of the better of two kinds if need be.
 
     Whether a last parameter that may be open passes for normal is judged before the chains; where the
-    correction then can't be trusted, the other kind of summary may still be right.
+    correction then can't be trusted, the other kind of summary may still be right. ``summarised`` is what
+    `summarise` found, if it was asked before.
     """
     helper = helper or Helper()
-    made = [_attempt(prepared, settings, seed, None, say, progress, helper)]
+    summarised = summarised or summarise(prepared, say=say, helper=helper)
+    sample = partial(summary_draws, prepared, settings=settings, seed=seed, progress=progress, helper=helper)
+    made = [(summarised, *sample(summarised))]
     if prepared.model.last_may_be_open and not made[0][2].trusted:
         other = made[0][0].profile is not None
-        made.append(_attempt(prepared, settings, seed, other, say, progress, helper))
+        again = summarise(prepared, normal=other, say=say, helper=helper)
+        made.append((again, *sample(again)))
     return min(made, key=lambda attempt: np.nan_to_num(attempt[2].pareto_k, nan=np.inf))
-
-
-def _attempt(
-    prepared: Prepared,
-    settings: Sampler,
-    seed: int,
-    normal: bool | None,
-    say: Progress,
-    progress: Progress,
-    helper: Helper,
-) -> tuple[Summarised, Draws, Correction]:
-    summarised = summarise(prepared, normal=normal, say=say, helper=helper)
-    return summarised, *summary_draws(prepared, summarised, settings, seed, progress=progress, helper=helper)
 
 
 def summary_draws(

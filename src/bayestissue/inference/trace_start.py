@@ -48,6 +48,8 @@ from bayestissue.inference.trace_correction import (
 from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
 
 REFINEMENTS = 2
+# Beside a discrepancy traces leave directions open, and summaries follow the population more slowly.
+WITH_DISCREPANCY = 6
 # A profile integrates the other parameters over so many points: few where impacts are many.
 PROFILE_POINTS, FEW = 32, 4
 LAST = "standard_last"
@@ -150,7 +152,7 @@ def summarise(
     prepared: Prepared,
     *,
     normal: bool | None = None,
-    refinements: int = REFINEMENTS,
+    refinements: int | None = None,
     say: Progress = silent,
     helper: Helper | None = None,
 ) -> Summarised:
@@ -163,7 +165,8 @@ def summarise(
         prepared: model and data.
         normal: whether a last parameter that traces may leave open is part of the normal summaries, or has a
             profile of its own; as the traces suggest, unless given.
-        refinements: how often moments replace the expansions. They make a summary that stands for its trace;
+        refinements: how often moments replace the expansions, `REFINEMENTS` or `WITH_DISCREPANCY` times
+            unless given. They make a summary that stands for its trace;
             one that only whitens, as on the exact path, is better without: under a population whose spread
             has its mode next to 0, moments tell of a trace what is not there.
         say: told how many of these passes are done, and of how many.
@@ -171,6 +174,8 @@ def summarise(
     """
     model, data = prepared.model, prepared.data
     start = first_guess(prepared)
+    if refinements is None:
+        refinements = WITH_DISCREPANCY if model.discrepancy else REFINEMENTS
     passes = 2 + refinements
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
     smooth = with_normal_errors(data)

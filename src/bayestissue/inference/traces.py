@@ -19,6 +19,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.ahead import second_process
 from bayestissue.inference.compiling import DRAWS, PREDICTIONS, Helper
 from bayestissue.inference.diagnostics import diagnose
+from bayestissue.inference.early_form import plainly_wrong
 from bayestissue.inference.exact_path import exact_draws
 from bayestissue.inference.interval_sources import interval_sources
 from bayestissue.inference.many_draws import MANY, many_draws
@@ -56,7 +57,7 @@ def fit_traces(
     say: Say,
     *,
     checkpoints: Path | None = None,
-) -> TraceAnalysis:
+) -> TraceAnalysis | dict[str, Any]:
     """Sample the posterior of every impact and of the population, check it, and label everything.
 
     Args:
@@ -71,7 +72,8 @@ def fit_traces(
 
     By the summary path the population is sampled with each trace's summary in its place, and the draws are
     then corrected; "automatic" goes on to the exact path, every trace in every step, where the Pareto k of
-    the correction says that it can't be trusted.
+    the correction says that it can't be trusted. Where the model file leaves a discrepancy to the program,
+    and the summaries show plainly that one is needed, this is all that is returned: see `plainly_wrong`.
     """
     done = partial(say, "summarising each trace")
     done(0, 1)
@@ -83,9 +85,14 @@ def fit_traces(
     if path == "exact":
         return _exactly(prepared, specification, seed, say, checkpoints)
     with second_process(prepared, settings) as helper:
+        first = summarise(prepared, say=done, helper=helper)
+        if specification.may_add_discrepancy and not prepared.model.discrepancy:
+            wrong = plainly_wrong(prepared, first, seed)
+            if wrong is not None:
+                return wrong
         sampling = partial(say, "sampling the population")
         summarised, draws, correction = corrected_draws(
-            prepared, settings, seed, say=done, progress=sampling, helper=helper
+            prepared, settings, seed, summarised=first, say=done, progress=sampling, helper=helper
         )
         if path == "summary" or correction.trusted:
             return label(prepared, specification, summarised.summaries, draws, seed, say, correction, helper)
