@@ -176,7 +176,7 @@ def _compile(what: str, job: Job, profiled: bool) -> None:
     _COMPILED[what] = compiled[-1]
     if what == CHAINS:
         model = summary_path.spreads_of(job.model)
-        _COMPILED[what] = partial(run_compiled, compiled, model, job.settings)
+        _COMPILED[what] = partial(run_compiled, compiled, model)
 
 
 def _rows(what: str, arguments: tuple[Any, ...]) -> Any:

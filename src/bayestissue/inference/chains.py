@@ -131,7 +131,8 @@ def _one_by_one(
     list(chains.lowered(_key_shape()))
     helper.wait(CHAINS)
     half = -(-len(numbers) // 2)
-    others = helper.begin_rows(CHAINS, run, job.arguments, job.start, job.seed, tuple(numbers[half:]))
+    given = (job.settings, job.arguments, job.start, job.seed)
+    others = helper.begin_rows(CHAINS, run, *given, tuple(numbers[half:]))
     parts = run(numbers[:half]) + others()
     progress(total, total)
     return parts

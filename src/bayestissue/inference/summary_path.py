@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, partial
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +23,7 @@ from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
+from bayestissue.inference import wide_summaries
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.compiling import CHOICE, CORRECTION, Helper, compiled_quickly, in_halves
 from bayestissue.inference.diagnostics import Check
@@ -29,9 +31,17 @@ from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
 from bayestissue.inference.sampling import Draws, Progress, silent
 from bayestissue.inference.trace_correction import Profile, standard_points
-from bayestissue.inference.trace_start import LAST, Summarised, spreads_model, summarise
+from bayestissue.inference.trace_start import (
+    LAST,
+    Summarised,
+    spreads_model,
+    spreads_of_summaries,
+    summarise,
+)
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
+# Draws of each chain that are enough to see where the posterior is, if so much of their worth is left.
+_PILOT, _MOST_PILOTS, _WELL_PLACED = 200, 3, 0.4
 PARETO_LIMIT = 0.7
 
 
@@ -83,6 +93,8 @@ def corrected_draws(
     """
     helper = helper or Helper()
     summarised = summarised or summarise(prepared, say=say, helper=helper)
+    if prepared.model.discrepancy:
+        summarised = _about_draws(prepared, summarised, settings, seed, helper)
     sample = partial(summary_draws, prepared, settings=settings, seed=seed, progress=progress, helper=helper)
     made = [(summarised, *sample(summarised))]
     if prepared.model.last_may_be_open and not made[0][2].trusted:
@@ -106,11 +118,59 @@ def summary_draws(
     ``helper`` may have compiled what is asked for, and does half of what is done draw by draw.
     """
     helper = helper or Helper()
-    model, summaries = prepared.model, summarised.summaries
-    profile = summarised.profile
+    model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
+    found = _population_draws(prepared, summarised, settings, seed, progress, helper)
+    of_draws = jax.random.split(found.key, len(found.z_b))
+    candidates = _candidates(model, found.ratios, profile, found.compared)
+    choose = partial(standard_impacts, model)
+    shared, rows = (prepared.data, summaries, candidates), (found.raw, found.z_b, of_draws)
+    z_u = in_halves(helper, CHOICE, choose, shared, rows)
+    sites = {**found.raw, "standard_locations": found.z_b, "standard_impacts": z_u}
+    shape = (settings.chains, settings.draws)
+    draws = Draws(
+        {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
+        found.chains.statistics,
+        found.chains.max_tree_depth,
+    )
+    return draws, found.correction
+
+
+class _Population(NamedTuple):
+    """Draws of the population, chosen by their weights.
+
+    Attributes:
+        chains: as the sampler left them.
+        raw: the spreads, unconstrained.
+        z_b: the standard locations.
+        correction: what the weights are worth.
+        compared: spreads and b at which ``ratios`` were taken.
+        ratios: likelihood over summary there.
+        key: for what follows.
+    """
+
+    chains: Draws
+    raw: dict[str, Array]
+    z_b: Array
+    correction: Correction
+    compared: tuple[dict[str, Array], Array]
+    ratios: Ratios
+    key: Array
+
+
+def _population_draws(
+    prepared: Prepared,
+    summarised: Summarised,
+    settings: Sampler,
+    seed: int,
+    progress: Progress,
+    helper: Helper,
+    compiled_for: int = 0,
+) -> _Population:
+    """Chains of the population and their correction; weights are made for at least so many draws at once."""
+    model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
     # The record stays behind: the population asks only for the summaries.
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
-    found = run_chains(
+    chains = run_chains(
         spreads_of(model),
         (data, summaries, profile, summarised.warp),
         _start(summarised),
@@ -121,7 +181,7 @@ def summary_draws(
         helper=helper,
     )
     shape = (settings.chains, settings.draws)
-    raw = {name: jnp.asarray(values.reshape(-1)) for name, values in found.sites.items()}
+    raw = {name: jnp.asarray(values.reshape(-1)) for name, values in chains.sites.items()}
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 3)
     z_b = jax.random.normal(keys[0], (shape[0] * shape[1], model.locations.size))
     if profile is not None:
@@ -134,24 +194,36 @@ def summary_draws(
         model, data, summaries, {name: values[some] for name, values in raw.items()}, z_b[some]
     )
     ratios = compare_over(model, prepared.data, summaries, part, standard, profile)
-    log_weight = np.asarray(log_weights(model, data, summaries, ratios, raw, z_b))
+    again = np.resize(np.arange(len(z_b)), max(len(z_b), compiled_for))
+    rows = jax.tree.map(lambda values: values[again], (raw, z_b))
+    log_weight = np.asarray(log_weights(model, data, summaries, ratios, *rows))[: len(z_b)]
     smoothed, k = pareto_smoothed(log_weight)
     weight = np.exp(smoothed.reshape(shape))
     chosen = _resample(weight, np.random.default_rng([seed, 21]))
-    raw = {name: values[chosen] for name, values in raw.items()}
-    z_b = z_b[chosen]
-    of_draws, candidates = jax.random.split(keys[2], len(chosen)), _candidates(model, ratios, profile, part)
-    choose = partial(standard_impacts, model)
-    shared, rows = (prepared.data, summaries, candidates), (raw, z_b, of_draws)
-    z_u = in_halves(helper, CHOICE, choose, shared, rows)
-    sites = {**raw, "standard_locations": z_b, "standard_impacts": z_u}
-    draws = Draws(
-        {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
-        found.statistics,
-        found.max_tree_depth,
-    )
     effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
-    return draws, Correction(k, float(effective))
+    correction = Correction(k, float(effective))
+    raw = {name: values[chosen] for name, values in raw.items()}
+    return _Population(chains, raw, z_b[chosen], correction, part, ratios, keys[2])
+
+
+def _about_draws(
+    prepared: Prepared, summarised: Summarised, settings: Sampler, seed: int, helper: Helper
+) -> Summarised:
+    """Summaries that serve all of the posterior, by a few draws of it: see `wide_summaries`."""
+    few = settings.model_copy(update={"draws": min(_PILOT, settings.draws)})
+    whole = settings.chains * settings.draws
+    for number in range(_MOST_PILOTS):
+        own = seed + 1 + number
+        found = _population_draws(prepared, summarised, few, own, silent, helper, whole)
+        chosen = np.resize(np.random.default_rng([own, 22]).permutation(len(found.z_b)), wide_summaries.DRAWS)
+        some = jax.tree.map(lambda values: values[chosen], (found.raw, found.z_b))  # noqa: B023
+        old = summarised.summaries
+        summaries = wide_summaries.regressed(prepared.model, prepared.data, old, some, own)
+        near = {name: np.asarray(values.mean()) for name, values in found.raw.items()}
+        summarised = Summarised(summaries, spreads_of_summaries(prepared, summaries, near), None)
+        if found.correction.effective > _WELL_PLACED:
+            break
+    return summarised
 
 
 def _candidates(

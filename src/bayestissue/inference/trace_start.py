@@ -357,6 +357,13 @@ class _SpreadsFinder:
         return Spreads(values, covariance)
 
 
+def spreads_of_summaries(prepared: Prepared, summaries: Summaries, near: Mapping[str, np.ndarray]) -> Spreads:
+    """The spreads' posterior given other summaries, its mode sought from ``near`` on, unconstrained."""
+    finder = _SpreadsFinder(prepared.model, prepared.data)
+    begin = np.array([near[name] for name in sorted(near)])
+    return finder.spreads(summaries, finder.mode(summaries, begin))
+
+
 def _anchored_at(last: float, found: Expectation) -> Anchor:
     """The population's anchor with the last parameter held at a value."""
     mean, precision = _anchor(found)

@@ -1,0 +1,112 @@
+"""Summaries that hold wherever the posterior lets an impact's parameters be.
+
+Expansions and moments are taken about one value of the spreads. A trace that leaves a direction open, as most
+do beside a discrepancy, has a likelihood that is level there and falls off elsewhere, and what is true about
+one value is far off about another. Least squares over draws of the population find the parabola that serves
+them all.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.hierarchy.conditional import Summaries, condition, impact_parameters, locations
+from bayestissue.hierarchy.population import expected
+from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
+
+# Draws of the population, and of each impact's parameters under every one.
+DRAWS, _EACH = 512, 4
+# In units of what the posterior leaves open.
+_LEAST_PRECISION = 1e-3
+# Points at which a trace is so much less likely than at its best are no part of the posterior.
+_DEEPEST = 30.0
+_RIDGE = 1e-6
+
+
+def regressed(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    draws: tuple[dict[str, Array], Array],
+    seed: int,
+) -> Summaries:
+    """The parabola nearest to each log likelihood over the posterior.
+
+    Points are drawn by the old summaries and weighted by likelihood over summary, those of one draw of the
+    population among themselves. Along an axis where the parabola would open upwards it is made level.
+
+    Args:
+        model: the model.
+        data: the dataset.
+        summaries: the old ones.
+        draws: `DRAWS` draws of the population: spreads, unconstrained, and standard locations.
+        seed: of the points.
+    """
+    raw, z_b = draws
+    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 41), len(z_b))
+    found = jax.device_get(_points(model, data, summaries, raw, z_b, keys))
+    u, value, weight = (np.asarray(part).reshape(-1, *part.shape[2:]) for part in found)
+    weight = np.where(value > value.max(0) - _DEEPEST, weight, 0.0)
+    value = np.where(weight > 0, value, 0.0)
+    total = weight.sum(0)
+    mean = np.einsum("pi,pia->ia", weight, u) / total[:, None]
+    squares = np.einsum("pi,pia,pib->iab", weight, u - mean, u - mean, optimize=True)
+    covariance = squares / total[:, None, None]
+    root = np.linalg.cholesky(covariance)
+    inverse = np.linalg.inv(root)
+    level, slope, bend = _parabola(np.einsum("iab,pib->pia", inverse, u - mean), value, weight)
+    values, axes = np.linalg.eigh(bend)
+    bend = np.einsum("iab,ib,icb->iac", axes, np.maximum(values, _LEAST_PRECISION), axes)
+    precision = np.einsum("iba,ibc,icd->iad", inverse, bend, inverse, optimize=True)
+    made = (mean, np.einsum("iba,ib->ia", inverse, slope), precision, level)
+    return Summaries(*(jnp.asarray(part) for part in made))
+
+
+def _parabola(
+    z: Float[np.ndarray, "point impact parameter"],
+    value: Float[np.ndarray, "point impact"],
+    weight: Float[np.ndarray, "point impact"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Level, slope and minus the second derivatives of the nearest parabola, for each impact."""
+    size = z.shape[-1]
+    rows, columns = np.triu_indices(size)
+    ones = np.ones((*z.shape[:2], 1))
+    terms = np.concatenate([ones, z, z[..., rows] * z[..., columns]], axis=-1)
+    weighted = terms * weight[..., None]
+    matrix = np.einsum("pia,pib->iab", weighted, terms, optimize=True) + _RIDGE * np.eye(terms.shape[-1])
+    found = np.linalg.solve(matrix, np.einsum("pia,pi->ia", weighted, value)[..., None])[..., 0]
+    bend = np.zeros((z.shape[1], size, size))
+    bend[:, rows, columns] -= found[:, 1 + size :]
+    bend[:, columns, rows] -= found[:, 1 + size :]
+    return found[:, 0], found[:, 1 : 1 + size], bend
+
+
+@partial(jax.jit, static_argnames="model")
+def _points(
+    model: TraceModel, data: TraceData, summaries: Summaries, raw: dict[str, Array], z_b: Array, keys: Array
+) -> tuple[Array, Array, Array]:
+    """Points, the log likelihood there, and their weights, each [draw, point of the draw, impact, ...]."""
+
+    def one(draw: tuple[dict[str, Array], Array, Array]) -> tuple[Array, Array, Array]:
+        own, z, key = draw
+        found = condition(
+            data.design, population(model, constrained(model, own)), data.location_mean, summaries
+        )
+        about = expected(data.design, locations(found, z))
+
+        def at(key: Array) -> tuple[Array, Array, Array]:
+            standard = jax.random.normal(key, summaries.centre.shape)
+            u = impact_parameters(found, summaries, about, standard)
+            value = jnp.nan_to_num(log_likelihood(model, data, u), nan=-jnp.inf, neginf=-jnp.inf)
+            return jnp.stack(u, axis=-1), value, value - summaries.log_summary(u)
+
+        u, value, ratio = jax.lax.map(at, jax.random.split(key, _EACH))
+        return u, value, jax.nn.softmax(ratio, axis=0)
+
+    return jax.lax.map(one, (raw, z_b, keys))
