@@ -172,7 +172,9 @@ def test_a_discrepancy_adds_a_parameter_and_the_modes_of_every_window() -> None:
     assert record.basis.shape == (6, *record.d.shape)
     assert_allclose(record.share.sum(1), plain.signal.n_samples)
     other = prepared("impact", element="hunt_crossley", discrepancy="always")
-    assert other.model.nuisance == ("noise", "contact", "discrepancy")
+    assert other.model.nuisance == ("noise", "discrepancy")
+    # A discrepancy takes up what a wrong moment of contact does.
+    assert other.data.record.before is None
 
 
 def test_autoregressive_noise_adds_its_correlation_and_marks_quiet_parts() -> None:
@@ -187,4 +189,25 @@ def test_autoregressive_noise_adds_its_correlation_and_marks_quiet_parts() -> No
     bare = prepared("impact", noise="autoregressive", signal=SignalOptions(remove_offset=False))
     assert not np.asarray(bare.data.record.quiet).any()
     other = prepared("impact", element="hunt_crossley", noise="autoregressive")
-    assert other.model.nuisance == ("noise", "contact", "atanh_noise_correlation")
+    assert other.model.nuisance == ("noise", "atanh_noise_correlation")
+
+
+def test_contact_that_does_not_show_may_be_in_any_of_some_cells() -> None:
+    made = prepared("impact", element="hunt_crossley")
+    record, signal = made.data.record, made.signal
+    assert isinstance(record, ElementRecord)
+    assert made.model.nuisance == ("noise",)
+    cells, impacts, width = record.before.shape
+    assert impacts == len(signal.x)
+    assert width % 2 == 1
+    assert cells * width * signal.dt.min() >= signal.reach_s.max() - 1e-12
+    early = np.moveaxis(np.asarray(record.before), 0, 1).reshape(impacts, -1)
+    assert_allclose(early, signal.before[:, -cells * width :])
+    assert_allclose(record.error_sd[:, 3], cells * width * signal.dt / np.sqrt(12))
+    assert np.asarray(record.uniform).all()
+
+
+def test_contact_that_is_given_is_known() -> None:
+    made = prepared("impact", element="hunt_crossley", signal=SignalOptions(contact="time-zero"))
+    assert made.data.record.before is None
+    assert not np.asarray(made.data.record.error_sd)[:, 3].any()

@@ -13,6 +13,7 @@ from bayestissue.elements import element
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
+from bayestissue.inference.early_form import plainly_wrong
 from bayestissue.inference.element_draws import COMPARABLE
 from bayestissue.inference.summary_path import corrected_draws
 from bayestissue.inference.trace_draws import unfold
@@ -164,3 +165,25 @@ def test_which_models_have_a_parameter_that_may_be_open(name: str, may_be_open: 
     if specification.likelihood == "impact":
         data = made.dataset(name)
         assert not with_discrepancy(data, specification, given).model.last_may_be_open
+
+
+def test_a_wrong_element_is_plain_before_any_chain_and_the_right_one_is_not() -> None:
+    made = campaign("kelvin_voigt")
+    right, _ = prepared("impact", made)
+    assert plainly_wrong(right, summarise(right), 0) is None
+    wrong, _ = prepared("maxwell", made)
+    found = plainly_wrong(wrong, summarise(wrong), 0)
+    assert found is not None
+    assert found["structured"]
+    assert found["score"] > 8
+
+
+@LONG
+@pytest.mark.parametrize("tissue", ["kelvin_voigt", "stiffening"])
+def test_an_element_that_the_tissue_is_not_is_summarised_beside_a_discrepancy(tissue: str) -> None:
+    made = campaign(tissue)
+    given, specification = prepared("maxwell", made)
+    wider = with_discrepancy(made.dataset("maxwell"), specification, given)
+    _, draws, correction = corrected_draws(wider, specification.sampler, 0)
+    assert correction.trusted
+    assert not draws.statistics["diverging"].any()

@@ -5,6 +5,7 @@ import pytest
 from impacts_bench import Impact, Recorded, record
 
 from bayestissue.signal import SignalOptions, displacements
+from bayestissue.signal.displacement import BEFORE
 
 PHASES = np.random.default_rng(3).uniform(size=40)
 
@@ -90,3 +91,31 @@ def test_a_recording_that_seems_cut_at_contact_most_likely_is():
     # 0 with probability 0.9, else uniform over an interval: mean 0.05, mean square 0.1 / 3.
     np.testing.assert_allclose(made.bracket_s, 0.05e-4, rtol=1e-6)
     np.testing.assert_allclose(made.bracket_sd, 1e-4 * np.sqrt(0.1 / 3 - 0.05**2), rtol=1e-6)
+
+
+def test_samples_before_the_first_are_kept_without_their_offset():
+    lab = record([Impact(67.0, 0.28)] * 5, 1e4, before=0.02, phase=0.4, offset=5.0)
+    made = displacements(lab)
+    assert made.before.shape == (5, BEFORE)
+    assert (made.n_before == BEFORE).all()
+    np.testing.assert_allclose(made.before, 0.0, atol=1e-6)
+    short = displacements(record([Impact(67.0, 0.28)], 1e4, before=0.002, phase=0.4, noise=0.005))
+    assert 0 < short.n_before[0] < BEFORE
+    assert not short.before[0, : BEFORE - short.n_before[0]].any()
+
+
+def test_a_force_that_rises_from_zero_may_have_begun_well_before_it_shows():
+    """A rise by half a standard deviation a sample shows after ten samples or so."""
+    rng = np.random.default_rng(2)
+    dt, slope, lost = 1e-4, 0.5, []
+    for _ in range(40):
+        time = np.arange(-200, 200) * dt
+        value = slope * np.maximum(time, 0.0) / dt + rng.standard_normal(len(time))
+        lab = record([Impact(67.0, 0.28)], 1e4, before=0.02)
+        lab.traces[0] = Recorded(time, value)
+        made = displacements(lab)
+        contact = (made.contact_time_s + made.first_sample_s)[0]
+        assert made.reach_s[0] > contact
+        lost.append(contact / dt)
+    assert np.median(lost) > 5
+    assert (displacements(lab, SignalOptions(contact="time-zero")).reach_s == 0).all()

@@ -1,0 +1,69 @@
+"""Parabolas by least squares, where a trace leaves a direction open."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayestissue.inference.compiling import Helper, in_halves
+from bayestissue.inference.wide_summaries import _parabola
+
+
+def test_a_parabola_is_found_as_it_is() -> None:
+    rng = np.random.default_rng(0)
+    z = rng.standard_normal((300, 3, 4))
+    root = rng.standard_normal((3, 4, 4))
+    bend = root @ root.swapaxes(1, 2)
+    slope, level = rng.standard_normal((3, 4)), rng.standard_normal(3)
+    value = (
+        level
+        + np.einsum("ia,pia->pi", slope, z)
+        - np.einsum("pia,iab,pib->pi", z, bend, z, optimize=True) / 2
+    )
+    weight = rng.uniform(0.1, 1.0, value.shape)
+    found = _parabola(z, value, weight)
+    # A ridge of a millionth beside weights that add up to more than a hundred.
+    for part, true in zip(found, (level, slope, bend), strict=True):
+        np.testing.assert_allclose(part, true, atol=1e-6 * np.abs(bend).max())
+
+
+def test_points_without_weight_do_not_count() -> None:
+    rng = np.random.default_rng(1)
+    z = rng.standard_normal((200, 1, 2))
+    value, weight = -(z**2).sum(-1) / 2, np.ones((200, 1))
+    value[:50], weight[:50] = -1e6, 0.0
+    level, slope, bend = _parabola(z, value, weight)
+    np.testing.assert_allclose(level, 0.0, atol=1e-6)
+    np.testing.assert_allclose(slope, 0.0, atol=1e-6)
+    np.testing.assert_allclose(bend[0], np.eye(2), atol=1e-6)
+
+
+class _Recording(Helper):
+    """Does what it is asked for, and remembers how many rows that were."""
+
+    def __init__(self) -> None:
+        self.rows: list[int] = []
+
+    def begin_rows(self, part: str, function: Any, *arguments: Any) -> Any:
+        self.rows.append(len(arguments[-1]))
+        return lambda: function(*arguments)
+
+
+@pytest.mark.parametrize("count", [1, 6, 7])
+def test_two_halves_are_the_whole(count: int) -> None:
+    rows = jnp.arange(3.0 * count).reshape(count, 3)
+
+    def function(factor: Any, rows: Any) -> dict[str, Any]:
+        return {"sum": factor * rows.sum(1), "rows": rows}
+
+    helper = _Recording()
+    for found in (
+        in_halves(Helper(), "part", function, (2.0,), (rows,)),
+        in_halves(helper, "part", function, (2.0,), (rows,)),
+    ):
+        np.testing.assert_array_equal(found["sum"], 2.0 * rows.sum(1))
+        np.testing.assert_array_equal(found["rows"], rows)
+    assert helper.rows == [-(-count // 2)]
