@@ -17,7 +17,7 @@ DT, SAMPLES, CELLS = 2e-4, 60, 4
 COUNT = np.array([60, 48])
 RECORDED = np.array([100, 3])
 MASS, VELOCITY, DIAMETER = np.array([0.6, 0.9]), np.array([1.2, 1.1]), np.full(2, 0.0318)
-SIGMA = 0.3
+SIGMA, QUIET_SD = 0.3, 0.25
 ERROR_SD = np.array([0.02, 0.01, 0.1, 0.0])
 VALUES = {
     "maxwell": {"K": 3000.0, "C": 120.0},
@@ -57,6 +57,7 @@ def measured(name: str, width: int, *, sigma: float = SIGMA, lead: float = 2.6) 
         DIAMETER,
         before=np.moveaxis(before.reshape(2, CELLS, width), 1, 0),
         n_before=np.minimum(RECORDED, reach),
+        quiet_sd=np.full(2, QUIET_SD),
     )
     parameters = jnp.stack([jnp.full(2, value) for value in VALUES[name].values()])
     return MeasuredImpact(element(name), parameters, jnp.full(2, np.log(sigma)), record)
@@ -65,8 +66,8 @@ def measured(name: str, width: int, *, sigma: float = SIGMA, lead: float = 2.6) 
 def density_at(given: MeasuredImpact, name: str, row: int, lead: float, about: float) -> float:
     """Log density of a row, contact ``lead`` before its first sample, by one large covariance.
 
-    The trace is linear in that moment about ``about``. Of the samples before the first, what noise alone
-    would have made of them is taken off.
+    The trace is linear in that moment about ``about``. The density of a quiet part is taken off that of the
+    samples before the first.
     """
     record = given.record
     n, before = int(COUNT[row]), int(record.n_before[row])
@@ -92,7 +93,7 @@ def density_at(given: MeasuredImpact, name: str, row: int, lead: float, about: f
     seen = np.concatenate([early, np.asarray(record.d)[row, :n]])
     mean = np.where(own, d + jerk * (lead - about), 0.0)
     found = multivariate_normal.logpdf(seen, mean, covariance)
-    noise = multivariate_normal(np.zeros(1), np.exp(2 * float(given.log_sigma[row])))
+    noise = multivariate_normal(np.zeros(1), QUIET_SD**2)
     return float(found - noise.logpdf(early[:, None]).sum()) if before else float(found)
 
 

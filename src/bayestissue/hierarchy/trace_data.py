@@ -252,6 +252,7 @@ def _element_record(
         reach = cells * width
         before = np.moveaxis(signal.before[:, BEFORE - reach :].reshape(-1, cells, width), 1, 0)
         besides = {"before": before, "n_before": np.minimum(signal.n_before, reach)}
+        besides["quiet_sd"] = np.maximum(signal.noise_sd, 1e-12)
         contact_sd, uniform = reach * signal.dt / np.sqrt(12), np.ones_like(uniform)
     record = ElementRecord.of(
         signal.deceleration,

@@ -8,8 +8,8 @@ middle, and the cells' densities add up.
 
 From cell to cell the same response is shifted by whole samples. It is made once, and so are its products with
 itself, but for what enters or leaves at the ends of a trace; only its products with the data are made for
-each. Samples before the first count by how much likelier the response makes them than noise alone would, as
-the rest of their density is the same for all elements; of autoregressive noise they do not count. Beside a
+each. Samples before the first count by how much likelier they are than a quiet part of the recorder's noise
+would make them, as elements that jump leave them out; of autoregressive noise they do not count. Beside a
 discrepancy, which takes up what a wrong moment does to a trace, contact is between two samples instead.
 """
 
@@ -23,7 +23,7 @@ from jaxtyping import Float
 
 from bayestissue.likelihood import autoregressive
 from bayestissue.likelihood.element_response import ElementRecord, Response, columns
-from bayestissue.likelihood.linear_errors import Products, gram
+from bayestissue.likelihood.linear_errors import LOG_2PI, Products, gram
 
 # Among the chain's errors.
 _CONTACT = 3
@@ -68,11 +68,12 @@ def products(
     parts = [found.d, -found.jerk] if linear else [found.d, -found.jerk, found.by_velocity]
     own = [[slides.together(parts[a], parts[b]) for b in range(a + 1)] for a in range(len(parts))]
     levels = [slides.level(part) for part in parts]
-    seen = slides.against(slides.whole(window), parts)
+    whole = slides.whole(window)
+    seen = slides.against(whole, parts)
     count = record.n_samples + 0.0
     residual = [each - own[a][0] for a, each in enumerate(seen)]
     # Of residual, gain, contact, velocity; the offset has none before the first sample.
-    lower = [[(window**2).sum(-1) - seen[0] - residual[0]]]
+    lower = [[(whole**2).sum(-1) - seen[0] - residual[0]]]
     lower += [[residual[a], *own[a]] for a in range(len(parts))]
     offset = [window.sum(-1) - levels[0], *levels]
     if linear:
@@ -85,7 +86,9 @@ def products(
         tuple(_entry(lower, offset, count, order[a], order[b]) for b in range(len(order)))
         for a in range(len(order))
     )
-    return Products(entries, jnp.zeros_like(count), count)
+    return Products(
+        entries, jnp.zeros_like(count), count + (0 if record.n_before is None else record.n_before)
+    )
 
 
 def _entry(
@@ -94,6 +97,23 @@ def _entry(
     if a is None or b is None:
         return count if a is b else offset[b if a is None else a]  # type: ignore[index]
     return lower[max(a, b)][min(a, b)]
+
+
+def quiet_density(record: ElementRecord) -> Float[Array, " impact"]:
+    """Log density of the samples before the first as a quiet part of the recorder's noise."""
+    if record.before is None or record.n_before is None or record.quiet_sd is None:
+        return jnp.zeros_like(record.dt)
+    squares = (_early(record) ** 2).sum(-1) / record.quiet_sd**2
+    return -(record.n_before * (LOG_2PI + 2 * jnp.log(record.quiet_sd)) + squares) / 2
+
+
+def _early(record: ElementRecord) -> Float[Array, "impact sample"]:
+    """The samples before the first in a row, 0 where they do not count."""
+    assert record.before is not None  # noqa: S101 - for the type checker
+    row = jnp.moveaxis(record.before, 0, 1).reshape(record.d.shape[0], -1)
+    if record.n_before is None:
+        return jnp.zeros_like(row)
+    return jnp.where(jnp.arange(row.shape[1]) >= row.shape[1] - record.n_before[:, None], row, 0.0)
 
 
 def products_of_correlated(
@@ -132,12 +152,7 @@ class _Slides:
 
     def whole(self, window: Float[Array, "impact sample"]) -> Array:
         """The samples before the first and those of the window as `against` takes them."""
-        record = self._record
-        before = jnp.zeros((len(window), self._reach))
-        if record.before is not None and record.n_before is not None:
-            recorded = jnp.arange(self._reach) >= self._reach - record.n_before[:, None]
-            before = jnp.where(recorded, jnp.moveaxis(record.before, 0, 1).reshape(before.shape), 0.0)
-        return jnp.concatenate([before, window], axis=-1)
+        return jnp.concatenate([_early(self._record), window], axis=-1)
 
     def against(self, samples: Array, parts: Sequence[Array]) -> list[Array]:
         """Of the samples times each part."""

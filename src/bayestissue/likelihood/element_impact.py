@@ -72,6 +72,8 @@ def _log_density(
     density = marginal_log_likelihood(products, noise.log_sigma, _error_sd(noise, record), record.uniform)
     if record.before is not None:
         density = jax.nn.logsumexp(density, axis=0) + jnp.log(contact_cells.shape(record)[1])
+        if noise.atanh_correlation is None:
+            density = density - contact_cells.quiet_density(record)
     # Parameters far from anything seen may send a response beyond all bounds, where the products' digits are
     # lost and a density would be anything.
     greatest = _GREATEST * jnp.abs(record.d).max(-1)

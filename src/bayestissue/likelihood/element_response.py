@@ -35,6 +35,8 @@ class ElementRecord(NamedTuple):
             where there are none [m/s^2]. None where contact is known but for its error, uniform or not. Where
             it is not it may be in any of these cells: see `bayestissue.likelihood.contact_cells`.
         n_before: how many of these samples were recorded and count.
+        quiet_sd: standard deviation of the recorder's noise, as quiet parts have it [m/s^2]: of a density that
+            these samples would have without an impact.
     """
 
     d: Float[Array, "impact sample"]
@@ -51,6 +53,7 @@ class ElementRecord(NamedTuple):
     quiet: Bool[Array, " impact"] | None = None
     before: Float[Array, "cell impact width"] | None = None
     n_before: Int[Array, " impact"] | None = None
+    quiet_sd: Float[Array, " impact"] | None = None
 
     @classmethod
     def of(cls, *arrays: np.ndarray, **named: np.ndarray) -> ElementRecord:
@@ -64,7 +67,7 @@ class ElementRecord(NamedTuple):
 
     def at_contact(self, first_time: Float[Array, " impact"]) -> ElementRecord:
         """The same traces with contact so long before the first sample [s], its error about that."""
-        return self._replace(first_time=first_time, before=None, n_before=None)
+        return self._replace(first_time=first_time, before=None, n_before=None, quiet_sd=None)
 
     def inside(self) -> Bool[Array, "impact sample"]:
         """True where there is a sample."""
