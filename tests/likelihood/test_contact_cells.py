@@ -183,3 +183,14 @@ def test_replicates_have_contact_where_the_trace_has_it() -> None:
     # Errors of velocity, gain and offset are as large as these.
     tolerance = 5 * (0.02 / 1.1 + 0.01) * np.abs(expected).max() + 0.5
     assert np.abs(np.where(inside, made - expected, 0.0)).max() < tolerance
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_no_noise_is_small_enough_to_explain_everything(name: str) -> None:
+    """Early samples that hold part of the impact must not make a vanishing noise likely."""
+    given = measured(name, 3, lead=8.0)
+    values = []
+    for log_sigma in np.log(SIGMA) - np.array([0.0, 2.0, 4.0, 8.0]):
+        other = MeasuredImpact(given.element, given.parameters, jnp.full(2, log_sigma), given.record)
+        values.append(np.asarray(other.log_prob(given.record.d)))
+    assert (np.diff(values, axis=0) < 0).all()

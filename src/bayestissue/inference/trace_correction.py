@@ -165,6 +165,7 @@ def refine_about(
     mean_ratio = jax.nn.logsumexp(points.log_ratio, axis=0) - jnp.log(points.u.shape[0])
     # Equal evidence under this population, old and new: the level follows.
     level = mean_ratio + _evidence(spread, summaries, about) - _evidence(spread, found, about)
+    usable &= jnp.isfinite(level)
     kept = (
         jnp.where(usable.reshape(-1, *[1] * (new.ndim - 1)), new, old)
         for new, old in zip(found._replace(log_likelihood=level), summaries, strict=True)

@@ -35,8 +35,7 @@ class ElementRecord(NamedTuple):
             where there are none [m/s^2]. None where contact is known but for its error, uniform or not. Where
             it is not it may be in any of these cells: see `bayestissue.likelihood.contact_cells`.
         n_before: how many of these samples were recorded and count.
-        quiet_sd: standard deviation of the recorder's noise, as quiet parts have it [m/s^2]: of a density that
-            these samples would have without an impact.
+        quiet_sd: standard deviation of the recorder's noise, as a quiet part has it [m/s^2].
     """
 
     d: Float[Array, "impact sample"]
