@@ -15,7 +15,7 @@ from jaxtyping import Float
 from bayestissue.elements.element import Element, Parameters, at_contact
 from bayestissue.elements.impact import Path, prepared
 
-_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(32)
+_POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
 
 
 class Comparables(NamedTuple):
