@@ -14,6 +14,7 @@ from bayestissue.signal.traces import (
     Mask,
     Recordings,
     at,
+    first_where,
     last_where,
     noise_sd,
     segment_moments,
@@ -30,8 +31,9 @@ _CERTAIN = 5.0
 _QUIET = 3.0
 _DOUBTFUL_S = 1e-3
 # A force that rises evenly passes five standard deviations, with noise in its way, about twice as long after
-# contact as the bracket says; one that rises faster than that sooner.
-_REACH = 4
+# contact as the bracket says, and twice that level as long after as before; one that rises as x^(3/2) passes
+# the first in three fifths of the time to the second.
+_REACH, _RISES = 4, 2.5
 # Recorded numbers are rounded; below this fraction of the peak a difference means nothing.
 _ROUNDING = 1e-6
 
@@ -86,7 +88,10 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     quiet, offset, sd = _quiet_part(recordings, last_quiet, sd, peak, baseline)
     least, most = np.zeros(len(peak)), (first - last_quiet) * recordings.dt
     shown, earliest, end = first, most, last_quiet
-    reach = _REACH * most + 2 * recordings.dt
+    passed = (deceleration >= (baseline + 2 * _CERTAIN * sd)[:, None]) & until_peak
+    passed &= np.arange(deceleration.shape[1]) >= first[:, None]
+    rise = (first_where(passed, first) - first) * recordings.dt
+    reach = np.maximum(_REACH * most, _RISES * rise) + 2 * recordings.dt
     if options.contact == "threshold":
         first, least = _crossing(recordings, offset + options.threshold * (peak - offset), last_below)
         most = least
