@@ -8,8 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from bayestissue.hierarchy.conditional import Summaries
+from bayestissue.inference import wide_summaries
 from bayestissue.inference.compiling import Helper, in_halves
-from bayestissue.inference.wide_summaries import _parabola
+from bayestissue.inference.wide_summaries import _nearest, _parabola
 
 
 def test_a_parabola_is_found_as_it_is() -> None:
@@ -39,6 +41,35 @@ def test_points_without_weight_do_not_count() -> None:
     np.testing.assert_allclose(level, 0.0, atol=1e-6)
     np.testing.assert_allclose(slope, 0.0, atol=1e-6)
     np.testing.assert_allclose(bend[0], np.eye(2), atol=1e-6)
+
+
+def test_a_normal_likelihood_is_its_own_summary() -> None:
+    rng = np.random.default_rng(2)
+    u = 3.0 + 0.1 * rng.standard_normal((400, 2, 3))
+    sd = np.array([0.05, 0.1, 0.2])
+    value = 7.0 - np.square((u - 3.05) / sd).sum(-1) / 2
+    centre, slope, precision, level = _nearest(u, value, np.ones((400, 2)))
+    # In units of the points a ridge of a millionth beside 400 points.
+    np.testing.assert_allclose(precision, np.broadcast_to(np.diag(sd**-2), (2, 3, 3)), atol=1e-4)
+    np.testing.assert_allclose(slope, (3.05 - centre) / sd**2, atol=1e-4)
+    np.testing.assert_allclose(level, 7.0 - np.square((centre - 3.05) / sd).sum(-1) / 2, atol=1e-6)
+
+
+def test_a_trace_of_which_the_points_tell_too_little_keeps_its_summary(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(3)
+    u = rng.standard_normal((100, 4, 2, 3))
+    value = -np.square(u).sum(-1) / 2
+    weight = np.ones(value.shape)
+    # The second trace has no likelihood anywhere, and so weights that are no numbers.
+    value[..., 1], weight[..., 1] = -np.inf, np.nan
+    monkeypatch.setattr(wide_summaries, "_points", lambda *_: (u, value, weight))
+    old = Summaries(*(jnp.full(shape, 9.0) for shape in ((2, 3), (2, 3), (2, 3, 3), (2,))))
+    found = wide_summaries.regressed(None, None, old, ({}, jnp.zeros((100, 1))), 0)  # type: ignore[arg-type]
+    np.testing.assert_allclose(found.precision[0], np.eye(3), atol=1e-6)
+    for new, before in zip(found, old, strict=True):
+        np.testing.assert_array_equal(new[1], before[1])
 
 
 class _Recording(Helper):

@@ -21,7 +21,7 @@ from bayestissue.inference.compiling import compiled_quickly
 from bayestissue.inference.model_form import LIMIT, judged
 from bayestissue.inference.trace_correction import expectation
 from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, replicates
-from bayestissue.inference.trace_start import LAST, Summarised
+from bayestissue.inference.trace_start import LAST, Summarised, last_mean
 
 # Short of this a whole fit decides.
 _PLAIN = 2 * LIMIT
@@ -61,8 +61,8 @@ def _draws(prepared: Prepared, summarised: Summarised, key: Array) -> Float[Arra
     if summarised.profile is None:
         return u
     # The summaries have no word on the last one.
-    mean = conditional.mean[-1] + mode[LAST] / conditional.factor[-1, -1]
-    return u.at[..., -1].set(mean + spread.nuisance[-1] * standard[..., -1])
+    last = last_mean(conditional, mode[LAST]) + spread.nuisance[-1] * standard[..., -1]
+    return u.at[..., -1].set(last)
 
 
 @compiled_quickly()

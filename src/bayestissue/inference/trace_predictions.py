@@ -74,10 +74,8 @@ def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array)
 
 def _element_replicate(distribution: MeasuredImpact, key: jax.Array) -> dict[str, jax.Array]:
     """The same of any element, whose discrepancy is part of both."""
+    distribution = distribution.with_contact_found(key)
     record = distribution.record
-    if record.before is not None:
-        distribution = distribution.as_drawn(distribution.draw_errors(jax.random.fold_in(key, 3))[:, 3])
-        record = distribution.record
     trace, delta = distribution.sample_with_discrepancy(key)
     own = motion(distribution.element, distribution.parameters, record, record.velocity)
     x = own.x - integrals(delta, record.first_time, record.dt)[1]

@@ -18,7 +18,7 @@ from scipy.optimize import least_squares
 from scipy.stats import norm
 
 from bayestissue.elements import element
-from bayestissue.hierarchy.conditional import Summaries, condition
+from bayestissue.hierarchy.conditional import Conditional, Summaries, condition
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
@@ -100,8 +100,13 @@ def spreads_model(
         if warp is not None:
             numpyro.factor("warp", warp.log_change(z))
             z = warp(z)
-        mean = found.mean[-1] + z / found.factor[-1, -1]
+        mean = last_mean(found, z)
         numpyro.factor("profile", profile.log_evidence(mean, spread.nuisance[-1]).sum())
+
+
+def last_mean(conditional: Conditional, standard: Array) -> Array:
+    """The last parameter's mean over impacts, the last element of b, from its standard normal."""
+    return conditional.mean[-1] + standard / conditional.factor[-1, -1]
 
 
 def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
@@ -339,9 +344,7 @@ class _SpreadsFinder:
 
     def last_mean(self, found: Expectation, flat: np.ndarray) -> float:
         """The mean of the last parameter there."""
-        conditional = found.conditional
-        standard = flat[self._names.index(LAST)]
-        return float(conditional.mean[-1] + standard / conditional.factor[-1, -1])
+        return float(last_mean(found.conditional, flat[self._names.index(LAST)]))
 
     def expectation(self, summaries: Summaries, flat: np.ndarray) -> Expectation:
         sites = constrained(self._model, dict(zip(self._names, jnp.asarray(flat), strict=True)))

@@ -26,6 +26,8 @@ DRAWS, _EACH = 512, 4
 _LEAST_PRECISION = 1e-3
 # Points at which a trace is so much less likely than at its best are no part of the posterior.
 _DEEPEST = 30.0
+# A parabola in so many parameters has a number of terms, and wants twice as many points.
+_POINTS_A_TERM = 2
 _RIDGE = 1e-6
 
 
@@ -39,7 +41,8 @@ def regressed(
     """The parabola nearest to each log likelihood over the posterior.
 
     Points are drawn by the old summaries and weighted by likelihood over summary, those of one draw of the
-    population among themselves. Along an axis where the parabola would open upwards it is made level.
+    population among themselves. Along an axis where the parabola would open upwards it is made level. Where
+    the points tell too little of a trace its old summary stays.
 
     Args:
         model: the model.
@@ -53,19 +56,32 @@ def regressed(
     found = jax.device_get(_points(model, data, summaries, raw, z_b, keys))
     u, value, weight = (np.asarray(part).reshape(-1, *part.shape[2:]) for part in found)
     weight = np.where(value > value.max(0) - _DEEPEST, weight, 0.0)
+    effective = weight.sum(0) ** 2 / np.maximum(np.square(weight).sum(0), np.finfo(float).tiny)
+    size = u.shape[-1]
+    told = effective > _POINTS_A_TERM * (1 + size) * (2 + size) / 2
+    made = [np.array(part) for part in summaries]
+    for whole, part in zip(made, _nearest(u[:, told], value[:, told], weight[:, told]), strict=True):
+        whole[told] = part
+    return Summaries(*(jnp.asarray(part) for part in made))
+
+
+def _nearest(
+    u: Float[np.ndarray, "point impact parameter"],
+    value: Float[np.ndarray, "point impact"],
+    weight: Float[np.ndarray, "point impact"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Centre, slope, precision and level, as `Summaries` have them."""
     value = np.where(weight > 0, value, 0.0)
     total = weight.sum(0)
     mean = np.einsum("pi,pia->ia", weight, u) / total[:, None]
     squares = np.einsum("pi,pia,pib->iab", weight, u - mean, u - mean, optimize=True)
-    covariance = squares / total[:, None, None]
-    root = np.linalg.cholesky(covariance)
+    root = np.linalg.cholesky(squares / total[:, None, None])
     inverse = np.linalg.inv(root)
     level, slope, bend = _parabola(np.einsum("iab,pib->pia", inverse, u - mean), value, weight)
     values, axes = np.linalg.eigh(bend)
     bend = np.einsum("iab,ib,icb->iac", axes, np.maximum(values, _LEAST_PRECISION), axes)
     precision = np.einsum("iba,ibc,icd->iad", inverse, bend, inverse, optimize=True)
-    made = (mean, np.einsum("iba,ib->ia", inverse, slope), precision, level)
-    return Summaries(*(jnp.asarray(part) for part in made))
+    return mean, np.einsum("iba,ib->ia", inverse, slope), precision, level
 
 
 def _parabola(

@@ -220,6 +220,12 @@ class MeasuredImpact(dist.Distribution):
         known = known._replace(error_sd=known.error_sd.at[:, _CONTACT].set(0.0))
         return MeasuredImpact(self.element, self.parameters, own.log_sigma, known, *own[1:])
 
+    def with_contact_found(self, key: Array) -> MeasuredImpact:
+        """The same with contact known: where the trace has it, if the record leaves it to be found."""
+        if self.record.before is None:
+            return self
+        return self.as_drawn(self.draw_errors(jax.random.fold_in(key, 3))[:, _CONTACT])
+
     def draw_discrepancy(self, key: Array, errors: Float[Array, "impact 4"]) -> Float[Array, "impact sample"]:
         """The discrepancy given the recorded traces and the chain's errors [m/s^2]."""
         record = self.record
@@ -241,8 +247,7 @@ class MeasuredImpact(dist.Distribution):
     def sample_with_discrepancy(self, key: Array, sample_shape: tuple[int, ...] = ()) -> tuple[Array, Array]:
         """The same, and the discrepancy that is in them."""
         if self.record.before is not None:
-            contact = self.draw_errors(jax.random.fold_in(key, 3))[:, _CONTACT]
-            return self.as_drawn(contact).sample_with_discrepancy(key, sample_shape)
+            return self.with_contact_found(key).sample_with_discrepancy(key, sample_shape)
         key_of_noise, key_of_errors = jax.random.split(key)
         shape, record = (*sample_shape, *self.batch_shape), self.record
         found, delta = self.response(), jnp.zeros((*shape, *self.event_shape))
