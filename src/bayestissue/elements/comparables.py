@@ -64,13 +64,14 @@ def comparables_of(
     """The same, compiled, for parameters that are complete: see `bayestissue.elements.element.complete`."""
     path, M, V = Path.of(element, p, mass, velocity), mass, velocity
     peak = jnp.minimum(path.time_to_peak, path.duration)
-    y = path.at(peak[:, None])[..., 0]
-    x, v, s = y[0], y[1], tuple(y[2:])
     points = (jnp.asarray(_POINTS) + 1) / 2 * peak[:, None]
-    squares = (path.at(points)[1] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
-    spent = M * (V**2 - v**2) / 2 - element.stored(x, v, s, p)
     leaves = jnp.minimum(path.leaves, path.duration)
-    last = path.at(leaves[:, None])[1, :, 0]
+    # In one go, since what follows the path is long to compile.
+    every = path.at(jnp.concatenate([peak[:, None], leaves[:, None], points], axis=1))
+    x, v, *rest = every[..., 0]
+    s, last = tuple(rest), every[1, :, 1]
+    squares = (every[1, :, 2:] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
+    spent = M * (V**2 - v**2) / 2 - element.stored(x, v, s, p)
     return Comparables(
         _tangent(element, p, V),
         element.force(x, jnp.zeros_like(v), s, p) / x,

@@ -132,8 +132,9 @@ class Path(NamedTuple):
             fractions = np.linspace(0.0, 1.0, NODES) ** 2
             found = solver.nodes(element, p, mass, velocity, duration, fractions, flies_off=True)
         made = cls(element, p, mass, velocity, duration, found, duration, duration)
-        peak = made.first(lambda y: y[1])
-        leaves = made.first(lambda y: deceleration_of(element, made.columns(), mass[:, None], y))
+        peak, leaves = made.first(
+            lambda y: y[1], lambda y: deceleration_of(element, made.columns(), mass[:, None], y)
+        )
         return made._replace(time_to_peak=peak, leaves=leaves)
 
     def columns(self) -> dict[str, Array]:
@@ -146,30 +147,39 @@ class Path(NamedTuple):
             return linear.at_times(self.element, self.parameters, self.mass, self.velocity, time)
         return solver.at_times(self.nodes, time)
 
-    def first(self, quantity: Quantity) -> Float[Array, " impact"]:
-        """When a quantity of the state, [impact, time], first falls to 0 after contact; infinite if never."""
-        values = quantity(jnp.moveaxis(self.nodes.y, 0, -1))
-        past = values[:, 1:] <= 0
-        end = jnp.argmax(past, axis=1)
-        impact = jnp.arange(values.shape[0])
+    def first(self, *quantities: Quantity) -> Float[Array, "quantity impact"]:
+        """When each quantity of the state, [impact, time], first falls to 0; infinite if it never does.
+
+        They are sought together, since what follows the path is long to compile.
+        """
+
+        def each(y: Float[Array, "state impact quantity"]) -> Float[Array, "impact quantity"]:
+            """Every quantity at a time of its own."""
+            own = [quantity(y[..., k : k + 1])[:, 0] for k, quantity in enumerate(quantities)]
+            return jnp.stack(own, axis=-1)
+
+        nodes = jnp.moveaxis(self.nodes.y, 0, -1)
+        past = jnp.stack([quantity(nodes) for quantity in quantities], axis=1)[..., 1:] <= 0
+        end = jnp.argmax(past, axis=-1)
+        impact = jnp.arange(end.shape[0])[:, None]
         low, high = self.nodes.time[end, impact], self.nodes.time[end + 1, impact]
 
         def halve(_: int, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
             low, high = bracket
             middle = (low + high) / 2
-            after = quantity(solver.at_times(self.nodes, middle[:, None]))[:, 0] <= 0
+            after = each(solver.at_times(self.nodes, middle)) <= 0
             return jnp.where(after, low, middle), jnp.where(after, middle, high)
 
         low, _ = jax.lax.fori_loop(0, _BISECTIONS, halve, (low, high))
-        when = jax.lax.stop_gradient(low)
-        # Newton's step also gives the time its derivatives, by the implicit function theorem.
-        for _ in range(2):
-            value, slope = jax.jvp(
-                lambda t: quantity(self.at(t[:, None]))[:, 0], (when,), (jnp.ones_like(when),)
-            )
+
+        def newton(_: int, when: Array) -> Array:
+            value, slope = jax.jvp(lambda t: each(self.at(t)), (when,), (jnp.ones_like(when),))
             falls = slope < 0
-            when = when - jnp.where(falls, value / jnp.where(falls, slope, 1.0), 0.0)
-        return jnp.where(past.any(axis=1), when, jnp.inf)
+            return when - jnp.where(falls, value / jnp.where(falls, slope, 1.0), 0.0)
+
+        # Newton's step also gives the time its derivatives, by the implicit function theorem.
+        when = jax.lax.fori_loop(0, 2, newton, jax.lax.stop_gradient(low))
+        return jnp.where(past.any(axis=-1), when, jnp.inf).T
 
 
 def _linear_nodes(

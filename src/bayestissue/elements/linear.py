@@ -69,10 +69,10 @@ def even_grid(
 
     Each round doubles the times that are known.
     """
-    begin = transition(element, p, mass, jnp.maximum(first_time, 0.0))
-    y = jnp.einsum("iab,bi->ia", begin, at_contact(element, velocity))
-    step = transition(element, p, mass, dt)
-    y = y[..., None]
+    steps = jnp.stack([jnp.maximum(first_time, 0.0), jnp.broadcast_to(dt, first_time.shape)], axis=-1)
+    both = transition(element, p, mass, steps)
+    y = jnp.einsum("iab,bi->ia", both[:, 0], at_contact(element, velocity))[..., None]
+    step = both[:, 1]
     while y.shape[-1] < count:
         y = jnp.concatenate([y, jnp.einsum("iab,ibk->iak", step, y)], axis=-1)
         step = step @ step

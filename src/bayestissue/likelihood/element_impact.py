@@ -177,10 +177,10 @@ class MeasuredImpact(dist.Distribution):
         """See `response`."""
         return response(self.element, self.parameters, self.record)
 
-    def products(self, value: Array | None = None) -> Products:
-        """Products of the residual at ``value`` (the record's own unless given) and the errors' columns."""
-        value = self.record.d if value is None else value
-        return _products(self.element, self.response(), self._noise(), value, self.record)
+    def products(self, found: Response | None = None) -> Products:
+        """Products of the residual and the errors' columns; ``found`` is `response`, if it is at hand."""
+        found = self.response() if found is None else found
+        return _products(self.element, found, self._noise(), self.record.d, self.record)
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors and its discrepancy integrated out."""
@@ -191,9 +191,12 @@ class MeasuredImpact(dist.Distribution):
             )
         return _log_density(self.element, self.response(), self._noise(), value, self.record)
 
-    def draw_errors(self, key: Array) -> Float[Array, "impact 4"]:
-        """The chain's errors given the recorded traces: velocity, gain, offset, contact time (later)."""
-        products, record = self.products(), self.record
+    def draw_errors(self, key: Array, found: Response | None = None) -> Float[Array, "impact 4"]:
+        """The chain's errors given the recorded traces: velocity, gain, offset, contact time (later).
+
+        ``found`` is `response`, if it is at hand.
+        """
+        products, record = self.products(found), self.record
         error_sd = _error_sd(self._noise(), record)
         if record.before is None:
             return draw_errors(key, products, self.log_sigma, error_sd, record.uniform)
@@ -201,8 +204,8 @@ class MeasuredImpact(dist.Distribution):
         cell = jax.random.categorical(jax.random.fold_in(key, 2), density, axis=0)
         chosen = partial(_of_cell, cell, density.shape)
         products = Products(*jax.tree.map(chosen, tuple(products)))
-        found = draw_errors(key, products, self.log_sigma, error_sd, record.uniform)
-        return found.at[:, _CONTACT].add(record.first_time - chosen(contact_cells.middles(record)))
+        errors = draw_errors(key, products, self.log_sigma, error_sd, record.uniform)
+        return errors.at[:, _CONTACT].add(record.first_time - chosen(contact_cells.middles(record)))
 
     def mean_first_time(self) -> Float[Array, " impact"]:
         """From contact to the first sample as the traces have it, by the mean over the cells [s]."""
@@ -226,12 +229,14 @@ class MeasuredImpact(dist.Distribution):
             return self
         return self.as_drawn(self.draw_errors(jax.random.fold_in(key, 3))[:, _CONTACT])
 
-    def draw_discrepancy(self, key: Array, errors: Float[Array, "impact 4"]) -> Float[Array, "impact sample"]:
-        """The discrepancy given the recorded traces and the chain's errors [m/s^2]."""
+    def draw_discrepancy(
+        self, key: Array, errors: Float[Array, "impact 4"], found: Response | None = None
+    ) -> Float[Array, "impact sample"]:
+        """The discrepancy given the recorded traces and the chain's errors [m/s^2]; ``found`` as above."""
         record = self.record
         if self.log_discrepancy is None or record.basis is None or record.share is None:
             return jnp.zeros_like(record.d)
-        found = self.response()
+        found = self.response() if found is None else found
         left = jnp.where(record.inside(), record.d - found.d - _added(errors, found, record), 0.0)
         ratio = discrepancy.ratios(self.log_sigma, self.log_discrepancy, record.share)
         return discrepancy.draw_given(key, left, record.basis, self.log_sigma, ratio)
