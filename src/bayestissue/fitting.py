@@ -20,6 +20,7 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, prepare, with_discrepancy
 from bayestissue.inference import model_form
+from bayestissue.inference.ahead import SecondCore
 from bayestissue.inference.diagnostics import verdict_in_words
 from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
 
@@ -157,25 +158,31 @@ def fit_prepared(
     """`fit` from prepared data on; ``checkpoints`` is a folder for finished parts, see `fit_traces`.
 
     Where the residuals are plainly structured and the model file leaves it to the program, a second fit with
-    a discrepancy follows, and is the one that is told; the first is not finished if its summaries show it.
+    a discrepancy follows, and is the one that is told; the first is not finished if its best fits show it.
     float64 must be set.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
-    found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints)
-    form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
-    if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
-        prepared = with_discrepancy(dataset, specification, prepared)
-        analysis = _again(prepared, specification, seed, say, checkpoints)
-        told = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
-        analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
-    else:
-        analysis = found
+    with SecondCore() as core:
+        found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints, core=core)
+        form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
+        if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
+            prepared = with_discrepancy(dataset, specification, prepared)
+            analysis = _again(prepared, specification, seed, say, checkpoints, core)
+            told = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
+            analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
+        else:
+            analysis = found
     wall_time_s = time.perf_counter() - clock
     return Fit(dataset, specification, prepared, analysis, seed, started, wall_time_s)
 
 
 def _again(
-    prepared: Prepared, specification: ModelSpecification, seed: int, say: Say, checkpoints: Path | None
+    prepared: Prepared,
+    specification: ModelSpecification,
+    seed: int,
+    say: Say,
+    checkpoints: Path | None,
+    core: SecondCore,
 ) -> TraceAnalysis:
     """The fit of ``prepared``, its stages told and its checkpoints kept apart from those of the first."""
     kept = None if checkpoints is None else checkpoints / "discrepancy"
@@ -185,7 +192,7 @@ def _again(
     def told(stage: str, done: int, total: int) -> None:
         say(f"again with a discrepancy: {stage}", done, total)
 
-    found = fit_traces(prepared, specification, seed, told, checkpoints=kept)
+    found = fit_traces(prepared, specification, seed, told, checkpoints=kept, core=core)
     assert isinstance(found, TraceAnalysis)  # noqa: S101 - with a discrepancy there is no other
     return found
 

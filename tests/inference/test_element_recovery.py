@@ -17,7 +17,7 @@ from bayestissue.inference.early_form import plainly_wrong
 from bayestissue.inference.element_draws import COMPARABLE
 from bayestissue.inference.summary_path import corrected_draws
 from bayestissue.inference.trace_draws import unfold
-from bayestissue.inference.trace_start import summarise
+from bayestissue.inference.trace_start import expanded, summarise
 from bayestissue.inference.traces import fit_traces
 from bayestissue.simulation import Campaign, Simulation, simulate
 
@@ -170,9 +170,9 @@ def test_which_models_have_a_parameter_that_may_be_open(name: str, may_be_open: 
 def test_a_wrong_element_is_plain_before_any_chain_and_the_right_one_is_not() -> None:
     made = campaign("kelvin_voigt")
     right, _ = prepared("impact", made)
-    assert plainly_wrong(right, summarise(right), 0) is None
+    assert plainly_wrong(right, expanded(right), 0) is None
     wrong, _ = prepared("maxwell", made)
-    found = plainly_wrong(wrong, summarise(wrong), 0)
+    found = plainly_wrong(wrong, expanded(wrong), 0)
     assert found is not None
     assert found["structured"]
     assert found["score"] > 8

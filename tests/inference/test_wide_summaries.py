@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.inference import wide_summaries
-from bayestissue.inference.compiling import Helper, in_halves
 from bayestissue.inference.wide_summaries import _nearest, _parabola
 
 
@@ -70,31 +67,3 @@ def test_a_trace_of_which_the_points_tell_too_little_keeps_its_summary(
     np.testing.assert_allclose(found.precision[0], np.eye(3), atol=1e-6)
     for new, before in zip(found, old, strict=True):
         np.testing.assert_array_equal(new[1], before[1])
-
-
-class _Recording(Helper):
-    """Does what it is asked for, and remembers how many rows that were."""
-
-    def __init__(self) -> None:
-        self.rows: list[int] = []
-
-    def begin_rows(self, part: str, function: Any, *arguments: Any) -> Any:
-        self.rows.append(len(arguments[-1]))
-        return lambda: function(*arguments)
-
-
-@pytest.mark.parametrize("count", [1, 6, 7])
-def test_two_halves_are_the_whole(count: int) -> None:
-    rows = jnp.arange(3.0 * count).reshape(count, 3)
-
-    def function(factor: Any, rows: Any) -> dict[str, Any]:
-        return {"sum": factor * rows.sum(1), "rows": rows}
-
-    helper = _Recording()
-    for found in (
-        in_halves(Helper(), "part", function, (2.0,), (rows,)),
-        in_halves(helper, "part", function, (2.0,), (rows,)),
-    ):
-        np.testing.assert_array_equal(found["sum"], 2.0 * rows.sum(1))
-        np.testing.assert_array_equal(found["rows"], rows)
-    assert helper.rows == [-(-count // 2)]

@@ -46,6 +46,11 @@ class Sampler(_Table):
     chains: Annotated[int, Field(ge=2, le=64)] = 4
     warmup: Annotated[int, Field(ge=100)] = 1000
     draws: Annotated[int, Field(ge=100)] = 1000
+    thinning: Annotated[int, Field(ge=1, le=100)] = Field(
+        default=1,
+        description="transitions of a chain for each draw that is kept. What follows the chains takes time "
+        "for every draw; a few that are nearly independent tell as much as many that are not.",
+    )
     target_accept: Annotated[float, Field(gt=0.5, lt=1)] = 0.9
     max_tree_depth: Annotated[int, Field(ge=3, le=15)] = 10
     path: Literal["automatic", "exact", "summary"] = Field(
@@ -54,6 +59,11 @@ class Sampler(_Table):
         "hierarchy, then a correction by importance sampling. automatic: summary, and exact where the "
         "correction fails. Only for traces.",
     )
+
+    @property
+    def transitions(self) -> int:
+        """Of each chain after its warm-up."""
+        return self.draws * self.thinning
 
 
 class Comparison(_Table):

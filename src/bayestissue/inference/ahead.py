@@ -8,12 +8,14 @@ functions, where this process finds it. What is done draw by draw is then done b
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections import deque
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, field
 from functools import partial
-from queue import SimpleQueue
-from threading import Thread
+from itertools import count
+from threading import Condition, Thread
 from typing import Any, NamedTuple
 
 import jax
@@ -37,6 +39,7 @@ from bayestissue.inference.compiling import (
     Function,
     Helper,
     Result,
+    length_of_piece,
 )
 from bayestissue.inference.ratios import compare_over
 from bayestissue.inference.trace_correction import POINTS, Profile, flat_profile
@@ -46,53 +49,85 @@ from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, prior_draw
 PARTS = (CHAINS, CORRECTION, CHOICE, DRAWS, PREDICTIONS)
 # These ask whether the last parameter has a profile, which for some models only their traces tell.
 _OF_PROFILE = (CHAINS, CORRECTION)
-# In the worker: what it has compiled, by the part whose rows it may be asked for.
-_COMPILED: dict[str, Any] = {}
+# In the worker: what it has compiled, by the fit's number and the part whose rows it may be asked for.
+_COMPILED: dict[tuple[int, str], Any] = {}
+_GIVEN: dict[tuple[int, str], tuple[Any, ...]] = {}
+_NUMBERS = count()
+
+
+class SecondCore:
+    """A process on another core, for as many fits as are made within it; begun when it is first asked for."""
+
+    def __init__(self) -> None:
+        self._pool: Any = None
+
+    def pool(self) -> Any:
+        """The process; None without a second core or a folder for what is compiled, or on an accelerator."""
+        if not runtime.compiled_folder() or runtime.cores() < 2 or jax.default_backend() != "cpu":
+            return None
+        if self._pool is None:
+            from loky import ProcessPoolExecutor
+
+            own = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
+            others = tuple(core for core in runtime.CORES if core not in own) or runtime.CORES
+            # Compiled functions that are kept would pass for a leak of memory, and the worker be replaced.
+            kept = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
+            core = others[0] if others else None
+            self._pool = ProcessPoolExecutor(1, initializer=runtime.settle_on, initargs=(core,), env=kept)
+            # It starts now, and is ready when it is asked for something.
+            self._pool.submit(_COMPILED.clear)
+        return self._pool
+
+    def __enter__(self) -> SecondCore:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, kill_workers=True)
 
 
 @contextmanager
-def second_process(prepared: Prepared, settings: Sampler) -> Iterator[Helper]:
-    """A helper on another core for the length of a fit.
+def second_process(prepared: Prepared, settings: Sampler, core: SecondCore | None = None) -> Iterator[Helper]:
+    """A helper on another core for the length of a fit, where there is one.
 
-    There is none where there is no second core, no folder that keeps what is compiled, or an accelerator. A
-    worker that fails costs time only: whoever asks then does for himself.
+    A worker that fails costs time only: whoever asks then does for himself.
     """
-    if not runtime.compiled_folder() or runtime.cores() < 2 or jax.default_backend() != "cpu":
-        yield Helper()
-        return
-    from loky import ProcessPoolExecutor
-
-    own = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
-    others = tuple(core for core in runtime.CORES if core not in own) or runtime.CORES
-    # Functions that are compiled and kept would pass for a leak of memory, and the worker be replaced.
-    kept = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
-    core = others[0] if others else None
-    pool = ProcessPoolExecutor(1, initializer=runtime.settle_on, initargs=(core,), env=kept)
-    worker = _Worker(pool, Job.of(prepared, settings))
-    try:
-        yield worker
-    finally:
-        worker.close()
-        pool.shutdown(wait=True, kill_workers=True)
+    with SecondCore() if core is None else nullcontext(core) as found:
+        pool = found.pool()
+        if pool is None:
+            yield Helper()
+            return
+        worker = _Worker(pool, Job.of(prepared, settings))
+        try:
+            yield worker
+        finally:
+            worker.close()
 
 
 class _Worker(Helper):
-    """See `Helper`; jobs are done in the order in which they are asked for."""
+    """See `Helper`; a thread keeps the process busy, with pieces of what is shared before all else."""
 
     def __init__(self, pool: Any, job: Job) -> None:
-        self._pool, self._job = pool, job
+        self._pool, self._job, self._number = pool, job, next(_NUMBERS)
         self._profiled: bool | None = None
         self._parts: dict[str, Future] = {}
-        self._queue: SimpleQueue[tuple[str, Future] | None] = SimpleQueue()
-        Thread(target=self._compile_all, daemon=True).start()
-        if job.model.kind == "arma" or not job.model.last_may_be_open:
-            self._profiled = job.model.kind == "arma"
+        self._changed = Condition()
+        self._to_compile: deque[str] = deque()
+        self._shared: _Shared | None = None
+        self._closed = False
+
+    def compile_ahead(self) -> None:
+        if self._parts:
+            return
+        Thread(target=self._work, daemon=True).start()
+        if self._job.model.kind == "arma" or not self._job.model.last_may_be_open:
+            self._profiled = self._job.model.kind == "arma"
             self._compile(*PARTS)
         else:
             self._compile(CHOICE, DRAWS)
 
     def decided(self, *, profiled: bool) -> None:
-        if profiled != self._profiled:
+        if self._parts and profiled != self._profiled:
             self._profiled = profiled
             others = (part for part in PARTS if part not in (*_OF_PROFILE, *self._parts))
             self._compile(*_OF_PROFILE, *others)
@@ -102,35 +137,85 @@ class _Worker(Helper):
             # A broken worker tells only when it is asked; what it should have done is then done here.
             self._parts[part].exception()
 
-    def begin_rows(self, part: str, function: Function, *arguments: Any) -> Result:
-        return self._begun(partial(function, *arguments), _rows, part, jax.device_get(arguments))
+    def share(
+        self, part: str, function: Function, given: tuple[Any, ...], pieces: Sequence[tuple[Any, ...]]
+    ) -> list[Any]:
+        self.wait(part)
+        shared = _Shared(
+            (self._number, part), jax.device_get((given, list(pieces))), deque(range(len(pieces)))
+        )
+        compiled = part in self._parts and self._parts[part].exception() is None
+        with self._changed:
+            self._shared = shared if compiled else None
+            self._changed.notify_all()
+        made: dict[int, Any] = {}
+        while len(made) + len(shared.made) < len(pieces):
+            with self._changed:
+                # What the worker could not do comes back to those that are left.
+                self._changed.wait_for(lambda: shared.left or shared.under_way is None)
+                place = shared.left.popleft() if shared.left else None
+            if place is not None:
+                made[place] = jax.block_until_ready(function(*given, *pieces[place]))
+        self._shared = None
+        return [(made | shared.made)[place] for place in range(len(pieces))]
 
     def begin(self, function: Function, *arguments: Any) -> Result:
-        return self._begun(partial(function, *arguments), function, *jax.device_get(arguments))
-
-    def _begun(self, otherwise: Result, function: Function, *arguments: Any) -> Result:
-        future = self._submitted(function, *arguments)
+        future = self._submitted(function, *jax.device_get(arguments))
 
         def result() -> Any:
-            return otherwise() if future.exception() is not None else future.result()
+            return function(*arguments) if future.exception() is not None else future.result()
 
         return result
 
-    def _compile(self, *parts: str) -> None:
-        for part in parts:
-            self._parts[part] = Future()
-            self._queue.put((part, self._parts[part]))
-
-    def _compile_all(self) -> None:
-        """Ask for one part after another, so that what else is asked for meanwhile comes in between."""
-        while (asked := self._queue.get()) is not None:
-            part, told = asked
-            error = self._submitted(_compile, part, self._job, bool(self._profiled)).exception()
-            told.set_result(None) if error is None else told.set_exception(error)
-
     def close(self) -> None:
         """Ask for nothing any more."""
-        self._queue.put(None)
+        with self._changed:
+            self._closed = True
+            self._changed.notify_all()
+
+    def _compile(self, *parts: str) -> None:
+        with self._changed:
+            self._parts |= {part: Future() for part in parts}
+            self._to_compile.extend(parts)
+            self._changed.notify_all()
+
+    def _work(self) -> None:
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._closed or self._to_compile or self._has_pieces())
+                if self._closed:
+                    return
+                shared = self._shared if self._has_pieces() else None
+                if shared is not None:
+                    shared.under_way = shared.left.pop()
+                else:
+                    part = self._to_compile.popleft()
+            if shared is not None:
+                self._do_piece(shared)
+            else:
+                given = (self._number, part, self._job, bool(self._profiled))
+                error = self._submitted(_compile, *given).exception()
+                told = self._parts[part]
+                told.set_result(None) if error is None else told.set_exception(error)
+
+    def _has_pieces(self) -> bool:
+        return self._shared is not None and bool(self._shared.left)
+
+    def _do_piece(self, shared: _Shared) -> None:
+        given, pieces = shared.arguments
+        place = shared.under_way
+        assert place is not None  # noqa: S101 - it was just taken
+        # What all pieces share is sent once.
+        future = self._submitted(_piece, shared.what, None if shared.sent else given, pieces[place])
+        error = future.exception()
+        with self._changed:
+            shared.sent, shared.under_way = True, None
+            if error is None:
+                shared.made[place] = future.result()
+            else:
+                shared.left.append(place)
+                self._shared = None
+            self._changed.notify_all()
 
     def _submitted(self, function: Function, *arguments: Any) -> Future:
         try:
@@ -139,6 +224,27 @@ class _Worker(Helper):
             failed: Future = Future()
             failed.set_exception(error)
             return failed
+
+
+@dataclass
+class _Shared:
+    """A function's pieces, of which this process takes the first that is left, and the worker the last.
+
+    Attributes:
+        what: the fit's number and the part.
+        arguments: those that all pieces share, and the pieces.
+        left: places of pieces that nobody has begun.
+        made: what the worker has made, by place.
+        under_way: the place of the piece that the worker is at.
+        sent: whether the worker has what all pieces share.
+    """
+
+    what: tuple[int, str]
+    arguments: tuple[tuple[Any, ...], list[tuple[Any, ...]]]
+    left: deque[int]
+    made: dict[int, Any] = field(default_factory=dict)
+    under_way: int | None = None
+    sent: bool = False
 
 
 class Job(NamedTuple):
@@ -171,22 +277,25 @@ def _shapes(tree: Any) -> Any:
     return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(np.shape(leaf), jnp.result_type(leaf)), tree)
 
 
-def _compile(what: str, job: Job, profiled: bool) -> None:
+def _compile(number: int, what: str, job: Job, profiled: bool) -> None:
     compiled = [lowered.compile() for lowered in lowered_functions(what, job, profiled=profiled)]
-    _COMPILED[what] = compiled[-1]
+    _COMPILED[number, what] = compiled[-1]
     if what == CHAINS:
         model = summary_path.spreads_of(job.model)
-        _COMPILED[what] = partial(run_compiled, compiled, model)
+        _COMPILED[number, what] = partial(run_compiled, compiled, model)
 
 
-def _rows(what: str, arguments: tuple[Any, ...]) -> Any:
-    return jax.device_get(_COMPILED[what](*arguments))
+def _piece(what: tuple[int, str], given: tuple[Any, ...] | None, piece: tuple[Any, ...]) -> Any:
+    if given is not None:
+        _GIVEN.clear()
+        _GIVEN[what] = given
+    return jax.device_get(_COMPILED[what](*_GIVEN[what], *piece))
 
 
 def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
     """The functions of one of `PARTS`, ready for the compiler, from shapes alone.
 
-    Those done row by row are made for half of the draws, as `in_halves` asks for them.
+    Those done row by row are made for a piece of the draws, as `in_pieces` asks for them.
     """
     model, data, settings, codes, counts = job
     impacts = data.log_mass.shape[0]
@@ -208,15 +317,19 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
         arguments = (bare, summaries, profile, warp)
         yield from lowered_chain(summary_path.spreads_of(model), arguments, start, settings)
     elif what == CORRECTION:
-        yield from _of_correction(model, data, summaries, profile, raw, z_b)
+        every = settings.chains * settings.transitions
+        rows = jax.tree.map(lambda leaf: real((every, *leaf.shape[1:])), (raw, z_b))
+        yield from _of_correction(model, data, summaries, profile, *rows)
     elif what == CHOICE:
         candidates = jax.ShapeDtypeStruct((), jnp.int64)
-        rows = _half((raw, z_b, keys))
+        rows = _rows_of_piece((raw, z_b, keys))
         yield summary_path.standard_impacts.lower(model, data, summaries, candidates, *rows)
     elif what == DRAWS:
         flat = raw | {"standard_locations": z_b, "standard_impacts": real((number, impacts, size))}
         groups = tuple(jax.ShapeDtypeStruct((count,), jnp.int64) for count in codes)
-        yield trace_draws.unfold_all.lower(model, counts, data, summaries, groups, *_half((flat, keys)))
+        yield trace_draws.unfold_all.lower(
+            model, counts, data, summaries, groups, *_rows_of_piece((flat, keys))
+        )
     elif what == PREDICTIONS:
         one = jax.ShapeDtypeStruct(keys.shape[1:], keys.dtype)
         yield prior_draws.lower(model, data, one)
@@ -225,9 +338,9 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
         yield replicates.lower(model, data, some, of_some)
 
 
-def _half(rows: Any) -> Any:
+def _rows_of_piece(rows: Any) -> Any:
     return jax.tree.map(
-        lambda leaf: jax.ShapeDtypeStruct((-(-leaf.shape[0] // 2), *leaf.shape[1:]), leaf.dtype), rows
+        lambda leaf: jax.ShapeDtypeStruct((length_of_piece(leaf.shape[0]), *leaf.shape[1:]), leaf.dtype), rows
     )
 
 

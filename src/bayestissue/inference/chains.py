@@ -57,7 +57,9 @@ def run_chains(
     processes: bool = True,
     helper: Helper | None = None,
 ) -> Draws:
-    """Draw from the posterior of a numpyro ``model``; sites come back unconstrained, [chain, draw, ...].
+    """Every transition after the warm-up: sites come back unconstrained, [chain, transition, ...].
+
+    Draws are from the posterior of a numpyro ``model``, and not thinned.
 
     Chains run in worker processes, one bound to each core, or side by side in one call on an accelerator.
     The draws depend on ``seed`` alone, and not on cores nor on interruptions.
@@ -72,10 +74,10 @@ def run_chains(
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
         processes: false runs one chain after the other in this process.
-        helper: runs half of these chains, if there is one.
+        helper: runs some of these chains, if there is one.
     """
     job = _Job(model, arguments, start, settings, seed)
-    total = settings.chains * (settings.warmup + settings.draws)
+    total = settings.chains * (settings.warmup + settings.transitions)
     progress(0, total)
     if jax.default_backend() != "cpu":
         parts = [_run(job, range(settings.chains), checkpoints, lambda done: progress(done, total))]
@@ -129,13 +131,10 @@ def _one_by_one(
         return run(numbers)
     # What can be made ready for the compiler meanwhile need not be done afterwards.
     list(chains.lowered(_key_shape()))
-    helper.wait(CHAINS)
-    half = -(-len(numbers) // 2)
     given = (job.settings, job.arguments, job.start, job.seed)
-    others = helper.begin_rows(CHAINS, run, *given, tuple(numbers[half:]))
-    parts = run(numbers[:half]) + others()
+    parts = helper.share(CHAINS, run, given, [((number,),) for number in numbers])
     progress(total, total)
-    return parts
+    return [part for (part,) in parts]
 
 
 def _tell(progress: Progress, before: int, total: int, done: int) -> None:
@@ -235,7 +234,7 @@ class _Chains:
         ``advanced`` is told the transitions done so far.
         """
         settings, done = self._settings, 0
-        length = settings.warmup + settings.draws
+        length = settings.warmup + settings.transitions
         key = jax.random.PRNGKey(self._seed)
         keys = jnp.stack([jax.random.fold_in(key, number) for number in numbers])
         state = self._kernel.begin(keys, (self._start, self._arguments))

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
@@ -28,19 +31,43 @@ COMPARABLE = {
 _DISCREPANCY = "rms of the force beside the element's, relative to the trace's peak"
 
 
+class Measured(NamedTuple):
+    """What the recorded traces tell besides the impacts' parameters.
+
+    Attributes:
+        chain_error: a draw of the chain's errors.
+        impact: beside a discrepancy, the traces' distribution with contact where the errors put it.
+        discrepancy: a draw of it [m/s^2].
+    """
+
+    chain_error: Float[Array, "impact error"]
+    impact: MeasuredImpact | None = None
+    discrepancy: Float[Array, "impact sample"] | None = None
+
+
+def measured_of(model: TraceModel, data: TraceData, u: list[Array], key: Array) -> Measured:
+    """A draw of the errors, and of the discrepancy, given the traces and the impacts' parameters."""
+    distribution = trace_distribution(model, data, u)
+    if not isinstance(distribution, MeasuredImpact) or not model.discrepancy:
+        return Measured(distribution.draw_errors(key))
+    found = distribution.response()
+    errors = distribution.draw_errors(key, found)
+    delta = distribution.draw_discrepancy(jax.random.fold_in(key, 3), errors, found)
+    return Measured(errors, distribution.as_drawn(errors[:, 3]), delta)
+
+
 def element_quantities(
     model: TraceModel,
     data: TraceData,
     u: list[Array],
     mass_error: Float[Array, " impact"],
-    chain_error: Float[Array, "impact error"],
-    key: Array,
+    measured: Measured,
 ) -> dict[str, Array]:
     """The element's further parameters, and stiffness, damping and loss that compare across elements.
 
     omega_n = sqrt(K_secant / M) and zeta = C_equivalent / (2 sqrt(K_secant M)). Force is in proportion to K
-    and C together, so that an error of the mass moves all stiffnesses and dampings alike. With a discrepancy,
-    drawn with ``key``, K_secant is that of element and discrepancy together, and the rest the element's own.
+    and C together, so that an error of the mass moves all stiffnesses and dampings alike. With a discrepancy
+    K_secant is that of element and discrepancy together, and the rest the element's own.
     Of autoregressive noise there are its correlation and, as sigma_d, its own standard deviation, not its
     shocks'. Nothing for a record that is of spring and damper side by side alone.
     """
@@ -49,15 +76,13 @@ def element_quantities(
         return {}
     which, values = element(model.element), element_parameters(model, u)
     p = {parameter.name: value for parameter, value in zip(which.parameters, values, strict=True)}
-    found = comparables_of(
-        which, {**p, "diameter_m": record.diameter}, record.mass, record.velocity + chain_error[:, 0]
-    )
+    own = {**p, "diameter_m": record.diameter}
+    found = comparables_of(which, own, record.mass, record.velocity + measured.chain_error[:, 0])
     heavier = jnp.exp(mass_error)
     further = {}
-    if isinstance(distribution := trace_distribution(model, data, u), MeasuredImpact) and model.discrepancy:
-        delta = distribution.draw_discrepancy(key, chain_error)
-        known = distribution.as_drawn(chain_error[:, 3])
-        found = found._replace(K_secant=secant_with(known, delta, chain_error[:, 0]))
+    if measured.impact is not None and measured.discrepancy is not None:
+        both = secant_with(measured.impact, measured.discrepancy, measured.chain_error[:, 0])
+        found = found._replace(K_secant=both)
         further = {"discrepancy": jnp.exp(u[-1])}
     if model.autoregressive:
         log_sigma = physical(model, data, u).log_sigma

@@ -37,7 +37,7 @@ def exact_draws(
         progress=progress,
         checkpoints=checkpoints,
         processes=processes,
-    )
+    ).thinned(settings.thinning)
     if summarised.warp is not None:
         straight = warped(jnp.asarray(draws.sites["standard_locations"]), summarised.warp)
         draws.sites["standard_locations"] = np.asarray(straight)

@@ -66,10 +66,10 @@ def independence_chains(
             continue
         mean = weight @ points
         covariance = (points - mean).T @ ((points - mean) * weight[:, None])
-    count = settings.chains * settings.draws
+    count = settings.chains * settings.transitions
     points, log_weight, density = _propose(model, arguments, names, mean, covariance, count, rng)
     _, k = pareto_smoothed(log_weight)
-    shape = (settings.chains, settings.draws)
+    shape = (settings.chains, settings.transitions)
     share = np.exp(log_weight - log_weight.max())
     begin = rng.choice(count, size=settings.chains, p=share / share.sum())
     uniform = np.log(rng.uniform(size=shape))

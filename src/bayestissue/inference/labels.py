@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -129,8 +130,8 @@ def labelled(
     return xr.Dataset(variables, coords)
 
 
-def labelled_statistics(draws: Draws) -> xr.Dataset:
-    """What the sampler tells of its draws, by ArviZ's names."""
+def statistics_of_transitions(draws: Draws) -> xr.Dataset:
+    """What the sampler tells of every transition, by ArviZ's names."""
     statistics = labelled(
         {
             "diverging": draws.statistics["diverging"],
@@ -146,3 +147,20 @@ def labelled_statistics(draws: Draws) -> xr.Dataset:
     # A tree of the greatest allowed depth that turned by itself is not cut off; only one more step tells.
     statistics.attrs["max_tree_depth"] = draws.max_tree_depth
     return statistics
+
+
+def labelled_statistics(draws: Draws) -> xr.Dataset:
+    """The same of every draw that was kept.
+
+    Of the transitions that led to a draw: whether any diverged, their steps together, their deepest tree and
+    their mean acceptance; energy and density are the last one's.
+    """
+    every = statistics_of_transitions(draws)
+    count = next(iter(draws.sites.values())).shape[1]
+    ways: dict[str, Any] = {"diverging": np.any, "n_steps": np.sum, "tree_depth": np.max}
+    ways |= {"acceptance_rate": np.mean}
+    kept = {}
+    for name, values in every.items():
+        blocks = values.to_numpy().reshape(every.sizes["chain"], count, -1)
+        kept[str(name)] = ways[str(name)](blocks, axis=-1) if name in ways else blocks[..., -1]
+    return labelled(kept, {}, {}).assign_attrs(every.attrs)

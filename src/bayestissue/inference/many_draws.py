@@ -101,9 +101,10 @@ def _chains(
     progress(0, 1)
     found = independence_chains(_cells_of(model), target, spreads, settings, seed)
     if found.pareto_k < PARETO_LIMIT:
-        return found.draws
+        return found.draws.thinned(settings.thinning)
     start = Start(spreads.mode, tuple(sorted(spreads.mode)), spreads.covariance)
-    return run_chains(_cells_of(model), target, start, settings, seed, progress=progress)
+    found_so = run_chains(_cells_of(model), target, start, settings, seed, progress=progress)
+    return found_so.thinned(settings.thinning)
 
 
 def _by_chain(values: Array, shape: tuple[int, int]) -> np.ndarray:

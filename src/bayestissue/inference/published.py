@@ -30,7 +30,7 @@ from bayestissue.hierarchy.published import (
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, Sampler
 from bayestissue.inference import comparison
 from bayestissue.inference.diagnostics import diagnose
-from bayestissue.inference.labels import labelled, labelled_statistics
+from bayestissue.inference.labels import labelled, labelled_statistics, statistics_of_transitions
 from bayestissue.inference.predictive import predictive_checks
 from bayestissue.inference.sampling import Draws, PosteriorSampler
 from bayestissue.inference.summary import summarise
@@ -99,7 +99,7 @@ def analyse(
     return PublishedAnalysis(
         tree,
         summary,
-        diagnose(summary, tree["sample_stats"].dataset),
+        diagnose(summary, statistics_of_transitions(draws)),
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         _comparison(observations, competing, specification, seed, say, room),
         _sensitivity(tree),

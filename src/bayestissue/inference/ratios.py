@@ -19,6 +19,7 @@ from jaxtyping import Float
 from bayestissue.hierarchy.conditional import ImpactParts, Summaries, impact_parts
 from bayestissue.hierarchy.population import Spread, expected
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, population
+from bayestissue.inference.compiling import compiled_sooner
 from bayestissue.inference.trace_correction import Profile
 from bayestissue.likelihood import small
 
@@ -76,7 +77,7 @@ class Ratios(NamedTuple):
     tables: tuple[Table, ...]
 
 
-@partial(jax.jit, static_argnames="model")
+@compiled_sooner("model")
 def compare_over(
     model: TraceModel,
     data: TraceData,

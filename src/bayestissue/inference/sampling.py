@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import jax
@@ -28,11 +28,16 @@ def silent(done: int, total: int) -> None:
 
 @dataclass(frozen=True)
 class Draws:
-    """What the sampler returned: ``sites`` and ``statistics``, each [chain, draw, ...]."""
+    """What the sampler returned: ``sites`` [chain, draw, ...] and ``statistics`` [chain, transition]."""
 
     sites: dict[str, np.ndarray]
     statistics: dict[str, np.ndarray]
     max_tree_depth: int
+
+    def thinned(self, thinning: int) -> Draws:
+        """The same with the last of so many draws only, and the statistics of all."""
+        sites = {name: values[:, thinning - 1 :: thinning] for name, values in self.sites.items()}
+        return replace(self, sites=sites)
 
 
 class PosteriorSampler:
@@ -102,7 +107,7 @@ class PosteriorSampler:
                 {name: values[part] for name, values in sites.items()},
                 {name: values[part] for name, values in statistics.items()},
                 self.settings.max_tree_depth,
-            )
+            ).thinned(self.settings.thinning)
             for part in own
         ]
 
@@ -145,7 +150,7 @@ class PosteriorSampler:
         mcmc = MCMC(
             kernel,
             num_warmup=self.settings.warmup,
-            num_samples=self.settings.draws,
+            num_samples=self.settings.transitions,
             num_chains=1,
             progress_bar=False,
         )

@@ -25,7 +25,14 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
 from bayestissue.inference import wide_summaries
 from bayestissue.inference.chains import Start, run_chains
-from bayestissue.inference.compiling import CHOICE, CORRECTION, Helper, compiled_quickly, in_halves
+from bayestissue.inference.compiling import (
+    CHOICE,
+    CORRECTION,
+    Helper,
+    compiled_quickly,
+    compiled_sooner,
+    in_pieces,
+)
 from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
@@ -40,8 +47,8 @@ from bayestissue.inference.trace_start import (
 )
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
-# Draws of each chain that are enough to see where the posterior is, if so much of their worth is left.
-_PILOT, _MOST_PILOTS, _WELL_PLACED = 200, 3, 0.4
+# Summaries beside a discrepancy are made again, so often at most, while less of the draws' worth is left.
+_MOST_AGAIN, _WELL_PLACED = 2, 0.3
 PARETO_LIMIT = 0.7
 
 
@@ -94,7 +101,7 @@ def corrected_draws(
     helper = helper or Helper()
     summarised = summarised or summarise(prepared, say=say, helper=helper)
     if prepared.model.discrepancy:
-        summarised = _about_draws(prepared, summarised, settings, seed, helper)
+        return _beside_a_discrepancy(prepared, summarised, settings, seed, progress, helper)
     sample = partial(summary_draws, prepared, settings=settings, seed=seed, progress=progress, helper=helper)
     made = [(summarised, *sample(summarised))]
     if prepared.model.last_may_be_open and not made[0][2].trusted:
@@ -115,16 +122,23 @@ def summary_draws(
 ) -> tuple[Draws, Correction]:
     """Draws of the same sites as `sampled_model` has, corrected to the same posterior.
 
-    ``helper`` may have compiled what is asked for, and does half of what is done draw by draw.
+    ``helper`` may have compiled what is asked for, and shares what is done draw by draw.
     """
     helper = helper or Helper()
-    model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
     found = _population_draws(prepared, summarised, settings, seed, progress, helper)
+    return _with_impacts(prepared, summarised, found, settings, helper)
+
+
+def _with_impacts(
+    prepared: Prepared, summarised: Summarised, found: _Population, settings: Sampler, helper: Helper
+) -> tuple[Draws, Correction]:
+    """The population's draws, and each impact's parameters under every one."""
+    model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
     of_draws = jax.random.split(found.key, len(found.z_b))
     candidates = _candidates(model, found.ratios, profile, found.compared)
     choose = partial(standard_impacts, model)
     shared, rows = (prepared.data, summaries, candidates), (found.raw, found.z_b, of_draws)
-    z_u = in_halves(helper, CHOICE, choose, shared, rows)
+    z_u = in_pieces(helper, CHOICE, choose, shared, rows)
     sites = {**found.raw, "standard_locations": found.z_b, "standard_impacts": z_u}
     shape = (settings.chains, settings.draws)
     draws = Draws(
@@ -164,9 +178,8 @@ def _population_draws(
     seed: int,
     progress: Progress,
     helper: Helper,
-    compiled_for: int = 0,
 ) -> _Population:
-    """Chains of the population and their correction; weights are made for at least so many draws at once."""
+    """Chains of the population and their correction."""
     model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
     # The record stays behind: the population asks only for the summaries.
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
@@ -180,7 +193,7 @@ def _population_draws(
         processes=False,
         helper=helper,
     )
-    shape = (settings.chains, settings.draws)
+    shape = (settings.chains, settings.transitions)
     raw = {name: jnp.asarray(values.reshape(-1)) for name, values in chains.sites.items()}
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 3)
     z_b = jax.random.normal(keys[0], (shape[0] * shape[1], model.locations.size))
@@ -194,36 +207,55 @@ def _population_draws(
         model, data, summaries, {name: values[some] for name, values in raw.items()}, z_b[some]
     )
     ratios = compare_over(model, prepared.data, summaries, part, standard, profile)
-    again = np.resize(np.arange(len(z_b)), max(len(z_b), compiled_for))
-    rows = jax.tree.map(lambda values: values[again], (raw, z_b))
-    log_weight = np.asarray(log_weights(model, data, summaries, ratios, *rows))[: len(z_b)]
+    log_weight = np.asarray(log_weights(model, data, summaries, ratios, raw, z_b))
     smoothed, k = pareto_smoothed(log_weight)
     weight = np.exp(smoothed.reshape(shape))
-    chosen = _resample(weight, np.random.default_rng([seed, 21]))
+    chosen = _resample(weight, settings.draws, np.random.default_rng([seed, 21]))
     effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
     correction = Correction(k, float(effective))
     raw = {name: values[chosen] for name, values in raw.items()}
     return _Population(chains, raw, z_b[chosen], correction, part, ratios, keys[2])
 
 
-def _about_draws(
-    prepared: Prepared, summarised: Summarised, settings: Sampler, seed: int, helper: Helper
-) -> Summarised:
-    """Summaries that serve all of the posterior, by a few draws of it: see `wide_summaries`."""
-    few = settings.model_copy(update={"draws": min(_PILOT, settings.draws)})
-    whole = settings.chains * settings.draws
-    for number in range(_MOST_PILOTS):
-        own = seed + 1 + number
-        found = _population_draws(prepared, summarised, few, own, silent, helper, whole)
-        chosen = np.resize(np.random.default_rng([own, 22]).permutation(len(found.z_b)), wide_summaries.DRAWS)
-        some = jax.tree.map(lambda values: values[chosen], (found.raw, found.z_b))  # noqa: B023
-        old = summarised.summaries
-        summaries = wide_summaries.regressed(prepared.model, prepared.data, old, some, own)
-        near = {name: np.asarray(values.mean()) for name, values in found.raw.items()}
-        summarised = Summarised(summaries, spreads_of_summaries(prepared, summaries, near), None)
+def _beside_a_discrepancy(
+    prepared: Prepared,
+    summarised: Summarised,
+    settings: Sampler,
+    seed: int,
+    progress: Progress,
+    helper: Helper,
+) -> tuple[Summarised, Draws, Correction]:
+    """`corrected_draws` by summaries that serve all of the posterior: see `wide_summaries`.
+
+    Where the posterior is, the first summaries tell to second order, and then, if need be, corrected draws.
+    """
+    count, rng = wide_summaries.DRAWS, np.random.default_rng([seed, 22])
+    mode, names = summarised.spreads.mode, sorted(summarised.spreads.mode)
+    flat = rng.multivariate_normal(
+        [float(mode[name]) for name in names], summarised.spreads.covariance, count
+    )
+    raw = {name: jnp.asarray(flat[:, place]) for place, name in enumerate(names)}
+    z_b = jnp.asarray(rng.standard_normal((count, prepared.model.locations.size)))
+    made = []
+    for again in range(1 + _MOST_AGAIN):
+        summarised = _about_draws(prepared, summarised, (raw, z_b), seed + again)
+        found = _population_draws(prepared, summarised, settings, seed, progress, helper)
+        made.append((summarised, found))
         if found.correction.effective > _WELL_PLACED:
             break
-    return summarised
+        some = rng.permutation(np.resize(np.arange(len(found.z_b)), max(count, len(found.z_b))))[:count]
+        raw, z_b = {name: values[some] for name, values in found.raw.items()}, found.z_b[some]
+    summarised, found = max(made, key=lambda attempt: attempt[1].correction.effective)
+    return summarised, *_with_impacts(prepared, summarised, found, settings, helper)
+
+
+def _about_draws(
+    prepared: Prepared, summarised: Summarised, draws: tuple[dict[str, Array], Array], seed: int
+) -> Summarised:
+    """Summaries made anew about draws of the population."""
+    summaries = wide_summaries.regressed(prepared.model, prepared.data, summarised.summaries, draws, seed)
+    near = {name: np.asarray(values.mean()) for name, values in draws[0].items()}
+    return Summarised(summaries, spreads_of_summaries(prepared, summaries, near), None)
 
 
 def _candidates(
@@ -281,7 +313,7 @@ def locations_of(
     return jax.lax.map(one, (raw, z_b))
 
 
-@partial(jax.jit, static_argnames="model")
+@compiled_sooner("model")
 def log_weights(
     model: TraceModel,
     data: TraceData,
@@ -301,19 +333,19 @@ def log_weights(
     return jax.lax.map(one, (raw, z_b))
 
 
-def _resample(weight: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Indices of draws, each chain's own, as often as their weights say (systematic resampling)."""
+def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.ndarray:
+    """Indices of so many draws of each chain, as often as their weights say (systematic resampling)."""
     chains, length = weight.shape
     share = weight / weight.sum(axis=1, keepdims=True)
     chosen = []
     for chain in range(chains):
-        position = (np.arange(length) + rng.uniform()) / length
+        position = (np.arange(number) + rng.uniform()) / number
         index = np.searchsorted(np.cumsum(share[chain]), position)
         chosen.append(chain * length + np.minimum(index, length - 1))
     return np.concatenate(chosen)
 
 
-@partial(jax.jit, static_argnames="model")
+@compiled_sooner("model")
 def standard_impacts(
     model: TraceModel,
     data: TraceData,

@@ -26,8 +26,8 @@ from bayestissue.hierarchy.traces import (
     population,
     trace_distribution,
 )
-from bayestissue.inference.compiling import DRAWS, Helper, in_halves
-from bayestissue.inference.element_draws import element_quantities
+from bayestissue.inference.compiling import DRAWS, Helper, compiled_sooner, in_pieces
+from bayestissue.inference.element_draws import element_quantities, measured_of
 from bayestissue.inference.sampling import Draws
 
 
@@ -50,7 +50,7 @@ class Unfolded:
 def unfold(
     prepared: Prepared, summaries: Summaries, draws: Draws, key: Array, helper: Helper | None = None
 ) -> Unfolded:
-    """Map all draws back, half of them by the helper, if there is one."""
+    """Map all draws back, some of them by the helper, if there is one."""
     model, data = prepared.model, prepared.data
     shape = next(iter(draws.sites.values())).shape[:2]
     flat = {name: jnp.asarray(v.reshape(-1, *v.shape[2:])) for name, v in draws.sites.items()}
@@ -62,7 +62,7 @@ def unfold(
     counts = tuple(count for _, count in groups)
     given = (data, summaries, tuple(jnp.asarray(codes) for codes, _ in groups))
     function = partial(unfold_all, model, counts)
-    made = in_halves(helper or Helper(), DRAWS, function, given, (flat, keys))
+    made = in_pieces(helper or Helper(), DRAWS, function, given, (flat, keys))
     b, impacts, scores = jax.tree.map(lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), made)
     spreads = {name: np.asarray(flat[name]).reshape(shape) for name in model.spreads}
     return Unfolded(named_sites(prepared, spreads, b), impacts, scores)
@@ -85,7 +85,7 @@ def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarra
     return sites
 
 
-@partial(jax.jit, static_argnames=("model", "counts"))
+@compiled_sooner(("model", "counts"))
 def unfold_all(
     model: TraceModel,
     counts: tuple[int, ...],
@@ -130,22 +130,21 @@ def impact_quantities(
         mass_error: of the log mass.
         key: of the chain's errors.
     """
-    at, distribution = physical(model, data, u), trace_distribution(model, data, u)
+    at, measured = physical(model, data, u), measured_of(model, data, u, key)
     impacts = {
         "K": jnp.exp(u[0] + mass_error),
         "C": jnp.exp(u[1] + mass_error),
         "omega_n": at.omega_n,
         "zeta": at.zeta,
         "mass": jnp.exp(data.log_mass + mass_error),
-        "chain_error": distribution.draw_errors(key),
+        "chain_error": measured.chain_error,
         **({"sigma_d": jnp.exp(at.log_sigma)} if model.kind == "impact" else {}),
         **({} if model.kind == "impact" else {"sigma_a": jnp.exp(at.log_sigma)}),
         "parameters": jnp.stack(u, axis=-1),
     }
-    besides = jax.random.fold_in(key, 3)
-    impacts |= element_quantities(model, data, u, mass_error, impacts["chain_error"], besides)
+    impacts |= element_quantities(model, data, u, mass_error, measured)
     if model.kind != "impact":
-        impacts["theta1"] = distribution.differences()[2]
+        impacts["theta1"] = trace_distribution(model, data, u).differences()[2]
     return impacts
 
 

@@ -12,16 +12,24 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, observed, trace_distribution, with_normal_errors
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    observed,
+    trace_distribution,
+    with_normal_errors,
+)
+from bayestissue.inference.compiling import compiled_quickly
 from bayestissue.inference.trace_summaries import loose_anchor, summarise_traces
 from bayestissue.inference.trace_tree import PREDICTIVE_DRAWS, replicates
 from bayestissue.likelihood.deceleration import DecelerationRecord
 from bayestissue.likelihood.displacement import DisplacementRecord, displacement_record
 from bayestissue.likelihood.element_impact import MeasuredImpact
-from bayestissue.likelihood.element_response import ElementRecord
+from bayestissue.likelihood.element_response import ElementRecord, response
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 NOISE, CONTACT, ELEMENT = "noise", "contact moment", "element"
@@ -90,7 +98,11 @@ def trace_errors(
 
 def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
     """The data with each trace as its model has it at ``u``, without noise and errors; all errors normal."""
-    data = with_normal_errors(_known_contact(prepared, u))
+    data = with_normal_errors(prepared.data)
+    if isinstance(data.record, ElementRecord):
+        first_time, traces = _of_element(prepared.model, data, jnp.asarray(u))
+        known = data.record if data.record.before is None else data.record.at_contact(first_time)
+        return data._replace(record=known._replace(d=traces))
     quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
     bare = data.record._replace(error_sd=jnp.zeros_like(data.record.error_sd))
     # As many draws as predictions have, so that nothing is compiled anew.
@@ -105,13 +117,16 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
     return data._replace(record=record)
 
 
-def _known_contact(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
-    """Contact where the traces have it, and its error about that, where a record leaves it to them."""
-    data = prepared.data
-    distribution = trace_distribution(prepared.model, data, list(jnp.asarray(u).T))
-    if not isinstance(distribution, MeasuredImpact) or distribution.record.before is None:
-        return data
-    return data._replace(record=distribution.record.at_contact(distribution.mean_first_time()))
+@compiled_quickly("model")
+def _of_element(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> tuple[Float[Array, " impact"], Float[Array, "impact sample"]]:
+    """From contact to the first sample as the traces have it, and what the element does from then on."""
+    distribution = trace_distribution(model, data, [u[:, a] for a in range(u.shape[1])])
+    assert isinstance(distribution, MeasuredImpact)  # noqa: S101 - so is every element's
+    own, first_time = distribution.record, distribution.mean_first_time()
+    known = own if own.before is None else own.at_contact(first_time)
+    return first_time, response(distribution.element, distribution.parameters, known).d
 
 
 def _named(prepared: Prepared, names: tuple[str, ...]) -> Bool[np.ndarray, " parameter"]:

@@ -153,9 +153,18 @@ class Summarised:
     warp: Warp | None = None
 
 
+def expanded(prepared: Prepared) -> Summaries:
+    """Every likelihood expanded at its own maximum: what `summarise` begins with."""
+    start = first_guess(prepared)
+    # A uniform error leaves its likelihood flat on top, which no expansion can describe.
+    smooth = with_normal_errors(prepared.data)
+    return summarise_traces(prepared.model, smooth, jnp.asarray(start), loose_anchor(start))
+
+
 def summarise(
     prepared: Prepared,
     *,
+    expansions: Summaries | None = None,
     normal: bool | None = None,
     refinements: int | None = None,
     say: Progress = silent,
@@ -168,6 +177,7 @@ def summarise(
 
     Args:
         prepared: model and data.
+        expansions: what `expanded` found, if it was asked before.
         normal: whether a last parameter that traces may leave open is part of the normal summaries, or has a
             profile of its own; as the traces suggest, unless given.
         refinements: how often moments replace the expansions, `REFINEMENTS` or `WITH_DISCREPANCY` times
@@ -178,21 +188,20 @@ def summarise(
         helper: told whether there will be a profile.
     """
     model, data = prepared.model, prepared.data
-    start = first_guess(prepared)
     if refinements is None:
         refinements = WITH_DISCREPANCY if model.discrepancy else REFINEMENTS
     passes = 2 + refinements
-    # A uniform error leaves its likelihood flat on top, which no expansion can describe.
     smooth = with_normal_errors(data)
-    summaries = summarise_traces(model, smooth, jnp.asarray(start), loose_anchor(start))
+    summaries = expansions or expanded(prepared)
+    impacts, size = summaries.centre.shape
     say(1, passes)
-    profile = flat_profile(len(start)) if model.last_may_be_open else None
+    profile = flat_profile(impacts) if model.last_may_be_open else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
     anchor = _anchor(finder.expectation(summaries, mode))
     summaries = summarise_traces(model, smooth, summaries.centre, anchor)
     say(2, passes)
-    standard = jnp.asarray(standard_points(start.shape[1]))
+    standard = jnp.asarray(standard_points(size))
     for number in range(refinements):
         mode = finder.mode(summaries, mode)
         spread, conditional, about = finder.expectation(summaries, mode)
@@ -208,7 +217,7 @@ def summarise(
     (helper or Helper()).decided(profiled=not normal)
     if normal:
         return Summarised(summaries, finder.spreads(summaries, mode).without(LAST), None)
-    few = standard_points(start.shape[1], PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2)
+    few = standard_points(size, PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2)
     summaries = cleared_of_last(summaries)
     found = finder.expectation(summaries, mode)
     profile = profile_last(model, data, summaries, found.conditional.parts, found.about, jnp.asarray(few))

@@ -14,14 +14,15 @@ import xarray as xr
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.conditional import Summaries
-from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.ahead import second_process
-from bayestissue.inference.compiling import DRAWS, PREDICTIONS, Helper
+from bayestissue.inference.ahead import SecondCore, second_process
+from bayestissue.inference.compiling import PREDICTIONS, Helper
 from bayestissue.inference.diagnostics import diagnose
 from bayestissue.inference.early_form import plainly_wrong
 from bayestissue.inference.exact_path import exact_draws
 from bayestissue.inference.interval_sources import interval_sources
+from bayestissue.inference.labels import statistics_of_transitions
 from bayestissue.inference.many_draws import MANY, many_draws
 from bayestissue.inference.many_summaries import summarise_many
 from bayestissue.inference.model_form import model_form
@@ -31,7 +32,7 @@ from bayestissue.inference.summary import summarise as summary_table
 from bayestissue.inference.summary_path import Correction, corrected_draws
 from bayestissue.inference.trace_draws import Unfolded, unfold
 from bayestissue.inference.trace_scores import cross_validation, prior_sensitivity
-from bayestissue.inference.trace_start import summarise
+from bayestissue.inference.trace_start import expanded, summarise
 from bayestissue.inference.trace_tree import posterior_tree
 
 Say = Callable[[str, int, int], None]
@@ -57,6 +58,7 @@ def fit_traces(
     say: Say,
     *,
     checkpoints: Path | None = None,
+    core: SecondCore | None = None,
 ) -> TraceAnalysis | dict[str, Any]:
     """Sample the posterior of every impact and of the population, check it, and label everything.
 
@@ -66,6 +68,7 @@ def fit_traces(
         seed: of all draws.
         say: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
+        core: where half of the work is done; one for this fit alone, unless given.
 
     Many impacts go by a summary path of their own, unless the model file says "exact": see
     `bayestissue.inference.many_draws`.
@@ -73,7 +76,7 @@ def fit_traces(
     By the summary path the population is sampled with each trace's summary in its place, and the draws are
     then corrected; "automatic" goes on to the exact path, every trace in every step, where the Pareto k of
     the correction says that it can't be trusted. Where the model file leaves a discrepancy to the program,
-    and the summaries show plainly that one is needed, this is all that is returned: see `plainly_wrong`.
+    and the best fits show plainly that one is needed, this is all that is returned: see `plainly_wrong`.
     """
     done = partial(say, "summarising each trace")
     done(0, 1)
@@ -84,12 +87,17 @@ def fit_traces(
     path, settings = specification.sampler.path, specification.sampler
     if path == "exact":
         return _exactly(prepared, specification, seed, say, checkpoints)
-    with second_process(prepared, settings) as helper:
-        first = summarise(prepared, say=done, helper=helper)
-        if specification.may_add_discrepancy and not prepared.model.discrepancy:
-            wrong = plainly_wrong(prepared, first, seed)
-            if wrong is not None:
-                return wrong
+    doubted = specification.may_add_discrepancy and not prepared.model.discrepancy
+    with second_process(prepared, settings, core) as helper:
+        # Of an element that the tissue may well not be, nothing is compiled that may not be asked for.
+        if not doubted or prepared.model.element == SIDE_BY_SIDE:
+            helper.compile_ahead()
+        expansions = expanded(prepared)
+        wrong = plainly_wrong(prepared, expansions, seed) if doubted else None
+        if wrong is not None:
+            return wrong
+        helper.compile_ahead()
+        first = summarise(prepared, expansions=expansions, say=done, helper=helper)
         sampling = partial(say, "sampling the population")
         summarised, draws, correction = corrected_draws(
             prepared, settings, seed, summarised=first, say=done, progress=sampling, helper=helper
@@ -127,7 +135,6 @@ def label(
     """Everything that follows from the draws."""
     helper = helper or Helper()
     say("predicting", 0, 1)
-    helper.wait(DRAWS)
     unfolded = of_secant(prepared, unfold(prepared, summaries, draws, jax.random.PRNGKey(seed), helper))
     helper.wait(PREDICTIONS)
     return analyse(prepared, specification, unfolded, draws, seed, say, correction, helper)
@@ -155,7 +162,7 @@ def analyse(
     say("checking and scoring", 0, 1)
     summary = summary_table(posterior)
     further = () if correction is None else (correction.check(),)
-    diagnostics = diagnose(summary, tree["sample_stats"].dataset, further)
+    diagnostics = diagnose(summary, statistics_of_transitions(draws), further)
     return TraceAnalysis(
         tree,
         summary,

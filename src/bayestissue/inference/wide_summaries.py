@@ -8,8 +8,6 @@ them all.
 
 from __future__ import annotations
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -19,6 +17,7 @@ from jaxtyping import Float
 from bayestissue.hierarchy.conditional import Summaries, condition, impact_parameters, locations
 from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
+from bayestissue.inference.compiling import compiled_sooner
 
 # Draws of the population, and of each impact's parameters under every one.
 DRAWS, _EACH = 512, 4
@@ -103,7 +102,7 @@ def _parabola(
     return found[:, 0], found[:, 1 : 1 + size], bend
 
 
-@partial(jax.jit, static_argnames="model")
+@compiled_sooner("model")
 def _points(
     model: TraceModel, data: TraceData, summaries: Summaries, raw: dict[str, Array], z_b: Array, keys: Array
 ) -> tuple[Array, Array, Array]:

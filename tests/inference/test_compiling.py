@@ -1,0 +1,93 @@
+"""What two processes share is what one would have done."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayestissue.inference import ahead
+from bayestissue.inference.compiling import CHOICE, Helper, in_pieces
+
+PIECES = 8
+
+
+class _Recording(Helper):
+    """Does what it is asked for, and remembers how many rows that were."""
+
+    def __init__(self) -> None:
+        self.rows: list[int] = []
+
+    def share(self, part: str, function: Any, given: Any, pieces: Sequence[Any]) -> list[Any]:
+        self.rows += [len(piece[-1]) for piece in pieces]
+        return super().share(part, function, given, pieces)
+
+
+@pytest.mark.parametrize("count", [1, 7, 8, 9, 50])
+def test_the_pieces_are_the_whole(count: int) -> None:
+    rows = jnp.arange(3.0 * count).reshape(count, 3)
+
+    def function(factor: Any, rows: Any) -> dict[str, Any]:
+        return {"sum": factor * rows.sum(1), "rows": rows}
+
+    helper = _Recording()
+    found = in_pieces(helper, "part", function, (2.0,), (rows,))
+    np.testing.assert_array_equal(found["sum"], 2.0 * rows.sum(1))
+    np.testing.assert_array_equal(found["rows"], rows)
+    assert set(helper.rows) == {-(-count // PIECES)}
+
+
+def _square(factor: float, value: float) -> float:
+    return factor * value**2
+
+
+class _Pool:
+    """In place of a second process: a thread that breaks down after a number of pieces."""
+
+    def __init__(self, lasts: int) -> None:
+        self.left, self.done = lasts, 0
+        self._threads = ThreadPoolExecutor(1)
+
+    def submit(self, function: Any, *arguments: Any) -> Future:
+        return self._threads.submit(self._do, function, arguments)
+
+    def _do(self, function: Any, arguments: Any) -> Any:
+        if function is ahead._compile:
+            ahead._COMPILED[arguments[0], arguments[1]] = _square
+            return None
+        if self.done == self.left:
+            raise RuntimeError("broken")
+        self.done += 1
+        return function(*arguments)
+
+
+@pytest.mark.parametrize("lasts", [0, 2, 1000])
+def test_a_worker_that_breaks_down_costs_no_piece(lasts: int) -> None:
+    pool = _Pool(lasts)
+    worker = ahead._Worker(pool, _job())
+    worker.compile_ahead()
+    values = [(float(k),) for k in range(40)]
+    try:
+        for _ in range(3):
+            found = worker.share(CHOICE, _square, (2.0,), values)
+            assert [float(each) for each in found] == [2.0 * k**2 for (k,) in values]
+    finally:
+        worker.close()
+    assert pool.done <= lasts
+
+
+def test_without_a_worker_all_is_done_here() -> None:
+    worker = ahead._Worker(_Pool(1000), _job())
+    assert worker.share(CHOICE, _square, (1.0,), [(2.0,), (3.0,)]) == [4.0, 9.0]
+    worker.close()
+
+
+def _job() -> Any:
+    class Model:
+        kind, last_may_be_open = "impact", True
+
+    return ahead.Job(Model(), None, None, [], ())  # type: ignore[arg-type]
