@@ -275,6 +275,27 @@ def _standard(*shape: int) -> dist.Distribution:
     return dist.Normal().expand(list(shape)).to_event(len(shape))
 
 
+class Located(NamedTuple):
+    """b and X b from standard normals, and the conditional that they are of."""
+
+    b: Array
+    about: list[Array]
+    conditional: Conditional
+
+
+def located(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    sites: dict[str, Array],
+    z_b: Float[Array, " location"],
+) -> Located:
+    """B by the affine map of `bayestissue.hierarchy.conditional`, the standard deviations given."""
+    conditional = condition(data.design, population(model, sites), data.location_mean, summaries)
+    b = locations(conditional, z_b)
+    return Located(b, expected(data.design, b), conditional)
+
+
 class Drawn(NamedTuple):
     """b, each impact's parameters and their expectation X b, from standard normals."""
 
@@ -293,9 +314,5 @@ def from_standard(
     z_u: Float[Array, "impact parameter"],
 ) -> Drawn:
     """The affine maps of `bayestissue.hierarchy.conditional`, the standard deviations given."""
-    spread = population(model, sites)
-    conditional = condition(data.design, spread, data.location_mean, summaries)
-    b = locations(conditional, z_b)
-    about = expected(data.design, b)
-    u = impact_parameters(conditional, summaries, about, z_u)
-    return Drawn(b, u, about, conditional)
+    b, about, conditional = located(model, data, summaries, sites, z_b)
+    return Drawn(b, impact_parameters(conditional, summaries, about, z_u), about, conditional)

@@ -20,7 +20,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.likelihood.discrepancy import integrals
 from bayestissue.likelihood.element_impact import MeasuredImpact
-from bayestissue.likelihood.element_response import ElementRecord, motion
+from bayestissue.likelihood.element_response import CONTACT, VELOCITY, ElementRecord, motion
 
 COMPARABLE = {
     "K_tangent": ("N/m", "slope of the force with penetration at contact"),
@@ -53,7 +53,7 @@ def measured_of(model: TraceModel, data: TraceData, u: list[Array], key: Array) 
     found = distribution.response()
     errors = distribution.draw_errors(key, found)
     delta = distribution.draw_discrepancy(jax.random.fold_in(key, 3), errors, found)
-    return Measured(errors, distribution.as_drawn(errors[:, 3]), delta)
+    return Measured(errors, distribution.as_drawn(errors[:, CONTACT]), delta)
 
 
 def element_quantities(
@@ -77,11 +77,11 @@ def element_quantities(
     which, values = element(model.element), element_parameters(model, u)
     p = {parameter.name: value for parameter, value in zip(which.parameters, values, strict=True)}
     own = {**p, "diameter_m": record.diameter}
-    found = comparables_of(which, own, record.mass, record.velocity + measured.chain_error[:, 0])
+    found = comparables_of(which, own, record.mass, record.velocity + measured.chain_error[:, VELOCITY])
     heavier = jnp.exp(mass_error)
     further = {}
     if measured.impact is not None and measured.discrepancy is not None:
-        both = secant_with(measured.impact, measured.discrepancy, measured.chain_error[:, 0])
+        both = secant_with(measured.impact, measured.discrepancy, measured.chain_error[:, VELOCITY])
         found = found._replace(K_secant=both)
         further = {"discrepancy": jnp.exp(u[-1])}
     if model.autoregressive:

@@ -50,9 +50,8 @@ class PosteriorSampler:
     of one device: they share nothing, while JAX's virtual devices wait for each other at every transfer.
     """
 
-    def __init__(self, model: Callable[..., None], settings: Sampler, *, lanes: int = 1) -> None:
+    def __init__(self, model: Callable[..., None], settings: Sampler) -> None:
         self.settings = settings
-        self.lanes = lanes
         self._model = model
         self._compiled: Callable[..., Any] | None = None
 
@@ -61,31 +60,25 @@ class PosteriorSampler:
     ) -> list[Draws]:
         """Draw from the posterior of each of ``data_sets``, the arguments of the model.
 
-        ``lanes`` chains advance side by side in one call, which pays where there are many short ones.
         ``progress`` is told how many of all chains are finished. The draws depend on ``seed`` and on the
         place of a data set in the list, and not on the number of cores.
         """
-        chains, lanes = self.settings.chains, self.lanes
+        chains = self.settings.chains
         key = jax.random.key(seed)
         if self._compiled is None:
             self._prepare(key, data_sets[0])
         modes = [self._mode(arguments) for arguments in data_sets]
         jobs = [(number, chain) for number in range(len(data_sets)) for chain in range(chains)]
-        padded = jobs + jobs[-1:] * (-len(jobs) % lanes)
-        batches = [padded[i : i + lanes] for i in range(0, len(padded), lanes)]
         inputs = [
             jax.tree.map(
-                lambda *parts: np.stack(parts),
-                *[
-                    (
-                        jax.random.key_data(jax.random.fold_in(jax.random.fold_in(key, number), chain)),
-                        *modes[number],
-                        *data_sets[number],
-                    )
-                    for number, chain in batch
-                ],
+                lambda part: np.asarray(part)[None],
+                (
+                    jax.random.key_data(jax.random.fold_in(jax.random.fold_in(key, number), chain)),
+                    *modes[number],
+                    *data_sets[number],
+                ),
             )
-            for batch in batches
+            for number, chain in jobs
         ]
         if self._compiled is None:
             self._compiled = jax.jit(jax.vmap(self._chain)).lower(*inputs[0]).compile()
@@ -95,12 +88,12 @@ class PosteriorSampler:
             futures = [pool.submit(lambda x: jax.device_get(compiled(*x)), x) for x in inputs]
             try:
                 for done, _ in enumerate(as_completed(futures), start=1):
-                    progress(min(done * lanes, len(jobs)), len(jobs))
+                    progress(done, len(jobs))
             finally:
                 # An interrupted run waits for the chains under way, not for those that queue.
                 pool.shutdown(wait=False, cancel_futures=True)
         results = [future.result() for future in futures]
-        sites, statistics = jax.tree.map(lambda *parts: np.concatenate(parts)[: len(jobs)], *results)
+        sites, statistics = jax.tree.map(lambda *parts: np.concatenate(parts), *results)
         own = [slice(number * chains, (number + 1) * chains) for number in range(len(data_sets))]
         return [
             Draws(

@@ -64,14 +64,16 @@ def _of_chains(posterior: xr.Dataset) -> pd.DataFrame:
     import arviz as az
 
     over = ["chain", "draw"]
-    parts = {
-        "mean": posterior.mean(over),
-        "sd": posterior.std(over, ddof=1),
-        "ess_bulk": az.ess(posterior, method="bulk"),
-        "ess_tail": az.ess(posterior, method="tail"),
-        "r_hat": az.rhat(posterior),
-        "mcse_mean": az.mcse(posterior, method="mean"),
-    }
+    # What is 0 in every draw, as Hunt and Crossley's stiffness at contact is, has no R-hat.
+    with np.errstate(invalid="ignore"):
+        parts = {
+            "mean": posterior.mean(over),
+            "sd": posterior.std(over, ddof=1),
+            "ess_bulk": az.ess(posterior, method="bulk"),
+            "ess_tail": az.ess(posterior, method="tail"),
+            "r_hat": az.rhat(posterior),
+            "mcse_mean": az.mcse(posterior, method="mean"),
+        }
     quantiles = posterior.quantile(list(QUANTILES.values()), over)
     parts |= {name: quantiles.sel(quantile=level) for name, level in QUANTILES.items()}
     tables = []

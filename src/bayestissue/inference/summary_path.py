@@ -18,11 +18,10 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 
-from bayestissue.hierarchy.conditional import Summaries, condition, impact_parameters, locations
-from bayestissue.hierarchy.population import expected
+from bayestissue.hierarchy.conditional import Summaries, impact_parameters
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
+from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, located, log_likelihood
 from bayestissue.inference import wide_summaries
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.compiling import (
@@ -307,8 +306,7 @@ def locations_of(
 
     def one(draw: tuple[dict[str, Array], Array]) -> tuple[dict[str, Array], Array]:
         sites = constrained(model, draw[0])
-        found = condition(data.design, population(model, sites), data.location_mean, summaries)
-        return sites, locations(found, draw[1])
+        return sites, located(model, data, summaries, sites, draw[1]).b
 
     return jax.lax.map(one, (raw, z_b))
 
@@ -325,10 +323,8 @@ def log_weights(
     """Log of the true evidence over the summaries', for each draw of the population."""
 
     def one(draw: tuple[dict[str, Array], Array]) -> Array:
-        spread = population(model, constrained(model, draw[0]))
-        found = condition(data.design, spread, data.location_mean, summaries)
-        about = expected(data.design, locations(found, draw[1]))
-        return log_corrections(ratios, summaries, found.parts, about).sum()
+        found = located(model, data, summaries, constrained(model, draw[0]), draw[1])
+        return log_corrections(ratios, summaries, found.conditional.parts, found.about).sum()
 
     return jax.lax.map(one, (raw, z_b))
 
@@ -360,15 +356,13 @@ def standard_impacts(
 
     def one(draw: tuple[dict[str, Array], Array, Array]) -> Array:
         own, z, key = draw
-        spread = population(model, constrained(model, own))
-        found = condition(data.design, spread, data.location_mean, summaries)
-        about = expected(data.design, locations(found, z))
+        _, about, conditional = located(model, data, summaries, constrained(model, own), z)
 
         def consider(number: Array, kept: tuple[Array, Array]) -> tuple[Array, Array]:
             best, most = kept
             of_candidate, of_choice = jax.random.split(jax.random.fold_in(key, number))
             candidate = jax.random.normal(of_candidate, shape)
-            u = impact_parameters(found, summaries, about, candidate)
+            u = impact_parameters(conditional, summaries, about, candidate)
             ratio = log_likelihood(model, data, u) - summaries.log_summary(u)
             # The greatest of these sums is a choice by likelihood over summary (Gumbel 1954).
             value = jnp.nan_to_num(ratio, nan=-jnp.inf) + jax.random.gumbel(of_choice, ratio.shape)

@@ -14,9 +14,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.conditional import Summaries, condition, impact_parameters, locations
-from bayestissue.hierarchy.population import expected
-from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
+from bayestissue.hierarchy.conditional import Summaries, impact_parameters
+from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, located, log_likelihood
 from bayestissue.inference.compiling import compiled_sooner
 
 # Draws of the population, and of each impact's parameters under every one.
@@ -110,14 +109,11 @@ def _points(
 
     def one(draw: tuple[dict[str, Array], Array, Array]) -> tuple[Array, Array, Array]:
         own, z, key = draw
-        found = condition(
-            data.design, population(model, constrained(model, own)), data.location_mean, summaries
-        )
-        about = expected(data.design, locations(found, z))
+        _, about, conditional = located(model, data, summaries, constrained(model, own), z)
 
         def at(key: Array) -> tuple[Array, Array, Array]:
             standard = jax.random.normal(key, summaries.centre.shape)
-            u = impact_parameters(found, summaries, about, standard)
+            u = impact_parameters(conditional, summaries, about, standard)
             value = jnp.nan_to_num(log_likelihood(model, data, u), nan=-jnp.inf, neginf=-jnp.inf)
             return jnp.stack(u, axis=-1), value, value - summaries.log_summary(u)
 

@@ -22,11 +22,10 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.likelihood import autoregressive
-from bayestissue.likelihood.element_response import ElementRecord, Response, columns
+from bayestissue.likelihood.element_response import CONTACT, ElementRecord, Response, columns
 from bayestissue.likelihood.linear_errors import LOG_2PI, Products, gram
 
 # Among the chain's errors.
-_CONTACT = 3
 _ROOT_12 = 12**0.5
 
 
@@ -44,7 +43,7 @@ def middles(record: ElementRecord) -> Float[Array, "cell impact"]:
 
 def error_sd(record: ElementRecord, whole: Float[Array, "impact 4"]) -> Float[Array, "impact 4"]:
     """The errors' standard deviations, that of contact in its cell; ``whole`` has that of all cells."""
-    return whole.at[:, _CONTACT].set(shape(record)[1] * record.dt / _ROOT_12)
+    return whole.at[:, CONTACT].set(shape(record)[1] * record.dt / _ROOT_12)
 
 
 def products(

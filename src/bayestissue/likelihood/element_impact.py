@@ -21,7 +21,14 @@ from numpyro.distributions import constraints
 
 from bayestissue.elements import Element
 from bayestissue.likelihood import autoregressive, contact_cells, discrepancy
-from bayestissue.likelihood.element_response import ElementRecord, Response, columns, response
+from bayestissue.likelihood.element_response import (
+    CONTACT,
+    OFFSET,
+    ElementRecord,
+    Response,
+    columns,
+    response,
+)
 from bayestissue.likelihood.linear_errors import (
     Products,
     draw_errors,
@@ -33,7 +40,6 @@ from bayestissue.likelihood.linear_errors import (
 # A response this many times the trace is no impact; the products would keep seven digits.
 _GREATEST = 1e4
 # Among the chain's errors.
-_OFFSET, _CONTACT = 2, 3
 
 
 class _Noise(NamedTuple):
@@ -84,7 +90,7 @@ def _error_sd(noise: _Noise, record: ElementRecord) -> Array:
     own = record.error_sd if record.before is None else contact_cells.error_sd(record, record.error_sd)
     if noise.atanh_correlation is None or record.quiet is None:
         return own
-    return autoregressive.offset_sd(own, record.quiet, noise.atanh_correlation, _OFFSET)
+    return autoregressive.offset_sd(own, record.quiet, noise.atanh_correlation, OFFSET)
 
 
 def _of_cell(cell: Array, shape: tuple[int, ...], values: Array) -> Array:
@@ -205,7 +211,7 @@ class MeasuredImpact(dist.Distribution):
         chosen = partial(_of_cell, cell, density.shape)
         products = Products(*jax.tree.map(chosen, tuple(products)))
         errors = draw_errors(key, products, self.log_sigma, error_sd, record.uniform)
-        return errors.at[:, _CONTACT].add(record.first_time - chosen(contact_cells.middles(record)))
+        return errors.at[:, CONTACT].add(record.first_time - chosen(contact_cells.middles(record)))
 
     def mean_first_time(self) -> Float[Array, " impact"]:
         """From contact to the first sample as the traces have it, by the mean over the cells [s]."""
@@ -220,14 +226,14 @@ class MeasuredImpact(dist.Distribution):
         """The same with contact where such an error puts it, and known."""
         record, own = self.record, self._noise()
         known = record.at_contact(jnp.maximum(record.first_time - contact_error, 0.0))
-        known = known._replace(error_sd=known.error_sd.at[:, _CONTACT].set(0.0))
+        known = known._replace(error_sd=known.error_sd.at[:, CONTACT].set(0.0))
         return MeasuredImpact(self.element, self.parameters, own.log_sigma, known, *own[1:])
 
     def with_contact_found(self, key: Array) -> MeasuredImpact:
         """The same with contact known: where the trace has it, if the record leaves it to be found."""
         if self.record.before is None:
             return self
-        return self.as_drawn(self.draw_errors(jax.random.fold_in(key, 3))[:, _CONTACT])
+        return self.as_drawn(self.draw_errors(jax.random.fold_in(key, 3))[:, CONTACT])
 
     def draw_discrepancy(
         self, key: Array, errors: Float[Array, "impact 4"], found: Response | None = None

@@ -13,6 +13,9 @@ from jaxtyping import Bool, Float, Int
 from bayestissue.elements import Element, linear, solver
 from bayestissue.elements.element import deceleration_of, rates_of_motion
 
+# Columns of the measuring chain's errors.
+VELOCITY, GAIN, OFFSET, CONTACT = range(4)
+
 
 class ElementRecord(NamedTuple):
     """What the likelihood reads of a set of deceleration traces.
