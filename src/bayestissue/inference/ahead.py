@@ -116,21 +116,22 @@ class _Worker(Helper):
         self._shared: _Shared | None = None
         self._closed = False
 
-    def compile_ahead(self) -> None:
+    def compile_ahead(self, *, profiled: bool | None = None) -> None:
         if self._parts:
             return
         Thread(target=self._work, daemon=True).start()
         if self._job.model.kind == "arma" or not self._job.model.last_may_be_open:
-            self._profiled = self._job.model.kind == "arma"
-            self._compile(*PARTS)
-        else:
-            self._compile(CHOICE, DRAWS)
+            profiled = self._job.model.kind == "arma"
+        self._profiled = profiled
+        self._compile(*(PARTS if profiled is not None else (CHOICE, DRAWS)))
 
     def decided(self, *, profiled: bool) -> None:
-        if self._parts and profiled != self._profiled:
-            self._profiled = profiled
-            others = (part for part in PARTS if part not in (*_OF_PROFILE, *self._parts))
-            self._compile(*_OF_PROFILE, *others)
+        if not self._parts or profiled == self._profiled:
+            return
+        self._profiled = profiled
+        others = [part for part in PARTS if part not in (*_OF_PROFILE, *self._parts)]
+        self._compile(*_OF_PROFILE, first=True)
+        self._compile(*others)
 
     def wait(self, part: str) -> None:
         if part in self._parts:
@@ -173,10 +174,11 @@ class _Worker(Helper):
             self._closed = True
             self._changed.notify_all()
 
-    def _compile(self, *parts: str) -> None:
+    def _compile(self, *parts: str, first: bool = False) -> None:
         with self._changed:
             self._parts |= {part: Future() for part in parts}
-            self._to_compile.extend(parts)
+            others = [part for part in self._to_compile if part not in parts]
+            self._to_compile = deque([*parts, *others] if first else [*others, *parts])
             self._changed.notify_all()
 
     def _work(self) -> None:
@@ -190,12 +192,12 @@ class _Worker(Helper):
                     shared.under_way = shared.left.pop()
                 else:
                     part = self._to_compile.popleft()
+                    told = self._parts[part]
             if shared is not None:
                 self._do_piece(shared)
             else:
                 given = (self._number, part, self._job, bool(self._profiled))
                 error = self._submitted(_compile, *given).exception()
-                told = self._parts[part]
                 told.set_result(None) if error is None else told.set_exception(error)
 
     def _has_pieces(self) -> bool:

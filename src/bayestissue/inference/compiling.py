@@ -21,8 +21,11 @@ Result = Callable[[], Any]
 class Helper:
     """Nobody: whoever asks does everything himself. `bayestissue.inference.ahead` has one on another core."""
 
-    def compile_ahead(self) -> None:
-        """Compile what a fit will need; asked once or more often."""
+    def compile_ahead(self, *, profiled: bool | None = None) -> None:
+        """Compile what a fit will need; asked once or more often.
+
+        ``profiled`` is a guess of what will be `decided`.
+        """
 
     def decided(self, *, profiled: bool) -> None:
         """Told as soon as it is known whether the last parameter has a profile, as compiled functions ask."""

@@ -213,7 +213,7 @@ def summarise(
     mode = finder.mode(summaries, mode)
     if not model.last_may_be_open:
         return Summarised(summaries, finder.spreads(summaries, mode), None)
-    normal = _last_is_normal(prepared, summaries) if normal is None else normal
+    normal = last_is_normal(prepared, summaries) if normal is None else normal
     (helper or Helper()).decided(profiled=not normal)
     if normal:
         return Summarised(summaries, finder.spreads(summaries, mode).without(LAST), None)
@@ -239,7 +239,7 @@ def summarise(
     )
 
 
-def _last_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
+def last_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
     """Whether the traces tell the last parameter well enough for its likelihood to be normal.
 
     N samples tell theta1 to ((1 - theta1^2) / N)^1/2, and so artanh theta1 to cosh(artanh theta1) / N^1/2;

@@ -32,7 +32,7 @@ from bayestissue.inference.summary import summarise as summary_table
 from bayestissue.inference.summary_path import Correction, corrected_draws
 from bayestissue.inference.trace_draws import Unfolded, unfold
 from bayestissue.inference.trace_scores import cross_validation, prior_sensitivity
-from bayestissue.inference.trace_start import expanded, summarise
+from bayestissue.inference.trace_start import expanded, last_is_normal, summarise
 from bayestissue.inference.trace_tree import posterior_tree
 
 Say = Callable[[str, int, int], None]
@@ -96,6 +96,8 @@ def fit_traces(
         wrong = plainly_wrong(prepared, expansions, seed) if doubted else None
         if wrong is not None:
             return wrong
+        if prepared.model.last_may_be_open:
+            helper.compile_ahead(profiled=not last_is_normal(prepared, expansions))
         helper.compile_ahead()
         first = summarise(prepared, expansions=expansions, say=done, helper=helper)
         sampling = partial(say, "sampling the population")
