@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from bayestissue.inference import ahead
-from bayestissue.inference.compiling import CHOICE, Helper, in_pieces
+from bayestissue.inference.compiling import CHAINS, CHOICE, CORRECTION, Helper, in_pieces
 
 PIECES = 8
 
@@ -50,6 +50,7 @@ class _Pool:
 
     def __init__(self, lasts: int) -> None:
         self.left, self.done = lasts, 0
+        self.compiled: list[tuple[str, bool]] = []
         self._threads = ThreadPoolExecutor(1)
 
     def submit(self, function: Any, *arguments: Any) -> Future:
@@ -57,7 +58,9 @@ class _Pool:
 
     def _do(self, function: Any, arguments: Any) -> Any:
         if function is ahead._compile:
-            ahead._COMPILED[arguments[0], arguments[1]] = _square
+            number, part, _, profiled = arguments
+            self.compiled.append((part, profiled))
+            ahead._COMPILED[number, part] = _square
             return None
         if self.done == self.left:
             raise RuntimeError("broken")
@@ -84,6 +87,24 @@ def test_without_a_worker_all_is_done_here() -> None:
     worker = ahead._Worker(_Pool(1000), _job())
     assert worker.share(CHOICE, _square, (1.0,), [(2.0,), (3.0,)]) == [4.0, 9.0]
     worker.close()
+
+
+@pytest.mark.parametrize("guess", [None, True, False])
+def test_what_asks_for_a_profile_is_compiled_as_was_decided(guess: bool | None) -> None:
+    pool = _Pool(1000)
+    worker = ahead._Worker(pool, _job())
+    worker.compile_ahead(profiled=guess)
+    worker.decided(profiled=True)
+    try:
+        for part in ahead.PARTS:
+            worker.wait(part)
+        last = dict(pool.compiled)
+        assert all(last[part] for part in (CHAINS, CORRECTION))
+        assert set(last) == set(ahead.PARTS)
+        # Another answer than the guess costs at most these two.
+        assert len(pool.compiled) <= len(ahead.PARTS) + 2 * (guess is False)
+    finally:
+        worker.close()
 
 
 def _job() -> Any:

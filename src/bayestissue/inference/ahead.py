@@ -2,7 +2,8 @@
 
 Most of a short fit is spent in the compiler. What the second half needs compiled is known from the data's
 shapes alone: a worker on another core compiles it, keeps it, and leaves it in the folder of compiled
-functions, where this process finds it. What is done draw by draw is then done by both.
+functions, where this process finds it. What is done draw by draw is then done piece by piece by whoever is
+free.
 """
 
 from __future__ import annotations
@@ -74,8 +75,7 @@ class SecondCore:
             kept = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
             core = others[0] if others else None
             self._pool = ProcessPoolExecutor(1, initializer=runtime.settle_on, initargs=(core,), env=kept)
-            # It starts now, and is ready when it is asked for something.
-            self._pool.submit(_COMPILED.clear)
+            self._pool.submit(_ready)
         return self._pool
 
     def __enter__(self) -> SecondCore:
@@ -142,9 +142,8 @@ class _Worker(Helper):
         self, part: str, function: Function, given: tuple[Any, ...], pieces: Sequence[tuple[Any, ...]]
     ) -> list[Any]:
         self.wait(part)
-        shared = _Shared(
-            (self._number, part), jax.device_get((given, list(pieces))), deque(range(len(pieces)))
-        )
+        arguments = jax.device_get((given, list(pieces)))
+        shared = _Shared((self._number, part), arguments, deque(range(len(pieces))))
         compiled = part in self._parts and self._parts[part].exception() is None
         with self._changed:
             self._shared = shared if compiled else None
@@ -277,6 +276,10 @@ class Job(NamedTuple):
 
 def _shapes(tree: Any) -> Any:
     return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(np.shape(leaf), jnp.result_type(leaf)), tree)
+
+
+def _ready() -> None:
+    """Nothing: a process that is asked for it has started and imported all this."""
 
 
 def _compile(number: int, what: str, job: Job, profiled: bool) -> None:
