@@ -1,8 +1,8 @@
 """K as the secant stiffness, where a discrepancy acts beside the element.
 
-A spring K beside a damper has the secant stiffness K. With another force beside both, the K that the
-hierarchy samples is the element's own part of the force, which no measurement knows, and its interval may
-hold neither the tissue's tangent nor its secant. What can be said of the tissue is force over depth.
+With another force beside the element's, the K that the hierarchy samples is the element's own part of the
+force, which no measurement knows, and its interval may hold neither the tissue's tangent nor its secant. What
+can be said of the tissue is force over depth, which of a spring beside a damper is the spring's K.
 """
 
 from __future__ import annotations
@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.trace_draws import Unfolded
 
@@ -23,15 +22,14 @@ def of_secant(prepared: Prepared, unfolded: Unfolded) -> Unfolded:
 
     In each draw log(K_secant / K) of the impacts is laid out over log K's formula: its least-squares line
     goes to intercept, mass exponent and covariates, and what is left, averaged, to people and then to
-    conditions. The spreads stay. The element's own K is K_tangent.
+    conditions. The spreads stay. What the element's own K makes at contact is K_tangent.
 
     Args:
-        prepared: the fit; without a discrepancy, or of another element, whose K is not the secant stiffness
-            in the first place, draws stay as they are.
+        prepared: the fit; without a discrepancy draws stay as they are.
         unfolded: draws of everything, all of every impact.
     """
     model = prepared.model
-    if not model.discrepancy or model.element != SIDE_BY_SIDE or unfolded.kept is not None:
+    if not model.discrepancy or unfolded.kept is not None:
         return unfolded
     impacts = unfolded.impacts
     shift = np.log(impacts["K_secant"] / impacts["K"])

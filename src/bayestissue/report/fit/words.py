@@ -71,13 +71,16 @@ _OWN_K = (
     "The spring's own stiffness is K_tangent; C is the damper's own, widened by what they share with the "
     "discrepancy."
 )
-_OWN_K_AND_C = "K and C are the element's own, widened by what they share with it."
+_OWN_C = (
+    "So is K, of impacts, people and the population, in place of the element's own; what that makes at "
+    "contact is K_tangent. C is the element's own, widened by what it shares with the discrepancy."
+)
 
 
 def likelihood_words(run: FitRun) -> str:
     """What each trace is taken for."""
     met, noise = _element(run), _RECORDERS[recorder_noise(run)]
-    own = _OWN_K if met.name == SIDE_BY_SIDE else _OWN_K_AND_C
+    own = _OWN_K if met.name == SIDE_BY_SIDE else _OWN_C
     besides = f" {_DISCREPANCY}{own}" if has_discrepancy(run) else ""
     if met.name != SIDE_BY_SIDE:
         meanings = "; ".join(f"{each.name} ({each.unit}): {each.meaning}" for each in met.parameters)
