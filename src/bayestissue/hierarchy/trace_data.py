@@ -24,8 +24,8 @@ from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES, RecordedImpacts
 
 # In so many cells contact may be, where a recording does not show it: as many as there are samples kept from
-# before the first, so that each is one sampling interval wide. Three intervals are too long to be linear over:
-# of a trace of sixty samples 90 % intervals of Hunt and Crossley's C then held 85 %.
+# before the first, so that each is one sampling interval wide. Over three a trace is not linear: of traces of
+# sixty samples 90 % intervals of Hunt and Crossley's C then held 85 %.
 CELLS = BEFORE
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
