@@ -15,6 +15,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue import resources
+from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, with_normal_errors
@@ -22,7 +23,9 @@ from bayestissue.inference import interval_sources as sources
 from bayestissue.inference.interval_sources import interval_sources
 from bayestissue.inference.trace_draws import Unfolded
 from bayestissue.inference.trace_errors import TraceErrors, as_expected, shorter_window, trace_errors
+from bayestissue.inference.trace_start import first_guess
 from bayestissue.inference.trace_summaries import loose_anchor, summarise_traces
+from bayestissue.likelihood.element_response import CONTACT
 from bayestissue.simulation import Simulation, simulate
 
 PEOPLE, CONDITIONS = 4, 3
@@ -206,3 +209,15 @@ def test_a_mass_that_a_person_s_impacts_share_is_a_source_of_the_mean(
     # Of an impact: what its person's two effects leave unknown of the error that they share.
     left = 1 / (1 / 0.2**2 + 2 / 0.3**2)
     assert_allclose(found.loc[("impact", "K", "mass"), "sd"] ** 2, left, rtol=1e-6)
+
+
+def test_contact_that_the_traces_tell_is_known_but_for_a_normal_error() -> None:
+    """About a moment with a uniform error a likelihood is flat, and has no curvature to be expanded by."""
+    dataset = read_dataset(resources.shared("data", "published").parent / "example")
+    specification = read_specification(resources.shared("models", "impact.toml").parent / "maxwell.toml")
+    given = prepare(dataset, specification, source="maxwell")
+    assert given.data.record.before is not None
+    record = as_expected(given, first_guess(given)).record
+    assert record.before is None
+    assert not np.asarray(record.uniform).any()
+    assert (np.asarray(record.error_sd)[:, CONTACT] > 0).all()

@@ -98,11 +98,11 @@ def trace_errors(
 
 def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
     """The data with each trace as its model has it at ``u``, without noise and errors; all errors normal."""
+    if isinstance(prepared.data.record, ElementRecord):
+        record = _of_element(prepared.model, prepared.data, jnp.asarray(u))
+        # Only a known contact has an error that can be made normal.
+        return with_normal_errors(prepared.data._replace(record=record))
     data = with_normal_errors(prepared.data)
-    if isinstance(data.record, ElementRecord):
-        first_time, traces = _of_element(prepared.model, data, jnp.asarray(u))
-        known = data.record if data.record.before is None else data.record.at_contact(first_time)
-        return data._replace(record=known._replace(d=traces))
     quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
     bare = data.record._replace(error_sd=jnp.zeros_like(data.record.error_sd))
     # As many draws as predictions have, so that nothing is compiled anew.
@@ -118,15 +118,13 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
 
 
 @compiled_quickly("model")
-def _of_element(
-    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> tuple[Float[Array, " impact"], Float[Array, "impact sample"]]:
-    """From contact to the first sample as the traces have it, and what the element does from then on."""
+def _of_element(model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]) -> ElementRecord:
+    """The record with contact where the traces have it, and what the element does from then on as traces."""
     distribution = trace_distribution(model, data, [u[:, a] for a in range(u.shape[1])])
     assert isinstance(distribution, MeasuredImpact)  # noqa: S101 - so is every element's
-    own, first_time = distribution.record, distribution.mean_first_time()
-    known = own if own.before is None else own.at_contact(first_time)
-    return first_time, response(distribution.element, distribution.parameters, known).d
+    own = distribution.record
+    known = own if own.before is None else own.at_contact(distribution.mean_first_time())
+    return known._replace(d=response(distribution.element, distribution.parameters, known).d)
 
 
 def _named(prepared: Prepared, names: tuple[str, ...]) -> Bool[np.ndarray, " parameter"]:
