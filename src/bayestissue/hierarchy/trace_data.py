@@ -23,10 +23,6 @@ from bayestissue.likelihood.element_response import ElementRecord
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES, RecordedImpacts
 
-# In so many cells contact may be, where a recording does not show it: as many as there are samples kept from
-# before the first, so that each is one sampling interval wide. Over three a trace is not linear: of traces of
-# sixty samples 90 % intervals of Hunt and Crossley's C then held 85 %.
-CELLS = BEFORE
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
 
@@ -250,9 +246,10 @@ def _element_record(
         basis, share = modes(signal.n_samples, signal.deceleration.shape[1])
         besides = {"basis": basis, "share": share}
     elif not element(specification.element).jumps and (signal.reach_s > 0).all():
-        cells, width = _cells(signal)
-        reach = cells * width
-        before = np.moveaxis(signal.before[:, BEFORE - reach :].reshape(-1, cells, width), 1, 0)
+        reach = min(int(np.ceil((signal.reach_s / signal.dt).max())), BEFORE)
+        # Cells of one sampling interval: over three a trace is not linear, and of traces of sixty samples
+        # 90 % intervals of Hunt and Crossley's C then held 85 %.
+        before = np.moveaxis(signal.before[:, BEFORE - reach :, None], 1, 0)
         besides = {"before": before, "n_before": np.minimum(signal.n_before, reach)}
         besides["quiet_sd"] = np.maximum(signal.noise_sd, 1e-12)
         contact_sd, uniform = reach * signal.dt / np.sqrt(12), np.ones_like(uniform)
@@ -271,12 +268,3 @@ def _element_record(
     if specification.noise == "autoregressive":
         record = record._replace(quiet=jnp.asarray(np.isfinite(signal.offset_sd)))
     return record, np.abs(signal.deceleration).max(axis=1)
-
-
-def _cells(signal: Displacements) -> tuple[int, int]:
-    """How many cells contact may be in, and how many sampling intervals wide they are."""
-    reach = min(int(np.ceil((signal.reach_s / signal.dt).max())), BEFORE)
-    width = -(-reach // CELLS)
-    # Odd, so that no sample falls on the middle of a cell, where a force begins.
-    width += 1 - width % 2
-    return min(-(-reach // width), BEFORE // width), width

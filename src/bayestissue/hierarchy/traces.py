@@ -290,7 +290,7 @@ def located(
     sites: dict[str, Array],
     z_b: Float[Array, " location"],
 ) -> Located:
-    """B by the affine map of `bayestissue.hierarchy.conditional`, the standard deviations given."""
+    """The locations b as `bayestissue.hierarchy.conditional` maps them, the standard deviations given."""
     conditional = condition(data.design, population(model, sites), data.location_mean, summaries)
     b = locations(conditional, z_b)
     return Located(b, expected(data.design, b), conditional)

@@ -16,9 +16,10 @@ from bayestissue.hierarchy.traces import (
     TraceModel,
     element_parameters,
     physical,
-    trace_distribution,
 )
+from bayestissue.likelihood.deceleration import MeasuredDeceleration
 from bayestissue.likelihood.discrepancy import integrals
+from bayestissue.likelihood.displacement import MeasuredDisplacement
 from bayestissue.likelihood.element_impact import MeasuredImpact
 from bayestissue.likelihood.element_response import CONTACT, VELOCITY, ElementRecord, motion
 
@@ -45,10 +46,11 @@ class Measured(NamedTuple):
     discrepancy: Float[Array, "impact sample"] | None = None
 
 
-def measured_of(model: TraceModel, data: TraceData, u: list[Array], key: Array) -> Measured:
+def measured_of(
+    distribution: MeasuredDisplacement | MeasuredDeceleration | MeasuredImpact, key: Array
+) -> Measured:
     """A draw of the errors, and of the discrepancy, given the traces and the impacts' parameters."""
-    distribution = trace_distribution(model, data, u)
-    if not isinstance(distribution, MeasuredImpact) or not model.discrepancy:
+    if not isinstance(distribution, MeasuredImpact) or distribution.log_discrepancy is None:
         return Measured(distribution.draw_errors(key))
     found = distribution.response()
     errors = distribution.draw_errors(key, found)

@@ -54,7 +54,8 @@ def many_draws(
 ) -> tuple[Draws, Unfolded, Correction]:
     """Draws of the population, and of the impacts what `Unfolded` keeps, corrected to the true posterior."""
     model, cells = prepared.model, summarised.cells
-    found = _chains(model, summarised, settings, seed, partial(say, "sampling the population"))
+    chains = _chains(model, summarised, settings, seed, partial(say, "sampling the population"))
+    found = chains.thinned(settings.thinning)
     shape = (settings.chains, settings.draws)
     raw = {name: jnp.asarray(values.reshape(-1)) for name, values in found.sites.items()}
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 4)
@@ -101,10 +102,9 @@ def _chains(
     progress(0, 1)
     found = independence_chains(_cells_of(model), target, spreads, settings, seed)
     if found.pareto_k < PARETO_LIMIT:
-        return found.draws.thinned(settings.thinning)
+        return found.draws
     start = Start(spreads.mode, tuple(sorted(spreads.mode)), spreads.covariance)
-    found_so = run_chains(_cells_of(model), target, start, settings, seed, progress=progress)
-    return found_so.thinned(settings.thinning)
+    return run_chains(_cells_of(model), target, start, settings, seed, progress=progress)
 
 
 def _by_chain(values: Array, shape: tuple[int, int]) -> np.ndarray:

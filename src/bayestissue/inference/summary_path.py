@@ -242,7 +242,7 @@ def _beside_a_discrepancy(
         made.append((summarised, found))
         if found.correction.effective > _WELL_PLACED:
             break
-        some = rng.permutation(np.resize(np.arange(len(found.z_b)), max(count, len(found.z_b))))[:count]
+        some = np.resize(rng.permutation(len(found.z_b)), count)
         raw, z_b = {name: values[some] for name, values in found.raw.items()}, found.z_b[some]
     summarised, found = max(made, key=lambda attempt: attempt[1].correction.effective)
     return summarised, *_with_impacts(prepared, summarised, found, settings, helper)

@@ -130,7 +130,8 @@ def impact_quantities(
         mass_error: of the log mass.
         key: of the chain's errors.
     """
-    at, measured = physical(model, data, u), measured_of(model, data, u, key)
+    at, distribution = physical(model, data, u), trace_distribution(model, data, u)
+    measured = measured_of(distribution, key)
     impacts = {
         "K": jnp.exp(u[0] + mass_error),
         "C": jnp.exp(u[1] + mass_error),
@@ -144,7 +145,7 @@ def impact_quantities(
     }
     impacts |= element_quantities(model, data, u, mass_error, measured)
     if model.kind != "impact":
-        impacts["theta1"] = trace_distribution(model, data, u).differences()[2]
+        impacts["theta1"] = distribution.differences()[2]
     return impacts
 
 

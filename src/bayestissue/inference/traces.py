@@ -96,9 +96,8 @@ def fit_traces(
         wrong = plainly_wrong(prepared, expansions, seed) if doubted else None
         if wrong is not None:
             return wrong
-        if prepared.model.last_may_be_open:
-            helper.compile_ahead(profiled=not last_is_normal(prepared, expansions))
-        helper.compile_ahead()
+        guess = not last_is_normal(prepared, expansions) if prepared.model.last_may_be_open else None
+        helper.compile_ahead(profiled=guess)
         first = summarise(prepared, expansions=expansions, say=done, helper=helper)
         sampling = partial(say, "sampling the population")
         summarised, draws, correction = corrected_draws(
