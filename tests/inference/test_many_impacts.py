@@ -19,7 +19,7 @@ from bayestissue.inference.many_kept import kept_draws, some_impacts
 from bayestissue.inference.profile_surface import surface_of
 from bayestissue.inference.summary import summarise
 from bayestissue.inference.trace_blocks import in_blocks
-from bayestissue.inference.trace_correction import Profile, flat_profile
+from bayestissue.inference.trace_profile import Profile, flat_profile
 from bayestissue.likelihood.displacement import displacement_record
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation

@@ -16,8 +16,9 @@ from bayestissue.hierarchy.traces import constrained, log_likelihood, population
 from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.ratios import compare_over, log_corrections
 from bayestissue.inference.summary_path import summary_draws
-from bayestissue.inference.trace_correction import flat_profile, standard_points
 from bayestissue.inference.trace_draws import unfold
+from bayestissue.inference.trace_moments import standard_points
+from bayestissue.inference.trace_profile import flat_profile
 from bayestissue.inference.trace_start import summarise
 from bayestissue.inference.traces import fit_traces
 from bayestissue.simulation import simulate

@@ -43,8 +43,9 @@ from bayestissue.inference.compiling import (
     length_of_piece,
 )
 from bayestissue.inference.ratios import compare_over
-from bayestissue.inference.trace_correction import POINTS, Profile, flat_profile
+from bayestissue.inference.trace_moments import POINTS
 from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, prior_draws, replicates
+from bayestissue.inference.trace_profile import Profile, flat_profile
 
 # In the order in which a fit asks for them.
 PARTS = (CHAINS, CORRECTION, CHOICE, DRAWS, PREDICTIONS)

@@ -1,4 +1,4 @@
-"""The correction of `trace_correction` for many impacts: expanded to second order in the population.
+"""The correction of `ratios` for many impacts: expanded to second order in the population.
 
 What a trace's true evidence adds to its summary's is a smooth function of what the population says of the
 impact. Small as it is for one trace, over many it adds up to more than weights could put right. But with many
@@ -27,7 +27,8 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, pop
 from bayestissue.inference.ratios import Ratios, compare_over_about, log_corrections
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_blocks import in_blocks
-from bayestissue.inference.trace_correction import Profile, standard_points
+from bayestissue.inference.trace_moments import standard_points
+from bayestissue.inference.trace_profile import Profile
 
 
 class PopulationDraws(NamedTuple):

@@ -32,7 +32,6 @@ from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.sampling import Draws, Progress
 from bayestissue.inference.summary_path import CANDIDATES, PARETO_LIMIT, Correction
 from bayestissue.inference.trace_blocks import in_blocks
-from bayestissue.inference.trace_correction import POINTS
 from bayestissue.inference.trace_draws import (
     Unfolded,
     error_of_people,
@@ -40,6 +39,7 @@ from bayestissue.inference.trace_draws import (
     impact_quantities,
     named_sites,
 )
+from bayestissue.inference.trace_moments import POINTS
 
 MANY = 5000
 CHECKS = 40

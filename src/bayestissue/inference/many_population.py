@@ -125,11 +125,9 @@ class Where:
     def anchor(self) -> Anchor:
         """What the population says of every impact."""
         kk, kc, cc = (float(entry) for entry in self.spread.own)
-        size = 2 + len(self.spread.nuisance)
         covariance = np.diag([0.0, 0.0, *(float(sd) ** 2 for sd in self.spread.nuisance)])
         covariance[:2, :2] = [[kk, kc], [kc, cc]]
-        precision = np.linalg.inv(covariance).reshape(1, size, size)
-        return Anchor(jnp.asarray(self.about()), jnp.asarray(precision))
+        return Anchor(self.about(), np.linalg.inv(covariance))
 
     def guess_of_last(self) -> np.ndarray:
         """A first guess of the mean and log sd of a parameter that has a profile."""

@@ -7,16 +7,12 @@ eliminated one by one from the hierarchy.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 
 from bayestissue.hierarchy.cells import Cells, arrange
-from bayestissue.hierarchy.conditional import Summaries, impact_parts
-from bayestissue.hierarchy.population import Spread
+from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.many_correction import expand, rows_of
@@ -24,15 +20,8 @@ from bayestissue.inference.many_population import Where
 from bayestissue.inference.profile_surface import Surface, surface_around
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_blocks import in_blocks
-from bayestissue.inference.trace_correction import (
-    Profile,
-    cleared_of_last,
-    compare_about,
-    flat_profile,
-    profile_about,
-    refine_about,
-    standard_points,
-)
+from bayestissue.inference.trace_moments import compare, refine, standard_points
+from bayestissue.inference.trace_profile import Profile, cleared_of_last, flat_profile, profile_last
 from bayestissue.inference.trace_start import FEW, REFINEMENTS, Spreads, first_guess
 from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
 
@@ -71,20 +60,20 @@ def summarise_many(prepared: Prepared, *, say: Progress = silent) -> ManySummari
     layout = arrange(model.locations, data.design, "subject" if model.mass_error == "subject" else None)
     start = first_guess(prepared)
     loose = loose_anchor(start)
-    summaries = _expanded(model, data, jnp.asarray(start), loose, ITERATIONS[0], told(0))
+    summaries = _expanded(model, data, start, loose, ITERATIONS[0], told(0))
     where = Where.of(model, layout, summaries)
-    anchor = where.anchor()
-    summaries = _expanded(model, data, summaries.centre, anchor, ITERATIONS[1], told(1))
-    standard = jnp.asarray(standard_points(start.shape[1]))
+    centre = np.asarray(summaries.centre)
+    summaries = _expanded(model, data, centre, where.anchor(), ITERATIONS[1], told(1))
+    standard = standard_points(start.shape[1])
     for number in range(REFINEMENTS):
         where = where.given(summaries)
-        summaries = _refined(model, data, summaries, where, standard, told(2 + number))
+        summaries = _refined(model, data, summaries, where.anchor(), standard, told(2 + number))
     where = where.given(summaries)
     profile, own = None, summaries
     if model.kind == "arma":
         summaries = cleared_of_last(summaries)
-        few = jnp.asarray(standard_points(start.shape[1], FEW))
-        profile = _profiled(model, data, summaries, where, few, told(2 + REFINEMENTS))
+        few = standard_points(start.shape[1], FEW)
+        profile = _profiled(model, data, summaries, where.anchor(), few, told(2 + REFINEMENTS))
         own = _without_last(summaries)
         where = where.given(own)
         surface = surface_around(profile, where.of_last, where.guess_of_last())
@@ -105,57 +94,40 @@ def _without_last(cleared: Summaries) -> Summaries:
 
 
 def _expanded(
-    model: TraceModel, data: TraceData, start: Array, anchor: Anchor, iterations: int, say: Progress
+    model: TraceModel, data: TraceData, start: np.ndarray, anchor: Anchor, iterations: int, say: Progress
 ) -> Summaries:
-    begin, mean, precision = (np.asarray(each) for each in (start, anchor.mean, anchor.precision[0]))
-
     def one(part: TraceData, rows: np.ndarray) -> Summaries:
-        every = jnp.broadcast_to(precision, (len(rows), *precision.shape))
-        own = Anchor(jnp.asarray(mean[rows]), every)
-        return summarise_traces(model, part, jnp.asarray(begin[rows]), own, iterations)
+        return summarise_traces(model, part, start[rows], _of_rows(anchor, rows), iterations)
 
     return in_blocks(data, one, progress=say)
 
 
 def _refined(
-    model: TraceModel, data: TraceData, summaries: Summaries, where: Where, standard: Array, say: Progress
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    anchor: Anchor,
+    standard: np.ndarray,
+    say: Progress,
 ) -> Summaries:
-    spread, about = where.spread, where.about()
-
     def one(part: TraceData, rows: np.ndarray) -> Summaries:
-        return _refine_block(
-            model, part, rows_of(summaries, rows), spread, jnp.asarray(about[rows]), standard
-        )
+        own, given = rows_of(summaries, rows), _of_rows(anchor, rows)
+        return refine(own, given, compare(model, part, own, given, standard))
 
     return in_blocks(data, one, progress=say)
 
 
-@partial(jax.jit, static_argnames="model")
-def _refine_block(
-    model: TraceModel, data: TraceData, summaries: Summaries, spread: Spread, about: Array, standard: Array
-) -> Summaries:
-    parts = impact_parts(spread, summaries)
-    columns = [about[:, a] for a in range(about.shape[1])]
-    points = compare_about(model, data, summaries, parts, columns, standard)
-    return refine_about(spread, summaries, parts, columns, points)
-
-
 def _profiled(
-    model: TraceModel, data: TraceData, cleared: Summaries, where: Where, few: Array, say: Progress
+    model: TraceModel, data: TraceData, cleared: Summaries, anchor: Anchor, few: np.ndarray, say: Progress
 ) -> Profile:
-    spread, about = where.spread, where.about()
-
-    def one(part: TraceData, rows: np.ndarray) -> Array:
-        return _profile_block(model, part, rows_of(cleared, rows), spread, jnp.asarray(about[rows]), few)
+    def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
+        own = profile_last(model, part, rows_of(cleared, rows), _of_rows(anchor, rows), few)
+        return np.asarray(own.log_likelihood).T
 
     table = in_blocks(data, one, progress=say)
     return flat_profile(1)._replace(log_likelihood=jnp.asarray(np.ascontiguousarray(table.T)))
 
 
-@partial(jax.jit, static_argnames="model")
-def _profile_block(
-    model: TraceModel, data: TraceData, cleared: Summaries, spread: Spread, about: Array, few: Array
-) -> Array:
-    columns = [about[:, a] for a in range(about.shape[1])]
-    parts = impact_parts(spread, cleared)
-    return profile_about(model, data, cleared, parts, columns, few).log_likelihood.T
+def _of_rows(anchor: Anchor, rows: np.ndarray) -> Anchor:
+    """That of some impacts, the precision being one of all."""
+    return anchor._replace(mean=anchor.mean[rows])

@@ -18,7 +18,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Float
 from numpy.polynomial import chebyshev
 
-from bayestissue.inference.trace_correction import Profile
+from bayestissue.inference.trace_profile import Profile
 
 DEGREES = (31, 23)
 BLOCK = 2048

@@ -20,7 +20,7 @@ from bayestissue.hierarchy.conditional import ImpactParts, Summaries, impact_par
 from bayestissue.hierarchy.population import Spread, expected
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, population
 from bayestissue.inference.compiling import compiled_sooner
-from bayestissue.inference.trace_correction import Profile
+from bayestissue.inference.trace_profile import Profile
 from bayestissue.likelihood import small
 
 # Among an impact's parameters: the noise, and after it theta1.

@@ -36,7 +36,8 @@ from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
 from bayestissue.inference.sampling import Draws, Progress, silent
-from bayestissue.inference.trace_correction import Profile, standard_points
+from bayestissue.inference.trace_moments import standard_points
+from bayestissue.inference.trace_profile import Profile
 from bayestissue.inference.trace_start import (
     LAST,
     Summarised,

@@ -24,7 +24,6 @@ from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
     constrained,
-    log_likelihood,
     population,
     sample_spreads,
     with_normal_errors,
@@ -34,18 +33,12 @@ from bayestissue.inference.compiling import Helper, compiled_quickly
 from bayestissue.inference.mode import find_mode
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.sampling import Progress, silent
-from bayestissue.inference.trace_correction import (
-    Expectation,
-    Profile,
-    cleared_of_last,
-    compare,
-    expectation,
-    flat_profile,
-    profile_last,
-    refine,
-    standard_points,
-)
+from bayestissue.inference.trace_densities import log_likelihoods
+from bayestissue.inference.trace_expectation import Expectation, expectation
+from bayestissue.inference.trace_moments import compare, refine, standard_points
+from bayestissue.inference.trace_profile import Profile, cleared_of_last, flat_profile, profile_last
 from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
+from bayestissue.signal import Displacements
 
 REFINEMENTS = 2
 # Beside a discrepancy traces leave directions open, and summaries follow the population more slowly.
@@ -56,7 +49,7 @@ LAST = "standard_last"
 # Of artanh theta1 or a log, the standard deviation up to which its likelihood passes for a normal.
 _WELL_TOLD = 0.3
 # Steps of that log; where a likelihood is a normal so narrow, it is lower there by 50.
-_FAR, _CLEARLY_LESS = (0.0, -3.0, 3.0), 10.0
+_FAR, _CLEARLY_LESS = np.array([0.0, -3.0, 3.0]), 10.0
 _NEAREST = 0.99
 _HELD = 1e8
 _STEP = 1e-4
@@ -111,28 +104,41 @@ def last_mean(conditional: Conditional, standard: Array) -> Array:
 
 def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     """Each impact's parameters from its point estimate, or from its time to peak where that has none."""
-    signal, kind = prepared.signal, prepared.model.kind
-    fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass)
-    omega_n = np.pi / 2 / signal.time_to_peak
-    stiffness = np.where(np.isfinite(fit.K) & (fit.K > 0), fit.K, signal.mass * omega_n**2)
+    signal, which = prepared.signal, element(prepared.model.element)
+    if prepared.model.kind == "impact":
+        (K, C), fit = _of_motion(signal), None
+    else:
+        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass)
+        K, C = fit.K, fit.C
+    stiffness = np.where(np.isfinite(K) & (K > 0), K, signal.mass * (np.pi / 2 / signal.time_to_peak) ** 2)
     lightly = 0.1 * np.sqrt(stiffness * signal.mass)
-    damping = np.where(np.isfinite(fit.C) & (0.02 * lightly < fit.C), fit.C, lightly)
-    which = element(prepared.model.element)
+    damping = np.where(np.isfinite(C) & (0.02 * lightly < C), C, lightly)
     own = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
     columns = [*(np.log(np.asarray(each)) for each in own), _noise(prepared, fit)]
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     correlation = prepared.model.priors.atanh_noise_correlation.mean
     columns += [np.full(len(stiffness), correlation)] * prepared.model.autoregressive
-    if kind == "arma":
+    if fit is not None and prepared.model.kind == "arma":
         # artanh has no value at -1 and 1, where point estimates like to lie.
         columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))
     return np.stack(columns, axis=1)
 
 
-def _noise(prepared: Prepared, fit: PointFit) -> np.ndarray:
+def _of_motion(signal: Displacements) -> Float[np.ndarray, "2 impact"]:
+    """K and C by least squares of M d on penetration and velocity, as integrated from d."""
+    # Since contact: where x is measured from elsewhere, that is no part of the force.
+    moved = np.stack([signal.x + signal.equilibrium[:, None], signal.v], axis=-1)
+    inside = np.arange(moved.shape[1]) < signal.n_samples[:, None]
+    moved = np.where(inside[..., None], moved, 0.0)
+    squares = np.einsum("isa,isb->iab", moved, moved)
+    products = np.einsum("isa,is->ia", moved, signal.mass[:, None] * signal.deceleration)
+    return (np.linalg.pinv(squares, hermitian=True) @ products[..., None])[..., 0].T
+
+
+def _noise(prepared: Prepared, fit: PointFit | None) -> np.ndarray:
     log_peak = np.asarray(prepared.data.log_peak)
-    if prepared.model.kind == "impact":
+    if fit is None:
         return np.log(np.maximum(prepared.signal.noise_sd, 1e-12)) - log_peak
     spectral = np.sqrt(1 + fit.theta1**2) if prepared.model.kind == "arma" else 1.0
     return np.log(np.maximum(fit.sigma_a, 1e-300) * spectral) - log_peak
@@ -158,7 +164,7 @@ def expanded(prepared: Prepared) -> Summaries:
     start = first_guess(prepared)
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
     smooth = with_normal_errors(prepared.data)
-    return summarise_traces(prepared.model, smooth, jnp.asarray(start), loose_anchor(start))
+    return summarise_traces(prepared.model, smooth, start, loose_anchor(start))
 
 
 def summarise(
@@ -198,17 +204,16 @@ def summarise(
     profile = flat_profile(impacts) if model.last_may_be_open else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
-    anchor = _anchor(finder.expectation(summaries, mode))
-    summaries = summarise_traces(model, smooth, summaries.centre, anchor)
+    anchor = finder.expectation(summaries, mode).anchor()
+    summaries = summarise_traces(model, smooth, np.asarray(summaries.centre), anchor)
     say(2, passes)
-    standard = jnp.asarray(standard_points(size))
+    standard = standard_points(size)
     for number in range(refinements):
         mode = finder.mode(summaries, mode)
-        spread, conditional, about = finder.expectation(summaries, mode)
-        points = compare(model, data, summaries, conditional.parts, about, standard)
+        anchor = finder.expectation(summaries, mode).anchor()
+        points = compare(model, data, summaries, anchor, standard)
         # A last parameter that is open has a profile instead.
-        bent = not model.last_may_be_open
-        summaries = refine(spread, summaries, conditional.parts, about, points, bent)
+        summaries = refine(summaries, anchor, points, bent=not model.last_may_be_open)
         say(3 + number, passes)
     mode = finder.mode(summaries, mode)
     if not model.last_may_be_open:
@@ -220,7 +225,7 @@ def summarise(
     few = standard_points(size, PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2)
     summaries = cleared_of_last(summaries)
     found = finder.expectation(summaries, mode)
-    profile = profile_last(model, data, summaries, found.conditional.parts, found.about, jnp.asarray(few))
+    profile = profile_last(model, data, summaries, found.anchor(), few)
     finder.profile = profile
     # Away from where the profiles are high, a search would follow the slope of a cliff.
     begin = finder.with_last(mode, _PLACES[np.argmax(_log_density_at_places(found, profile))])
@@ -230,7 +235,7 @@ def summarise(
         anchor = _anchored_at(finder.last_mean(found, mode), finder.expectation(summaries, mode))
         summaries = cleared_of_last(summarise_traces(model, smooth, anchor.mean, anchor))
         found = finder.expectation(summaries, mode)
-        profile = profile_last(model, data, summaries, found.conditional.parts, found.about, jnp.asarray(few))
+        profile = profile_last(model, data, summaries, found.anchor(), few)
         finder.profile = profile
         mode = finder.mode(summaries, mode)
     spreads = finder.spreads(summaries, mode)
@@ -258,17 +263,11 @@ def _has_another_end(prepared: Prepared, summaries: Summaries) -> bool:
 
     A search may have stopped on a shelf, from which the likelihood rises slowly to where it is level.
     """
-    own, *far = np.asarray(_along_last(prepared.model, prepared.data, summaries.centre, jnp.array(_FAR)))
+    centre = np.asarray(summaries.centre)
+    last = np.arange(centre.shape[1]) == centre.shape[1] - 1
+    own, *far = log_likelihoods(prepared.model, prepared.data, centre + _FAR[:, None, None] * last)
     lost = np.median(own - np.asarray(far), axis=1)
     return bool((lost < _CLEARLY_LESS).any())
-
-
-@compiled_quickly("model")
-def _along_last(
-    model: TraceModel, data: TraceData, centre: Array, away: Float[Array, " place"]
-) -> Float[Array, "place impact"]:
-    *others, last = jnp.moveaxis(jnp.asarray(centre), 1, 0)
-    return jax.lax.map(lambda step: log_likelihood(model, data, [*others, last + step]), away)
 
 
 # Of the last location's standard normal, at which its density is looked at.
@@ -378,11 +377,6 @@ def spreads_of_summaries(prepared: Prepared, summaries: Summaries, near: Mapping
 
 def _anchored_at(last: float, found: Expectation) -> Anchor:
     """The population's anchor with the last parameter held at a value."""
-    mean, precision = _anchor(found)
-    return Anchor(mean.at[:, -1].set(last), precision.at[:, -1, -1].set(_HELD))
-
-
-def _anchor(found: Expectation) -> Anchor:
-    precision = np.array(jax.device_get(found.conditional.parts.prior))
-    mean = np.stack(jax.device_get(found.about), axis=1)
-    return Anchor(jnp.asarray(mean), jnp.asarray(np.broadcast_to(precision, (*mean.shape, len(precision)))))
+    mean, precision = (np.array(part) for part in found.anchor())
+    mean[:, -1], precision[-1, -1] = last, _HELD
+    return Anchor(mean, precision)

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.conditional import Summaries
-from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood
+from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.inference.trace_densities import log_likelihoods
 
 ITERATIONS = 60
 # Log likelihood that an expansion may promise above its value at the centre, along one axis; one that bends
@@ -21,113 +19,150 @@ _MOST_GAIN, _LEAST_GAIN = 20.0, 1.0
 _LEAST_BEND = 1e-9
 # Of a log parameter of which a trace says nothing.
 _LEAST_PRECISION = 1e-3
-# Of a log parameter: far below where third derivatives count, far above rounding.
-STEP = 1e-4
+# Steps of the differences: in conditional standard deviations, so that what a step changes is far above
+# rounding, which was measured to be 1e-9 at most; in units of a log parameter, so that it is far below where
+# third derivatives count.
+_STEP, _SHORTEST, _LONGEST = 0.03, 1e-6, 0.003
+# A search is over where no step promises so much log likelihood, or only the least steps gain.
+_NOTHING_LEFT, _STUCK = 1e-6, 1e6
 
 
 class Anchor(NamedTuple):
     """A normal prior of each impact's parameters: what the rest of the data say of them.
 
     Attributes:
-        mean: [impact, parameter].
-        precision: [impact, parameter, parameter].
+        mean: of each impact.
+        precision: of each impact, or one of all.
     """
 
-    mean: Float[Array, "impact parameter"]
-    precision: Float[Array, "impact parameter parameter"]
+    mean: Float[np.ndarray, "impact parameter"]
+    precision: Float[np.ndarray, "*#impact parameter parameter"]
+
+    def log_density(
+        self, u: Float[np.ndarray, "*point impact parameter"]
+    ) -> Float[np.ndarray, "*point impact"]:
+        """Up to a constant."""
+        away = u - self.mean
+        return -(away * times(self.precision, away)).sum(-1) / 2
+
+
+def times(
+    matrices: Float[np.ndarray, "*#batch row column"], vectors: Float[np.ndarray, "*batch column"]
+) -> Float[np.ndarray, "*batch row"]:
+    """Matrices times vectors."""
+    return (matrices @ vectors[..., None])[..., 0]
 
 
 def summarise_traces(
     model: TraceModel,
     data: TraceData,
-    start: Float[Array, "impact parameter"],
+    start: Float[np.ndarray, "impact parameter"],
     anchor: Anchor,
     iterations: int = ITERATIONS,
 ) -> Summaries:
     """Expand each log likelihood to second order where it, times the anchor, is greatest.
 
-    Levenberg-Marquardt steps on every impact by itself. The gradient of the sum over impacts holds each
-    impact's own, and its central differences their Hessians: exact enough, since a summary only whitens.
+    Levenberg-Marquardt steps on every impact by itself, from differences of the likelihood's values: exact
+    enough, since a summary only whitens.
 
     Args:
         model: the model.
         data: the dataset.
         start: first guess.
         anchor: prior that keeps an impact whose trace says little where the others are.
-        iterations: steps tried; with none the expansion is at ``start``.
+        iterations: the most steps tried; with none the expansion is at ``start``.
     """
-    # Given by place, so that what is compiled for one number of steps serves for any.
-    return _summarise(model, data, start, anchor, iterations)
+    start = np.array(start)
+    anchor = Anchor(np.asarray(anchor.mean), np.asarray(anchor.precision))
+    # How sharply a trace tells its parameters is known only once it was expanded.
+    best = _expansion(model, data, start, _expansion(model, data, start, None).curvature)
+    most, damping = best.value + anchor.log_density(start), np.full(len(start), 1e-3)
+    for _ in range(iterations):
+        candidate, promised = _next_after(best, anchor, damping)
+        if not ((promised > _NOTHING_LEFT) & (damping < _STUCK)).any():
+            break
+        tried = _expansion(model, data, candidate, best.curvature)
+        value = tried.value + anchor.log_density(candidate)
+        better = value > most
+        best = _Expansion(*(chosen(better, *pair) for pair in zip(tried, best, strict=True)))
+        most = np.where(better, value, most)
+        damping = np.where(better, np.maximum(damping / 10, 1e-14), np.minimum(damping * 10, _STUCK))
+    values, axes = np.linalg.eigh(best.curvature)
+    firm = believable_bend(values, times(axes.swapaxes(-1, -2), best.slope))
+    precision = (axes * firm[:, None]) @ axes.swapaxes(-1, -2)
+    return Summaries(*map(jnp.asarray, (best.u, best.slope, precision, best.value)))
 
 
 class _Expansion(NamedTuple):
     """A log likelihood to second order at ``u``, the curvature being minus its second derivatives."""
 
-    u: Array
-    value: Array
-    slope: Array
-    curvature: Array
+    u: Float[np.ndarray, "impact parameter"]
+    value: Float[np.ndarray, " impact"]
+    slope: Float[np.ndarray, "impact parameter"]
+    curvature: Float[np.ndarray, "impact parameter parameter"]
 
 
-@partial(jax.jit, static_argnames="model")
-def _summarise(
-    model: TraceModel, data: TraceData, start: Array, anchor: Anchor, iterations: int
-) -> Summaries:
-    size = start.shape[1]
+def _expansion(
+    model: TraceModel,
+    data: TraceData,
+    u: Float[np.ndarray, "impact parameter"],
+    curvature: Float[np.ndarray, "impact parameter parameter"] | None,
+) -> _Expansion:
+    """Central differences, by steps as long as a ``curvature`` found nearby asks for.
 
-    def likelihood(u: Array) -> Array:
-        return log_likelihood(model, data, [u[:, a] for a in range(size)])
-
-    def total(u: Array) -> tuple[Array, Array]:
-        value = likelihood(u)
-        return value.sum(), value
-
-    slope_of = jax.grad(total, has_aux=True)
-
-    def expansion(u: Array) -> _Expansion:
-        steps = STEP * jnp.concatenate([jnp.zeros((1, size)), jnp.eye(size), -jnp.eye(size)])
-        slopes, values = jax.lax.map(lambda step: slope_of(u + step), steps)
-        columns = (slopes[1 : size + 1] - slopes[size + 1 :]) / (-2 * STEP)
-        curvature = columns.transpose(1, 2, 0)
-        return _Expansion(u, values[0], slopes[0], (curvature + curvature.swapaxes(1, 2)) / 2)
-
-    def target(at: _Expansion) -> Array:
-        away = at.u - anchor.mean
-        return at.value - jnp.einsum("ia,iab,ib->i", away, anchor.precision, away) / 2
-
-    def next_after(at: _Expansion, damping: Array) -> Array:
-        slope = at.slope - jnp.einsum("iab,ib->ia", anchor.precision, at.u - anchor.mean)
-        values, axes = jnp.linalg.eigh(at.curvature + anchor.precision)
-        firm = jnp.abs(values) + damping[:, None] * jnp.abs(values).max(1, keepdims=True)
-        move = jnp.einsum("iab,ib->ia", axes, jnp.einsum("iba,ib->ia", axes, slope) / firm)
-        # No step may be longer than a unit of a log parameter.
-        return at.u + move * jnp.minimum(1, 1 / jnp.abs(move).max(1, keepdims=True))
-
-    # The likelihood stands here once, since most of a first fit is spent on compiling it: the start is the
-    # first candidate, which nothing beats.
-    def step(_: int, state: tuple[_Expansion, Array, Array, Array]) -> tuple[_Expansion, Array, Array, Array]:
-        best, most, damping, candidate = state
-        tried = expansion(candidate)
-        value = target(tried)
-        better = value > most
-        best = jax.tree.map(
-            lambda new, old: jnp.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old), tried, best
-        )
-        damping = jnp.where(better, damping / 10, jnp.minimum(jnp.maximum(damping, 1e-12) * 10, 1e6))
-        damping = jnp.maximum(damping, 1e-14)
-        return best, jnp.where(better, value, most), damping, next_after(best, damping)
-
-    number = start.shape[0]
-    nothing = _Expansion(start, jnp.zeros(number), jnp.zeros((number, size)), jnp.zeros((number, size, size)))
-    begin = (nothing, jnp.full(number, -jnp.inf), jnp.full(number, 1e-3), jnp.asarray(start))
-    (u, value, slope, curvature), *_ = jax.lax.fori_loop(0, iterations + 1, step, begin)
-    values, axes = jnp.linalg.eigh(curvature)
-    firm = believable_bend(values, jnp.einsum("iab,ia->ib", axes, slope))
-    precision = jnp.einsum("iab,ib,icb->iac", axes, firm, axes)
-    return Summaries(u, slope, precision, value)
+    Where a step leads out of all likelihood there is no expansion, and the value is minus infinity.
+    """
+    size = u.shape[1]
+    bend = np.zeros(u.shape) if curvature is None else np.abs(np.diagonal(curvature, axis1=1, axis2=2))
+    step = np.clip(_STEP / np.sqrt(np.maximum(bend, 1e-300)), _SHORTEST, _LONGEST)
+    first, second = np.triu_indices(size, 1)
+    unit = np.eye(size)
+    both = unit[first] + unit[second]
+    points = np.concatenate([np.zeros((1, size)), unit, -unit, both, -both])
+    middle, up, down, forth, back = np.split(
+        log_likelihoods(model, data, u + points[:, None] * step),
+        np.cumsum([1, size, size, len(both)]),
+    )
+    own = up + down
+    bent = np.empty((size, size, len(u)))
+    bent[range(size), range(size)] = own - 2 * middle
+    bent[first, second] = (forth + back - own[first] - own[second] + 2 * middle) / 2
+    bent[second, first] = bent[first, second]
+    slope = ((up - down) / 2).T / step
+    found = -bent.transpose(2, 0, 1) / (step[:, :, None] * step[:, None])
+    whole = np.isfinite(found).all((1, 2)) & np.isfinite(slope).all(1)
+    return _Expansion(
+        u,
+        np.where(whole, middle[0], -np.inf),
+        np.where(whole[:, None], slope, 0.0),
+        np.where(whole[:, None, None], found, 0.0),
+    )
 
 
-def believable_bend(bend: Float[Array, "*axis"], slope: Float[Array, "*axis"]) -> Float[Array, "*axis"]:
+def _next_after(
+    at: _Expansion, anchor: Anchor, damping: Float[np.ndarray, " impact"]
+) -> tuple[Float[np.ndarray, "impact parameter"], Float[np.ndarray, " impact"]]:
+    """The next candidate, and what the best step there is promises."""
+    slope = at.slope - times(anchor.precision, at.u - anchor.mean)
+    values, axes = np.linalg.eigh(at.curvature + anchor.precision)
+    bend = np.abs(values)
+    along = times(axes.swapaxes(-1, -2), slope)
+    firm = bend + damping[:, None] * bend.max(1, keepdims=True)
+    move = times(axes, along / firm)
+    promised = (along**2 / np.maximum(bend, 1e-300)).sum(1) / 2
+    # No step may be longer than a unit of a log parameter.
+    longest = np.maximum(np.abs(move).max(1, keepdims=True), 1.0)
+    return at.u + move / longest, promised
+
+
+def chosen(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    """Of each impact the new, where it is better."""
+    return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+
+def believable_bend(
+    bend: Float[np.ndarray, "*axis"], slope: Float[np.ndarray, "*axis"]
+) -> Float[np.ndarray, "*axis"]:
     """Minus the second derivative along each axis of an expansion, such that it promises no wonders.
 
     A likelihood anchored away from its own maximum may bend the wrong way there. Its summary
@@ -139,15 +174,14 @@ def believable_bend(bend: Float[Array, "*axis"], slope: Float[Array, "*axis"]) -
         slope: along the axis.
     """
     believed = (bend > 0) & (slope**2 < 2 * _MOST_GAIN * bend)
-    return jnp.maximum(jnp.where(believed, bend, slope**2 / (2 * _LEAST_GAIN)), _LEAST_BEND)
+    return np.maximum(np.where(believed, bend, slope**2 / (2 * _LEAST_GAIN)), _LEAST_BEND)
 
 
-def least_bend(slope: Float[Array, "*axis"]) -> Float[Array, "*axis"]:
+def least_bend(slope: Float[np.ndarray, "*axis"]) -> Float[np.ndarray, "*axis"]:
     """The bend with which a summary of this slope still promises no wonders, next to nothing without one."""
-    return jnp.maximum(slope**2 / (2 * _MOST_GAIN), _LEAST_PRECISION)
+    return np.maximum(slope**2 / (2 * _MOST_GAIN), _LEAST_PRECISION)
 
 
 def loose_anchor(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) -> Anchor:
     """A weak anchor about the first guess."""
-    number, size = start.shape
-    return Anchor(jnp.asarray(start), jnp.broadcast_to(jnp.eye(size) / sd**2, (number, size, size)))
+    return Anchor(np.asarray(start), np.eye(start.shape[1]) / sd**2)

@@ -1,0 +1,45 @@
+"""Every trace's log likelihood at several points at once.
+
+Most of a short fit is spent in the compiler, and most of that on the likelihood. Whoever needs no more than
+its values asks here, so that it is compiled once for all of them; what is done with the values is arithmetic
+on whole arrays, which needs no compiler.
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood
+from bayestissue.inference.compiling import compiled_sooner
+
+# Points of one call: as few as are asked for then, so that one compilation serves any number.
+POINTS = 64
+
+
+def log_likelihoods(
+    model: TraceModel, data: TraceData, u: Float[np.ndarray, "point impact parameter"]
+) -> Float[np.ndarray, "point impact"]:
+    """Log density of each trace at each of its points, the chain's errors integrated out.
+
+    Minus infinity where there is none.
+    """
+    u = np.asarray(u)
+    found = np.empty(u.shape[:2])
+    filled = np.zeros((POINTS, *u.shape[1:]))
+    for begin in range(0, len(u), POINTS):
+        part = u[begin : begin + POINTS]
+        filled[: len(part)] = part
+        found[begin : begin + POINTS] = _at_points(model, data, filled, len(part))[: len(part)]
+    return np.where(np.isfinite(found), found, -np.inf)
+
+
+@compiled_sooner("model")
+def _at_points(model: TraceModel, data: TraceData, u: Array, number: int) -> Array:
+    def one(place: Array, found: Array) -> Array:
+        return found.at[place].set(log_likelihood(model, data, list(u[place].T)))
+
+    return jax.lax.fori_loop(0, number, one, jnp.zeros(u.shape[:2]))

@@ -1,0 +1,126 @@
+"""Better summaries of traces, from the moments of their likelihoods.
+
+Each trace's likelihood is compared with its summary at a few points drawn where the whole data set says
+that its parameters are.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.special import logsumexp
+from scipy.stats import norm, qmc
+
+from bayestissue.hierarchy.conditional import Summaries
+from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.inference.trace_densities import log_likelihoods
+from bayestissue.inference.trace_summaries import Anchor, chosen, least_bend, times
+
+POINTS = 64
+
+
+class Points(NamedTuple):
+    """Points at which likelihood and summary were compared.
+
+    Attributes:
+        u: the points.
+        log_ratio: log of likelihood over summary.
+    """
+
+    u: Float[np.ndarray, "point impact parameter"]
+    log_ratio: Float[np.ndarray, "point impact"]
+
+
+def standard_points(size: int, number: int = POINTS) -> Float[np.ndarray, "point parameter"]:
+    """Normal points that fill the space evenly: Sobol's sequence and its mirror image."""
+    uniform = qmc.Sobol(size, seed=20).random(number // 2)
+    half = norm.ppf(np.clip(uniform, 1e-9, 1 - 1e-9))
+    return np.concatenate([half, -half])
+
+
+def points_of(
+    summaries: Summaries, anchor: Anchor, standard: Float[np.ndarray, "point parameter"]
+) -> Float[np.ndarray, "point impact parameter"]:
+    """Standard normals taken to where the population and the summaries put each impact's parameters.
+
+    That is N(m + V (g + D (a - m)), V) with V = (P + D)^-1, the anchor being N(a, D^-1).
+    """
+    centre, slope = np.asarray(summaries.centre), np.asarray(summaries.slope)
+    whole = np.asarray(summaries.precision) + anchor.precision
+    shift = np.linalg.solve(whole, (slope + times(anchor.precision, anchor.mean - centre))[..., None])[..., 0]
+    inverse_root = np.linalg.inv(np.linalg.cholesky(whole))
+    return centre + shift + np.einsum("iba,pb->pia", inverse_root, standard)
+
+
+def compare(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    anchor: Anchor,
+    standard: Float[np.ndarray, "point parameter"],
+) -> Points:
+    """Compare where the population and the summaries put each impact's parameters."""
+    u = points_of(summaries, anchor, standard)
+    return Points(u, log_likelihoods(model, data, u) - log_summary(summaries, u))
+
+
+def log_summary(
+    summaries: Summaries, u: Float[np.ndarray, "*point impact parameter"]
+) -> Float[np.ndarray, "*point impact"]:
+    """See `Summaries.log_summary`."""
+    centre, slope, precision, level = map(np.asarray, summaries)
+    away = u - centre
+    return level + (away * (slope - times(precision, away) / 2)).sum(-1)
+
+
+def refine(summaries: Summaries, anchor: Anchor, points: Points, *, bent: bool = False) -> Summaries:
+    """Summaries whose product with the population's expectation has the mean and covariance of the truth.
+
+    One step of expectation propagation (Minka 2001), the moments taken over the compared points. Where a
+    moment leaves no positive precision to the trace along some axis, the trace being open on that side, its
+    old summary stays; or, if that is to be ``bent``, it gets as little precision there as is believable, and
+    only the mean is met. It stays too where the points tell too little.
+    """
+    number = len(points.u)
+    most = points.log_ratio.max(0)
+    told = np.isfinite(most)
+    weight = np.exp(points.log_ratio - np.where(told, most, 0.0))
+    weight = np.where(told, weight, 1.0)
+    weight /= weight.sum(0)
+    told &= 1 / np.square(weight).sum(0) > number / 4
+    mean = np.einsum("pi,pia->ia", weight, points.u)
+    away = points.u - mean
+    covariance = np.einsum("pi,pia,pib->iab", weight, away, away, optimize=True)
+    # The same points give the same error where the moments are known: those of the normal itself.
+    plain = points.u - points.u.mean(0)
+    exact = np.linalg.inv(np.asarray(summaries.precision) + anchor.precision)
+    covariance += exact - np.einsum("pia,pib->iab", plain, plain, optimize=True) / number
+    bend = np.linalg.inv(np.where(told[:, None, None], covariance, exact)) - anchor.precision
+    values, axes = np.linalg.eigh(bend)
+    slope = times(anchor.precision, mean - anchor.mean)
+    firm = np.maximum(values, least_bend(times(axes.swapaxes(-1, -2), slope)))
+    precision = (axes * firm[:, None]) @ axes.swapaxes(-1, -2)
+    found = Summaries(mean, slope, precision, np.zeros(len(mean)))  # type: ignore[arg-type]
+    # Equal evidence under this population, old and new: the level follows.
+    mean_ratio = np.where(
+        told, logsumexp(np.where(told, points.log_ratio, 0.0), axis=0) - np.log(number), 0.0
+    )
+    level = mean_ratio + log_evidence(summaries, anchor) - log_evidence(found, anchor)
+    usable = told & ((values[:, 0] > 0) | bent) & np.isfinite(level)
+    made = (mean, slope, precision, level)
+    pairs = zip(made, map(np.asarray, summaries), strict=True)
+    return Summaries(*(jnp.asarray(chosen(usable, *pair)) for pair in pairs))
+
+
+def log_evidence(summaries: Summaries, anchor: Anchor) -> Float[np.ndarray, " impact"]:
+    """Log of the integral of each summary over the anchor, a normal density."""
+    centre, slope, precision, level = map(np.asarray, summaries)
+    away = anchor.mean - centre
+    pulled = times(anchor.precision, away)
+    whole, right = precision + anchor.precision, slope + pulled
+    gained = (right * np.linalg.solve(whole, right[..., None])[..., 0]).sum(-1) - (away * pulled).sum(-1)
+    spread = np.linalg.slogdet(anchor.precision)[1] - np.linalg.slogdet(whole)[1]
+    return level + (gained + spread) / 2

@@ -1,0 +1,165 @@
+"""Expansions and moments of traces' likelihoods, against derivatives and closed forms."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.stats import multivariate_normal
+
+from bayestissue.hierarchy.conditional import Summaries
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import log_likelihood, with_normal_errors
+from bayestissue.inference.trace_densities import POINTS, log_likelihoods
+from bayestissue.inference.trace_moments import Points, log_evidence, log_summary, points_of, refine
+from bayestissue.inference.trace_start import first_guess
+from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
+from bayestissue.simulation import simulate
+from bayestissue.simulation.specification import Simulation
+
+TRUTH = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
+KINDS = ("arma", "impact")
+
+
+@cache
+def prepared(kind: str) -> Prepared:
+    made = simulate(
+        Simulation.model_validate(
+            {
+                "name": "six impacts",
+                "seed": 4,
+                "design": {
+                    "subjects": 2,
+                    "conditions": [
+                        {"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5}
+                        for mass in (0.4, 0.9, 1.3)
+                    ],
+                },
+                "tissue": TRUTH,
+                "recording": {"sampling_rate_hz": 2000.0, "noise_relative_to_peak": 0.005},
+            }
+        )
+    )
+    return prepare(
+        made.dataset("six"),
+        ModelSpecification.model_validate({"name": kind, "likelihood": kind}),
+        source="model",
+    )
+
+
+def summaries_of(size: int, impacts: int = 5) -> tuple[Summaries, Anchor]:
+    rng = np.random.default_rng(7)
+    root = rng.standard_normal((impacts + 1, size, size))
+    precision = root @ root.swapaxes(1, 2) + np.eye(size)
+    centre, slope = rng.standard_normal((2, impacts, size))
+    parts = (centre, slope, precision[1:], rng.standard_normal(impacts))
+    return Summaries(*map(jnp.asarray, parts)), Anchor(rng.standard_normal((impacts, size)), precision[0])
+
+
+@pytest.mark.parametrize("number", [1, POINTS, POINTS + 3])
+def test_values_do_not_depend_on_how_many_are_asked_for(number: int) -> None:
+    given = prepared("impact")
+    rng = np.random.default_rng(number)
+    u = first_guess(given) + 0.1 * rng.standard_normal((number, 6, 3))
+    u[0, 2, 0] = np.nan
+    found = log_likelihoods(given.model, given.data, u)
+    single = jax.jit(lambda each: log_likelihood(given.model, given.data, list(each.T)))
+    alone = np.array([single(each) for each in u])
+    assert found[0, 2] == -np.inf
+    finite = np.isfinite(alone)
+    # The same sums in another order of rounding, of some hundred terms.
+    np.testing.assert_allclose(found[finite], alone[finite], rtol=1e-11)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_an_expansion_has_the_derivatives_of_the_likelihood(kind: str) -> None:
+    given = prepared(kind)
+    data = with_normal_errors(given.data)
+    start = first_guess(given)
+    found = summarise_traces(given.model, data, start, loose_anchor(start))
+
+    def value(u: jax.Array) -> jax.Array:
+        return log_likelihood(given.model, data, list(u.T)).sum()
+
+    slope = jax.grad(value)(found.centre)
+    bend = -jnp.stack(
+        [jax.jvp(jax.grad(value), (found.centre,), (jnp.zeros_like(slope).at[:, a].set(1.0),))[1]
+         for a in range(start.shape[1])], axis=-1
+    )  # fmt: skip
+    sd = 1 / np.sqrt(np.diagonal(np.asarray(bend), axis1=1, axis2=2))
+    # Each parameter's likelihood changes over a fortieth of a unit or more: a third derivative is up to forty
+    # times the second, or the first where that saturates. Values are rounded in the twelfth digit.
+    step = np.minimum(0.03 * sd, 0.003)
+    off = 40 * step**2 / 6 * (1 / sd + np.abs(np.asarray(slope)) * sd) + 1e-9
+    assert (np.abs(np.asarray(found.slope - slope)) * sd < off).all()
+    scaled = np.asarray(found.precision - bend) * sd[:, :, None] * sd[:, None]
+    assert np.abs(scaled).max() < 40**2 * step.max() ** 2 / 12 + 1e-6
+    # Where the search ended no step promises more than a millionth.
+    anchor = loose_anchor(start)
+    total = np.asarray(slope) - (np.asarray(found.centre) - anchor.mean) @ anchor.precision
+    assert np.abs(total * sd).max() < 1e-2
+
+
+def test_a_first_guess_is_near_the_truth() -> None:
+    guess = first_guess(prepared("impact"))
+    # Noise of half a percent of the peak, offset and gain unknown: K and C to a few percent.
+    np.testing.assert_allclose(guess[:, 0], np.log(TRUTH["K_N_per_m"]), atol=0.1)
+    np.testing.assert_allclose(guess[:, 1], np.log(TRUTH["C_N_s_per_m"]), atol=0.3)
+
+
+@pytest.mark.parametrize("size", [2, 4])
+def test_points_are_of_the_product_of_summary_and_population(size: int) -> None:
+    summaries, anchor = summaries_of(size)
+    z = np.concatenate([np.zeros((1, size)), np.eye(size)])
+    mean, *axes = points_of(summaries, anchor, z)
+    root = np.stack(axes, axis=-1) - mean[..., None]
+    covariance = np.linalg.inv(np.asarray(summaries.precision) + anchor.precision)
+    np.testing.assert_allclose(root @ root.swapaxes(1, 2), covariance, rtol=1e-9, atol=1e-12)
+    # Log of the product falls off from the mean on every side alike.
+    step = 0.3 * np.random.default_rng(1).standard_normal(mean.shape)
+    product = [log_summary(summaries, u) + anchor.log_density(u) for u in (mean + step, mean - step)]
+    np.testing.assert_allclose(product[0], product[1], rtol=1e-9)
+
+
+def test_the_evidence_of_a_summary_is_its_integral() -> None:
+    summaries, anchor = summaries_of(3)
+    found = log_evidence(summaries, anchor)
+    # exp(g s - s' P s / 2) about m is a normal density times a constant.
+    for i in range(len(found)):
+        centre, slope, precision, level = (np.asarray(part)[i] for part in summaries)
+        inverse = np.linalg.inv(precision)
+        constant = slope @ inverse @ slope / 2 + np.log(np.linalg.det(2 * np.pi * inverse)) / 2
+        away = centre + inverse @ slope
+        overlap = multivariate_normal(anchor.mean[i], inverse + np.linalg.inv(anchor.precision)).logpdf(away)
+        np.testing.assert_allclose(found[i], level + constant + overlap, rtol=1e-9)
+
+
+def test_moments_find_a_normal_likelihood_from_any_summary() -> None:
+    old, anchor = summaries_of(2)
+    truth = old._replace(
+        precision=2 * old.precision, slope=old.slope + 1, log_likelihood=old.log_likelihood + 3
+    )
+    z = np.random.default_rng(3).standard_normal((40_000, 2))
+    u = points_of(old, anchor, z)
+    found = refine(old, anchor, Points(u, log_summary(truth, u) - log_summary(old, u)))
+    # Moments of 40,000 draws, weighted: half a percent of each standard deviation, and twice that of squares.
+    whole = np.asarray(truth.precision) + anchor.precision
+    np.testing.assert_allclose(np.asarray(found.precision) + anchor.precision, whole, rtol=0.1, atol=0.3)
+    exact, near = log_evidence(truth, anchor), log_evidence(found, anchor)
+    np.testing.assert_allclose(near, exact, atol=0.05)
+
+
+def test_points_without_any_likelihood_leave_a_summary_as_it_was() -> None:
+    old, anchor = summaries_of(2)
+    u = points_of(old, anchor, np.random.default_rng(3).standard_normal((64, 2)))
+    ratio = np.zeros(u.shape[:2])
+    ratio[:, 1] = -np.inf
+    ratio[1:, 3] = -np.inf
+    found = refine(old, anchor, Points(u, ratio))
+    for new, before in zip(found, old, strict=True):
+        np.testing.assert_array_equal(np.asarray(new)[[1, 3]], np.asarray(before)[[1, 3]])
+        assert np.isfinite(np.asarray(new)).all()
