@@ -146,7 +146,7 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
             return log_likelihood(model, data, u) - summaries.log_summary(u)
 
         direct = jax.nn.logsumexp(jax.lax.map(ratio, many), axis=0) - np.log(len(many))
-        return log_corrections(ratios, summaries, found.parts, about), direct
+        return log_corrections(ratios, summaries, found.parts.prior, about), direct
 
     first = jax.tree.map(lambda values: values[:8], (sites, b))
     tabulated, direct = (np.asarray(values) for values in jax.jit(lambda d: jax.lax.map(both, d))(first))

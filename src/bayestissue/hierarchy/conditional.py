@@ -77,11 +77,6 @@ class ImpactParts(NamedTuple):
     pull: list[Array]
     constant: Array
 
-    def prior_times(self, away: list[Array]) -> list[Array]:
-        """D times a vector; only the first two parameters, log K and log C, are coupled."""
-        pair = [small.dot(row[:2], away[:2]) for row in self.prior[:2]]
-        return [*pair, *(self.prior[a][a] * away[a] for a in range(2, len(away)))]
-
 
 def condition(
     design: PopulationDesign,
@@ -147,11 +142,17 @@ def impact_values(
     """The same from the impacts' parts alone."""
     size = len(about)
     away = [about[a] - summaries.centre[:, a] for a in range(size)]
-    pulled = parts.prior_times(away)
+    pulled = prior_times(parts.prior, away)
     right = [summaries.slope[:, a] + pulled[a] for a in range(size)]
     half = small.forward_solve(parts.factor, right)
     whole = small.backward_solve(parts.factor, [half[a] + standard[:, a] for a in range(size)])
     return [summaries.centre[:, a] + whole[a] for a in range(size)]
+
+
+def prior_times(prior: small.Matrix, away: small.Vector) -> list[Array]:
+    """D times a vector; only the first two parameters, log K and log C, are coupled."""
+    pair = [small.dot(row[:2], away[:2]) for row in prior[:2]]
+    return [*pair, *(prior[a][a] * away[a] for a in range(2, len(away)))]
 
 
 def impact_log_evidence(

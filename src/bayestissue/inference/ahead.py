@@ -43,7 +43,9 @@ from bayestissue.inference.compiling import (
     length_of_piece,
 )
 from bayestissue.inference.ratios import compare_over
-from bayestissue.inference.trace_moments import POINTS
+from bayestissue.inference.trace_densities import POINTS, densities_at
+from bayestissue.inference.trace_expectation import DRAWS as DRAWS_OF_CALL
+from bayestissue.inference.trace_expectation import expectations_of
 from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, prior_draws, replicates
 from bayestissue.inference.trace_profile import Profile, flat_profile
 
@@ -289,6 +291,9 @@ def _compile(number: int, what: str, job: Job, profiled: bool) -> None:
     if what == CHAINS:
         model = summary_path.spreads_of(job.model)
         _COMPILED[number, what] = partial(run_compiled, compiled, model)
+    elif what == CHOICE:
+        # What it asks for is then in the folder of compiled functions.
+        _COMPILED[number, what] = partial(summary_path.standard_impacts, job.model)
 
 
 def _piece(what: tuple[int, str], given: tuple[Any, ...] | None, piece: tuple[Any, ...]) -> Any:
@@ -323,13 +328,9 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
         arguments = (bare, summaries, profile, warp)
         yield from lowered_chain(summary_path.spreads_of(model), arguments, start, settings)
     elif what == CORRECTION:
-        every = settings.chains * settings.transitions
-        rows = jax.tree.map(lambda leaf: real((every, *leaf.shape[1:])), (raw, z_b))
-        yield from _of_correction(model, data, summaries, profile, *rows)
+        yield from _of_correction(model, data, summaries, profile, settings)
     elif what == CHOICE:
-        candidates = jax.ShapeDtypeStruct((), jnp.int64)
-        rows = _rows_of_piece((raw, z_b, keys))
-        yield summary_path.standard_impacts.lower(model, data, summaries, candidates, *rows)
+        yield densities_at.lower(model, data, real((POINTS, impacts, size)), 1)
     elif what == DRAWS:
         flat = raw | {"standard_locations": z_b, "standard_impacts": real((number, impacts, size))}
         groups = tuple(jax.ShapeDtypeStruct((count,), jnp.int64) for count in codes)
@@ -351,18 +352,20 @@ def _rows_of_piece(rows: Any) -> Any:
 
 
 def _of_correction(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Summaries,
-    profile: Profile | None,
-    raw: dict[str, Any],
-    z_b: Any,
+    model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None, settings: Sampler
 ) -> Iterator[Any]:
     bare = data._replace(record=None)  # type: ignore[arg-type]
-    some = jax.tree.map(lambda leaf: jax.ShapeDtypeStruct((POINTS, *leaf.shape[1:]), leaf.dtype), (raw, z_b))
-    yield summary_path.locations_of.lower(model, bare, summaries, *some)
-    part = summary_path.locations_of.eval_shape(model, bare, summaries, *some)
-    standard = jax.ShapeDtypeStruct((POINTS, summaries.centre.shape[1]), jnp.float64)
+    real = partial(jax.ShapeDtypeStruct, dtype=jnp.float64)
+    some = (
+        {name: real((DRAWS_OF_CALL,)) for name in model.spreads},
+        real((DRAWS_OF_CALL, model.locations.size)),
+    )
+    yield expectations_of.lower(model, bare, summaries, *some, 1)
+    found = expectations_of.eval_shape(model, bare, summaries, *some, 1)
+    standard = real((POINTS, summaries.centre.shape[1]))
+    part = ({name: real((POINTS,)) for name in model.spreads}, real((POINTS, model.locations.size)))
     yield compare_over.lower(model, data, summaries, part, standard, profile)
     ratios = compare_over.eval_shape(model, data, summaries, part, standard, profile)
-    yield summary_path.log_weights.lower(model, bare, summaries, ratios, raw, z_b)
+    every = settings.chains * settings.transitions
+    rows = (real((every, *each.shape[1:])) for each in (found.about, found.precision))
+    yield summary_path.log_weights.lower(summaries, ratios, *rows)

@@ -228,4 +228,4 @@ def _correction(points: Ratios, summaries: Summaries, v: Array) -> Array:
     own = (v[:, size], v[:, size + 1], v[:, size + 2])
     nuisance = tuple(jnp.sqrt(v[:, size + 3 + k]) for k in range(size - 2))
     parts = impact_parts(Spread(own, nuisance, jnp.zeros(0)), known)
-    return log_corrections(points, known, parts, about)
+    return log_corrections(points, known, parts.prior, about)

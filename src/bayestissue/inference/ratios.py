@@ -16,7 +16,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.conditional import ImpactParts, Summaries, impact_parts
+from bayestissue.hierarchy.conditional import Summaries, impact_parts, prior_times
 from bayestissue.hierarchy.population import Spread, expected
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, population
 from bayestissue.inference.compiling import compiled_sooner
@@ -117,7 +117,7 @@ def compare_over_about(
 
     def conditional(part: tuple[Spread, list[Array]]) -> tuple[Array, Array]:
         spread, about = part
-        return _conditional(impact_parts(spread, summaries), summaries, about, order)
+        return _conditional(impact_parts(spread, summaries).prior, summaries, about, order)
 
     shifts, factors = jax.lax.map(conditional, (spreads, abouts))
     places = _tabulated(jnp.moveaxis(shifts, 0, 1), jnp.moveaxis(factors, 0, 2), tables)
@@ -170,15 +170,15 @@ def _chebyshev() -> np.ndarray:
 
 
 def log_corrections(
-    ratios: Ratios, summaries: Summaries, parts: ImpactParts, about: list[Array]
+    ratios: Ratios, summaries: Summaries, prior: small.Matrix, about: list[Array]
 ) -> Float[Array, " impact"]:
-    """Log of each trace's true evidence over its summary's, given X b and the spreads, up to a constant.
+    """Log of each trace's true evidence over its summary's, given X b and D, up to a constant.
 
     The mean of likelihood over summary under the normal conditional of u: those of the tables, times that of
     the points, reweighted, over the other parameters.
     """
     order = _order(ratios.u.shape[-1], len(ratios.tables))
-    shift, factor = _conditional(parts, summaries, about, order)
+    shift, factor = _conditional(prior, summaries, about, order)
     free = len(order) - len(ratios.tables)
     log_weight = _log_normal(ratios.u, summaries, shift, factor, order, free) - ratios.log_density
     weighted, weight = (jax.nn.logsumexp(w, axis=0) for w in (log_weight + ratios.log_ratio, log_weight))
@@ -194,7 +194,7 @@ def _order(size: int, tables: int) -> list[int]:
 
 
 def _conditional(
-    parts: ImpactParts, summaries: Summaries, about: list[Array], order: list[int]
+    prior: small.Matrix, summaries: Summaries, about: list[Array], order: list[int]
 ) -> tuple[Float[Array, "parameter impact"], Float[Array, "parameter parameter impact"]]:
     """The normal conditional of an impact's parameters in that order: L^-1 (g + D (X b - m)) and L.
 
@@ -202,9 +202,9 @@ def _conditional(
     Parameters that the order leaves out have no part in the summaries.
     """
     own, size = small.entries(summaries.precision), len(order)
-    factor = small.cholesky([[own[a][b] + parts.prior[a][b] for b in order] for a in order])
+    factor = small.cholesky([[own[a][b] + prior[a][b] for b in order] for a in order])
     away = [about[a] - summaries.centre[:, a] for a in range(size)]
-    pulled = parts.prior_times(away)
+    pulled = prior_times(prior, away)
     shift = small.forward_solve(factor, [summaries.slope[:, a] + pulled[a] for a in order])
     zero = jnp.zeros_like(shift[0])
     lower = [[factor[a][b] + zero if b <= a else zero for b in range(size)] for a in range(size)]

@@ -17,11 +17,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.conditional import Summaries, impact_parameters
+from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, located, log_likelihood
+from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference import wide_summaries
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.compiling import (
@@ -36,7 +37,9 @@ from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
 from bayestissue.inference.sampling import Draws, Progress, silent
-from bayestissue.inference.trace_moments import standard_points
+from bayestissue.inference.trace_densities import log_likelihoods
+from bayestissue.inference.trace_expectation import Expectations, expectations
+from bayestissue.inference.trace_moments import log_summary, normals, standard_points
 from bayestissue.inference.trace_profile import Profile
 from bayestissue.inference.trace_start import (
     LAST,
@@ -45,6 +48,8 @@ from bayestissue.inference.trace_start import (
     spreads_of_summaries,
     summarise,
 )
+from bayestissue.inference.trace_summaries import Anchor
+from bayestissue.likelihood import small
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
 # Summaries beside a discrepancy are made again, so often at most, while less of the draws' worth is left.
@@ -134,10 +139,13 @@ def _with_impacts(
 ) -> tuple[Draws, Correction]:
     """The population's draws, and each impact's parameters under every one."""
     model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
-    of_draws = jax.random.split(found.key, len(found.z_b))
     candidates = _candidates(model, found.ratios, profile, found.compared)
     choose = partial(standard_impacts, model)
-    shared, rows = (prepared.data, summaries, candidates), (found.raw, found.z_b, of_draws)
+    seeds = found.rng.integers(2**32, size=len(found.z_b))
+    shared, rows = (
+        (prepared.data, summaries, candidates),
+        (found.expected.about, found.expected.precision, seeds),
+    )
     z_u = in_pieces(helper, CHOICE, choose, shared, rows)
     sites = {**found.raw, "standard_locations": found.z_b, "standard_impacts": z_u}
     shape = (settings.chains, settings.draws)
@@ -156,19 +164,21 @@ class _Population(NamedTuple):
         chains: as the sampler left them.
         raw: the spreads, unconstrained.
         z_b: the standard locations.
+        expected: what they expect of every impact.
         correction: what the weights are worth.
-        compared: spreads and b at which ``ratios`` were taken.
+        compared: draws at which ``ratios`` were taken.
         ratios: likelihood over summary there.
-        key: for what follows.
+        rng: for what follows.
     """
 
     chains: Draws
-    raw: dict[str, Array]
-    z_b: Array
+    raw: dict[str, np.ndarray]
+    z_b: np.ndarray
+    expected: Expectations
     correction: Correction
-    compared: tuple[dict[str, Array], Array]
+    compared: Expectations
     ratios: Ratios
-    key: Array
+    rng: np.random.Generator
 
 
 def _population_draws(
@@ -194,27 +204,30 @@ def _population_draws(
         helper=helper,
     )
     shape = (settings.chains, settings.transitions)
-    raw = {name: jnp.asarray(values.reshape(-1)) for name, values in chains.sites.items()}
-    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 3)
-    z_b = jax.random.normal(keys[0], (shape[0] * shape[1], model.locations.size))
+    rng = np.random.default_rng([seed, 21])
+    raw = {name: values.reshape(-1) for name, values in chains.sites.items()}
+    z_b = rng.standard_normal((shape[0] * shape[1], model.locations.size))
     if profile is not None:
         last = raw.pop(LAST)
-        z_b = z_b.at[:, -1].set(last if summarised.warp is None else summarised.warp(last))
-    standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
-    some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
+        z_b[:, -1] = last if summarised.warp is None else summarised.warp(jnp.asarray(last))
     helper.wait(CORRECTION)
-    part = locations_of(
-        model, data, summaries, {name: values[some] for name, values in raw.items()}, z_b[some]
-    )
-    ratios = compare_over(model, prepared.data, summaries, part, standard, profile)
-    log_weight = np.asarray(log_weights(model, data, summaries, ratios, raw, z_b))
+    every = expectations(model, data, summaries, raw, z_b)
+    standard = standard_points(summaries.centre.shape[1])
+    some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
+    compared = _rows(every, some)
+    ratios = compare_over(model, prepared.data, summaries, (compared.sites, compared.b), standard, profile)
+    log_weight = np.asarray(log_weights(summaries, ratios, every.about, every.precision))
     smoothed, k = pareto_smoothed(log_weight)
     weight = np.exp(smoothed.reshape(shape))
-    chosen = _resample(weight, settings.draws, np.random.default_rng([seed, 21]))
+    chosen = _resample(weight, settings.draws, rng)
     effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
     correction = Correction(k, float(effective))
     raw = {name: values[chosen] for name, values in raw.items()}
-    return _Population(chains, raw, z_b[chosen], correction, part, ratios, keys[2])
+    return _Population(chains, raw, z_b[chosen], _rows(every, chosen), correction, compared, ratios, rng)
+
+
+def _rows(every: Expectations, chosen: np.ndarray) -> Expectations:
+    return jax.tree.map(lambda values: values[chosen], every)
 
 
 def _beside_a_discrepancy(
@@ -234,8 +247,8 @@ def _beside_a_discrepancy(
     flat = rng.multivariate_normal(
         [float(mode[name]) for name in names], summarised.spreads.covariance, count
     )
-    raw = {name: jnp.asarray(flat[:, place]) for place, name in enumerate(names)}
-    z_b = jnp.asarray(rng.standard_normal((count, prepared.model.locations.size)))
+    raw = {name: flat[:, place] for place, name in enumerate(names)}
+    z_b = rng.standard_normal((count, prepared.model.locations.size))
     made = []
     for again in range(1 + _MOST_AGAIN):
         summarised = _about_draws(prepared, summarised, (raw, z_b), seed + again)
@@ -250,17 +263,16 @@ def _beside_a_discrepancy(
 
 
 def _about_draws(
-    prepared: Prepared, summarised: Summarised, draws: tuple[dict[str, Array], Array], seed: int
+    prepared: Prepared, summarised: Summarised, draws: tuple[dict[str, np.ndarray], np.ndarray], seed: int
 ) -> Summarised:
     """Summaries made anew about draws of the population."""
-    summaries = wide_summaries.regressed(prepared.model, prepared.data, summarised.summaries, draws, seed)
+    expected = expectations(prepared.model, prepared.data, summarised.summaries, *draws)
+    summaries = wide_summaries.regressed(prepared.model, prepared.data, summarised.summaries, expected, seed)
     near = {name: np.asarray(values.mean()) for name, values in draws[0].items()}
     return Summarised(summaries, spreads_of_summaries(prepared, summaries, near), None)
 
 
-def _candidates(
-    model: TraceModel, ratios: Ratios, profile: Profile | None, part: tuple[dict[str, Array], Array]
-) -> Array:
+def _candidates(model: TraceModel, ratios: Ratios, profile: Profile | None, part: Expectations) -> int:
     """How many candidates an impact's parameters are chosen from.
 
     The choice is off the truth by about v / n, v being the variance of likelihood over summary relative to
@@ -268,11 +280,13 @@ def _candidates(
     """
     varies = _relative_variance(ratios.log_ratio)
     if profile is not None:
-        sites, b = part
-        of_profile = profile.over(b[:, -1], sites[f"sd_{model.nuisance[-1]}"])
+        of_profile = _over(profile, part.b[:, -1], part.sites[f"sd_{model.nuisance[-1]}"])
         varies = (1 + varies) * (1 + _relative_variance(of_profile)) - 1
     wanted = np.ceil(varies / _OFF) if np.isfinite(varies) else CANDIDATES
-    return jnp.asarray(np.int64(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES)))
+    return int(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES))
+
+
+_over = compiled_quickly()(Profile.over)
 
 
 def _relative_variance(log_weight: Array) -> float:
@@ -299,35 +313,20 @@ def spreads_of(model: TraceModel) -> Callable[..., None]:
     return partial(spreads_model, model)
 
 
-@compiled_quickly("model")
-def locations_of(
-    model: TraceModel, data: TraceData, summaries: Summaries, raw: dict[str, Array], z_b: Array
-) -> tuple[dict[str, Array], Array]:
-    """Spreads and b of some draws."""
-
-    def one(draw: tuple[dict[str, Array], Array]) -> tuple[dict[str, Array], Array]:
-        sites = constrained(model, draw[0])
-        return sites, located(model, data, summaries, sites, draw[1]).b
-
-    return jax.lax.map(one, (raw, z_b))
-
-
-@compiled_sooner("model")
+@compiled_sooner()
 def log_weights(
-    model: TraceModel,
-    data: TraceData,
     summaries: Summaries,
     ratios: Ratios,
-    raw: dict[str, Array],
-    z_b: Array,
-) -> Array:
+    about: Float[Array, "draw impact parameter"],
+    precision: Float[Array, "draw parameter parameter"],
+) -> Float[Array, " draw"]:
     """Log of the true evidence over the summaries', for each draw of the population."""
 
-    def one(draw: tuple[dict[str, Array], Array]) -> Array:
-        found = located(model, data, summaries, constrained(model, draw[0]), draw[1])
-        return log_corrections(ratios, summaries, found.conditional.parts, found.about).sum()
+    def one(draw: tuple[Array, Array]) -> Array:
+        columns = [draw[0][:, a] for a in range(draw[0].shape[1])]
+        return log_corrections(ratios, summaries, small.entries(draw[1]), columns).sum()
 
-    return jax.lax.map(one, (raw, z_b))
+    return jax.lax.map(one, (about, precision))
 
 
 def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.ndarray:
@@ -342,34 +341,28 @@ def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.n
     return np.concatenate(chosen)
 
 
-@compiled_sooner("model")
 def standard_impacts(
     model: TraceModel,
     data: TraceData,
     summaries: Summaries,
-    candidates: Array,
-    raw: dict[str, Array],
-    z_b: Array,
-    keys: Array,
-) -> Array:
+    candidates: int,
+    about: Float[np.ndarray, "draw impact parameter"],
+    precision: Float[np.ndarray, "draw parameter parameter"],
+    seeds: Int[np.ndarray, " draw"],
+) -> Float[np.ndarray, "draw impact parameter"]:
     """Standard normals of every impact, one of a few candidates each, chosen by likelihood over summary."""
-    shape = summaries.centre.shape
-
-    def one(draw: tuple[dict[str, Array], Array, Array]) -> Array:
-        own, z, key = draw
-        _, about, conditional = located(model, data, summaries, constrained(model, own), z)
-
-        def consider(number: Array, kept: tuple[Array, Array]) -> tuple[Array, Array]:
-            best, most = kept
-            of_candidate, of_choice = jax.random.split(jax.random.fold_in(key, number))
-            candidate = jax.random.normal(of_candidate, shape)
-            u = impact_parameters(conditional, summaries, about, candidate)
-            ratio = log_likelihood(model, data, u) - summaries.log_summary(u)
-            # The greatest of these sums is a choice by likelihood over summary (Gumbel 1954).
-            value = jnp.nan_to_num(ratio, nan=-jnp.inf) + jax.random.gumbel(of_choice, ratio.shape)
-            better = (value > most) | (number == 0)
-            return jnp.where(better[:, None], candidate, best), jnp.where(better, value, most)
-
-        return jax.lax.fori_loop(0, candidates, consider, (jnp.zeros(shape), jnp.full(shape[0], -jnp.inf)))[0]
-
-    return jax.lax.map(one, (raw, z_b, keys))
+    given, rng = (
+        normals(summaries, Anchor(about, np.asarray(precision)[:, None])),
+        np.random.default_rng(seeds),
+    )
+    best, most = np.zeros(about.shape), np.full(about.shape[:2], -np.inf)
+    for number in range(candidates):
+        z = rng.standard_normal(about.shape)
+        u = given.at(z)
+        ratio = log_likelihoods(model, data, u) - log_summary(summaries, u)
+        # The greatest of these sums is a choice by likelihood over summary (Gumbel 1954).
+        value = ratio + rng.gumbel(size=ratio.shape)
+        better = (value > most) | (number == 0)
+        best = np.where(better[..., None], z, best)
+        most = np.where(better, value, most)
+    return best

@@ -33,12 +33,16 @@ def log_likelihoods(
     for begin in range(0, len(u), POINTS):
         part = u[begin : begin + POINTS]
         filled[: len(part)] = part
-        found[begin : begin + POINTS] = _at_points(model, data, filled, len(part))[: len(part)]
+        found[begin : begin + POINTS] = densities_at(model, data, filled, len(part))[: len(part)]
     return np.where(np.isfinite(found), found, -np.inf)
 
 
 @compiled_sooner("model")
-def _at_points(model: TraceModel, data: TraceData, u: Array, number: int) -> Array:
+def densities_at(
+    model: TraceModel, data: TraceData, u: Float[Array, "point impact parameter"], number: int
+) -> Float[Array, "point impact"]:
+    """What is compiled of `log_likelihoods`: the first so many of `POINTS` points."""
+
     def one(place: Array, found: Array) -> Array:
         return found.at[place].set(log_likelihood(model, data, list(u[place].T)))
 

@@ -1,46 +1,99 @@
-"""Where the population puts each impact's parameters, its spreads and all summaries given."""
+"""Where draws of the population put each impact's parameters, before its own trace is heard."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.conditional import Conditional, Summaries, condition
-from bayestissue.hierarchy.population import Spread, expected
-from bayestissue.hierarchy.traces import TraceData, TraceModel, population
-from bayestissue.inference.compiling import compiled_quickly
+from bayestissue.hierarchy.conditional import Summaries
+from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, located
+from bayestissue.inference.compiling import compiled_sooner
 from bayestissue.inference.trace_summaries import Anchor
 
+# Draws of one call: as few as are asked for then, so that one compilation serves any number.
+DRAWS = 64
 
-class Expectation(NamedTuple):
-    """See above.
+
+class Expectations(NamedTuple):
+    """The population of each draw, the summaries given: u of every impact is N(about, precision^-1).
 
     Attributes:
-        spread: the population's spreads.
-        conditional: of b and of each impact, given them.
-        about: X b where b has its conditional mean.
+        sites: the standard deviations and the correlation.
+        b: the locations.
+        about: X b.
+        precision: D.
+        last_mean: conditional mean of the last location.
+        last_root: root of its precision, all other locations integrated out.
     """
 
-    spread: Spread
-    conditional: Conditional
-    about: list[Float[Array, " impact"]]
+    sites: dict[str, Float[np.ndarray, " draw"]]
+    b: Float[np.ndarray, "draw location"]
+    about: Float[np.ndarray, "draw impact parameter"]
+    precision: Float[np.ndarray, "draw parameter parameter"]
+    last_mean: Float[np.ndarray, " draw"]
+    last_root: Float[np.ndarray, " draw"]
 
-    def anchor(self) -> Anchor:
-        """The same as a normal prior of each impact's parameters."""
-        precision = np.array(jax.device_get(self.conditional.parts.prior))
-        return Anchor(np.stack(jax.device_get(self.about), axis=1), precision)
+    def anchor(self, draw: int) -> Anchor:
+        """That of one draw."""
+        return Anchor(self.about[draw], self.precision[draw])
+
+    def last_sd(self, draw: int) -> float:
+        """Standard deviation of the last parameter between impacts."""
+        return float(self.precision[draw, -1, -1] ** -0.5)
 
 
-# Compiled once for the several passes that ask for it: it is the larger part of most of them.
-@compiled_quickly("model")
-def expectation(
-    model: TraceModel, data: TraceData, summaries: Summaries, sites: dict[str, Any]
-) -> Expectation:
-    """The normal conditionals of `bayestissue.hierarchy.conditional` at one value of the spreads."""
-    spread = population(model, sites)
-    conditional = condition(data.design, spread, data.location_mean, summaries)
-    return Expectation(spread, conditional, expected(data.design, conditional.mean))
+def expectations(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    raw: Mapping[str, Any],
+    z_b: Float[np.ndarray, "draw location"],
+) -> Expectations:
+    """What each draw of the population expects of every impact.
+
+    Args:
+        model: the model.
+        data: the dataset; its traces are not asked for.
+        summaries: of the traces.
+        raw: the spreads, unconstrained, [draw].
+        z_b: standard locations: with 0 b has its conditional mean.
+    """
+    bare = data._replace(record=None)  # type: ignore[arg-type]
+    rows = ({name: np.asarray(raw[name]) for name in model.spreads}, np.asarray(z_b))
+    parts = []
+    for begin in range(0, len(z_b), DRAWS):
+        part = [values[begin : begin + DRAWS] for values in jax.tree.leaves(rows)]
+        number = len(part[0])
+        filled = [np.concatenate([values, np.repeat(values[:1], DRAWS - number, axis=0)]) for values in part]
+        found = expectations_of(
+            model, bare, summaries, *jax.tree.unflatten(jax.tree.structure(rows), filled), number
+        )
+        parts.append(jax.tree.map(lambda values: np.asarray(values)[:number], found))  # noqa: B023
+    return jax.tree.map(lambda *values: np.concatenate(values), *parts)
+
+
+@compiled_sooner("model")
+def expectations_of(
+    model: TraceModel, data: TraceData, summaries: Summaries, raw: dict[str, Array], z_b: Array, number: int
+) -> Expectations:
+    """What is compiled of `expectations`: the first so many of `DRAWS` draws."""
+
+    def one(place: Any) -> Expectations:
+        sites = constrained(model, {name: values[place] for name, values in raw.items()})
+        b, about, conditional = located(model, data, summaries, sites, z_b[place])
+        prior = jnp.stack([jnp.stack(row) for row in conditional.parts.prior])
+        last = (conditional.mean[-1], conditional.factor[-1, -1])
+        return Expectations(sites, b, jnp.stack(about, axis=-1), prior, *last)  # type: ignore[arg-type]
+
+    def add(place: Array, found: Expectations) -> Expectations:
+        return jax.tree.map(lambda whole, row: whole.at[place].set(row), found, one(place))
+
+    shapes = jax.eval_shape(one, 0)
+    empty = jax.tree.map(lambda shape: jnp.zeros((DRAWS, *shape.shape), shape.dtype), shapes)
+    return jax.lax.fori_loop(0, number, add, empty)

@@ -41,18 +41,34 @@ def standard_points(size: int, number: int = POINTS) -> Float[np.ndarray, "point
     return np.concatenate([half, -half])
 
 
+class Normals(NamedTuple):
+    """Where the population and the summaries put impacts' parameters: mean + root z, z standard normal."""
+
+    mean: Float[np.ndarray, "*draw impact parameter"]
+    root: Float[np.ndarray, "*draw impact parameter parameter"]
+
+    def at(
+        self, z: Float[np.ndarray, "*draw impact parameter"]
+    ) -> Float[np.ndarray, "*draw impact parameter"]:
+        """From standard normals."""
+        return self.mean + times(self.root, z)
+
+
+def normals(summaries: Summaries, anchor: Anchor) -> Normals:
+    """N(m + V (g + D (a - m)), V) with V = (P + D)^-1, the anchor being N(a, D^-1), of one or more draws."""
+    centre, slope = np.asarray(summaries.centre), np.asarray(summaries.slope)
+    whole = np.asarray(summaries.precision) + anchor.precision
+    toward = slope + times(anchor.precision, anchor.mean - centre)
+    # P + D = L L', and so V = (L^-1)' L^-1.
+    root = np.linalg.inv(np.linalg.cholesky(whole)).swapaxes(-1, -2)
+    return Normals(centre + times(root, times(root.swapaxes(-1, -2), toward)), root)
+
+
 def points_of(
     summaries: Summaries, anchor: Anchor, standard: Float[np.ndarray, "point parameter"]
 ) -> Float[np.ndarray, "point impact parameter"]:
-    """Standard normals taken to where the population and the summaries put each impact's parameters.
-
-    That is N(m + V (g + D (a - m)), V) with V = (P + D)^-1, the anchor being N(a, D^-1).
-    """
-    centre, slope = np.asarray(summaries.centre), np.asarray(summaries.slope)
-    whole = np.asarray(summaries.precision) + anchor.precision
-    shift = np.linalg.solve(whole, (slope + times(anchor.precision, anchor.mean - centre))[..., None])[..., 0]
-    inverse_root = np.linalg.inv(np.linalg.cholesky(whole))
-    return centre + shift + np.einsum("iba,pb->pia", inverse_root, standard)
+    """The same standard normals of every impact taken there."""
+    return normals(summaries, anchor).at(standard[:, None])
 
 
 def compare(

@@ -23,7 +23,6 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
-    constrained,
     population,
     sample_spreads,
     with_normal_errors,
@@ -34,7 +33,7 @@ from bayestissue.inference.mode import find_mode
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_densities import log_likelihoods
-from bayestissue.inference.trace_expectation import Expectation, expectation
+from bayestissue.inference.trace_expectation import Expectations, expectations
 from bayestissue.inference.trace_moments import compare, refine, standard_points
 from bayestissue.inference.trace_profile import Profile, cleared_of_last, flat_profile, profile_last
 from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
@@ -204,13 +203,13 @@ def summarise(
     profile = flat_profile(impacts) if model.last_may_be_open else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
-    anchor = finder.expectation(summaries, mode).anchor()
+    anchor = finder.expectation(summaries, mode).anchor(0)
     summaries = summarise_traces(model, smooth, np.asarray(summaries.centre), anchor)
     say(2, passes)
     standard = standard_points(size)
     for number in range(refinements):
         mode = finder.mode(summaries, mode)
-        anchor = finder.expectation(summaries, mode).anchor()
+        anchor = finder.expectation(summaries, mode).anchor(0)
         points = compare(model, data, summaries, anchor, standard)
         # A last parameter that is open has a profile instead.
         summaries = refine(summaries, anchor, points, bent=not model.last_may_be_open)
@@ -225,7 +224,7 @@ def summarise(
     few = standard_points(size, PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2)
     summaries = cleared_of_last(summaries)
     found = finder.expectation(summaries, mode)
-    profile = profile_last(model, data, summaries, found.anchor(), few)
+    profile = profile_last(model, data, summaries, found.anchor(0), few)
     finder.profile = profile
     # Away from where the profiles are high, a search would follow the slope of a cliff.
     begin = finder.with_last(mode, _PLACES[np.argmax(_log_density_at_places(found, profile))])
@@ -235,7 +234,7 @@ def summarise(
         anchor = _anchored_at(finder.last_mean(found, mode), finder.expectation(summaries, mode))
         summaries = cleared_of_last(summarise_traces(model, smooth, anchor.mean, anchor))
         found = finder.expectation(summaries, mode)
-        profile = profile_last(model, data, summaries, found.anchor(), few)
+        profile = profile_last(model, data, summaries, found.anchor(0), few)
         finder.profile = profile
         mode = finder.mode(summaries, mode)
     spreads = finder.spreads(summaries, mode)
@@ -275,7 +274,7 @@ _PLACES = np.linspace(-8.0, 8.0, 641)
 _PROBABILITIES = np.linspace(0.01, 0.99, 50)
 
 
-def _warp_of_mean(found: Expectation, profile: Profile) -> Warp:
+def _warp_of_mean(found: Expectations, profile: Profile) -> Warp:
     """The warp whose quantiles are nearest to those of the last location, the spreads given."""
     density = _log_density_at_places(found, profile)
     below = np.cumsum(np.exp(density - density.max()))
@@ -291,10 +290,9 @@ def _warp_of_mean(found: Expectation, profile: Profile) -> Warp:
     return Warp(*(jnp.asarray(value) for value in (location, np.exp(log_scale), skew)))
 
 
-def _log_density_at_places(found: Expectation, profile: Profile) -> Float[np.ndarray, " place"]:
-    conditional, sd = found.conditional, found.spread.nuisance[-1]
-    places = jnp.asarray(_PLACES)
-    return np.asarray(_density_of_mean(conditional.mean[-1], conditional.factor[-1, -1], sd, profile, places))
+def _log_density_at_places(found: Expectations, profile: Profile) -> Float[np.ndarray, " place"]:
+    sd, places = jnp.asarray(found.last_sd(0)), jnp.asarray(_PLACES)
+    return np.asarray(_density_of_mean(found.last_mean[0], found.last_root[0], sd, profile, places))
 
 
 @compiled_quickly()
@@ -350,13 +348,14 @@ class _SpreadsFinder:
         moved[self._names.index(LAST)] = value
         return moved
 
-    def last_mean(self, found: Expectation, flat: np.ndarray) -> float:
+    def last_mean(self, found: Expectations, flat: np.ndarray) -> float:
         """The mean of the last parameter there."""
-        return float(last_mean(found.conditional, flat[self._names.index(LAST)]))
+        return float(found.last_mean[0] + flat[self._names.index(LAST)] / found.last_root[0])
 
-    def expectation(self, summaries: Summaries, flat: np.ndarray) -> Expectation:
-        sites = constrained(self._model, dict(zip(self._names, jnp.asarray(flat), strict=True)))
-        return expectation(self._model, self.data, summaries, sites)
+    def expectation(self, summaries: Summaries, flat: np.ndarray) -> Expectations:
+        """There, b having its conditional mean."""
+        raw = dict(zip(self._names, np.reshape(flat, (-1, 1)), strict=True))
+        return expectations(self._model, self.data, summaries, raw, np.zeros((1, self._model.locations.size)))
 
     def spreads(self, summaries: Summaries, flat: np.ndarray) -> Spreads:
         steps = _STEP * np.eye(len(flat))
@@ -375,8 +374,8 @@ def spreads_of_summaries(prepared: Prepared, summaries: Summaries, near: Mapping
     return finder.spreads(summaries, finder.mode(summaries, begin))
 
 
-def _anchored_at(last: float, found: Expectation) -> Anchor:
+def _anchored_at(last: float, found: Expectations) -> Anchor:
     """The population's anchor with the last parameter held at a value."""
-    mean, precision = (np.array(part) for part in found.anchor())
+    mean, precision = (np.array(part) for part in found.anchor(0))
     mean[:, -1], precision[-1, -1] = last, _HELD
     return Anchor(mean, precision)

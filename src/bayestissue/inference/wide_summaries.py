@@ -8,15 +8,17 @@ them all.
 
 from __future__ import annotations
 
-import jax
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jaxtyping import Float
+from scipy.special import softmax
 
-from bayestissue.hierarchy.conditional import Summaries, impact_parameters
-from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, located, log_likelihood
-from bayestissue.inference.compiling import compiled_sooner
+from bayestissue.hierarchy.conditional import Summaries
+from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.inference.trace_densities import log_likelihoods
+from bayestissue.inference.trace_expectation import Expectations
+from bayestissue.inference.trace_moments import log_summary, normals
+from bayestissue.inference.trace_summaries import Anchor
 
 # Draws of the population, and of each impact's parameters under every one.
 DRAWS, _EACH = 512, 4
@@ -33,7 +35,7 @@ def regressed(
     model: TraceModel,
     data: TraceData,
     summaries: Summaries,
-    draws: tuple[dict[str, Array], Array],
+    expected: Expectations,
     seed: int,
 ) -> Summaries:
     """The parabola nearest to each log likelihood over the posterior.
@@ -46,13 +48,10 @@ def regressed(
         model: the model.
         data: the dataset.
         summaries: the old ones.
-        draws: `DRAWS` draws of the population: spreads, unconstrained, and standard locations.
+        expected: `DRAWS` draws of the population.
         seed: of the points.
     """
-    raw, z_b = draws
-    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 41), len(z_b))
-    found = jax.device_get(_points(model, data, summaries, raw, z_b, keys))
-    u, value, weight = (np.asarray(part).reshape(-1, *part.shape[2:]) for part in found)
+    u, value, weight = _points(model, data, summaries, expected, np.random.default_rng([seed, 41]))
     weight = np.where(value > value.max(0) - _DEEPEST, weight, 0.0)
     effective = weight.sum(0) ** 2 / np.maximum(np.square(weight).sum(0), np.finfo(float).tiny)
     size = u.shape[-1]
@@ -101,23 +100,15 @@ def _parabola(
     return found[:, 0], found[:, 1 : 1 + size], bend
 
 
-@compiled_sooner("model")
 def _points(
-    model: TraceModel, data: TraceData, summaries: Summaries, raw: dict[str, Array], z_b: Array, keys: Array
-) -> tuple[Array, Array, Array]:
-    """Points, the log likelihood there, and their weights, each [draw, point of the draw, impact, ...]."""
-
-    def one(draw: tuple[dict[str, Array], Array, Array]) -> tuple[Array, Array, Array]:
-        own, z, key = draw
-        _, about, conditional = located(model, data, summaries, constrained(model, own), z)
-
-        def at(key: Array) -> tuple[Array, Array, Array]:
-            standard = jax.random.normal(key, summaries.centre.shape)
-            u = impact_parameters(conditional, summaries, about, standard)
-            value = jnp.nan_to_num(log_likelihood(model, data, u), nan=-jnp.inf, neginf=-jnp.inf)
-            return jnp.stack(u, axis=-1), value, value - summaries.log_summary(u)
-
-        u, value, ratio = jax.lax.map(at, jax.random.split(key, _EACH))
-        return u, value, jax.nn.softmax(ratio, axis=0)
-
-    return jax.lax.map(one, (raw, z_b, keys))
+    model: TraceModel, data: TraceData, summaries: Summaries, expected: Expectations, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, the log likelihood there, and their weights, each [point, impact, ...]."""
+    given = normals(summaries, Anchor(expected.about, expected.precision[:, None]))
+    u = given.at(rng.standard_normal((_EACH, *given.mean.shape)))
+    flat = u.reshape(-1, *u.shape[2:])
+    value = log_likelihoods(model, data, flat)
+    ratio = (value - log_summary(summaries, flat)).reshape(u.shape[:3])
+    with np.errstate(invalid="ignore"):
+        weight = softmax(ratio, axis=0)
+    return flat, value, weight.reshape(value.shape)
