@@ -223,6 +223,14 @@ def population(model: TraceModel, sites: dict[str, Array]) -> Spread:
 
 def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True) -> None:
     """The model from the top down: standard deviations, b, each impact's parameters, its trace."""
+    u = impacts_model(model, data)
+    seen = observed(data) if conditioned else None
+    with numpyro.plate("impact", data.log_mass.shape[0]):
+        numpyro.sample("trace", trace_distribution(model, data, u), obs=seen)
+
+
+def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
+    """The same without the traces; returns each impact's parameters."""
     spread = population(model, sample_spreads(model))
     b = numpyro.sample("locations", dist.Normal(data.location_mean, spread.locations).to_event(1))
     about = expected(data.design, b)
@@ -233,16 +241,14 @@ def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True)
         about[:2] = [about[0] - error, about[1] - error]
     kk, kc, cc = spread.own
     own = jnp.stack([jnp.stack([kk, kc]), jnp.stack([kc, cc])])
-    with numpyro.plate("impact", data.log_mass.shape[0]):
+    with numpyro.plate("impacts", data.log_mass.shape[0]):
         pair = dist.MultivariateNormal(jnp.stack(about[:2], axis=-1), own)
         logs = numpyro.sample("log_K_and_C", pair)
         rest = [
             numpyro.sample(name, dist.Normal(mean, sd))
             for name, mean, sd in zip(model.nuisance, about[2:], spread.nuisance, strict=True)
         ]
-        u = [logs[..., 0], logs[..., 1], *rest]
-        seen = observed(data) if conditioned else None
-        numpyro.sample("trace", trace_distribution(model, data, u), obs=seen)
+    return [logs[..., 0], logs[..., 1], *rest]
 
 
 def sampled_model(model: TraceModel, data: TraceData, summaries: Summaries, warp: Warp | None = None) -> None:

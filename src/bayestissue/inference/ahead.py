@@ -51,6 +51,8 @@ from bayestissue.inference.trace_profile import Profile, flat_profile
 
 # In the order in which a fit asks for them.
 PARTS = (CHAINS, CORRECTION, CHOICE, DRAWS, PREDICTIONS)
+# Those of which the worker may be asked for its share.
+IN_PIECES = (CHAINS, CHOICE, DRAWS)
 # These ask whether the last parameter has a profile, which for some models only their traces tell.
 _OF_PROFILE = (CHAINS, CORRECTION)
 # In the worker: what it has compiled, by the fit's number and the part whose rows it may be asked for.
@@ -116,6 +118,7 @@ class _Worker(Helper):
         self._parts: dict[str, Future] = {}
         self._changed = Condition()
         self._to_compile: deque[str] = deque()
+        self._compiled_here: set[str] = set()
         self._shared: _Shared | None = None
         self._closed = False
 
@@ -132,14 +135,38 @@ class _Worker(Helper):
         if not self._parts or profiled == self._profiled:
             return
         self._profiled = profiled
+        self._compiled_here -= set(_OF_PROFILE)
         others = [part for part in PARTS if part not in (*_OF_PROFILE, *self._parts)]
         self._compile(*_OF_PROFILE, first=True)
         self._compile(*others)
 
     def wait(self, part: str) -> None:
-        if part in self._parts:
-            # A broken worker tells only when it is asked; what it should have done is then done here.
-            self._parts[part].exception()
+        """Wait, and meanwhile compile what the worker would come to last."""
+        while part in self._parts and not self._parts[part].done():
+            other = self._not_begun()
+            if other is None:
+                # A broken worker tells only when it is asked; what it should have done is then done here.
+                self._parts[part].exception()
+                return
+            for lowered in lowered_functions(other, self._job, profiled=bool(self._profiled)):
+                lowered.compile()
+            self._compiled_here.add(other)
+            if other not in IN_PIECES:
+                self._parts[other].set_result(None)
+                continue
+            # The worker too may be asked for it, and finds it in the folder of compiled functions.
+            self._compile(other, first=other == part)
+            if other == part:
+                return
+
+    def _not_begun(self) -> str | None:
+        """The last part that nobody has compiled, which is then left to this process."""
+        with self._changed:
+            left = [part for part in self._to_compile if part not in self._compiled_here]
+            if not left:
+                return None
+            self._to_compile.remove(left[-1])
+            return left[-1]
 
     def share(
         self, part: str, function: Function, given: tuple[Any, ...], pieces: Sequence[tuple[Any, ...]]
@@ -147,9 +174,8 @@ class _Worker(Helper):
         self.wait(part)
         arguments = jax.device_get((given, list(pieces)))
         shared = _Shared((self._number, part), arguments, deque(range(len(pieces))))
-        compiled = part in self._parts and self._parts[part].exception() is None
         with self._changed:
-            self._shared = shared if compiled else None
+            self._shared = shared if part in self._parts else None
             self._changed.notify_all()
         made: dict[int, Any] = {}
         while len(made) + len(shared.made) < len(pieces):
@@ -203,7 +229,10 @@ class _Worker(Helper):
                 told.set_result(None) if error is None else told.set_exception(error)
 
     def _has_pieces(self) -> bool:
-        return self._shared is not None and bool(self._shared.left)
+        if self._shared is None or not self._shared.left:
+            return False
+        compiled = self._parts[self._shared.what[1]]
+        return compiled.done() and compiled.exception() is None
 
     def _do_piece(self, shared: _Shared) -> None:
         given, pieces = shared.arguments

@@ -10,7 +10,7 @@ from jaxtyping import Float
 from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, plain_model, trace_distribution
+from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
 from bayestissue.inference.compiling import compiled_quickly, compiled_sooner
 from bayestissue.inference.many_kept import some_impacts
 from bayestissue.inference.trace_draws import Unfolded, thinned
@@ -43,7 +43,7 @@ def _replicates(model: TraceModel, data: TraceData, u: jax.Array, keys: jax.Arra
     return jax.lax.map(lambda part: _replicate(model, data, *part), (u, keys))
 
 
-replicates = compiled_sooner("model")(_replicates)
+replicates = compiled_quickly("model")(_replicates)
 # Where nothing else is done meanwhile.
 replicates_soon = compiled_quickly("model")(_replicates)
 
@@ -95,7 +95,7 @@ def prior_draws(
     """
     shared = ["log_mass_error"] if model.mass_error == "subject" else []
     bare = Predictive(
-        lambda: plain_model(model, data, conditioned=False),
+        lambda: impacts_model(model, data),
         num_samples=PRIOR_DRAWS,
         return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance, *shared],
     )
