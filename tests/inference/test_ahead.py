@@ -16,7 +16,8 @@ from bayestissue.inference.compiling import Helper
 from bayestissue.resources import shared
 
 EXAMPLE = shared("data", "published").parent / "example"
-# Two of a chain, four of the correction, one that maps draws back, two of the predictions.
+# Two of a chain, three of the correction, one of the choice, one that maps draws back, two of the
+# predictions.
 FUNCTIONS = 9
 FIT = """
 import sys

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from threading import Event, Thread
 from typing import Any
 
 import jax.numpy as jnp
@@ -68,6 +70,20 @@ class _Pool:
         return function(*arguments)
 
 
+@pytest.fixture
+def compiled_here(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, bool]]:
+    """What this process compiles, by part and with a profile or not."""
+    made: list[tuple[str, bool]] = []
+
+    def lowered_functions(part: str, _: Any, *, profiled: bool) -> list[Any]:
+        made.append((part, profiled))
+        return []
+
+    monkeypatch.setattr(ahead, "lowered_functions", lowered_functions)
+    return made
+
+
+@pytest.mark.usefixtures("compiled_here")
 @pytest.mark.parametrize("lasts", [0, 2, 1000])
 def test_a_worker_that_breaks_down_costs_no_piece(lasts: int) -> None:
     pool = _Pool(lasts)
@@ -90,7 +106,9 @@ def test_without_a_worker_all_is_done_here() -> None:
 
 
 @pytest.mark.parametrize("guess", [None, True, False])
-def test_what_asks_for_a_profile_is_compiled_as_was_decided(guess: bool | None) -> None:
+def test_what_asks_for_a_profile_is_compiled_as_was_decided(
+    guess: bool | None, compiled_here: list[tuple[str, bool]]
+) -> None:
     pool = _Pool(1000)
     worker = ahead._Worker(pool, _job())
     worker.compile_ahead(profiled=guess)
@@ -98,13 +116,43 @@ def test_what_asks_for_a_profile_is_compiled_as_was_decided(guess: bool | None) 
     try:
         for part in ahead.PARTS:
             worker.wait(part)
-        last = dict(pool.compiled)
-        assert all(last[part] for part in (CHAINS, CORRECTION))
-        assert set(last) == set(ahead.PARTS)
-        # Another answer than the guess costs at most these two.
-        assert len(pool.compiled) <= len(ahead.PARTS) + 2 * (guess is False)
+        compiled = pool.compiled + compiled_here
+        assert {(CHAINS, True), (CORRECTION, True)} <= set(compiled)
+        assert {part for part, _ in compiled} == set(ahead.PARTS)
+        # Another answer than the guess costs at most these two, and what was compiled here is looked up
+        # there once more where the worker has its share.
+        again = [part for part, _ in compiled_here if part in ahead.IN_PIECES]
+        assert len(compiled) <= len(ahead.PARTS) + 2 * (guess is False) + len(again)
     finally:
         worker.close()
+
+
+def test_whoever_waits_compiles_what_would_come_last(compiled_here: list[tuple[str, bool]]) -> None:
+    pool = _Pool(1000)
+    begun, goes_on = Event(), Event()
+    plainly = pool._do
+
+    def held(function: Any, arguments: Any) -> Any:
+        begun.set()
+        goes_on.wait()
+        return plainly(function, arguments)
+
+    pool._do = held  # type: ignore[method-assign]
+    worker = ahead._Worker(pool, _job())
+    worker.compile_ahead(profiled=False)
+    begun.wait()
+    waiting = Thread(target=worker.wait, args=(CHAINS,))
+    waiting.start()
+    try:
+        while len(compiled_here) < len(ahead.PARTS) - 1:
+            time.sleep(0.01)
+        # The first is with the worker, and all others were done here, from the last one on, each once.
+        assert [part for part, _ in compiled_here] == list(ahead.PARTS[:0:-1])
+    finally:
+        goes_on.set()
+        waiting.join()
+        worker.close()
+    assert worker._parts[CHAINS].done()
 
 
 def _job() -> Any:

@@ -15,7 +15,7 @@ import numpy as np
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.model_form import LIMIT, judged
-from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, replicates_soon
+from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, replicates
 
 # Short of this a whole fit decides.
 _PLAIN = 2 * LIMIT
@@ -40,7 +40,7 @@ def plainly_wrong(prepared: Prepared, expansions: Summaries, seed: int) -> dict[
         return None
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 31), PREDICTIVE_DRAWS)
     u = jnp.broadcast_to(best, (PREDICTIVE_DRAWS, *best.shape))
-    made = replicates_soon(prepared.model, prepared.data, u, keys)["deceleration"]
+    made = replicates(prepared.model, prepared.data, u, keys)["deceleration"]
     inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
     measured = np.where(inside, prepared.signal.deceleration, np.nan)
     found = judged(measured, np.asarray(made))

@@ -11,7 +11,7 @@ from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
-from bayestissue.inference.compiling import compiled_quickly, compiled_sooner
+from bayestissue.inference.compiling import compiled_quickly
 from bayestissue.inference.many_kept import some_impacts
 from bayestissue.inference.trace_draws import Unfolded, thinned
 from bayestissue.likelihood.deceleration import DecelerationRecord
@@ -38,14 +38,10 @@ def predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, np
     }
 
 
-def _replicates(model: TraceModel, data: TraceData, u: jax.Array, keys: jax.Array) -> dict[str, jax.Array]:
+@compiled_quickly("model")
+def replicates(model: TraceModel, data: TraceData, u: jax.Array, keys: jax.Array) -> dict[str, jax.Array]:
     """A replicate of every trace for each draw of ``u``; see `_replicate`."""
     return jax.lax.map(lambda part: _replicate(model, data, *part), (u, keys))
-
-
-replicates = compiled_quickly("model")(_replicates)
-# Where nothing else is done meanwhile.
-replicates_soon = compiled_quickly("model")(_replicates)
 
 
 def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array) -> dict[str, jax.Array]:
