@@ -14,6 +14,7 @@ from bayestissue import fitting
 from bayestissue.fitting import TABLES, Fit, resolve
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
+from bayestissue.inference.estimates import estimate
 from bayestissue.inference.traces import TraceAnalysis
 from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
@@ -42,6 +43,7 @@ def fitted(dataset, tmp_path_factory):
         specification,
         prepare(dataset, specification, source="a2"),
         TraceAnalysis(tree=tree, diagnostics=diagnostics, **tables),
+        {method: estimate(dataset, method=method) for method in ("exact", "dds")},
         4,
         datetime(2026, 1, 1, tzinfo=UTC),
         61.54,

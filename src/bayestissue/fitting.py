@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,13 +22,16 @@ from bayestissue.hierarchy.specification import ModelSpecification, read_specifi
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, prepare, with_discrepancy
 from bayestissue.inference import model_form
 from bayestissue.inference.ahead import SecondCore
+from bayestissue.inference.compiling import Result
 from bayestissue.inference.diagnostics import verdict_in_words
+from bayestissue.inference.many_draws import MANY
 from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from bayestissue.dataset import Dataset
+    from bayestissue.signal import Displacements, SignalOptions
 
 TABLES = ("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources")
 
@@ -41,6 +45,7 @@ class Fit:
         specification: the model file.
         prepared: the model and its data.
         analysis: every result, labelled.
+        point_estimates: of every impact by the methods "exact" and "dds", as `estimate` has them.
         seed: of all draws.
         started: when sampling began.
         wall_time_s: how long the fit took, s.
@@ -50,6 +55,7 @@ class Fit:
     specification: ModelSpecification
     prepared: Prepared
     analysis: TraceAnalysis
+    point_estimates: dict[str, pd.DataFrame]
     seed: int
     started: datetime
     wall_time_s: float
@@ -163,6 +169,7 @@ def fit_prepared(
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     with SecondCore() as core:
+        estimates = _begun_estimates(dataset, specification, prepared, core)
         found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints, core=core)
         form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
         if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
@@ -172,8 +179,30 @@ def fit_prepared(
             analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
         else:
             analysis = found
+        points = estimates()
     wall_time_s = time.perf_counter() - clock
-    return Fit(dataset, specification, prepared, analysis, seed, started, wall_time_s)
+    return Fit(dataset, specification, prepared, analysis, points, seed, started, wall_time_s)
+
+
+def _begun_estimates(
+    dataset: Dataset, specification: ModelSpecification, prepared: Prepared, core: SecondCore
+) -> Result:
+    """The point estimates, on the second core while that has nothing else to do yet."""
+    arguments = (dataset, specification.signal, prepared.signal)
+    if len(prepared.impacts) >= MANY:
+        return partial(point_estimates, *arguments)
+    return core.begin(point_estimates, *arguments)
+
+
+def point_estimates(
+    dataset: Dataset, options: SignalOptions, signal: Displacements
+) -> dict[str, pd.DataFrame]:
+    """The tables of `estimate` by both methods, of displacements made with these options where they serve."""
+    from bayestissue.inference.estimates import default_options, estimate, estimates_table
+
+    serves = options == default_options("exact")
+    exact = estimates_table(dataset, signal, "exact") if serves else estimate(dataset, method="exact")
+    return {"exact": exact, "dds": estimate(dataset, method="dds")}
 
 
 def _again(
@@ -199,7 +228,6 @@ def _again(
 
 def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
     """Write every file of a finished run into ``folder``, the report last."""
-    from bayestissue.inference.estimates import estimate
     from bayestissue.report import write_report
 
     say = say or _silent
@@ -207,8 +235,7 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
     fit.analysis.tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     for name in TABLES:
         getattr(fit.analysis, name).to_csv(folder / f"{name}.csv", index=False)
-    estimates = {"exact": _exact_estimates(fit), "dds": estimate(fit.dataset, method="dds")}
-    for method, table in estimates.items():
+    for method, table in fit.point_estimates.items():
         table.to_csv(folder / f"estimates_{method}.csv", index=False)
     # A simulated dataset knows the truth; the report draws it in.
     truth = fit.dataset.folder / "truth.csv"
@@ -247,15 +274,6 @@ def provenance(fit: Fit) -> dict[str, Any]:
             "warned": bool(fit.diagnostics.get("model_form", {}).get("structured", False)),
         },
     }
-
-
-def _exact_estimates(fit: Fit) -> pd.DataFrame:
-    """The exact point estimates, from the displacements at hand if these are what an estimate makes."""
-    from bayestissue.inference.estimates import default_options, estimate, estimates_table
-
-    if fit.specification.signal == default_options("exact"):
-        return estimates_table(fit.dataset, fit.prepared.signal, "exact")
-    return estimate(fit.dataset, method="exact")
 
 
 def _kept_of_impacts(fit: Fit) -> dict[str, Any]:

@@ -83,6 +83,11 @@ class SecondCore:
             self._pool.submit(_ready)
         return self._pool
 
+    def begin(self, function: Function, *arguments: Any) -> Result:
+        """Begin any function there, or leave it to whoever asks what is returned for its result."""
+        pool = self.pool()
+        return partial(function, *arguments) if pool is None else _begun(pool, function, arguments)
+
     def __enter__(self) -> SecondCore:
         return self
 
@@ -189,12 +194,7 @@ class _Worker(Helper):
         return [(made | shared.made)[place] for place in range(len(pieces))]
 
     def begin(self, function: Function, *arguments: Any) -> Result:
-        future = self._submitted(function, *jax.device_get(arguments))
-
-        def result() -> Any:
-            return function(*arguments) if future.exception() is not None else future.result()
-
-        return result
+        return _begun(self._pool, function, arguments)
 
     def close(self) -> None:
         """Ask for nothing any more."""
@@ -225,7 +225,7 @@ class _Worker(Helper):
                 self._do_piece(shared)
             else:
                 given = (self._number, part, self._job, bool(self._profiled))
-                error = self._submitted(_compile, *given).exception()
+                error = _submitted(self._pool, _compile, *given).exception()
                 told.set_result(None) if error is None else told.set_exception(error)
 
     def _has_pieces(self) -> bool:
@@ -239,7 +239,7 @@ class _Worker(Helper):
         place = shared.under_way
         assert place is not None  # noqa: S101 - it was just taken
         # What all pieces share is sent once.
-        future = self._submitted(_piece, shared.what, None if shared.sent else given, pieces[place])
+        future = _submitted(self._pool, _piece, shared.what, None if shared.sent else given, pieces[place])
         error = future.exception()
         with self._changed:
             shared.sent, shared.under_way = True, None
@@ -250,13 +250,23 @@ class _Worker(Helper):
                 self._shared = None
             self._changed.notify_all()
 
-    def _submitted(self, function: Function, *arguments: Any) -> Future:
-        try:
-            return self._pool.submit(function, *arguments)
-        except Exception as error:
-            failed: Future = Future()
-            failed.set_exception(error)
-            return failed
+
+def _submitted(pool: Any, function: Function, *arguments: Any) -> Future:
+    try:
+        return pool.submit(function, *arguments)
+    except Exception as error:
+        failed: Future = Future()
+        failed.set_exception(error)
+        return failed
+
+
+def _begun(pool: Any, function: Function, arguments: tuple[Any, ...]) -> Result:
+    future = _submitted(pool, function, *jax.device_get(arguments))
+
+    def result() -> Any:
+        return function(*arguments) if future.exception() is not None else future.result()
+
+    return result
 
 
 @dataclass

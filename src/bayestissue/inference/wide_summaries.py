@@ -20,8 +20,8 @@ from bayestissue.inference.trace_expectation import Expectations
 from bayestissue.inference.trace_moments import log_summary, normals
 from bayestissue.inference.trace_summaries import Anchor
 
-# Draws of the population, and of each impact's parameters under every one.
-DRAWS, _EACH = 512, 4
+# Draws of each impact's parameters under every one of the population.
+_EACH = 4
 # In units of what the posterior leaves open.
 _LEAST_PRECISION = 1e-3
 # Points at which a trace is so much less likely than at its best are no part of the posterior.
@@ -48,7 +48,7 @@ def regressed(
         model: the model.
         data: the dataset.
         summaries: the old ones.
-        expected: `DRAWS` draws of the population.
+        expected: some hundred draws of the population.
         seed: of the points.
     """
     u, value, weight = _points(model, data, summaries, expected, np.random.default_rng([seed, 41]))
