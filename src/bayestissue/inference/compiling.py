@@ -8,6 +8,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 # The parts of a fit whose functions another process may compile ahead; see `bayestissue.inference.ahead`.
 CHAINS, CORRECTION, CHOICE = "chains", "correction", "choice"
@@ -73,6 +74,31 @@ def length_of_piece(count: int) -> int:
 
 # So few that what they share is not sent too often, so many that nobody waits long for another.
 _PIECES = 8
+
+
+def in_calls(function: Function, rows: Any, size: int) -> Any:
+    """``function(*rows, number)`` for any number of rows, ``size`` of them a call, as numpy arrays.
+
+    ``function`` makes the first ``number`` of them, by `first_rows`: one compilation serves any number.
+    """
+    count, parts = len(jax.tree.leaves(rows)[0]), []
+    for begin in range(0, count, size):
+        number = min(size, count - begin)
+        places = begin + np.minimum(np.arange(size), number - 1)
+        found = function(*jax.tree.map(lambda leaf: np.asarray(leaf)[places], rows), number)  # noqa: B023
+        parts.append(jax.tree.map(lambda leaf: np.asarray(leaf)[:number], found))  # noqa: B023
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+
+def first_rows(one: Function, size: int, number: Any) -> Any:
+    """``one(place)`` of the first ``number`` places along an axis as long as ``size``, 0 behind them."""
+
+    def add(place: Any, found: Any) -> Any:
+        return jax.tree.map(lambda whole, row: whole.at[place].set(row), found, one(place))
+
+    shapes = jax.eval_shape(one, 0)
+    empty = jax.tree.map(lambda shape: jnp.zeros((size, *shape.shape), shape.dtype), shapes)
+    return jax.lax.fori_loop(0, number, add, empty)
 
 
 # XLA spends most of a compilation on making the result fast.

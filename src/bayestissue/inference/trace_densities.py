@@ -7,14 +7,14 @@ on whole arrays, which needs no compiler.
 
 from __future__ import annotations
 
-import jax
-import jax.numpy as jnp
+from functools import partial
+
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood
-from bayestissue.inference.compiling import compiled_sooner
+from bayestissue.inference.compiling import compiled_sooner, first_rows, in_calls
 
 # Points of one call: as few as are asked for then, so that one compilation serves any number.
 POINTS = 64
@@ -27,13 +27,7 @@ def log_likelihoods(
 
     Minus infinity where there is none.
     """
-    u = np.asarray(u)
-    found = np.empty(u.shape[:2])
-    filled = np.zeros((POINTS, *u.shape[1:]))
-    for begin in range(0, len(u), POINTS):
-        part = u[begin : begin + POINTS]
-        filled[: len(part)] = part
-        found[begin : begin + POINTS] = densities_at(model, data, filled, len(part))[: len(part)]
+    found = in_calls(partial(densities_at, model, data), (u,), POINTS)
     return np.where(np.isfinite(found), found, -np.inf)
 
 
@@ -42,8 +36,4 @@ def densities_at(
     model: TraceModel, data: TraceData, u: Float[Array, "point impact parameter"], number: int
 ) -> Float[Array, "point impact"]:
     """What is compiled of `log_likelihoods`: the first so many of `POINTS` points."""
-
-    def one(place: Array, found: Array) -> Array:
-        return found.at[place].set(log_likelihood(model, data, list(u[place].T)))
-
-    return jax.lax.fori_loop(0, number, one, jnp.zeros(u.shape[:2]))
+    return first_rows(lambda place: log_likelihood(model, data, list(u[place].T)), POINTS, number)

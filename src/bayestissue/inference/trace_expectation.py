@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import partial
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -13,7 +13,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, located
-from bayestissue.inference.compiling import compiled_sooner
+from bayestissue.inference.compiling import compiled_sooner, first_rows, in_calls
 from bayestissue.inference.trace_summaries import Anchor
 
 # Draws of one call: as few as are asked for then, so that one compilation serves any number.
@@ -65,17 +65,8 @@ def expectations(
         z_b: standard locations: with 0 b has its conditional mean.
     """
     bare = data._replace(record=None)  # type: ignore[arg-type]
-    rows = ({name: np.asarray(raw[name]) for name in model.spreads}, np.asarray(z_b))
-    parts = []
-    for begin in range(0, len(z_b), DRAWS):
-        part = [values[begin : begin + DRAWS] for values in jax.tree.leaves(rows)]
-        number = len(part[0])
-        filled = [np.concatenate([values, np.repeat(values[:1], DRAWS - number, axis=0)]) for values in part]
-        found = expectations_of(
-            model, bare, summaries, *jax.tree.unflatten(jax.tree.structure(rows), filled), number
-        )
-        parts.append(jax.tree.map(lambda values: np.asarray(values)[:number], found))  # noqa: B023
-    return jax.tree.map(lambda *values: np.concatenate(values), *parts)
+    rows = ({name: raw[name] for name in model.spreads}, z_b)
+    return in_calls(partial(expectations_of, model, bare, summaries), rows, DRAWS)
 
 
 @compiled_sooner("model")
@@ -91,9 +82,4 @@ def expectations_of(
         last = (conditional.mean[-1], conditional.factor[-1, -1])
         return Expectations(sites, b, jnp.stack(about, axis=-1), prior, *last)  # type: ignore[arg-type]
 
-    def add(place: Array, found: Expectations) -> Expectations:
-        return jax.tree.map(lambda whole, row: whole.at[place].set(row), found, one(place))
-
-    shapes = jax.eval_shape(one, 0)
-    empty = jax.tree.map(lambda shape: jnp.zeros((DRAWS, *shape.shape), shape.dtype), shapes)
-    return jax.lax.fori_loop(0, number, add, empty)
+    return first_rows(one, DRAWS, number)

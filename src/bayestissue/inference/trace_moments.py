@@ -86,10 +86,9 @@ def compare(
 def log_summary(
     summaries: Summaries, u: Float[np.ndarray, "*point impact parameter"]
 ) -> Float[np.ndarray, "*point impact"]:
-    """See `Summaries.log_summary`."""
-    centre, slope, precision, level = map(np.asarray, summaries)
-    away = u - centre
-    return level + (away * (slope - times(precision, away) / 2)).sum(-1)
+    """`Summaries.log_summary` as a numpy array."""
+    held = Summaries._make(map(np.asarray, summaries))
+    return np.asarray(held.log_summary(list(np.moveaxis(u, -1, 0))))
 
 
 def refine(summaries: Summaries, anchor: Anchor, points: Points, *, bent: bool = False) -> Summaries:

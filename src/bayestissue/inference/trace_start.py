@@ -102,7 +102,10 @@ def last_mean(conditional: Conditional, standard: Array) -> Array:
 
 
 def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
-    """Each impact's parameters from its point estimate, or from its time to peak where that has none."""
+    """Each impact's parameters: K and C from its point estimate, or of decelerations from its motion.
+
+    Where these give no K it is from the time to peak, and where they give no C that of light damping.
+    """
     signal, which = prepared.signal, element(prepared.model.element)
     if prepared.model.kind == "impact":
         (K, C), fit = _of_motion(signal), None

@@ -75,7 +75,8 @@ def summarise_traces(
     start = np.array(start)
     anchor = Anchor(np.asarray(anchor.mean), np.asarray(anchor.precision))
     # How sharply a trace tells its parameters is known only once it was expanded.
-    best = _expansion(model, data, start, _expansion(model, data, start, None).curvature)
+    nothing = np.zeros((*start.shape, start.shape[1]))
+    best = _expansion(model, data, start, _expansion(model, data, start, nothing).curvature)
     most, damping = best.value + anchor.log_density(start), np.full(len(start), 1e-3)
     for _ in range(iterations):
         candidate, promised = _next_after(best, anchor, damping)
@@ -106,14 +107,14 @@ def _expansion(
     model: TraceModel,
     data: TraceData,
     u: Float[np.ndarray, "impact parameter"],
-    curvature: Float[np.ndarray, "impact parameter parameter"] | None,
+    curvature: Float[np.ndarray, "impact parameter parameter"],
 ) -> _Expansion:
     """Central differences, by steps as long as a ``curvature`` found nearby asks for.
 
     Where a step leads out of all likelihood there is no expansion, and the value is minus infinity.
     """
     size = u.shape[1]
-    bend = np.zeros(u.shape) if curvature is None else np.abs(np.diagonal(curvature, axis1=1, axis2=2))
+    bend = np.abs(np.diagonal(curvature, axis1=1, axis2=2))
     step = np.clip(_STEP / np.sqrt(np.maximum(bend, 1e-300)), _SHORTEST, _LONGEST)
     first, second = np.triu_indices(size, 1)
     unit = np.eye(size)
@@ -123,12 +124,13 @@ def _expansion(
         log_likelihoods(model, data, u + points[:, None] * step),
         np.cumsum([1, size, size, len(both)]),
     )
-    own = up + down
-    bent = np.empty((size, size, len(u)))
-    bent[range(size), range(size)] = own - 2 * middle
-    bent[first, second] = (forth + back - own[first] - own[second] + 2 * middle) / 2
+    own, bent = up + down, np.empty((size, size, len(u)))
+    # Out of all likelihood differences are no numbers.
+    with np.errstate(invalid="ignore"):
+        bent[range(size), range(size)] = own - 2 * middle
+        bent[first, second] = (forth + back - own[first] - own[second] + 2 * middle) / 2
+        slope = ((up - down) / 2).T / step
     bent[second, first] = bent[first, second]
-    slope = ((up - down) / 2).T / step
     found = -bent.transpose(2, 0, 1) / (step[:, :, None] * step[:, None])
     whole = np.isfinite(found).all((1, 2)) & np.isfinite(slope).all(1)
     return _Expansion(
