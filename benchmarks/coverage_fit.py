@@ -33,6 +33,7 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler, rea
 from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
 from bayestissue.inference.summary_path import Correction, corrected_draws
 from bayestissue.inference.trace_draws import Unfolded, unfold
+from bayestissue.inference.trace_evidence import Told
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.simulation import Simulation, simulate
@@ -113,7 +114,8 @@ class Fits:
     def fit(self, prepared: Prepared, seed: int) -> tuple[Unfolded, Correction]:
         """Draws of everything, and how they were corrected."""
         summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
-        return unfold(prepared, summarised.summaries, draws, jax.random.PRNGKey(seed)), correction
+        told = Told(summarised.summaries, summarised.profile, correction.ratios)
+        return unfold(prepared, told.summaries, draws, jax.random.PRNGKey(seed), told=told), correction
 
 
 @lru_cache

@@ -6,20 +6,21 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.special import logsumexp
 
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
-from bayestissue.hierarchy.conditional import condition, impact_parameters
-from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import constrained, log_likelihood, population
 from bayestissue.inference.pareto import pareto_smoothed
-from bayestissue.inference.ratios import compare_over, log_corrections
+from bayestissue.inference.ratios import compare_over, corrections
 from bayestissue.inference.summary_path import summary_draws
+from bayestissue.inference.trace_densities import log_likelihoods
 from bayestissue.inference.trace_draws import unfold
-from bayestissue.inference.trace_moments import standard_points
+from bayestissue.inference.trace_expectation import expectations
+from bayestissue.inference.trace_moments import log_summary, normals, standard_points
 from bayestissue.inference.trace_profile import flat_profile
 from bayestissue.inference.trace_start import summarise
+from bayestissue.inference.trace_summaries import Anchor
 from bayestissue.inference.traces import fit_traces
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
@@ -127,33 +128,20 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
         for i, name in enumerate(names)
     }
     raw["sd_noise"] = raw["sd_noise"].at[:2].set(-7.0)
-    sites = constrained(model, raw)
-
-    def given(sites: dict) -> tuple:
-        spread = population(model, sites)
-        return condition(data.design, spread, data.location_mean, summaries)
-
-    b = jax.lax.map(lambda draw: given(draw).mean, sites)
-    ratios = compare_over(model, data, summaries, (sites, b), jnp.asarray(standard_points(3)))
-    many = jnp.asarray(standard_points(3, 2048))
-
-    def both(draw: tuple) -> tuple:
-        found = given(draw[0])
-        about = expected(data.design, draw[1])
-
-        def ratio(z: jax.Array) -> jax.Array:
-            u = impact_parameters(found, summaries, about, jnp.broadcast_to(z, summaries.centre.shape))
-            return log_likelihood(model, data, u) - summaries.log_summary(u)
-
-        direct = jax.nn.logsumexp(jax.lax.map(ratio, many), axis=0) - np.log(len(many))
-        return log_corrections(ratios, summaries, found.parts.prior, about), direct
-
-    first = jax.tree.map(lambda values: values[:8], (sites, b))
-    tabulated, direct = (np.asarray(values) for values in jax.jit(lambda d: jax.lax.map(both, d))(first))
+    anchors = expectations(model, data, summaries, raw, np.zeros((64, model.locations.size))).anchors
+    ratios = compare_over(model, data, summaries, anchors, standard_points(3))
+    first = Anchor(*(part[:8] for part in anchors))
+    tabulated = corrections(summaries, ratios, first)
+    u = normals(summaries, first).at(standard_points(3, 2048)[:, None, None])
+    flat = u.reshape(-1, *u.shape[2:])
+    ratio = (log_likelihoods(model, data, flat) - log_summary(summaries, flat)).reshape(u.shape[:3])
+    direct = logsumexp(ratio, axis=0) - np.log(len(ratio))
     error = tabulated - direct
+    # The scatter of 64 points, most of which all populations share.
+    assert np.abs(error).max() < 5 * ratio.std(0).max() / np.sqrt(64)
+    # Log weights matter by their differences between populations: what is left must not move a sum over
+    # impacts by its own scatter.
     error = error - error.mean(0)
-    # Log weights matter by their differences between populations. Against 64 points' scatter of 0.5 / 8 each,
-    # most of which all populations share, what is left must not move a sum over impacts by its own scatter.
     assert np.abs(error.sum(1)).max() < 0.25
     assert np.abs(error).max() < 0.15
 

@@ -176,15 +176,8 @@ def impact_parts(spread: Spread, summaries: Summaries) -> ImpactParts:
     """With D the prior precision and V = (P + D)^-1: W = D V P and D V g, and the constant."""
     size = summaries.centre.shape[1]
     kk, kc, cc = spread.own
-    determinant = kk * cc - kc**2
-    zero = jnp.zeros_like(kk)
-    prior = [[zero] * size for _ in range(size)]
-    prior[0][0], prior[0][1] = cc / determinant, -kc / determinant
-    prior[1][0], prior[1][1] = prior[0][1], kk / determinant
-    log_prior = -jnp.log(determinant) / 2
-    for a, sd in enumerate(spread.nuisance, start=2):
-        prior[a][a] = sd**-2.0
-        log_prior = log_prior - jnp.log(sd)
+    prior = prior_precision(spread)
+    log_prior = -jnp.log(kk * cc - kc**2) / 2 - sum(jnp.log(sd) for sd in spread.nuisance)
     own, zeros = small.entries(summaries.precision), jnp.zeros_like(summaries.log_likelihood)
     factor = small.cholesky([[own[a][b] + prior[a][b] for b in range(size)] for a in range(size)])
     # Columns of L^-1 D and L^-1 P: W = (L^-1 D)' (L^-1 P), which equals D - D V D but stays exact where a
@@ -209,6 +202,19 @@ def impact_parts(spread: Spread, summaries: Summaries) -> ImpactParts:
         + sum((value**2 for value in slope), jnp.zeros(())) / 2
     )
     return ImpactParts(prior, factor, weight, pull, constant)
+
+
+def prior_precision(spread: Spread) -> list[list[Array]]:
+    """D, the precision of an impact's parameters about X b, as rows of entries."""
+    kk, kc, cc = spread.own
+    determinant = kk * cc - kc**2
+    size = 2 + len(spread.nuisance)
+    prior = [[jnp.zeros_like(kk)] * size for _ in range(size)]
+    prior[0][0], prior[0][1] = cc / determinant, -kc / determinant
+    prior[1][0], prior[1][1] = prior[0][1], kk / determinant
+    for a, sd in enumerate(spread.nuisance, start=2):
+        prior[a][a] = sd**-2.0
+    return prior
 
 
 def _cells(design: PopulationDesign, values: Float[Array, " impact"]) -> Float[Array, " cell"]:

@@ -29,7 +29,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.hierarchy.warp import Warp
-from bayestissue.inference import summary_path, trace_draws, trace_start
+from bayestissue.inference import ratios, summary_path, trace_draws, trace_start
 from bayestissue.inference.chains import Start, lowered_chain, run_compiled
 from bayestissue.inference.compiling import (
     CHAINS,
@@ -42,12 +42,11 @@ from bayestissue.inference.compiling import (
     Result,
     length_of_piece,
 )
-from bayestissue.inference.ratios import compare_over
 from bayestissue.inference.trace_densities import POINTS, densities_at
 from bayestissue.inference.trace_expectation import DRAWS as DRAWS_OF_CALL
 from bayestissue.inference.trace_expectation import expectations_of
 from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, prior_draws, replicates
-from bayestissue.inference.trace_profile import Profile, flat_profile
+from bayestissue.inference.trace_profile import flat_profile
 
 # In the order in which a fit asks for them.
 PARTS = (CHAINS, CORRECTION, CHOICE, DRAWS, PREDICTIONS)
@@ -297,23 +296,16 @@ class Job(NamedTuple):
         model: the model.
         data: shapes of the dataset.
         settings: how many chains and draws.
-        codes: how many impacts are coded for each group of effects.
-        counts: how many levels each group has.
     """
 
     model: TraceModel
     data: TraceData
     settings: Sampler
-    codes: list[int]
-    counts: tuple[int, ...]
 
     @classmethod
     def of(cls, prepared: Prepared, settings: Sampler) -> Job:
         """That of a fit."""
-        design = prepared.design
-        codes = [len(getattr(design, group)) for group in trace_draws.GROUPS]
-        counts = tuple(len(getattr(design, f"{group}s")) for group in trace_draws.GROUPS)
-        return cls(prepared.model, _shapes(prepared.data), settings, codes, counts)
+        return cls(prepared.model, _shapes(prepared.data), settings)
 
 
 def _shapes(tree: Any) -> Any:
@@ -347,7 +339,7 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
 
     Those done row by row are made for a piece of the draws, as `in_pieces` asks for them.
     """
-    model, data, settings, codes, counts = job
+    model, data, settings = job
     impacts = data.log_mass.shape[0]
     size = 2 + len(model.nuisance)
     real = partial(jax.ShapeDtypeStruct, dtype=jnp.float64)
@@ -356,8 +348,6 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
     )
     profile = _shapes(flat_profile(impacts)) if profiled else None
     number = settings.chains * settings.draws
-    raw = {name: real((number,)) for name in model.spreads}
-    z_b = real((number, model.locations.size))
     bare = data._replace(record=None)  # type: ignore[arg-type]
     keys = jax.eval_shape(lambda: jax.random.split(jax.random.PRNGKey(0), number))
     if what == CHAINS:
@@ -367,15 +357,13 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
         arguments = (bare, summaries, profile, warp)
         yield from lowered_chain(summary_path.spreads_of(model), arguments, start, settings)
     elif what == CORRECTION:
-        yield from _of_correction(model, data, summaries, profile, settings)
+        yield from _of_correction(model, data, summaries, profiled=profiled)
     elif what == CHOICE:
         yield densities_at.lower(model, data, real((POINTS, impacts, size)), 1)
     elif what == DRAWS:
-        flat = raw | {"standard_locations": z_b, "standard_impacts": real((number, impacts, size))}
-        groups = tuple(jax.ShapeDtypeStruct((count,), jnp.int64) for count in codes)
-        yield trace_draws.unfold_all.lower(
-            model, counts, data, summaries, groups, *_rows_of_piece((flat, keys))
-        )
+        sites = {name: real((number,)) for name in model.spreads}
+        b, u = real((number, model.locations.size)), real((number, impacts, size))
+        yield trace_draws.unfold_all.lower(model, data, *_rows_of_piece((sites, b, u, u, keys)))
     elif what == PREDICTIONS:
         one = jax.ShapeDtypeStruct(keys.shape[1:], keys.dtype)
         yield prior_draws.lower(model, data, one)
@@ -391,7 +379,7 @@ def _rows_of_piece(rows: Any) -> Any:
 
 
 def _of_correction(
-    model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None, settings: Sampler
+    model: TraceModel, data: TraceData, summaries: Summaries, *, profiled: bool
 ) -> Iterator[Any]:
     bare = data._replace(record=None)  # type: ignore[arg-type]
     real = partial(jax.ShapeDtypeStruct, dtype=jnp.float64)
@@ -400,11 +388,7 @@ def _of_correction(
         real((DRAWS_OF_CALL, model.locations.size)),
     )
     yield expectations_of.lower(model, bare, summaries, *some, 1)
-    found = expectations_of.eval_shape(model, bare, summaries, *some, 1)
-    standard = real((POINTS, summaries.centre.shape[1]))
-    part = ({name: real((POINTS,)) for name in model.spreads}, real((POINTS, model.locations.size)))
-    yield compare_over.lower(model, data, summaries, part, standard, profile)
-    ratios = compare_over.eval_shape(model, data, summaries, part, standard, profile)
-    every = settings.chains * settings.transitions
-    rows = (real((every, *each.shape[1:])) for each in (found.about, found.precision))
-    yield summary_path.log_weights.lower(summaries, ratios, *rows)
+    impacts, size = summaries.centre.shape
+    found = ratios.shapes(model, POINTS, impacts, profiled=profiled)
+    anchors = (real((ratios.DRAWS, impacts, size)), real((ratios.DRAWS, 1, size, size)))
+    yield ratios.corrections_of.lower(summaries, found, *anchors, 1)

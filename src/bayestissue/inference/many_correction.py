@@ -21,14 +21,15 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.cell_sums import flat_spreads
 from bayestissue.hierarchy.cells import Cells, Expansion, expected_by_place
-from bayestissue.hierarchy.conditional import Summaries, impact_parts
+from bayestissue.hierarchy.conditional import Summaries, impact_parts, prior_precision
 from bayestissue.hierarchy.population import Spread
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, population
-from bayestissue.inference.ratios import Ratios, compare_over_about, log_corrections
+from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_blocks import in_blocks
 from bayestissue.inference.trace_moments import standard_points
 from bayestissue.inference.trace_profile import Profile
+from bayestissue.inference.trace_summaries import Anchor
 
 
 class PopulationDraws(NamedTuple):
@@ -75,14 +76,15 @@ def expand(
     at = flat_spreads(spread, size)
     centre = [np.asarray(each) for each in expected_by_place(cells.arrangement, cells.reference)[:size]]
     mixture = _by_place(model, cells, draws)
-    standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
+    standard = standard_points(summaries.centre.shape[1])
     place = np.asarray(cells.arrangement.place)
 
     def one(part: TraceData, rows: np.ndarray) -> tuple[Array, Array]:
         here = np.stack([each[place[rows]] for each in centre], axis=-1)
         middle = np.concatenate([here, np.broadcast_to(np.asarray(at), (len(rows), len(at)))], axis=1)
-        own, points = _rows(summaries, profile, rows), _at_places(mixture, place[rows])
-        return _expand(model, part, *own, points, middle, standard)
+        own, own_profile = _rows(summaries, profile, rows)
+        anchors = _anchors(*_at_places(mixture, place[rows]))
+        return _expand(own, compare_over(model, part, own, anchors, standard, own_profile), middle)
 
     slope, bend = in_blocks(data, one, progress=progress)
     places = cells.level.shape[0]
@@ -117,13 +119,14 @@ def left_out(
         checked: the draws to check.
     """
     size, place = len(cells.slope), np.asarray(cells.arrangement.place)
-    standard = jnp.asarray(standard_points(summaries.centre.shape[1]))
+    standard = standard_points(summaries.centre.shape[1])
     compared, seen = _by_place(model, cells, mixture), _by_place(model, cells, checked)
 
     def one(part: TraceData, rows: np.ndarray) -> Array:
-        own = _rows(summaries, profile, rows)
-        points = _at_places(compared, place[rows])
-        return _corrections(model, part, *own, points, _at_places(seen, place[rows]), standard)
+        own, own_profile = _rows(summaries, profile, rows)
+        anchors = _anchors(*_at_places(compared, place[rows]))
+        points = compare_over(model, part, own, anchors, standard, own_profile)
+        return _corrections(own, points, _at_places(seen, place[rows]))
 
     exact = in_blocks(data, one, progress=progress).sum(0)
     expanded = 0.0 if cells.expansion is None else np.asarray(_expanded(cells, *seen, size))
@@ -141,6 +144,12 @@ def _by_place(model: TraceModel, cells: Cells, draws: PopulationDraws) -> ByPlac
 def _at_places(draws: ByPlace, place: np.ndarray) -> ByPlace:
     spread, about = draws
     return spread._replace(locations=jnp.zeros((len(about[0]), 0))), [each[:, place] for each in about]
+
+
+def _anchors(spread: Spread, about: list[Any]) -> Anchor:
+    """What the same draws expect of every impact, as numpy arrays."""
+    rows = [np.stack([np.asarray(entry) for entry in row], axis=-1) for row in prior_precision(spread)]
+    return Anchor(np.stack(about, axis=-1), np.stack(rows, axis=-2)[:, None])
 
 
 def _rows(
@@ -169,18 +178,9 @@ def _expanded(cells: Cells, spread: Spread, about: list[Array], size: int) -> Ar
     return jax.lax.map(one, (flat_spreads(spread, size), about))
 
 
-@partial(jax.jit, static_argnames="model")
-def _expand(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Summaries,
-    profile: Profile | None,
-    mixture: ByPlace,
-    middle: Float[Array, "impact v"],
-    standard: Float[Array, "point parameter"],
-) -> tuple[Array, Array]:
+@jax.jit
+def _expand(summaries: Summaries, points: Ratios, middle: Float[Array, "impact v"]) -> tuple[Array, Array]:
     """Slopes and bends of each impact's correction at the middle."""
-    points = compare_over_about(model, data, summaries, *mixture, standard, profile)
     slope = jax.grad(lambda v: _correction(points, summaries, v).sum())
 
     def bent(direction: Array) -> Array:
@@ -189,18 +189,9 @@ def _expand(
     return slope(middle), jax.lax.map(bent, jnp.eye(middle.shape[1])).transpose(1, 2, 0)
 
 
-@partial(jax.jit, static_argnames="model")
-def _corrections(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Summaries,
-    profile: Profile | None,
-    mixture: ByPlace,
-    seen: ByPlace,
-    standard: Float[Array, "point parameter"],
-) -> Array:
+@jax.jit
+def _corrections(summaries: Summaries, points: Ratios, seen: ByPlace) -> Array:
     """Each impact's correction at some draws, [impact, draw]."""
-    points = compare_over_about(model, data, summaries, *mixture, standard, profile)
     size = points.u.shape[-1]
 
     def one(draw: tuple[Array, list[Array]]) -> Array:

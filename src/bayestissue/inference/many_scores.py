@@ -20,7 +20,7 @@ from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.many_correction import rows_of
 from bayestissue.inference.many_kept import some_impacts
 from bayestissue.inference.many_summaries import ManySummarised
-from bayestissue.inference.trace_draws import integrated_effects
+from bayestissue.inference.trace_evidence import integrated_effects
 
 
 def locations_and_scores(

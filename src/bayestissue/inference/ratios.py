@@ -8,23 +8,28 @@ likelihood with a long tail: no set of points serves all draws there. These are 
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
+from scipy.special import logsumexp
 
-from bayestissue.hierarchy.conditional import Summaries, impact_parts, prior_times
-from bayestissue.hierarchy.population import Spread, expected
-from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, population
-from bayestissue.inference.compiling import compiled_sooner
+from bayestissue.hierarchy.conditional import Summaries, prior_times
+from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.inference.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
+from bayestissue.inference.trace_densities import log_likelihoods
+from bayestissue.inference.trace_moments import log_summary
 from bayestissue.inference.trace_profile import Profile
+from bayestissue.inference.trace_summaries import Anchor, times
 from bayestissue.likelihood import small
 
 # Among an impact's parameters: the noise, and after it theta1.
 NOISE, BESIDES = 2, 3
+# Draws of one call of `corrections`.
+DRAWS = 64
 _NODES = 9
 _POINTS_A_NODE = 16
 _NORMAL_POINTS, _NORMAL_WEIGHTS = np.polynomial.hermite_e.hermegauss(9)
@@ -33,7 +38,7 @@ _LEAST_RATIO = -50.0
 
 
 class Table(NamedTuple):
-    """The log ratio along one parameter, what comes before it in the order integrated out.
+    """The log ratio along one parameter over that at the reference, what comes before it integrated out.
 
     Attributes:
         reference: where the others' tables and the points have this parameter, less the summary's centre.
@@ -61,7 +66,8 @@ class Ratios(NamedTuple):
     """Likelihood over summary of each impact.
 
     The noise is tabulated, whose spread between impacts may be next to nothing, and theta1, where it is part
-    of the summary, which has a long tail towards 1. The points lie at the references of both.
+    of the summary, which has a long tail towards 1. The points lie at the references of both. A last
+    parameter that has a profile is no part of it: what is compared is the rest, whatever that parameter is.
 
     Attributes:
         u: points, [point, impact, parameter].
@@ -77,90 +83,125 @@ class Ratios(NamedTuple):
     tables: tuple[Table, ...]
 
 
-@compiled_sooner("model")
 def compare_over(
     model: TraceModel,
     data: TraceData,
     summaries: Summaries,
-    draws: tuple[dict[str, Array], Array],
-    standard: Float[Array, "point parameter"],
+    anchors: Anchor,
+    standard: Float[np.ndarray, "point parameter"],
     profile: Profile | None = None,
 ) -> Ratios:
-    """Compare at one point from each of several draws of the population, (spreads, b).
+    """Compare at one point from each of several draws of the population.
 
     The points' density is the mixture over these draws, so that wherever the posterior lets an impact's
-    parameters be, there are points. A last parameter that has a profile is left out of them: what is
-    compared is the rest, whatever that parameter is.
+    parameters be, there are points.
+
+    Args:
+        model: the model.
+        data: the dataset.
+        summaries: of its traces.
+        anchors: what as many draws of the population as there are points expect of every impact.
+        standard: standard normals of each point.
+        profile: of the last parameter, if it has one; it is then drawn from the population.
     """
-    sites, b = draws
-    spreads = jax.lax.map(partial(population, model), sites)
-    abouts = jax.lax.map(partial(expected, data.design), b)
-    return compare_over_about(model, data, summaries, spreads, abouts, standard, profile)
+    known, tables = _known_and_tabulated(model, profile is not None)
+    order, free = _order(known, tables), known - tables
+    normals = _Conditionals.of(summaries, anchors, order)
+    references, reaches = normals.reaches(free)
+    lasts = anchors.mean[..., -1] + anchors.precision[..., -1, -1] ** -0.5 * standard[:, -1:]
+    of_last = np.zeros(lasts.shape) if profile is None else np.asarray(_of_profile(profile, lasts))
+    back = np.argsort(order)
+    centre = np.asarray(summaries.centre)[:, :known]
 
-
-def compare_over_about(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Summaries,
-    spreads: Spread,
-    abouts: list[Float[Array, "draw impact"]],
-    standard: Float[Array, "point parameter"],
-    profile: Profile | None = None,
-) -> Ratios:
-    """`compare_over` for the spreads and X b of each draw."""
-    size = summaries.centre.shape[1]
-    known = size if profile is None else size - 1
-    besides = model.nuisance[BESIDES - NOISE : known - NOISE]
-    tables = 2 if besides and besides[0] == "atanh_theta1" else 1
-    order = _order(known, tables)
-    lasts = abouts[-1] + spreads.nuisance[-1][:, None] * standard[:, -1:]
-
-    def conditional(part: tuple[Spread, list[Array]]) -> tuple[Array, Array]:
-        spread, about = part
-        return _conditional(impact_parts(spread, summaries).prior, summaries, about, order)
-
-    shifts, factors = jax.lax.map(conditional, (spreads, abouts))
-    places = _tabulated(jnp.moveaxis(shifts, 0, 1), jnp.moveaxis(factors, 0, 2), tables)
-    references = [mean.mean(0) for mean, _ in places]
-    reaches = [
-        jnp.abs(mean - reference).max(0) + 4 * sd.max(0)
-        for (mean, sd), reference in zip(places, references, strict=True)
-    ]
-    free = known - len(references)
-
-    def ratio(away: list[Array], shift: Array, factor: Array, z: Array, last: Array) -> tuple[Array, Array]:
+    def ratio(away: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
         """With the tabulated parameters so far from the centre, the others from their conditional."""
-        moved = [*_given(shift, factor, away, z), *away]
-        u = [summaries.centre[:, a] + moved[order.index(a)] for a in range(known)]
-        whole = u if profile is None else [*u, last]
-        found = log_likelihood(model, data, whole) - summaries.log_summary(whole)
-        if profile is not None:
-            found = found - profile.at(last)
-        return jnp.stack(u, axis=-1), jnp.where(jnp.isfinite(found), found, -jnp.inf)
+        whole = np.broadcast_to(away, (*normals.shift[some].shape[:2], tables))
+        moved = np.concatenate([normals.given(whole, standard[some, :free], some), whole], axis=-1)
+        u = centre + moved[..., back]
+        complete = u if profile is None else np.concatenate([u, lasts[some, :, None]], axis=-1)
+        found = log_likelihoods(model, data, complete) - log_summary(summaries, complete)
+        found = found - of_last[some]
+        return u, np.where(np.isfinite(found), found, -np.inf)
 
-    rows = (shifts, factors, standard[:, :free], lasts)
-    u, log_ratio = jax.lax.map(lambda row: ratio(references, *row), rows)
-
-    def add(total: Array, part: tuple[Array, Array]) -> tuple[Array, None]:
-        return jnp.logaddexp(total, _log_normal(u, summaries, *part, order, free)), None
-
-    start = jnp.full(log_ratio.shape, -jnp.inf)
-    log_density, _ = jax.lax.scan(add, start, (shifts, factors))
-    few = jax.tree.map(lambda each: each[:: max(1, len(standard) // _POINTS_A_NODE)], rows)
+    u, log_ratio = ratio(references, slice(None))
+    log_density = normals.log_density((u - centre)[..., order], free)
+    few = slice(None, None, max(1, len(standard) // _POINTS_A_NODE))
+    nodes = np.polynomial.chebyshev.chebpts1(_NODES)
 
     def table(number: int) -> Table:
-        def at_node(node: Array) -> Array:
-            away = [*references]
-            away[number] = away[number] + node * reaches[number]
-            ratios = jax.lax.map(lambda row: ratio(away, *row)[1], few)
-            return jax.nn.logsumexp(ratios, axis=0)
-
-        values = jax.lax.map(at_node, jnp.asarray(np.polynomial.chebyshev.chebpts1(_NODES)))
+        step = reaches * (np.arange(tables) == number)
+        values = np.stack([logsumexp(ratio(references + node * step, few)[1], axis=0) for node in nodes])
         # Where no point has any likelihood the polynomial must not be torn by minus infinity.
-        values = jnp.maximum(values - values.max(0), _LEAST_RATIO)
-        return Table(references[number], reaches[number], jnp.asarray(_chebyshev()) @ values)
+        values = np.maximum(values - values.max(0), _LEAST_RATIO)
+        # The points have their ratios at the reference, which is the middle node.
+        values = values - values[_NODES // 2]
+        return Table(references[:, number], reaches[:, number], _chebyshev() @ values)  # type: ignore[arg-type]
 
-    return Ratios(u, log_density, log_ratio, tuple(table(number) for number in range(len(references))))
+    made = tuple(table(number) for number in range(tables))
+    return Ratios(u, log_density, log_ratio, made)  # type: ignore[arg-type]
+
+
+def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:
+    """How many of an impact's parameters are compared, and how many of these have a table."""
+    known = 2 + len(model.nuisance) - profiled
+    besides = model.nuisance[BESIDES - NOISE : known - NOISE]
+    return known, 2 if besides and besides[0] == "atanh_theta1" else 1
+
+
+def shapes(model: TraceModel, points: int, impacts: int, *, profiled: bool) -> Ratios:
+    """Those of what `compare_over` finds."""
+    known, tables = _known_and_tabulated(model, profiled)
+    real: Any = partial(jax.ShapeDtypeStruct, dtype=jnp.float64)
+    table = Table(real((impacts,)), real((impacts,)), real((_NODES, impacts)))
+    pairs = real((points, impacts))
+    return Ratios(real((points, impacts, known)), pairs, pairs, (table,) * tables)
+
+
+_of_profile = compiled_quickly()(Profile.at)
+
+
+class _Conditionals(NamedTuple):
+    """The normal conditional of each impact's parameters, in some order, under each draw of a population.
+
+    Attributes:
+        shift: L^-1 (g + D (X b - m)).
+        factor: L, with L L' = P + D.
+    """
+
+    shift: Float[np.ndarray, "draw impact parameter"]
+    factor: Float[np.ndarray, "draw impact parameter parameter"]
+
+    @classmethod
+    def of(cls, summaries: Summaries, anchors: Anchor, order: list[int]) -> _Conditionals:
+        centre, slope, own = (np.asarray(part) for part in summaries[:3])
+        whole = (own + anchors.precision)[..., order, :][..., order]
+        right = slope + times(anchors.precision, anchors.mean - centre)
+        factor = np.linalg.cholesky(whole)
+        return cls(np.linalg.solve(factor, right[..., order, None])[..., 0], factor)
+
+    def reaches(self, free: int) -> tuple[np.ndarray, np.ndarray]:
+        """Middle and reach of each tabulated parameter over all draws, less the centre, [impact, table]."""
+        inverse = np.linalg.inv(self.factor)
+        mean = times(inverse.swapaxes(-1, -2), self.shift)[..., free:]
+        sd = np.sqrt(np.square(inverse).sum(-2))[..., free:]
+        reference = mean.mean(0)
+        return reference, np.abs(mean - reference).max(0) + 4 * sd.max(0)
+
+    def given(self, away: np.ndarray, z: np.ndarray, some: slice) -> np.ndarray:
+        """The free parameters, less the centre, of some draws, the tabulated ones being ``away``."""
+        free = z.shape[-1]
+        upper = self.factor[some].swapaxes(-1, -2)
+        right = self.shift[some][..., :free] + z[:, None] - times(upper[..., :free, free:], away)
+        return np.linalg.solve(upper[..., :free, :free], right[..., None])[..., 0]
+
+    def log_density(self, moved: Float[np.ndarray, "point impact parameter"], free: int) -> np.ndarray:
+        """Of the mixture over the draws, as `_log_normal`, at points less the centre."""
+        total = np.full(moved.shape[:2], -np.inf)
+        for shift, factor in zip(self.shift, self.factor, strict=True):
+            z = times(factor[..., :free].swapaxes(-1, -2), moved) - shift[:, :free]
+            scale = np.log(np.diagonal(factor, axis1=-2, axis2=-1)[:, :free]).sum(-1)
+            total = np.logaddexp(total, scale - np.square(z).sum(-1) / 2)
+        return total
 
 
 def _chebyshev() -> np.ndarray:
@@ -169,13 +210,32 @@ def _chebyshev() -> np.ndarray:
     return np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, _NODES - 1))
 
 
+def corrections(summaries: Summaries, ratios: Ratios, anchors: Anchor) -> Float[np.ndarray, "draw impact"]:
+    """`log_corrections` of what each of any number of draws of the population expects."""
+    return in_calls(partial(corrections_of, summaries, ratios), tuple(anchors), DRAWS)
+
+
+@compiled_sooner()
+def corrections_of(
+    summaries: Summaries, ratios: Ratios, mean: Array, precision: Array, number: int
+) -> Float[Array, "draw impact"]:
+    """What is compiled of `corrections`: the first so many of `DRAWS` draws."""
+
+    def one(place: Any) -> Array:
+        about = [mean[place, :, a] for a in range(mean.shape[2])]
+        return log_corrections(ratios, summaries, small.entries(precision[place, 0]), about)
+
+    return first_rows(one, DRAWS, number)
+
+
 def log_corrections(
     ratios: Ratios, summaries: Summaries, prior: small.Matrix, about: list[Array]
 ) -> Float[Array, " impact"]:
-    """Log of each trace's true evidence over its summary's, given X b and D, up to a constant.
+    """Log of each trace's true evidence over its summary's, given X b and D.
 
     The mean of likelihood over summary under the normal conditional of u: those of the tables, times that of
-    the points, reweighted, over the other parameters.
+    the points, reweighted, over the other parameters. A last parameter that has a profile is left out: its
+    evidence is another factor.
     """
     order = _order(ratios.u.shape[-1], len(ratios.tables))
     shift, factor = _conditional(prior, summaries, about, order)
@@ -224,16 +284,6 @@ def _tabulated(shift: Array, factor: Array, tables: int) -> list[tuple[Array, Ar
             mean, variance = mean - factor[b, a] * later, variance + (factor[b, a] * sd) ** 2
         places.insert(0, (mean / factor[a, a], jnp.sqrt(variance) / factor[a, a]))
     return places
-
-
-def _given(shift: Array, factor: Array, away: list[Array], z: Array) -> list[Array]:
-    """The free parameters, less the centre, from standard normals, the tabulated ones being ``away``."""
-    size, free = factor.shape[0], factor.shape[0] - len(away)
-    lower = [[factor[a, b] for b in range(a + 1)] for a in range(free)]
-    right = [
-        shift[a] - sum(factor[b, a] * away[b - free] for b in range(free, size)) + z[a] for a in range(free)
-    ]
-    return small.backward_solve(lower, right)
 
 
 def _log_normal(

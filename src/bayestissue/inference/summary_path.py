@@ -30,12 +30,11 @@ from bayestissue.inference.compiling import (
     CORRECTION,
     Helper,
     compiled_quickly,
-    compiled_sooner,
     in_pieces,
 )
 from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.pareto import pareto_smoothed
-from bayestissue.inference.ratios import Ratios, compare_over, log_corrections
+from bayestissue.inference.ratios import Ratios, compare_over, corrections
 from bayestissue.inference.sampling import Draws, Progress, silent
 from bayestissue.inference.trace_densities import log_likelihoods
 from bayestissue.inference.trace_expectation import Expectations, expectations
@@ -50,7 +49,6 @@ from bayestissue.inference.trace_start import (
     summarise,
 )
 from bayestissue.inference.trace_summaries import Anchor
-from bayestissue.likelihood import small
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
 # Summaries beside a discrepancy are made about so many draws of the population, once for each number, before
@@ -68,10 +66,12 @@ class Correction:
     Attributes:
         pareto_k: of the importance weights; above 0.7 they can't be trusted.
         effective: effective number of weighted draws over their number.
+        ratios: likelihood over summary, of which the weights were made.
     """
 
     pareto_k: float
     effective: float
+    ratios: Ratios | None = None
 
     @property
     def trusted(self) -> bool:
@@ -219,13 +219,12 @@ def _population_draws(
     standard = standard_points(summaries.centre.shape[1])
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
     compared = _rows(every, some)
-    ratios = compare_over(model, prepared.data, summaries, (compared.sites, compared.b), standard, profile)
-    log_weight = np.asarray(log_weights(summaries, ratios, every.about, every.precision))
-    smoothed, k = pareto_smoothed(log_weight)
+    ratios = compare_over(model, prepared.data, summaries, compared.anchors, standard, profile)
+    smoothed, k = pareto_smoothed(corrections(summaries, ratios, every.anchors).sum(-1))
     weight = np.exp(smoothed.reshape(shape))
     chosen = _resample(weight, settings.draws, rng)
     effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
-    correction = Correction(k, float(effective))
+    correction = Correction(k, float(effective), ratios)
     raw = {name: values[chosen] for name, values in raw.items()}
     return _Population(chains, raw, z_b[chosen], _rows(every, chosen), correction, compared, ratios, rng)
 
@@ -323,22 +322,6 @@ def _start(summarised: Summarised) -> Start:
 def spreads_of(model: TraceModel) -> Callable[..., None]:
     """The same function each time, so that what is compiled for it serves again."""
     return partial(spreads_model, model)
-
-
-@compiled_sooner()
-def log_weights(
-    summaries: Summaries,
-    ratios: Ratios,
-    about: Float[Array, "draw impact parameter"],
-    precision: Float[Array, "draw parameter parameter"],
-) -> Float[Array, " draw"]:
-    """Log of the true evidence over the summaries', for each draw of the population."""
-
-    def one(draw: tuple[Array, Array]) -> Array:
-        columns = [draw[0][:, a] for a in range(draw[0].shape[1])]
-        return log_corrections(ratios, summaries, small.entries(draw[1]), columns).sum()
-
-    return jax.lax.map(one, (about, precision))
 
 
 def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.ndarray:

@@ -10,25 +10,20 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jaxtyping import Float
 
-from bayestissue.hierarchy.conditional import Summaries, impact_log_evidence
+from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.population import SharedError, Spread, of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import (
-    Drawn,
-    TraceData,
-    TraceModel,
-    constrained,
-    from_standard,
-    physical,
-    population,
-    trace_distribution,
-)
+from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
 from bayestissue.inference.compiling import DRAWS, Helper, compiled_sooner, in_pieces
 from bayestissue.inference.element_draws import element_quantities, measured_of
 from bayestissue.inference.sampling import Draws
+from bayestissue.inference.trace_evidence import Told, of_draws
+from bayestissue.inference.trace_expectation import expectations
+from bayestissue.inference.trace_moments import normals
 
 
 @dataclass(frozen=True)
@@ -48,24 +43,37 @@ class Unfolded:
 
 
 def unfold(
-    prepared: Prepared, summaries: Summaries, draws: Draws, key: Array, helper: Helper | None = None
+    prepared: Prepared,
+    summaries: Summaries,
+    draws: Draws,
+    key: Array,
+    helper: Helper | None = None,
+    *,
+    told: Told | None = None,
 ) -> Unfolded:
-    """Map all draws back, some of them by the helper, if there is one."""
+    """Map all draws back, some of them by the helper, if there is one.
+
+    Args:
+        prepared: the fit.
+        summaries: in whose coordinates the draws are.
+        draws: of the sampler.
+        key: of what is drawn besides.
+        helper: shares what is done draw by draw.
+        told: of the traces' likelihoods, for the log densities; these summaries unless given.
+    """
     model, data = prepared.model, prepared.data
     shape = next(iter(draws.sites.values())).shape[:2]
-    flat = {name: jnp.asarray(v.reshape(-1, *v.shape[2:])) for name, v in draws.sites.items()}
-    flat |= constrained(model, flat)
+    flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
+    expected = expectations(model, data, summaries, flat, flat["standard_locations"])
+    u = normals(summaries, expected.anchors).at(flat["standard_impacts"])
     keys = jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1])
-    groups = tuple(
-        (getattr(prepared.design, group), len(getattr(prepared.design, f"{group}s"))) for group in GROUPS
+    rows = (expected.sites, expected.b, expected.about, u, keys)
+    b, impacts = in_pieces(helper or Helper(), DRAWS, partial(unfold_all, model), (data,), rows)
+    scores = of_draws(prepared, told or Told(summaries), expected)
+    sites, b, impacts, scores = jax.tree.map(
+        lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (expected.sites, b, impacts, scores)
     )
-    counts = tuple(count for _, count in groups)
-    given = (data, summaries, tuple(jnp.asarray(codes) for codes, _ in groups))
-    function = partial(unfold_all, model, counts)
-    made = in_pieces(helper or Helper(), DRAWS, function, given, (flat, keys))
-    b, impacts, scores = jax.tree.map(lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), made)
-    spreads = {name: np.asarray(flat[name]).reshape(shape) for name in model.spreads}
-    return Unfolded(named_sites(prepared, spreads, b), impacts, scores)
+    return Unfolded(named_sites(prepared, sites, b), impacts, scores)
 
 
 def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarray) -> dict[str, np.ndarray]:
@@ -85,37 +93,26 @@ def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarra
     return sites
 
 
-@compiled_sooner(("model", "counts"))
+@compiled_sooner("model")
 def unfold_all(
     model: TraceModel,
-    counts: tuple[int, ...],
     data: TraceData,
-    summaries: Summaries,
-    codes: tuple[Array, ...],
-    flat: dict[str, Array],
+    sites: dict[str, Array],
+    b: Float[Array, "draw location"],
+    about: Float[Array, "draw impact parameter"],
+    u: Float[Array, "draw impact parameter"],
     keys: Array,
-) -> tuple[Array, dict[str, Array], dict[str, Array]]:
-    """b, every impact's quantities and the log densities, of each draw along a first axis."""
-    groups = tuple(zip(codes, counts, strict=True))
-    one = partial(_unfold_one, model, data, summaries, groups=groups)
-    return jax.lax.map(lambda part: one(*part), (flat, keys))
+) -> tuple[Array, dict[str, Array]]:
+    """Locations at people's true masses, and every impact's quantities, of each draw along a first axis."""
 
+    def one(draw: tuple[dict[str, Array], Array, Array, Array, Array]) -> tuple[Array, dict[str, Array]]:
+        own, locations, here, values, key = draw
+        of_mass, of_errors = jax.random.split(key)
+        spread, columns = population(model, own), list(values.T)
+        locations, mass_error = _mass_error(model, data, spread, locations, columns, list(here.T), of_mass)
+        return locations, impact_quantities(model, data, columns, mass_error, of_errors)
 
-def _unfold_one(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Summaries,
-    draw: dict[str, Array],
-    key: Array,
-    *,
-    groups: tuple[tuple[Array, int], ...],
-) -> tuple[Array, dict[str, Array], dict[str, Array]]:
-    sites = {name: draw[name] for name in model.spreads}
-    found = from_standard(model, data, summaries, sites, draw["standard_locations"], draw["standard_impacts"])
-    keys = jax.random.split(key)
-    b, mass_error = _mass_error(model, data, sites, found, keys[0])
-    impacts = impact_quantities(model, data, found.u, mass_error, keys[1])
-    return b, impacts, _scores(model, data, summaries, sites, found, groups)
+    return jax.lax.map(one, (sites, b, about, u, keys))
 
 
 def impact_quantities(
@@ -150,7 +147,13 @@ def impact_quantities(
 
 
 def _mass_error(
-    model: TraceModel, data: TraceData, sites: dict[str, Array], found: Drawn, key: Array
+    model: TraceModel,
+    data: TraceData,
+    spread: Spread,
+    b: Array,
+    u: list[Array],
+    about: list[Array],
+    key: Array,
 ) -> tuple[Array, Array]:
     """People's effects in b put at their true mass, and each impact's error of the log mass.
 
@@ -158,12 +161,11 @@ def _mass_error(
     of u; where it is a person's, of that of the person's effects, from which it is taken apart here. Either
     way e is normal given what is seen.
     """
-    spread = population(model, sites)
     if spread.shared is not None:
-        error = error_of_people(spread.locations, spread.shared, found.b, key)
-        b = found.b.at[spread.shared.effect_on_K].add(error).at[spread.shared.effect_on_C].add(error)
+        error = error_of_people(spread.locations, spread.shared, b, key)
+        b = b.at[spread.shared.effect_on_K].add(error).at[spread.shared.effect_on_C].add(error)
         return b, of_impacts(data.design, spread.shared, error)
-    return found.b, impact_error(model, spread, found.u, found.about, key)
+    return b, impact_error(model, spread, u, about, key)
 
 
 def impact_error(model: TraceModel, spread: Spread, u: list[Array], about: list[Array], key: Array) -> Array:
@@ -186,73 +188,6 @@ def error_of_people(sd: Array, shared: SharedError, b: Array, key: Array) -> Arr
     over = shared.variance / (K * C + shared.variance * (K + C))
     mean = -over * (C * b[shared.effect_on_K] + K * b[shared.effect_on_C])
     return mean + jnp.sqrt(over * K * C) * jax.random.normal(key, mean.shape)
-
-
-def _scores(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Summaries,
-    sites: dict[str, Array],
-    found: Drawn,
-    groups: tuple[tuple[Array, int], ...],
-) -> dict[str, Array]:
-    """Log densities for cross-validation: of each trace, and of all traces of a person or a condition."""
-    parts = found.conditional.parts
-    scores = {"trace": impact_log_evidence(found.conditional, summaries, found.about)}
-    for name, (codes, count) in zip(GROUPS, groups, strict=True):
-        effects = [
-            found.b[model.locations.parts[f"{name}_effect_{q}"]][codes]
-            if f"{name}_effect_{q}" in model.locations.parts
-            else jnp.zeros_like(found.u[0])
-            for q in ("K", "C")
-        ]
-        about = [found.about[0] - effects[0], found.about[1] - effects[1], *found.about[2:]]
-        alone = impact_log_evidence(found.conditional, summaries, about)
-        away = [about[a] - summaries.centre[:, a] for a in range(len(about))]
-        pull = [parts.pull[a] - sum(parts.weight[a][b] * away[b] for b in range(len(about))) for a in (0, 1)]
-
-        def total(values: Array, codes: Array = codes, count: int = count) -> Array:
-            return jax.ops.segment_sum(values, codes, count)
-
-        weight = [total(parts.weight[a][b]) for a, b in ((0, 0), (0, 1), (1, 1))]
-        gained = integrated_effects(model, sites, name, weight, [total(each) for each in pull])
-        scores[f"traces_of_{name}"] = total(alone) + gained
-    return scores
-
-
-def integrated_effects(
-    model: TraceModel, sites: dict[str, Array], group: str, weight: list[Array], pull: list[Array]
-) -> Array:
-    """What the log density of each level's traces gains by the level's two effects being integrated out.
-
-    Args:
-        model: the model.
-        sites: the standard deviations.
-        group: "subject" or "trial".
-        weight: each level's sums of W, as (KK, KC, CC).
-        pull: its sums of the log evidence's slopes by log K and log C, the effects being 0.
-    """
-    (l00, l10), l11 = _factor_of_effects(model, sites, group)
-    w00, w01, w11 = weight
-    m00 = 1 + l00**2 * w00 + 2 * l00 * l10 * w01 + l10**2 * w11
-    m01 = l11 * (l00 * w01 + l10 * w11)
-    m11 = 1 + l11**2 * w11
-    h0, h1 = l00 * pull[0] + l10 * pull[1], l11 * pull[1]
-    determinant = m00 * m11 - m01**2
-    return (m11 * h0**2 - 2 * m01 * h0 * h1 + m00 * h1**2) / (2 * determinant) - jnp.log(determinant) / 2
-
-
-def _factor_of_effects(
-    model: TraceModel, sites: dict[str, Array], group: str
-) -> tuple[tuple[Array, Array], Array]:
-    """Columns of the lower Cholesky factor of the covariance of a group's two effects."""
-    sd_K, sd_C = (sites.get(f"sd_{group}_{q}", jnp.zeros(())) for q in RESPONSES)
-    if group != "subject" or model.mass_error == "impact":
-        return (sd_K, jnp.zeros(())), sd_C
-    variance = model.log_mass_sd**2
-    first = jnp.sqrt(sd_K**2 + variance)
-    # C + v - v^2 / (K + v), without the difference of near equals
-    return (first, variance / first), jnp.sqrt(sd_C**2 + variance * sd_K**2 / first**2)
 
 
 def thinned(draws: dict[str, Any], number: int) -> dict[str, Any]:

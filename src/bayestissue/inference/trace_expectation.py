@@ -39,6 +39,11 @@ class Expectations(NamedTuple):
     last_mean: Float[np.ndarray, " draw"]
     last_root: Float[np.ndarray, " draw"]
 
+    @property
+    def anchors(self) -> Anchor:
+        """Those of all draws."""
+        return Anchor(self.about, self.precision[:, None])
+
     def anchor(self, draw: int) -> Anchor:
         """That of one draw."""
         return Anchor(self.about[draw], self.precision[draw])

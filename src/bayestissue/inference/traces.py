@@ -31,8 +31,9 @@ from bayestissue.inference.secant_population import of_secant
 from bayestissue.inference.summary import summarise as summary_table
 from bayestissue.inference.summary_path import Correction, corrected_draws
 from bayestissue.inference.trace_draws import Unfolded, unfold
+from bayestissue.inference.trace_evidence import Told
 from bayestissue.inference.trace_scores import cross_validation, prior_sensitivity
-from bayestissue.inference.trace_start import expanded, last_is_normal, summarise
+from bayestissue.inference.trace_start import Summarised, expanded, last_is_normal, summarise
 from bayestissue.inference.trace_tree import posterior_tree
 
 Say = Callable[[str, int, int], None]
@@ -104,8 +105,9 @@ def fit_traces(
             prepared, settings, seed, summarised=first, say=done, progress=sampling, helper=helper
         )
         if path == "summary" or correction.trusted:
-            return label(prepared, specification, summarised.summaries, draws, seed, say, correction, helper)
-    return _exactly(prepared, specification, seed, say, checkpoints)
+            told = Told(summarised.summaries, summarised.profile, correction.ratios)
+            return label(prepared, specification, told.summaries, draws, seed, say, told, correction, helper)
+    return _exactly(prepared, specification, seed, say, checkpoints, summarised)
 
 
 def _exactly(
@@ -114,13 +116,17 @@ def _exactly(
     seed: int,
     say: Say,
     checkpoints: Path | None,
+    scored: Summarised | None = None,
 ) -> TraceAnalysis:
-    # Here the summaries only whiten.
-    summarised = summarise(prepared, refinements=0, say=partial(say, "summarising each trace"))
+    # Here the summaries only whiten; scores ask for those that stand for the traces.
+    done = partial(say, "summarising each trace")
+    summarised = summarise(prepared, refinements=0, say=done)
+    scored = scored or summarise(prepared, say=done)
     sampling = partial(say, "sampling the posterior")
     settings = specification.sampler
     draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)
-    return label(prepared, specification, summarised.summaries, draws, seed, say)
+    told = Told(scored.summaries, scored.profile)
+    return label(prepared, specification, summarised.summaries, draws, seed, say, told)
 
 
 def label(
@@ -130,13 +136,15 @@ def label(
     draws: Draws,
     seed: int,
     say: Say,
+    told: Told,
     correction: Correction | None = None,
     helper: Helper | None = None,
 ) -> TraceAnalysis:
-    """Everything that follows from the draws."""
+    """Everything that follows from the draws, which are in these summaries' coordinates."""
     helper = helper or Helper()
     say("predicting", 0, 1)
-    unfolded = of_secant(prepared, unfold(prepared, summaries, draws, jax.random.PRNGKey(seed), helper))
+    key = jax.random.PRNGKey(seed)
+    unfolded = of_secant(prepared, unfold(prepared, summaries, draws, key, helper, told=told))
     helper.wait(PREDICTIONS)
     return analyse(prepared, specification, unfolded, draws, seed, say, correction, helper)
 

@@ -1,0 +1,146 @@
+"""Log densities for cross-validation are the traces' own, whatever stands for the traces meanwhile."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import NamedTuple
+
+import jax
+import numpy as np
+import pytest
+from scipy.special import logsumexp
+
+from bayestissue.hierarchy.specification import Sampler, read_specification
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.inference.ratios import corrections
+from bayestissue.inference.summary_path import corrected_draws
+from bayestissue.inference.trace_densities import log_likelihoods
+from bayestissue.inference.trace_draws import unfold
+from bayestissue.inference.trace_evidence import Told, of_draws
+from bayestissue.inference.trace_expectation import Expectations, expectations
+from bayestissue.inference.trace_moments import log_evidence
+from bayestissue.inference.trace_summaries import Anchor, times
+from bayestissue.simulation import simulate
+from bayestissue.simulation.specification import Simulation
+
+MODELS = Path(__file__).parents[2] / "models"
+# Few draws of a small campaign, and one population to look at.
+SETTINGS, DRAW, SEED = Sampler(chains=2, warmup=100, draws=100), 0, 2
+# Points of a normal about each impact's draws, twice as wide.
+POINTS, WIDER = 2**14, 2.0
+
+
+class Fit(NamedTuple):
+    """A fit's draws of every impact's parameters, and the scores under one draw of the population."""
+
+    prepared: Prepared
+    told: Told
+    expected: Expectations
+    u: np.ndarray
+    scores: dict[str, np.ndarray]
+
+
+def small_campaign() -> Simulation:
+    """Two people in two conditions, twice each, on springs and dampers."""
+    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.2} for mass in (0.5, 1.0)]
+    return Simulation.model_validate(
+        {
+            "name": "small",
+            "seed": SEED,
+            "design": {"subjects": 2, "conditions": conditions, "repeats": 2},
+            "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2, "sd_impact_K": 0.05},
+            "recording": {
+                "sampling_rate_hz": 5000.0,
+                "before_contact_s": 0.005,
+                "noise_relative_to_peak": 0.005,
+            },
+        }
+    )
+
+
+@pytest.fixture(scope="module", params=["impact", "standard_linear", "arma"])
+def fit(request: pytest.FixtureRequest) -> Fit:
+    """With every parameter in the summary, and with a last one that has a profile."""
+    specification = read_specification(MODELS / f"{request.param}.toml")
+    prepared = prepare(simulate(small_campaign()).dataset("small"), specification, source="model")
+    summarised, draws, correction = corrected_draws(prepared, SETTINGS, SEED)
+    assert (summarised.profile is None) == (request.param == "impact")
+    told = Told(summarised.summaries, summarised.profile, correction.ratios)
+    flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in draws.sites.items()}
+    expected = expectations(prepared.model, prepared.data, told.summaries, flat, flat["standard_locations"])
+    found = unfold(prepared, told.summaries, draws, jax.random.PRNGKey(0), told=told)
+    u = found.impacts["parameters"]
+    scores = of_draws(prepared, told, expected)
+    for name, values in found.log_likelihood.items():
+        np.testing.assert_array_equal(values.reshape(scores[name].shape), scores[name])
+    return Fit(prepared, told, expected, u.reshape(-1, *u.shape[2:]), {k: v[DRAW] for k, v in scores.items()})
+
+
+def log_mean(weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Log of the mean of weights along the first axis, and its standard error."""
+    total = logsumexp(weight, axis=0)
+    share = np.exp(weight - total)
+    return total - np.log(len(weight)), np.sqrt(np.square(share - 1 / len(weight)).sum(0))
+
+
+def test_an_impacts_density_is_its_likelihood_integrated_over_the_population(fit: Fit) -> None:
+    """Without any summary: points about each impact's draws, each weighed by likelihood and population."""
+    anchor, middle = fit.expected.anchor(DRAW), fit.u.mean(0)
+    root = WIDER * np.linalg.cholesky(np.stack([np.cov(each.T) for each in fit.u.swapaxes(0, 1)]))
+    z = np.random.default_rng(1).standard_normal((POINTS, *middle.shape))
+    points = middle + times(root, z)
+    log_proposal = -np.square(z).sum(-1) / 2 - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(-1)
+    away, half_log = points - anchor.mean, np.linalg.slogdet(anchor.precision)[1] / 2
+    log_population = half_log - (away * times(anchor.precision, away)).sum(-1) / 2
+    likelihood = log_likelihoods(fit.prepared.model, fit.prepared.data, points)
+    direct, error = log_mean(likelihood + log_population - log_proposal)
+    assert fit.told.ratios is not None
+    ratio = np.asarray(fit.told.ratios.log_ratio)
+    # Of these points and of those that traces and summaries were compared at.
+    error = np.hypot(error, ratio.std(0) / np.sqrt(len(ratio)))
+    assert (np.abs(fit.scores["trace"] - direct) < 5 * error).all()
+    if fit.told.profile is not None:
+        # The summaries alone, which know nothing of the last parameter, are off by more than that.
+        alone = log_evidence(fit.told.summaries, anchor)
+        assert np.abs((alone - direct).sum()) > 5 * np.sqrt(np.square(error).sum())
+
+
+@pytest.mark.parametrize("group", ["subject", "trial"])
+def test_a_groups_density_is_that_of_its_impacts_integrated_over_its_effects(fit: Fit, group: str) -> None:
+    design, parts = fit.prepared.design, fit.prepared.model.locations.parts
+    codes, count = getattr(design, group), len(getattr(design, f"{group}s"))
+    places = [parts[f"{group}_effect_{q}"] for q in ("K", "C")]
+    effects = np.stack([fit.expected.b[:, place] for place in places], axis=-1)
+    sd = np.array([fit.expected.sites[f"sd_{group}_{q}"][DRAW] for q in ("K", "C")])
+    anchor = fit.expected.anchor(DRAW)
+    start = anchor.mean.copy()
+    start[:, :2] -= effects[DRAW, codes]
+    # Effects given their own impacts alone lie where those say, which all draws agree on better than this.
+    middle = effects[DRAW]
+    scale = WIDER * np.minimum(effects.std(0), sd)
+    z = np.random.default_rng(2).standard_normal((1024, count, 2))
+    moved = middle + scale * z
+    log_weight = -np.square(moved / sd).sum(-1) / 2 - np.log(sd).sum()
+    log_weight += np.square(z).sum(-1) / 2 + np.log(scale).sum(-1)
+    mean = np.repeat(start[None], len(z), axis=0)
+    mean[..., :2] += moved[:, codes]
+    anchors = Anchor(mean, np.repeat(anchor.precision[None, None], len(z), axis=0))
+    besides = factors(fit, anchors)
+    member = (codes[:, None] == np.arange(count)).astype(float)
+    density = (log_evidence(fit.told.summaries, anchors) + besides) @ member + log_weight
+    direct, error = log_mean(density)
+    # The factors besides the summaries are taken at the draw's own effects, and move about so much.
+    share = np.exp(density - logsumexp(density, axis=0))
+    total = besides @ member
+    scatter = np.sqrt((share * np.square(total - (share * total).sum(0))).sum(0))
+    assert (np.abs(fit.scores[f"traces_of_{group}"] - direct) < 5 * np.hypot(error, scatter)).all()
+
+
+def factors(fit: Fit, anchors: Anchor) -> np.ndarray:
+    """What each trace's likelihood has besides its summary."""
+    assert fit.told.ratios is not None
+    found = corrections(fit.told.summaries, fit.told.ratios, anchors)
+    if fit.told.profile is None:
+        return found
+    sd = anchors.precision[0, 0, -1, -1] ** -0.5
+    return found + np.stack([fit.told.profile.log_evidence(mean, sd) for mean in anchors.mean[..., -1]])
