@@ -7,6 +7,7 @@ them.
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax.numpy as jnp
@@ -19,10 +20,10 @@ from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel
-from bayestissue.inference.compiling import compiled_quickly
+from bayestissue.inference.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
 from bayestissue.inference.ratios import Ratios, compare_over, corrections
 from bayestissue.inference.trace_expectation import Expectations
-from bayestissue.inference.trace_moments import log_evidence, standard_points
+from bayestissue.inference.trace_moments import inverse_of_whole, log_evidence, standard_points
 from bayestissue.inference.trace_profile import Profile
 from bayestissue.inference.trace_summaries import Anchor, times
 
@@ -76,14 +77,12 @@ def of_draws(prepared: Prepared, told: Told, expected: Expectations) -> dict[str
 
 def _of_profile(profile: Profile, anchors: Anchor) -> Float[np.ndarray, "draw impact"]:
     sd = anchors.precision[:, 0, -1, -1] ** -0.5
-    found = [
-        np.asarray(_profile_evidence(profile, mean, each))
-        for mean, each in zip(anchors.mean[..., -1], sd, strict=True)
-    ]
-    return np.stack(found)
+    return in_calls(partial(_profile_evidence, profile), (anchors.mean[..., -1], sd), _AT_ONCE)
 
 
-_profile_evidence = compiled_quickly()(Profile.log_evidence)
+@compiled_sooner()
+def _profile_evidence(profile: Profile, mean: Array, sd: Array, number: int) -> Array:
+    return first_rows(lambda place: profile.log_evidence(mean[place], sd[place]), _AT_ONCE, number)
 
 
 def _of_some(
@@ -97,12 +96,12 @@ def _of_some(
     anchors = Anchor(*(part[some] for part in expected.anchors))
     sites = {name: values[some] for name, values in expected.sites.items()}
     b, besides = expected.b[some], besides[some]
-    scores = {"trace": log_evidence(summaries, anchors) + besides}
+    centre, slope, own, _ = (np.asarray(part) for part in summaries)
+    inverse = inverse_of_whole(summaries, anchors)
+    scores = {"trace": log_evidence(summaries, anchors, inverse) + besides}
     # W = D V P, the precision with which a trace tells X b, and D V g, with V = (P + D)^-1.
-    own = np.asarray(summaries.precision)
-    bent = np.linalg.inv(own + anchors.precision)
-    weight = (anchors.precision @ bent @ own)[..., :2, :]
-    pull = times((anchors.precision @ bent)[..., :2, :], np.asarray(summaries.slope)[None])
+    half = (anchors.precision @ inverse.matrix)[..., :2, :]
+    weight, pull = half @ own, times(half, slope[None])
     for group in GROUPS:
         codes, count = getattr(design, group), len(getattr(design, f"{group}s"))
         mean = anchors.mean.copy()
@@ -110,8 +109,8 @@ def _of_some(
             name = f"{group}_effect_{response}"
             if name in model.locations.parts:
                 mean[..., place] -= b[:, model.locations.parts[name]][:, codes]
-        alone = log_evidence(summaries, anchors._replace(mean=mean)) + besides
-        here = pull - times(weight, mean - np.asarray(summaries.centre))
+        alone = log_evidence(summaries, anchors._replace(mean=mean), inverse) + besides
+        here = pull - times(weight, mean - centre)
         member = (codes[:, None] == np.arange(count)).astype(float)
         sums = [weight[..., a, c] @ member for a, c in ((0, 0), (0, 1), (1, 1))]
         gained = _gained(model, group, sites, sums, [here[..., a] @ member for a in (0, 1)])

@@ -130,12 +130,28 @@ def refine(summaries: Summaries, anchor: Anchor, points: Points, *, bent: bool =
     return Summaries(*(jnp.asarray(chosen(usable, *pair)) for pair in pairs))
 
 
-def log_evidence(summaries: Summaries, anchor: Anchor) -> Float[np.ndarray, " impact"]:
-    """Log of the integral of each summary over the anchor, a normal density."""
-    centre, slope, precision, level = map(np.asarray, summaries)
+class Inverse(NamedTuple):
+    """Of P + D: its inverse and log determinant."""
+
+    matrix: Float[np.ndarray, "*draw impact parameter parameter"]
+    log_determinant: Float[np.ndarray, "*draw impact"]
+
+
+def inverse_of_whole(summaries: Summaries, anchor: Anchor) -> Inverse:
+    """What `log_evidence` needs of the precisions, whatever the anchor's mean."""
+    whole = np.asarray(summaries.precision) + anchor.precision
+    return Inverse(np.linalg.inv(whole), np.linalg.slogdet(whole)[1])
+
+
+def log_evidence(
+    summaries: Summaries, anchor: Anchor, inverse: Inverse | None = None
+) -> Float[np.ndarray, "*draw impact"]:
+    """Log of the integral of each summary over the anchor, a normal density, of one or more draws."""
+    centre, slope, _, level = map(np.asarray, summaries)
+    inverse = inverse or inverse_of_whole(summaries, anchor)
     away = anchor.mean - centre
     pulled = times(anchor.precision, away)
-    whole, right = precision + anchor.precision, slope + pulled
-    gained = (right * np.linalg.solve(whole, right[..., None])[..., 0]).sum(-1) - (away * pulled).sum(-1)
-    spread = np.linalg.slogdet(anchor.precision)[1] - np.linalg.slogdet(whole)[1]
+    right = slope + pulled
+    gained = (right * times(inverse.matrix, right)).sum(-1) - (away * pulled).sum(-1)
+    spread = np.linalg.slogdet(anchor.precision)[1] - inverse.log_determinant
     return level + (gained + spread) / 2
