@@ -119,6 +119,7 @@ class _Worker(Helper):
     def __init__(self, pool: Any, job: Job) -> None:
         self._pool, self._job, self._number = pool, job, next(_NUMBERS)
         self._profiled: bool | None = None
+        self._asked = False
         self._parts: dict[str, Future] = {}
         self._changed = Condition()
         self._to_compile: deque[str] = deque()
@@ -126,17 +127,21 @@ class _Worker(Helper):
         self._shared: _Shared | None = None
         self._closed = False
 
+    def compile_first(self, part: str) -> None:
+        self._compile(part)
+
     def compile_ahead(self, *, profiled: bool | None = None) -> None:
-        if self._parts:
+        if self._asked:
             return
-        Thread(target=self._work, daemon=True).start()
+        self._asked = True
         if self._job.model.kind == "arma" or not self._job.model.last_may_be_open:
             profiled = self._job.model.kind == "arma"
         self._profiled = profiled
-        self._compile(*(PARTS if profiled is not None else (CHOICE, DRAWS)))
+        wanted = PARTS if profiled is not None else (CHOICE, DRAWS)
+        self._compile(*(part for part in wanted if part not in self._parts))
 
     def decided(self, *, profiled: bool) -> None:
-        if not self._parts or profiled == self._profiled:
+        if not self._asked or profiled == self._profiled:
             return
         self._profiled = profiled
         self._compiled_here -= set(_OF_PROFILE)
@@ -202,6 +207,8 @@ class _Worker(Helper):
             self._changed.notify_all()
 
     def _compile(self, *parts: str, first: bool = False) -> None:
+        if not self._parts:
+            Thread(target=self._work, daemon=True).start()
         with self._changed:
             self._parts |= {part: Future() for part in parts}
             others = [part for part in self._to_compile if part not in parts]
@@ -260,7 +267,8 @@ def _submitted(pool: Any, function: Function, *arguments: Any) -> Future:
 
 
 def _begun(pool: Any, function: Function, arguments: tuple[Any, ...]) -> Result:
-    future = _submitted(pool, function, *jax.device_get(arguments))
+    sent = [np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf for leaf in jax.tree.leaves(arguments)]
+    future = _submitted(pool, function, *jax.tree.unflatten(jax.tree.structure(arguments), sent))
 
     def result() -> Any:
         return function(*arguments) if future.exception() is not None else future.result()

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
+from scipy.interpolate import pchip_interpolate
 from scipy.special import logsumexp
 from scipy.stats import norm
 
@@ -72,6 +73,8 @@ _DEEPEST = 200.0
 _NONE = -1e6
 _EVEN = 16
 _GRID = np.linspace(-8.0, 8.0, 161)
+# Where only the place is asked for, every so many points of the grid are enough.
+_ROUGHLY = 4
 _HERMITE_POINTS, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
 
 
@@ -88,15 +91,23 @@ def profile_last(
     cleared: Summaries,
     anchor: Anchor,
     standard: Float[np.ndarray, "point parameter"],
+    *,
+    roughly: bool = False,
 ) -> Profile:
-    """Tabulate the last parameter's likelihood, of which the summaries are cleared."""
+    """Tabulate the last parameter's likelihood, of which the summaries are cleared.
+
+    ``roughly`` is enough to tell where it is greatest, at a quarter of the cost.
+    """
+    grid = _GRID[:: _ROUGHLY if roughly else 1]
     u = points_of(cleared, anchor, standard)
     number, impacts, size = u.shape
-    moved = np.repeat(u[None], len(_GRID), axis=0)
-    moved[..., -1] = _GRID[:, None, None]
+    moved = np.repeat(u[None], len(grid), axis=0)
+    moved[..., -1] = grid[:, None, None]
     density = log_likelihoods(model, data, moved.reshape(-1, impacts, size))
     ratios = density.reshape(-1, number, impacts) - log_summary(cleared, u)
     table = logsumexp(np.maximum(ratios, _NONE), axis=1) - np.log(number)
     # Cubics overshoot at the foot of a cliff; so far down it does not matter.
     table = np.maximum(table, table.max(0) - _DEEPEST)
+    if roughly:
+        table = pchip_interpolate(grid, table, _GRID)
     return flat_profile(impacts)._replace(log_likelihood=jnp.asarray(table))

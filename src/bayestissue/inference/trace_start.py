@@ -227,15 +227,19 @@ def summarise(
     few = standard_points(size, PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2)
     summaries = cleared_of_last(summaries)
     found = finder.expectation(summaries, mode)
-    profile = profile_last(model, data, summaries, found.anchor(0), few)
+    once = model.kind == "arma"
+    profile = profile_last(model, data, summaries, found.anchor(0), few, roughly=not once)
     finder.profile = profile
     # Away from where the profiles are high, a search would follow the slope of a cliff.
     begin = finder.with_last(mode, _PLACES[np.argmax(_log_density_at_places(found, profile))])
     mode = finder.mode(summaries, begin)
-    if model.kind != "arma":
+    if not once:
         # The first summaries were made where a search along the last parameter had stopped.
         anchor = _anchored_at(finder.last_mean(found, mode), finder.expectation(summaries, mode))
-        summaries = cleared_of_last(summarise_traces(model, smooth, anchor.mean, anchor))
+        summaries = summarise_traces(model, smooth, anchor.mean, anchor)
+        for _ in range(REFINEMENTS):
+            summaries = refine(summaries, anchor, compare(model, data, summaries, anchor, standard))
+        summaries = cleared_of_last(summaries)
         found = finder.expectation(summaries, mode)
         profile = profile_last(model, data, summaries, found.anchor(0), few)
         finder.profile = profile
