@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
@@ -24,6 +25,8 @@ from jaxtyping import Float
 from bayestissue.likelihood import autoregressive
 from bayestissue.likelihood.element_response import CONTACT, ElementRecord, Response, columns
 from bayestissue.likelihood.linear_errors import LOG_2PI, Products, gram
+from bayestissue.likelihood.quadratic import sums_over_frequencies
+from bayestissue.likelihood.transforms import BLOCKS, FILLED
 
 # Among the chain's errors.
 _ROOT_12 = 12**0.5
@@ -62,13 +65,10 @@ def products(
         linear: whether the response is in proportion to the velocity.
     """
     slides = _Slides(record)
-    inside = record.inside()
-    window = jnp.where(inside, value, 0.0)
-    parts = [found.d, -found.jerk] if linear else [found.d, -found.jerk, found.by_velocity]
-    own = [[slides.together(parts[a], parts[b]) for b in range(a + 1)] for a in range(len(parts))]
-    levels = [slides.level(part) for part in parts]
+    window = jnp.where(record.inside(), value, 0.0)
     whole = slides.whole(window)
-    seen = slides.against(whole, parts)
+    parts = [found.d, -found.jerk] if linear else [found.d, -found.jerk, found.by_velocity]
+    seen, own, levels = slides.sums(whole, parts)
     count = record.n_samples + 0.0
     residual = [each - own[a][0] for a, each in enumerate(seen)]
     # Of residual, gain, contact, velocity; the offset has none before the first sample.
@@ -153,23 +153,47 @@ class _Slides:
         """The samples before the first and those of the window as `against` takes them."""
         return jnp.concatenate([_early(self._record), window], axis=-1)
 
-    def against(self, samples: Array, parts: Sequence[Array]) -> list[Array]:
-        """Of the samples times each part."""
-        samples = jnp.pad(samples, ((0, 0), (0, self._reach)))
-        starts = [self._reach - shift for shift in self.shifts]
-        seen = [samples[:, start : start + self._number] for start in starts]
-        return [jnp.stack([(each * part).sum(-1) for each in seen]) for part in parts]
+    def sums(
+        self, samples: Array, parts: Sequence[Array]
+    ) -> tuple[list[Array], list[list[Array]], list[Array]]:
+        """Of the samples times each part, of each part times each before it, and of each part.
 
-    def together(self, a: Array, b: Array) -> Array:
-        """Of a times b, over the window and what was recorded before it."""
-        return self._sums(a, b, self._leaves)
+        The last over the window, the second over what was recorded before it too. All in one pass.
+        """
+        width = -(-self._number // FILLED) * FILLED
+        # What slides along would otherwise be filled up anew in each sum.
+        longer = jax.lax.optimization_barrier(_filled_up(samples, width + self._reach))
+        seen = [_in_blocks(longer[:, self._reach - shift :][:, :width]) for shift in self.shifts]
+        inside, *rows = (_in_blocks(_filled_up(x, width)) for x in (self._within + 0.0, *parts))
+        pairs = [(a, b) for a in range(len(parts)) for b in range(a + 1)]
+        within = [inside * row for row in rows]
+        terms = [each * row for row in rows for each in seen]
+        terms += [within[a] * rows[b] for a, b in pairs]
+        found = sums_over_frequencies((*terms, *within))
+        number = len(seen)
+        against = [jnp.stack(found[a * number : (a + 1) * number]) for a in range(len(parts))]
+        rest = found[len(parts) * number :]
+        own = {
+            (a, b): self._slid(middle, parts[a], parts[b], self._leaves)
+            for (a, b), middle in zip(pairs, rest, strict=False)
+        }
+        ones = jnp.ones_like(parts[0])
+        levels = [
+            self._slid(middle, part, ones, self._enters)
+            for part, middle in zip(parts, rest[len(pairs) :], strict=True)
+        ]
+        return against, [[own[a, b] for b in range(a + 1)] for a in range(len(parts))], levels
 
-    def level(self, a: Array) -> Array:
-        """Of a over the window."""
-        return self._sums(a, jnp.ones_like(a), self._enters)
-
-    def _sums(self, a: Array, b: Array, leaves: Array) -> Array:
-        middle = jnp.where(self._within, a * b, 0.0).sum(-1)
+    def _slid(self, middle: Array, a: Array, b: Array, leaves: Array) -> Array:
+        """The sum of a times b where the response begins later, from that at once."""
         late = jnp.take_along_axis(a, self._after, axis=1) * jnp.take_along_axis(b, self._after, axis=1)
         early = (a * b)[:, : self._reach]
         return middle + jnp.where(self._enters, late, 0.0).sum(-1) - jnp.where(leaves, early, 0.0).sum(-1)
+
+
+def _filled_up(rows: Float[Array, "impact sample"], width: int) -> Float[Array, "impact sample"]:
+    return jnp.pad(rows, ((0, 0), (0, width - rows.shape[1])))
+
+
+def _in_blocks(rows: Float[Array, "impact sample"]) -> Float[Array, "block impact lane"]:
+    return rows.reshape(len(rows), BLOCKS, -1).swapaxes(0, 1)
