@@ -4,8 +4,10 @@
     .venv/bin/python benchmarks/compare_elements.py --elements maxwell wall --campaigns 10
 
 The campaigns are those of coverage_elements.py: five people in four conditions at 5 kHz. Each is fitted by
-the model file of every element through the summary path, and compared by what `compare` calls. A row a
-campaign goes to compare_elements.csv as soon as it is there, and the same command goes on behind the last.
+the model file of every element through the summary path, and compared by what `compare` calls. Fits that
+the summary path refuses, and `fit` would take along the exact one, are left out, unless fewer than two are
+left. A row a campaign goes to compare_elements.csv as soon as it is there, and the same command goes on
+behind the last.
 The difference is that of the expected log predictive densities of the right element and of the best other
 one, impacts left out in turn, and decides where it is above two of its standard errors. `_people` is the
 same with whole people left out. The K of the weights is held where the 90 % interval of the weighted mixture
@@ -88,15 +90,20 @@ def row_of(right: str, number: int) -> dict[str, Any]:
     made = campaign_of(right, number)
     result, begun = simulate(made), time.perf_counter()
     runs: list[FinishedRun] = []
+    refused: list[FinishedRun] = []
     corrections: dict[str, Correction] = {}
     for name in element_names():
         fits = fits_of(name)
         prepared = fits.prepared(result.dataset(made.name))
         found, corrections[name] = fits.fit(prepared, number)
-        if all(np.isfinite(values).all() for values in found.log_likelihood.values()):
-            runs.append(finished(name, prepared, found))
+        finite = all(np.isfinite(values).all() for values in found.log_likelihood.values())
+        if finite:
+            (runs if corrections[name].trusted else refused).append(finished(name, prepared, found))
         print(f"  {right} {number}: {name} after {time.perf_counter() - begun:.0f} s", flush=True)
+    if len(runs) < 2:
+        runs += refused
     comparison = compare_runs(runs)
+    trusted = {name: found.trusted for name, found in corrections.items()}
     of_weights = implied(runs, comparison)
     typical = of_weights[(of_weights["scheme"] == BY_IMPACT) & (of_weights["variable"] == "K_secant_typical")]
     # Of a spring and damper side by side K itself is the secant stiffness.
@@ -114,6 +121,7 @@ def row_of(right: str, number: int) -> dict[str, Any]:
         "correction_k": round(corrections[right].pareto_k, 3),
         **_elpd(comparison),
         **{f"correction_k_{name}": round(found.pareto_k, 3) for name, found in corrections.items()},
+        **{f"trusted_{name}": found for name, found in trusted.items()},
         "seconds": round(time.perf_counter() - begun, 1),
     }
 
@@ -123,7 +131,7 @@ def _score(comparison: pd.DataFrame, scheme: str, right: str, ending: str) -> di
     rows = comparison[comparison["scheme"] == scheme].set_index("model")
     winner = rows["elpd"].idxmax()
     if right not in rows.index:
-        nothing = {"difference": -np.inf, "se": 0.0, "weight": 0.0}
+        nothing = {"rival": winner, "difference": -np.inf, "se": 0.0, "weight": 0.0, "high_k": 0}
         return {f"winner{ending}": winner, **{f"{key}{ending}": value for key, value in nothing.items()}}
     rival = rows.drop(right)["elpd"].idxmax()
     # The table gives differences from the best, which is one of the two.

@@ -172,7 +172,7 @@ def analyse(
     }
     say("checking and scoring", 0, 1)
     summary = summary_table(posterior, helper)
-    further = () if correction is None else (correction.check(),)
+    further = () if correction is None else correction.checks()
     diagnostics = diagnose(summary, statistics_of_transitions(draws), further)
     return TraceAnalysis(
         tree,
