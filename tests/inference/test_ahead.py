@@ -18,7 +18,7 @@ from bayestissue.resources import shared
 EXAMPLE = shared("data", "published").parent / "example"
 # Two of a chain, three of the correction, one of the choice, one that maps draws back, two of the
 # predictions.
-FUNCTIONS = 9
+FUNCTIONS = 8
 # The likelihood's values and the population at a draw, which this process asks for before all else.
 OF_THE_SUMMARIES = 2
 FIT = """

@@ -159,4 +159,4 @@ def _job() -> Any:
     class Model:
         kind, last_may_be_open = "impact", True
 
-    return ahead.Job(Model(), None, None, [], ())  # type: ignore[arg-type]
+    return ahead.Job(Model(), None, None)  # type: ignore[arg-type]
