@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.cell_sums import flat_spreads
 from bayestissue.hierarchy.cells import Cells, Expansion, expected_by_place
@@ -82,7 +82,7 @@ def expand(
     def one(part: TraceData, rows: np.ndarray) -> tuple[Array, Array]:
         here = np.stack([each[place[rows]] for each in centre], axis=-1)
         middle = np.concatenate([here, np.broadcast_to(np.asarray(at), (len(rows), len(at)))], axis=1)
-        own, own_profile = _rows(summaries, profile, rows)
+        own, own_profile = told_of_rows(summaries, profile, rows)
         anchors = _anchors(*_at_places(mixture, place[rows]))
         return _expand(own, compare_over(model, part, own, anchors, standard, own_profile), middle)
 
@@ -123,7 +123,7 @@ def left_out(
     compared, seen = _by_place(model, cells, mixture), _by_place(model, cells, checked)
 
     def one(part: TraceData, rows: np.ndarray) -> Array:
-        own, own_profile = _rows(summaries, profile, rows)
+        own, own_profile = told_of_rows(summaries, profile, rows)
         anchors = _anchors(*_at_places(compared, place[rows]))
         points = compare_over(model, part, own, anchors, standard, own_profile)
         return _corrections(own, points, _at_places(seen, place[rows]))
@@ -131,6 +131,13 @@ def left_out(
     exact = in_blocks(data, one, progress=progress).sum(0)
     expanded = 0.0 if cells.expansion is None else np.asarray(_expanded(cells, *seen, size))
     return (exact - expanded) - (exact - expanded).mean()
+
+
+def anchors_of(
+    model: TraceModel, cells: Cells, draws: PopulationDraws, place: Int[np.ndarray, " impact"]
+) -> Anchor:
+    """What draws of the population expect of the impacts at some places."""
+    return _anchors(*_at_places(_by_place(model, cells, draws), place))
 
 
 ByPlace = tuple[Spread, list[Any]]
@@ -152,9 +159,10 @@ def _anchors(spread: Spread, about: list[Any]) -> Anchor:
     return Anchor(np.stack(about, axis=-1), np.stack(rows, axis=-2)[:, None])
 
 
-def _rows(
+def told_of_rows(
     summaries: Summaries, profile: Profile | None, rows: np.ndarray
 ) -> tuple[Summaries, Profile | None]:
+    """Some impacts' summaries, and their profile if there is one."""
     own = rows_of(summaries, rows)
     if profile is None:
         return own, None

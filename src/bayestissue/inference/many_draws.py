@@ -81,7 +81,7 @@ def many_draws(
     densities = {name: _by_chain(values, shape) for name, values in scores.items()}
     true_b, error = _with_true_masses(model, constrained(model, raw), b, keys[1])
     impacts, kept = _of_impacts(prepared, summarised, raw, b, error, shape, keys[2], say)
-    densities["trace"] = scores_of_some(prepared, summarised, raw, b).reshape(*shape, -1)
+    densities["trace"] = scores_of_some(prepared, summarised, draws).reshape(*shape, -1)
     sites = {name: np.asarray(values).reshape(shape) for name, values in constrained(model, raw).items()}
     unfolded = Unfolded(
         named_sites(prepared, sites, np.asarray(true_b).reshape(*shape, -1)), impacts, densities, kept

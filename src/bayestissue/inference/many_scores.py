@@ -12,15 +12,18 @@ from jaxtyping import Float, Int
 from bayestissue.hierarchy.cell_solution import locations_of, solve
 from bayestissue.hierarchy.cell_sums import CellSums
 from bayestissue.hierarchy.cells import Cells, expected_by_place
-from bayestissue.hierarchy.conditional import Summaries, impact_parts, log_evidence_of
 from bayestissue.hierarchy.design import GROUPS
-from bayestissue.hierarchy.population import Spread
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
-from bayestissue.inference.many_correction import rows_of
-from bayestissue.inference.many_kept import some_impacts
+from bayestissue.inference.many_correction import PopulationDraws, anchors_of, told_of_rows
+from bayestissue.inference.many_kept import some_impacts, some_of
 from bayestissue.inference.many_summaries import ManySummarised
-from bayestissue.inference.trace_evidence import integrated_effects
+from bayestissue.inference.trace_evidence import Told, besides_summaries, integrated_effects
+from bayestissue.inference.trace_moments import log_evidence
+from bayestissue.inference.trace_summaries import Anchor
+
+# Draws at a time: a thousand impacts' matrices take memory.
+_AT_ONCE = 64
 
 
 def locations_and_scores(
@@ -108,23 +111,17 @@ def _scores(
 
 
 def scores_of_some(
-    prepared: Prepared, summarised: ManySummarised, raw: dict[str, Array], b: Array
+    prepared: Prepared, summarised: ManySummarised, draws: PopulationDraws
 ) -> Float[np.ndarray, "draw shown"]:
     """Log density of the traces of some impacts, every draw."""
-    cells = summarised.cells
     rows = some_impacts(len(prepared.data.log_mass))
-    place = np.asarray(cells.arrangement.place)[rows]
-    some = rows_of(summarised.summaries, rows)
-    return np.asarray(_trace_scores(prepared.model, cells, some, place, raw, b))
+    place = np.asarray(summarised.cells.arrangement.place)[rows]
+    anchors = anchors_of(prepared.model, summarised.cells, draws, place)
+    told = Told(*told_of_rows(summarised.summaries, summarised.profile, rows))
+    besides = besides_summaries(prepared.model, some_of(prepared, rows).data, told, anchors)
+    at_once = [Anchor(*(part[begin : begin + _AT_ONCE] for part in anchors)) for begin in _begins(besides)]
+    return besides + np.concatenate([log_evidence(told.summaries, part) for part in at_once])
 
 
-@partial(jax.jit, static_argnames="model")
-def _trace_scores(
-    model: TraceModel, cells: Cells, summaries: Summaries, place: Array, raw: dict[str, Array], b: Array
-) -> Array:
-    def one(draw: tuple[dict[str, Array], Array]) -> Array:
-        spread: Spread = population(model, constrained(model, draw[0]))
-        about = [each[place] for each in expected_by_place(cells.arrangement, draw[1])]
-        return log_evidence_of(impact_parts(spread, summaries), summaries, about)
-
-    return jax.lax.map(one, (raw, b))
+def _begins(rows: np.ndarray) -> range:
+    return range(0, len(rows), _AT_ONCE)

@@ -14,7 +14,7 @@ import numpy as np
 from bayestissue.hierarchy.cells import Cells, arrange
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.hierarchy.traces import TraceData, TraceModel, with_normal_errors
 from bayestissue.inference.many_correction import expand, rows_of
 from bayestissue.inference.many_population import Where
 from bayestissue.inference.profile_surface import Surface, surface_around
@@ -99,7 +99,8 @@ def _expanded(
     def one(part: TraceData, rows: np.ndarray) -> Summaries:
         return summarise_traces(model, part, start[rows], _of_rows(anchor, rows), iterations)
 
-    return in_blocks(data, one, progress=say)
+    # A uniform error leaves its likelihood flat on top, which no expansion can describe.
+    return in_blocks(with_normal_errors(data), one, progress=say)
 
 
 def _refined(

@@ -19,7 +19,7 @@ from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel
+from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
 from bayestissue.inference.ratios import Ratios, compare_over, corrections
 from bayestissue.inference.trace_expectation import Expectations
@@ -58,21 +58,26 @@ def of_draws(prepared: Prepared, told: Told, expected: Expectations) -> dict[str
         told: of the traces' likelihoods.
         expected: what the draws expect; its sites are those of the draws.
     """
-    model, data = prepared.model, prepared.data
-    anchors, ratios = expected.anchors, told.ratios
-    if ratios is None:
-        standard = standard_points(told.summaries.centre.shape[1])
-        some = np.linspace(0, len(anchors.mean) - 1, len(standard)).astype(int)
-        few = Anchor(*(part[some] for part in anchors))
-        ratios = compare_over(model, data, told.summaries, few, standard, told.profile)
-    besides = corrections(told.summaries, ratios, anchors)
-    if told.profile is not None:
-        besides = besides + _of_profile(told.profile, anchors)
+    besides = besides_summaries(prepared.model, prepared.data, told, expected.anchors)
     parts = [
         _of_some(prepared, told.summaries, expected, besides, slice(begin, begin + _AT_ONCE))
         for begin in range(0, len(besides), _AT_ONCE)
     ]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+
+
+def besides_summaries(
+    model: TraceModel, data: TraceData, told: Told, anchors: Anchor
+) -> Float[np.ndarray, "draw impact"]:
+    """Log of each trace's evidence over its summary's, where draws of the population expect its impact."""
+    ratios = told.ratios
+    if ratios is None:
+        standard = standard_points(told.summaries.centre.shape[1])
+        some = np.linspace(0, len(anchors.mean) - 1, len(standard)).astype(int)
+        few = Anchor(*(part[some] for part in anchors))
+        ratios = compare_over(model, data, told.summaries, few, standard, told.profile)
+    found = corrections(told.summaries, ratios, anchors)
+    return found if told.profile is None else found + _of_profile(told.profile, anchors)
 
 
 def _of_profile(profile: Profile, anchors: Anchor) -> Float[np.ndarray, "draw impact"]:
