@@ -29,7 +29,10 @@ def test_the_best_explanation_and_its_rivals_are_named(run):
     assert impact.startswith("Leave one impact out: “log mass” predicts best; no other comes within")
     assert trial.endswith("Warned: high Pareto k (1 of 4 models).")
     unsure = run.comparison.assign(se_difference=11.0)
-    assert "within two standard errors of it: mass." in remarks.best_explanations(unsure)[0]
+    assert "within two standard errors or four nats of it: mass." in remarks.best_explanations(unsure)[0]
+    # However certain, a small difference tells nothing.
+    little = run.comparison.assign(se_difference=0.1, elpd_difference=-3.0)
+    assert "or four nats of it: mass" in remarks.best_explanations(little)[0]
 
 
 def test_priors_that_matter_are_named(run):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from bayestissue.inference.comparison import decides
 from bayestissue.report.posterior import QUANTITIES, PosteriorRun
 from bayestissue.report.wording import listed
 
@@ -37,11 +38,11 @@ def best_explanations(comparison: pd.DataFrame) -> list[str]:
 def _best(scheme: str, rows: pd.DataFrame) -> str:
     ordered = rows.sort_values("elpd", ascending=False)
     others = ordered.iloc[1:]
-    close = others[others["elpd_difference"].abs() <= 2 * others["se_difference"]]
+    close = others[~decides(others["elpd_difference"], others["se_difference"])]
     rivals = (
-        f"within two standard errors of it: {listed(close['model'].to_list())}"
+        f"within two standard errors or four nats of it: {listed(close['model'].to_list())}"
         if len(close)
-        else "no other comes within two standard errors of it"
+        else "no other comes within two standard errors or four nats of it"
     )
     warnings = ordered.loc[ordered["warning"] != "", "warning"].value_counts()
     told = listed([f"{warning} ({count} of {len(ordered)} models)" for warning, count in warnings.items()])
