@@ -12,9 +12,9 @@ from bayestissue.hierarchy.conditional import (
     Conditional,
     Summaries,
     condition,
-    impact_log_evidence,
     impact_parameters,
     locations,
+    log_evidence_of,
 )
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.population import (
@@ -168,7 +168,7 @@ def test_each_traces_evidence_is_the_dense_integral(dense: Dense) -> None:
         )
         for i in range(dense.number)
     ]
-    found = impact_log_evidence(dense.conditional(), dense.summaries, about)
+    found = log_evidence_of(dense.conditional().parts, dense.summaries, about)
     assert_allclose(found, direct + dense.constants, rtol=1e-10)
 
 

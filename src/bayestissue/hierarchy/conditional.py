@@ -51,7 +51,7 @@ class Conditional(NamedTuple):
         log_evidence: log density of all summaries, b and every u integrated out.
         mean: of b.
         factor: lower Cholesky factor of b's precision.
-        parts: per impact, what `impact_parameters` and `impact_log_evidence` need.
+        parts: per impact, what `impact_parameters` and `log_evidence_of` need.
     """
 
     log_evidence: Float[Array, ""]
@@ -155,17 +155,10 @@ def prior_times(prior: small.Matrix, away: small.Vector) -> list[Array]:
     return [*pair, *(prior[a][a] * away[a] for a in range(2, len(away)))]
 
 
-def impact_log_evidence(
-    conditional: Conditional, summaries: Summaries, about: list[Float[Array, " impact"]]
-) -> Float[Array, " impact"]:
-    """Log density of each trace's summary given X b, its u integrated out."""
-    return log_evidence_of(conditional.parts, summaries, about)
-
-
 def log_evidence_of(
     parts: ImpactParts, summaries: Summaries, about: list[Float[Array, " impact"]]
 ) -> Float[Array, " impact"]:
-    """The same from the impacts' parts alone."""
+    """Log density of each trace's summary given X b, its u integrated out."""
     size = len(about)
     away = [about[a] - summaries.centre[:, a] for a in range(size)]
     weighted = small.times(parts.weight, away)
