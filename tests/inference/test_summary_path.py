@@ -12,8 +12,8 @@ from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.pareto import pareto_smoothed
-from bayestissue.inference.ratios import compare_over, corrections
-from bayestissue.inference.summary_path import summary_draws
+from bayestissue.inference.ratios import Ratios, compare_over, corrections
+from bayestissue.inference.summary_path import Correction, summary_draws
 from bayestissue.inference.trace_densities import log_likelihoods
 from bayestissue.inference.trace_draws import unfold
 from bayestissue.inference.trace_expectation import expectations
@@ -144,6 +144,18 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     error = error - error.mean(0)
     assert np.abs(error.sum(1)).max() < 0.25
     assert np.abs(error).max() < 0.15
+
+
+@pytest.mark.parametrize(("scatter", "trusted"), [(0.3, True), (4.0, False)])
+def test_a_correction_is_refused_where_most_points_have_no_weight(scatter: float, trusted: bool) -> None:
+    log_ratio = scatter * np.random.default_rng(6).normal(size=(64, 400))
+    nothing = np.zeros((64, 400, 3))
+    found = Correction(0.1, 0.9, Ratios(nothing, log_ratio, log_ratio, ()))  # type: ignore[arg-type]
+    assert found.trusted is trusted
+    assert [check.passed for check in found.checks()] == [True, trusted]
+    if trusted:
+        # Of log-normal weights exp(-s^2) of the points are left, in one impact by 64 points to about 0.01.
+        assert abs(found.told - np.exp(-(scatter**2))) < 5 * 0.01
 
 
 def test_smoothed_weights_lead_from_draws_to_their_target() -> None:
