@@ -40,10 +40,9 @@ from bayestissue.hierarchy.traces import (
     population,
     sampled_model,
     trace_distribution,
-    warped,
 )
 from bayestissue.inference.chains import run_chains
-from bayestissue.inference.exact_path import start_of
+from bayestissue.inference.exact_path import start_of, straightened
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.summary_path import summary_draws
 from bayestissue.inference.trace_draws import unfold
@@ -140,7 +139,7 @@ def exact_path(bench: Bench) -> Outcome:
 
     def sample(settings: Sampler) -> Draws:
         draws = run_chains(model, arguments, start, settings, SEED, processes=False)
-        return replace(draws, sites=straightened(bench, draws.sites))
+        return replace(draws, sites=straightened(bench.prepared.model, bench.whitening, draws.sites))
 
     # A chain's functions are the same whatever the number of chains and draws.
     short = settings.model_copy(update={"chains": 1, "draws": 100})
@@ -162,16 +161,8 @@ def gradients(draws: Draws) -> float:
 def exact_density(bench: Bench) -> tuple[Callable[..., None], tuple[Any, ...]]:
     """The numpyro model of the exact path, and its arguments."""
     summarised = bench.whitening
-    arguments = (bench.prepared.data, summarised.summaries, summarised.warp)
+    arguments = (bench.prepared.data, summarised.summaries, summarised.spreads.warp)
     return partial(sampled_model, bench.prepared.model), arguments
-
-
-def straightened(bench: Bench, sites: Arrays) -> Arrays:
-    """The last location's standard normal back from the coordinate in which it was sampled."""
-    if bench.whitening.warp is None:
-        return sites
-    straight = warped(jnp.asarray(sites["standard_locations"]), bench.whitening.warp)
-    return sites | {"standard_locations": np.asarray(straight)}
 
 
 class FlatDensity:
@@ -255,15 +246,15 @@ def nutpie_exact(bench: Bench, adaptation: str) -> Outcome:
         point = {
             name: value + 0.5 * rng.standard_normal(np.shape(value)) for name, value in start.centre.items()
         }
-        moved = 0.5 * scale @ rng.standard_normal(len(scale))
-        point |= {name: start.centre[name] + moved[i] for i, name in enumerate(start.dense)}
+        (spreads,) = start.dense
+        point[spreads] = start.centre[spreads] + 0.5 * scale @ rng.standard_normal(len(scale))
         return np.asarray(ravel_pytree(point)[0])
 
     settings = bench.specification.sampler
     found, spent, steps, transitions = nutpie_draws(
         density, begin, tune=settings.warmup, draws=settings.draws, chains=CHAINS, adaptation=adaptation
     )
-    draws = Draws(straightened(bench, found), {}, settings.max_tree_depth)
+    draws = Draws(straightened(bench.prepared.model, bench.whitening, found), {}, settings.max_tree_depth)
     bench.quantities(draws, bench.whitening)
     quantities, unfolding = timed(lambda: bench.quantities(draws, bench.whitening))
     compiling = made + bench.summarising_cold - bench.summarising
@@ -273,7 +264,7 @@ def nutpie_exact(bench: Bench, adaptation: str) -> Outcome:
 def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
     """A point of the plain model where its posterior is: the middle of our summary, errors drawn given it."""
     model, data = bench.prepared.model, bench.prepared.data
-    raw = {name: jnp.asarray(bench.summarised.spreads.mode[name]) for name in model.spreads}
+    raw = {name: jnp.asarray(bench.summarised.spreads.middle[name]) for name in model.spreads}
     sites = constrained(model, raw)
     summaries = bench.summarised.summaries
     middle = jnp.zeros(model.locations.size), jnp.zeros(summaries.centre.shape)

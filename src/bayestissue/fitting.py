@@ -7,7 +7,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
@@ -21,10 +21,10 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, prepare, with_discrepancy
 from bayestissue.inference import model_form
-from bayestissue.inference.ahead import SecondCore
 from bayestissue.inference.compiling import Result
 from bayestissue.inference.diagnostics import verdict_in_words
 from bayestissue.inference.many_draws import MANY
+from bayestissue.inference.second_core import SecondCore
 from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
 
 if TYPE_CHECKING:
@@ -160,15 +160,18 @@ def fit_prepared(
     say: Say,
     *,
     checkpoints: Path | None = None,
+    core: SecondCore | None = None,
 ) -> Fit:
     """`fit` from prepared data on; ``checkpoints`` is a folder for finished parts, see `fit_traces`.
+
+    ``core`` is a second process that has begun already.
 
     Where the residuals are plainly structured and the model file leaves it to the program, a second fit with
     a discrepancy follows, and is the one that is told; the first is not finished if its best fits show it.
     float64 must be set.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
-    with SecondCore() as core:
+    with SecondCore() if core is None else nullcontext(core) as core:
         estimates = _begun_estimates(dataset, specification, prepared, core)
         found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints, core=core)
         form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
@@ -307,13 +310,18 @@ def _silent(stage: str, done: int, total: int) -> None:
 def _set_up() -> Iterator[None]:
     """The numerical libraries as an entry point sets them up, for the length of a block."""
     import jax
+    import scipy.linalg  # noqa: F401 - compiled functions call its BLAS, which must be there to be limited
+    from threadpoolctl import threadpool_limits
 
     # The setting of JAX is for every thread: chains may run in several.
     float64 = jax.config.jax_enable_x64
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
     runtime.configure(one_core=True)
     try:
-        yield
+        # Loaded before this process kept to one core, BLAS has a thread on each, and chains were measured to
+        # take three times as long.
+        with threadpool_limits(1):
+            yield
     finally:
         jax.config.update("jax_enable_x64", float64)
         if cores is not None:

@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from jax.flatten_util import ravel_pytree
 from numpy.testing import assert_allclose
-from numpyro.infer.util import log_density
+from numpyro.infer.util import log_density, potential_energy
 
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.design import build_design
@@ -17,6 +17,7 @@ from bayestissue.hierarchy.population import PopulationDesign, population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import Formulas
 from bayestissue.hierarchy.traces import (
+    COORDINATES,
     NUISANCE,
     Kind,
     TraceData,
@@ -29,6 +30,7 @@ from bayestissue.hierarchy.traces import (
     sampled_model,
     trace_distribution,
 )
+from bayestissue.hierarchy.warp import Warp
 from bayestissue.likelihood.deceleration import DecelerationRecord
 from bayestissue.likelihood.displacement import displacement_record
 from bayestissue.oscillator import spring_damper
@@ -109,6 +111,24 @@ def test_both_models_are_one_density_in_two_coordinates(kind: Kind) -> None:
         below, _ = log_density(sampled_model, (model, data, summaries), {}, sampled)
         # No constant is left over. The terms are sums of some thousands in size.
         assert float(below) == pytest.approx(float(above) + log_jacobian, rel=1e-9)
+
+
+@pytest.mark.parametrize("last", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_warped_coordinates_have_the_same_density_of_the_unconstrained_ones(kind: Kind, last: bool) -> None:
+    model, data, summaries = made(kind)
+    _, z_b, z_u = point(model)
+    size = len(model.spreads) + last
+    warp = Warp(RNG.normal(size=size), RNG.uniform(0.5, 1.5, size), RNG.uniform(-0.4, 0.4, size))
+    y, y_last = RNG.normal(size=len(model.spreads)), float(z_b[-1])
+    raw = dict(zip(model.spreads, warp.part(slice(len(y)))(y), strict=True))
+    z_last = float(warp.part(-1)(y_last)) if last else y_last
+    own = {"standard_locations": jnp.append(z_b[:-1], z_last), "standard_impacts": z_u}
+    below = potential_energy(sampled_model, (model, data, summaries), {}, raw | own)
+    sampled = {COORDINATES: y, "standard_locations": z_b, "standard_impacts": z_u}
+    above = potential_energy(sampled_model, (model, data, summaries, warp), {}, sampled)
+    along = np.append(y, y_last) if last else y
+    assert float(above) == pytest.approx(float(below) - np.log(warp.slope(along)).sum(), rel=1e-12)
 
 
 @pytest.mark.parametrize("kind", KINDS)

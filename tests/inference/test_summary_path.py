@@ -121,13 +121,9 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     model, data, summaries = prepared.model, prepared.data, summarised.summaries
     rng = np.random.default_rng(3)
     # Populations as the posterior has them, one with hardly any spread of the noise among them.
-    names = sorted(summarised.spreads.mode)
-    scatter = rng.multivariate_normal(np.zeros(len(names)), summarised.spreads.covariance, 64)
-    raw = {
-        name: jnp.asarray(summarised.spreads.mode[name] + np.clip(scatter[:, i], -1, 1))
-        for i, name in enumerate(names)
-    }
-    raw["sd_noise"] = raw["sd_noise"].at[:2].set(-7.0)
+    size = len(summarised.spreads.names)
+    raw = summarised.spreads.raw(rng.multivariate_normal(np.zeros(size), summarised.spreads.covariance, 64))
+    raw["sd_noise"][:2] = -7.0
     anchors = expectations(model, data, summaries, raw, np.zeros((64, model.locations.size))).anchors
     ratios = compare_over(model, data, summaries, anchors, standard_points(3))
     first = Anchor(*(part[:8] for part in anchors))

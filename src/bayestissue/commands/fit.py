@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import typer
 
 from bayestissue import results, runtime
+from bayestissue.inference.second_core import SecondCore
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -36,6 +37,22 @@ def run(
     """
     results.require_free(out, overwrite=overwrite)
     runtime.configure(one_core=True)
+    with SecondCore() as core:
+        core.start()
+        return _run(dataset, out, model, seed, core, skip_bad=skip_bad, overwrite=overwrite, quiet=quiet)
+
+
+def _run(
+    dataset: Path,
+    out: Path,
+    model: Path | None,
+    seed: int,
+    core: SecondCore,
+    *,
+    skip_bad: bool,
+    overwrite: bool,
+    quiet: bool,
+) -> bool:
     from bayestissue.commands.console import Stages
     from bayestissue.dataset import read_dataset
     from bayestissue.fitting import fit_prepared, resolve, write_run
@@ -47,7 +64,7 @@ def run(
     kept = results.unfinished(out, _fingerprint(data, specification, seed))
     with Stages(quiet=quiet) as say:
         try:
-            fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept)
+            fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept, core=core)
         except KeyboardInterrupt:
             if not quiet:
                 typer.echo("interrupted; run the same command again to go on from here", err=True)

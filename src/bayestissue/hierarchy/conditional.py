@@ -101,14 +101,14 @@ def condition(
     toward = [impacts.pull[a] - weighted[a] for a in range(size)]
     constant = log_evidence_of(impacts, summaries, prior_mean)
     upper = {
-        (a, b): design.columns[a].T @ (_cells(design, impacts.weight[a][b])[:, None] * design.columns[b])
+        (a, b): design.columns[a].T @ (to_cells(design, impacts.weight[a][b])[:, None] * design.columns[b])
         for a, b in itertools.combinations_with_replacement(range(size), 2)
     }
     precision = jnp.block(
         [[upper[a, b] if a <= b else upper[b, a].T for b in range(size)] for a in range(size)]
     )
     precision = precision + spread.precision_matrix()
-    right = jnp.concatenate([design.columns[a].T @ _cells(design, toward[a]) for a in range(size)])
+    right = jnp.concatenate([design.columns[a].T @ to_cells(design, toward[a]) for a in range(size)])
     factor = jnp.linalg.cholesky(precision)
     half = solve_triangular(factor, right, lower=True)
     log_evidence = (
@@ -210,7 +210,8 @@ def prior_precision(spread: Spread) -> list[list[Array]]:
     return prior
 
 
-def _cells(design: PopulationDesign, values: Float[Array, " impact"]) -> Float[Array, " cell"]:
+def to_cells(design: PopulationDesign, values: Float[Array, " impact"]) -> Float[Array, " cell"]:
+    """The impacts' values summed over each cell."""
     cells = design.columns[0].shape[0]
     if cells == values.shape[0]:
         return values

@@ -52,6 +52,8 @@ NUISANCE: dict[str, tuple[str, ...]] = {
 }
 RECORDED = (DecelerationRecord, ElementRecord)
 LOG_2 = 0.6931471805599453
+# The site that holds the coordinates of all spreads where they are warped.
+COORDINATES = "coordinates"
 
 
 class TraceData(NamedTuple):
@@ -211,6 +213,37 @@ def sample_spreads(model: TraceModel) -> dict[str, Array]:
     return {name: numpyro.sample(name, model.prior_of(name)) for name in model.spreads}
 
 
+def sample_warped(model: TraceModel, warp: Warp) -> tuple[dict[str, Array], Float[Array, " rest"]]:
+    """The same on coordinates of one site, `COORDINATES`, in which the posterior is nearly normal.
+
+    ``warp`` maps them to the unconstrained ones in the order of `TraceModel.spreads`, and to any others that
+    the caller has a density for: those are returned as well.
+    """
+    anything = dist.ImproperUniform(dist.constraints.real_vector, (), warp.location.shape)
+    y = numpyro.sample(COORDINATES, anything)
+    raw = warp(y)
+    sites: dict[str, Array] = {}
+    density = jnp.log(warp.slope(y)).sum()
+    # Alike priors in one call: dozens of operations on single numbers take long to compile.
+    for prior, names in _grouped(model):
+        values = raw[jnp.array([model.spreads.index(name) for name in names])]
+        transform = biject_to(prior.support)
+        own = transform(values)
+        density += (prior.log_prob(own) + transform.log_abs_det_jacobian(values, own)).sum()
+        sites |= dict(zip(names, own, strict=True))
+    numpyro.factor("spreads", density)
+    return sites, raw[len(model.spreads) :]
+
+
+def _grouped(model: TraceModel) -> list[tuple[dist.Distribution, list[str]]]:
+    """The spreads' priors, all half-normal ones as one of a vector."""
+    priors = {name: model.prior_of(name) for name in model.spreads}
+    alike = [name for name, prior in priors.items() if isinstance(prior, HalfNormalSpread)]
+    scales = jnp.array([priors[name].scale for name in alike])
+    together = [(HalfNormalSpread(scales), alike)] if alike else []
+    return together + [(prior, [name]) for name, prior in priors.items() if name not in alike]
+
+
 def constrained(model: TraceModel, raw: Mapping[str, Array]) -> dict[str, Array]:
     """The standard deviations and the correlation from their unconstrained coordinates, of any shape."""
     return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.spreads}
@@ -255,16 +288,17 @@ def sampled_model(model: TraceModel, data: TraceData, summaries: Summaries, warp
     """The same density over standard normals; `from_standard` gives b and u back.
 
     The factor is log p(b, u) + log |d(b, u) / d(standard normals)| less the standard normals' own density.
-    Where the last location's standard normal is far from normal in the posterior, ``warp`` is the map to it
-    from the coordinate that is sampled.
+    ``warp`` is the map from the coordinates that are sampled to the spreads' unconstrained ones, and to the
+    last location's standard normal if that is far from normal in the posterior: see `sample_warped`.
     """
-    sites = sample_spreads(model)
+    count = len(model.spreads)
+    sites = sample_spreads(model) if warp is None else sample_warped(model, warp.part(slice(count)))[0]
     number, size = summaries.centre.shape
     z_b = numpyro.sample("standard_locations", _standard(model.locations.size))
     z_u = numpyro.sample("standard_impacts", _standard(number, size))
-    if warp is not None:
-        numpyro.factor("warp", warp.log_change(z_b[-1]))
-        z_b = warped(z_b, warp)
+    if warp is not None and warp.location.shape[0] > count:
+        y, z_b = z_b[-1], warped(z_b, warp)
+        numpyro.factor("warp", jnp.log(warp.part(-1).slope(y)) + (y**2 - z_b[-1] ** 2) / 2)
     found = from_standard(model, data, summaries, sites, z_b, z_u)
     density = found.conditional.log_evidence - summaries.log_summary(found.u).sum()
     numpyro.factor("change_of_variables", density)
@@ -273,8 +307,8 @@ def sampled_model(model: TraceModel, data: TraceData, summaries: Summaries, warp
 
 
 def warped(z_b: Float[Array, "*batch location"], warp: Warp) -> Float[Array, "*batch location"]:
-    """The locations' standard normals with the last one warped."""
-    return z_b.at[..., -1].set(warp(z_b[..., -1]))
+    """The locations' standard normals with the last one warped by the last part of ``warp``."""
+    return z_b.at[..., -1].set(warp.part(-1)(z_b[..., -1]))
 
 
 def _standard(*shape: int) -> dist.Distribution:

@@ -1,40 +1,37 @@
-"""A smooth map that makes a skewed distribution of one parameter normal."""
+"""A smooth map that makes skewed distributions normal, each number by itself."""
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import jax.numpy as jnp
-from jax import Array
+from jaxtyping import Float
 
 
 class Warp(NamedTuple):
-    """z = location + scale sinh(asinh(y) + skew), increasing and smooth, y standard normal.
+    """x = location + along y + bend ((1 + y^2)^1/2 - 1), increasing and smooth, y standard normal.
 
-    The sinh-arcsinh family (Jones and Pewsey 2009, Biometrika 96) with normal tails: far out the map has
-    slope scale e^skew on one side and scale e^-skew on the other, as a distribution does that ends at a
-    wall and thins out slowly away from it.
+    A sinh-arcsinh map with normal tails (Jones and Pewsey 2009, Biometrika 96), written as the hyperbola that
+    it is: far out its slope is along + bend on the right and along - bend on the left, as of a distribution
+    that ends at a wall and thins out slowly away from it.
 
     Attributes:
-        location, scale: of z where y is 0 and skew is 0.
-        skew: 0 for a line.
+        location: x where y is 0.
+        along: slope there.
+        bend: less than ``along`` in size; 0 for a line.
     """
 
-    location: Array
-    scale: Array
-    skew: Array
+    location: Float[Any, "*number"]
+    along: Float[Any, "*number"]
+    bend: Float[Any, "*number"]
 
-    def __call__(self, y: Array) -> Array:
-        """The value at ``y``."""
-        return self.location + self.scale * jnp.sinh(jnp.arcsinh(y) + self.skew)
+    def __call__(self, y: Any) -> Any:
+        """The values at ``y``, an array of numpy or of JAX."""
+        return self.location + self.along * y + self.bend * ((1 + y**2) ** 0.5 - 1)
 
-    def log_slope(self, y: Array) -> Array:
-        """Log of dz/dy."""
-        return jnp.log(self.scale) + jnp.log(jnp.cosh(jnp.arcsinh(y) + self.skew)) - jnp.log1p(y**2) / 2
+    def slope(self, y: Any) -> Any:
+        """Of each value, dx/dy."""
+        return self.along + self.bend * y / (1 + y**2) ** 0.5
 
-    def log_change(self, y: Array) -> Array:
-        """Log of dz/dy times the standard normal density of z over that of ``y``.
-
-        What a model whose z is standard normal gains where y is sampled as if it were.
-        """
-        return self.log_slope(y) + (y**2 - self(y) ** 2) / 2
+    def part(self, places: slice | int) -> Warp:
+        """That of some of the numbers."""
+        return Warp(*(values[places] for values in self))

@@ -8,7 +8,6 @@ free.
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future
@@ -23,14 +22,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue import runtime
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.hierarchy.warp import Warp
 from bayestissue.inference import ratios, summary_path, trace_draws, trace_start
-from bayestissue.inference.chains import Start, lowered_chain, run_compiled
+from bayestissue.inference.chains import lowered_chain, run_compiled
 from bayestissue.inference.compiling import (
     CHAINS,
     CHOICE,
@@ -42,6 +39,8 @@ from bayestissue.inference.compiling import (
     Result,
     length_of_piece,
 )
+from bayestissue.inference.coordinates import Coordinates, straight
+from bayestissue.inference.second_core import SecondCore, begun, submitted
 from bayestissue.inference.trace_densities import POINTS, densities_at
 from bayestissue.inference.trace_expectation import DRAWS as DRAWS_OF_CALL
 from bayestissue.inference.trace_expectation import expectations_of
@@ -58,41 +57,6 @@ _OF_PROFILE = (CHAINS, CORRECTION)
 _COMPILED: dict[tuple[int, str], Any] = {}
 _GIVEN: dict[tuple[int, str], tuple[Any, ...]] = {}
 _NUMBERS = count()
-
-
-class SecondCore:
-    """A process on another core, for as many fits as are made within it; begun when it is first asked for."""
-
-    def __init__(self) -> None:
-        self._pool: Any = None
-
-    def pool(self) -> Any:
-        """The process; None without a second core or a folder for what is compiled, or on an accelerator."""
-        if not runtime.compiled_folder() or runtime.cores() < 2 or jax.default_backend() != "cpu":
-            return None
-        if self._pool is None:
-            from loky import ProcessPoolExecutor
-
-            own = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
-            others = tuple(core for core in runtime.CORES if core not in own) or runtime.CORES
-            # Compiled functions that are kept would pass for a leak of memory, and the worker be replaced.
-            kept = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
-            core = others[0] if others else None
-            self._pool = ProcessPoolExecutor(1, initializer=runtime.settle_on, initargs=(core,), env=kept)
-            self._pool.submit(_ready)
-        return self._pool
-
-    def begin(self, function: Function, *arguments: Any) -> Result:
-        """Begin any function there, or leave it to whoever asks what is returned for its result."""
-        pool = self.pool()
-        return partial(function, *arguments) if pool is None else _begun(pool, function, arguments)
-
-    def __enter__(self) -> SecondCore:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, kill_workers=True)
 
 
 @contextmanager
@@ -152,7 +116,7 @@ class _Worker(Helper):
     def wait(self, part: str) -> None:
         """Wait, and meanwhile compile what the worker would come to last."""
         while part in self._parts and not self._parts[part].done():
-            other = self._not_begun()
+            other = self._notbegun()
             if other is None:
                 # A broken worker tells only when it is asked; what it should have done is then done here.
                 self._parts[part].exception()
@@ -168,7 +132,7 @@ class _Worker(Helper):
             if other == part:
                 return
 
-    def _not_begun(self) -> str | None:
+    def _notbegun(self) -> str | None:
         """The last part that nobody has compiled, which is then left to this process."""
         with self._changed:
             left = [part for part in self._to_compile if part not in self._compiled_here]
@@ -198,7 +162,7 @@ class _Worker(Helper):
         return [(made | shared.made)[place] for place in range(len(pieces))]
 
     def begin(self, function: Function, *arguments: Any) -> Result:
-        return _begun(self._pool, function, arguments)
+        return begun(self._pool, function, arguments)
 
     def close(self) -> None:
         """Ask for nothing any more."""
@@ -231,7 +195,7 @@ class _Worker(Helper):
                 self._do_piece(shared)
             else:
                 given = (self._number, part, self._job, bool(self._profiled))
-                error = _submitted(self._pool, _compile, *given).exception()
+                error = submitted(self._pool, _compile, *given).exception()
                 told.set_result(None) if error is None else told.set_exception(error)
 
     def _has_pieces(self) -> bool:
@@ -245,7 +209,7 @@ class _Worker(Helper):
         place = shared.under_way
         assert place is not None  # noqa: S101 - it was just taken
         # What all pieces share is sent once.
-        future = _submitted(self._pool, _piece, shared.what, None if shared.sent else given, pieces[place])
+        future = submitted(self._pool, _piece, shared.what, None if shared.sent else given, pieces[place])
         error = future.exception()
         with self._changed:
             shared.sent, shared.under_way = True, None
@@ -255,25 +219,6 @@ class _Worker(Helper):
                 shared.left.append(place)
                 self._shared = None
             self._changed.notify_all()
-
-
-def _submitted(pool: Any, function: Function, *arguments: Any) -> Future:
-    try:
-        return pool.submit(function, *arguments)
-    except Exception as error:
-        failed: Future = Future()
-        failed.set_exception(error)
-        return failed
-
-
-def _begun(pool: Any, function: Function, arguments: tuple[Any, ...]) -> Result:
-    sent = [np.asarray(leaf) if isinstance(leaf, jax.Array) else leaf for leaf in jax.tree.leaves(arguments)]
-    future = _submitted(pool, function, *jax.tree.unflatten(jax.tree.structure(arguments), sent))
-
-    def result() -> Any:
-        return function(*arguments) if future.exception() is not None else future.result()
-
-    return result
 
 
 @dataclass
@@ -320,10 +265,6 @@ def _shapes(tree: Any) -> Any:
     return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(np.shape(leaf), jnp.result_type(leaf)), tree)
 
 
-def _ready() -> None:
-    """Nothing: a process that is asked for it has started and imported all this."""
-
-
 def _compile(number: int, what: str, job: Job, profiled: bool) -> None:
     compiled = [lowered.compile() for lowered in lowered_functions(what, job, profiled=profiled)]
     _COMPILED[number, what] = compiled[-1]
@@ -359,10 +300,10 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
     bare = data._replace(record=None)  # type: ignore[arg-type]
     keys = jax.eval_shape(lambda: jax.random.split(jax.random.PRNGKey(0), number))
     if what == CHAINS:
-        names = sorted([*model.spreads, *([trace_start.LAST] if profile is not None else [])])
-        start = Start({name: np.zeros(()) for name in names}, tuple(names), np.eye(len(names)))
-        warp = None if profile is None else Warp._make(real(()) for _ in Warp._fields)
-        arguments = (bare, summaries, profile, warp)
+        names = trace_start.names_of(model, profiled=profiled)
+        spreads = Coordinates(names, straight(len(names)), np.eye(len(names)))
+        arguments = (bare, summaries, profile, _shapes(spreads.warp))
+        start = summary_path.start_at(spreads)
         yield from lowered_chain(summary_path.spreads_of(model), arguments, start, settings)
     elif what == CORRECTION:
         yield from _of_correction(model, data, summaries, profiled=profiled)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache, partial
 from pathlib import Path
 
@@ -11,10 +12,10 @@ import numpy as np
 
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceModel, sampled_model, warped
+from bayestissue.hierarchy.traces import COORDINATES, TraceModel, sampled_model, warped
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.sampling import Draws, Progress, silent
-from bayestissue.inference.trace_start import LAST, Summarised
+from bayestissue.inference.trace_start import Summarised
 
 
 def exact_draws(
@@ -30,7 +31,7 @@ def exact_draws(
     """Draws of the sites of `sampled_model`, whose coordinates the summaries make; see `run_chains`."""
     draws = run_chains(
         model_of(prepared.model),
-        (prepared.data, summarised.summaries, summarised.warp),
+        (prepared.data, summarised.summaries, summarised.spreads.warp),
         start_of(prepared, summarised),
         settings,
         seed,
@@ -38,10 +39,21 @@ def exact_draws(
         checkpoints=checkpoints,
         processes=processes,
     ).thinned(settings.thinning)
-    if summarised.warp is not None:
-        straight = warped(jnp.asarray(draws.sites["standard_locations"]), summarised.warp)
-        draws.sites["standard_locations"] = np.asarray(straight)
-    return draws
+    sites = straightened(prepared.model, summarised, draws.sites)
+    return replace(draws, sites=sites)
+
+
+def straightened(
+    model: TraceModel, summarised: Summarised, sites: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Draws as if no coordinate had been warped: the spreads' unconstrained values, and standard normals."""
+    count, warp = len(model.spreads), summarised.spreads.warp
+    raw = np.asarray(warp.part(slice(count))(sites[COORDINATES]))
+    z_b = sites["standard_locations"]
+    if summarised.profile is not None:
+        z_b = np.asarray(warped(jnp.asarray(z_b), warp))
+    rest = {name: values for name, values in sites.items() if name != COORDINATES}
+    return rest | {"standard_locations": z_b} | dict(zip(model.spreads, np.moveaxis(raw, -1, 0), strict=True))
 
 
 @lru_cache(maxsize=8)
@@ -51,10 +63,11 @@ def model_of(model: TraceModel) -> Callable[..., None]:
 
 
 def start_of(prepared: Prepared, summarised: Summarised) -> Start:
-    """Chains begin at the spreads' mode given the summaries, and at the middle of all standard normals."""
+    """Chains begin at the middle of the spreads given the summaries, and of all standard normals."""
     middle = {
         "standard_locations": np.zeros(prepared.model.locations.size),
         "standard_impacts": np.zeros(summarised.summaries.centre.shape),
     }
-    spreads = summarised.spreads.without(LAST)
-    return Start({**spreads.mode, **middle}, tuple(sorted(spreads.mode)), spreads.covariance)
+    count = len(prepared.model.spreads)
+    covariance = summarised.spreads.covariance[:count, :count]
+    return Start({COORDINATES: np.zeros(count), **middle}, (COORDINATES,), covariance)

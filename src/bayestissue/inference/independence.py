@@ -7,7 +7,8 @@ each of its draws, each of them three times the price of a value.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -22,7 +23,6 @@ from scipy.stats import multivariate_t
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.sampling import Draws
-from bayestissue.inference.trace_start import Spreads
 
 DEGREES = 7.0
 ROUNDS = 3
@@ -34,6 +34,17 @@ class IndependenceDraws(NamedTuple):
 
     draws: Draws
     pareto_k: float
+
+
+@dataclass(frozen=True)
+class Spreads:
+    """The standard deviations' posterior given the summaries, to second order, unconstrained.
+
+    ``mode`` has each site's value, ``covariance`` the inverse of the curvature there.
+    """
+
+    mode: Mapping[str, np.ndarray]
+    covariance: np.ndarray
 
 
 def independence_chains(

@@ -20,10 +20,10 @@ from bayestissue.hierarchy.cells import Arrangement, Cells, Expansion, expected_
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.population import Spread
 from bayestissue.hierarchy.traces import TraceModel, constrained, population, sample_spreads
+from bayestissue.inference.independence import Spreads
 from bayestissue.inference.many_correction import PopulationDraws
 from bayestissue.inference.mode import find_mode
 from bayestissue.inference.profile_surface import Surface
-from bayestissue.inference.trace_start import Spreads
 from bayestissue.inference.trace_summaries import Anchor
 
 _STEP = 1e-4

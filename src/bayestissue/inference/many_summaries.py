@@ -15,6 +15,7 @@ from bayestissue.hierarchy.cells import Cells, arrange
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, with_normal_errors
+from bayestissue.inference.independence import Spreads
 from bayestissue.inference.many_correction import expand, rows_of
 from bayestissue.inference.many_population import Where
 from bayestissue.inference.profile_surface import Surface, surface_around
@@ -22,7 +23,7 @@ from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_blocks import in_blocks
 from bayestissue.inference.trace_moments import compare, refine, standard_points
 from bayestissue.inference.trace_profile import Profile, cleared_of_last, flat_profile, profile_last
-from bayestissue.inference.trace_start import FEW, REFINEMENTS, Spreads, first_guess
+from bayestissue.inference.trace_start import FEW, REFINEMENTS, first_guess
 from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
 
 # Steps from the point estimates, and from where those ended.

@@ -14,7 +14,6 @@ from functools import lru_cache, partial
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
@@ -22,7 +21,7 @@ from jaxtyping import Float, Int
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
 from bayestissue.inference import wide_summaries
 from bayestissue.inference.chains import Start, run_chains
 from bayestissue.inference.compiling import (
@@ -32,6 +31,7 @@ from bayestissue.inference.compiling import (
     compiled_quickly,
     in_pieces,
 )
+from bayestissue.inference.coordinates import Coordinates
 from bayestissue.inference.diagnostics import Check
 from bayestissue.inference.pareto import pareto_smoothed
 from bayestissue.inference.ratios import Ratios, compare_over, corrections
@@ -42,7 +42,6 @@ from bayestissue.inference.trace_moments import log_summary, normals, standard_p
 from bayestissue.inference.trace_profile import Profile
 from bayestissue.inference.trace_start import (
     LAST,
-    Spreads,
     Summarised,
     spreads_model,
     spreads_of_summaries,
@@ -229,8 +228,8 @@ def _population_draws(
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
     chains = run_chains(
         spreads_of(model),
-        (data, summaries, profile, summarised.warp),
-        _start(summarised),
+        (data, summaries, profile, summarised.spreads.warp),
+        start_at(summarised.spreads),
         settings,
         seed,
         progress=progress,
@@ -239,11 +238,11 @@ def _population_draws(
     )
     shape = (settings.chains, settings.transitions)
     rng = np.random.default_rng([seed, 21])
-    raw = {name: values.reshape(-1) for name, values in chains.sites.items()}
-    z_b = rng.standard_normal((shape[0] * shape[1], model.locations.size))
+    count = shape[0] * shape[1]
+    raw = summarised.spreads.raw(chains.sites[COORDINATES].reshape(count, -1))
+    z_b = rng.standard_normal((count, model.locations.size))
     if profile is not None:
-        last = raw.pop(LAST)
-        z_b[:, -1] = last if summarised.warp is None else summarised.warp(jnp.asarray(last))
+        z_b[:, -1] = raw.pop(LAST)
     helper.wait(CORRECTION)
     every = expectations(model, data, summaries, raw, z_b)
     standard = standard_points(summaries.centre.shape[1])
@@ -294,13 +293,11 @@ def _beside_a_discrepancy(
 
 
 def _to_second_order(
-    prepared: Prepared, spreads: Spreads, count: int, rng: np.random.Generator
+    prepared: Prepared, spreads: Coordinates, count: int, rng: np.random.Generator
 ) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Draws of the population about the spreads' mode: the spreads, unconstrained, and standard locations."""
-    names = sorted(spreads.mode)
-    mode = [float(spreads.mode[name]) for name in names]
-    flat = rng.multivariate_normal(mode, spreads.covariance, count)
-    return dict(zip(names, flat.T, strict=True)), rng.standard_normal((count, prepared.model.locations.size))
+    """Draws of the population to second order: the spreads, unconstrained, and standard locations."""
+    y = rng.multivariate_normal(np.zeros(len(spreads.names)), spreads.covariance, count)
+    return spreads.raw(y), rng.standard_normal((count, prepared.model.locations.size))
 
 
 def _about_draws(
@@ -336,16 +333,9 @@ def _relative_variance(log_weight: Array) -> float:
     return float(np.mean(weight.var(0) / weight.mean(0) ** 2))
 
 
-def _start(summarised: Summarised) -> Start:
-    """The spreads' mode; the warped coordinate begins at its middle, and is standard normal by design."""
-    mode, covariance = dict(summarised.spreads.mode), summarised.spreads.covariance.copy()
-    names = tuple(sorted(mode))
-    if summarised.warp is not None:
-        place = names.index(LAST)
-        mode[LAST] = np.zeros(())
-        covariance[place], covariance[:, place] = 0.0, 0.0
-        covariance[place, place] = 1.0
-    return Start(mode, names, covariance)
+def start_at(spreads: Coordinates) -> Start:
+    """The middle of these coordinates."""
+    return Start({COORDINATES: np.zeros(len(spreads.names))}, (COORDINATES,), spreads.covariance)
 
 
 @lru_cache(maxsize=8)

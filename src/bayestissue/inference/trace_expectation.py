@@ -28,16 +28,12 @@ class Expectations(NamedTuple):
         b: the locations.
         about: X b.
         precision: D.
-        last_mean: conditional mean of the last location.
-        last_root: root of its precision, all other locations integrated out.
     """
 
     sites: dict[str, Float[np.ndarray, " draw"]]
     b: Float[np.ndarray, "draw location"]
     about: Float[np.ndarray, "draw impact parameter"]
     precision: Float[np.ndarray, "draw parameter parameter"]
-    last_mean: Float[np.ndarray, " draw"]
-    last_root: Float[np.ndarray, " draw"]
 
     @property
     def anchors(self) -> Anchor:
@@ -47,10 +43,6 @@ class Expectations(NamedTuple):
     def anchor(self, draw: int) -> Anchor:
         """That of one draw."""
         return Anchor(self.about[draw], self.precision[draw])
-
-    def last_sd(self, draw: int) -> float:
-        """Standard deviation of the last parameter between impacts."""
-        return float(self.precision[draw, -1, -1] ** -0.5)
 
 
 def expectations(
@@ -84,7 +76,6 @@ def expectations_of(
         sites = constrained(model, {name: values[place] for name, values in raw.items()})
         b, about, conditional = located(model, data, summaries, sites, z_b[place])
         prior = jnp.stack([jnp.stack(row) for row in conditional.parts.prior])
-        last = (conditional.mean[-1], conditional.factor[-1, -1])
-        return Expectations(sites, b, jnp.stack(about, axis=-1), prior, *last)  # type: ignore[arg-type]
+        return Expectations(sites, b, jnp.stack(about, axis=-1), prior)  # type: ignore[arg-type]
 
     return first_rows(one, DRAWS, number)

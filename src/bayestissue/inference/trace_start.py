@@ -10,25 +10,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import numpyro
-import numpyro.distributions as dist
 from jax import Array
 from jaxtyping import Float
 from numpyro.infer.util import potential_energy
-from scipy.optimize import least_squares
-from scipy.stats import norm
 
 from bayestissue.elements import element
-from bayestissue.hierarchy.conditional import Conditional, Summaries, condition
+from bayestissue.hierarchy.conditional import Summaries
+from bayestissue.hierarchy.log_evidence import log_evidence
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
+    COORDINATES,
     TraceData,
     TraceModel,
     population,
-    sample_spreads,
+    sample_warped,
     with_normal_errors,
 )
 from bayestissue.hierarchy.warp import Warp
 from bayestissue.inference.compiling import Helper, compiled_quickly
+from bayestissue.inference.coordinates import Coordinates, straight, warp_about
 from bayestissue.inference.mode import find_mode
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.sampling import Progress, silent
@@ -54,51 +54,23 @@ _HELD = 1e8
 _STEP = 1e-4
 
 
-@dataclass(frozen=True)
-class Spreads:
-    """The standard deviations' posterior given the summaries, to second order, unconstrained.
-
-    ``mode`` has each site's value, ``covariance`` the inverse of the curvature there.
-    """
-
-    mode: Mapping[str, np.ndarray]
-    covariance: np.ndarray
-
-    def without(self, name: str) -> Spreads:
-        """Those of the other sites, which must not depend on this one."""
-        kept = [place for place, each in enumerate(sorted(self.mode)) if each != name]
-        mode = {each: value for each, value in self.mode.items() if each != name}
-        return Spreads(mode, self.covariance[np.ix_(kept, kept)])
-
-
 def spreads_model(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Summaries,
-    profile: Profile | None = None,
-    warp: Warp | None = None,
+    model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None, warp: Warp
 ) -> None:
     """The numpyro model of the standard deviations alone, everything else integrated out.
 
     With a profile of the last parameter, its mean is sampled too, since only a normal integrates in closed
-    form. That mean is the last element of b, and so depends on the last standard normal alone, to which
-    ``warp`` is the map from the coordinate that is sampled.
+    form. That mean is the last element of b, and so depends on the last standard normal alone, which is the
+    last of the coordinates that ``warp`` is the map from.
     """
-    spread = population(model, sample_spreads(model))
-    found = condition(data.design, spread, data.location_mean, summaries)
-    numpyro.factor("summaries", found.log_evidence)
+    sites, rest = sample_warped(model, warp)
+    spread = population(model, sites)
+    numpyro.factor("summaries", log_evidence(data.design, spread, data.location_mean, summaries))
     if profile is not None:
-        z = numpyro.sample(LAST, dist.Normal())
-        if warp is not None:
-            numpyro.factor("warp", warp.log_change(z))
-            z = warp(z)
-        mean = last_mean(found, z)
-        numpyro.factor("profile", profile.log_evidence(mean, spread.nuisance[-1]).sum())
-
-
-def last_mean(conditional: Conditional, standard: Array) -> Array:
-    """The last parameter's mean over impacts, the last element of b, from its standard normal."""
-    return conditional.mean[-1] + standard / conditional.factor[-1, -1]
+        (z,) = rest
+        # The summaries are cleared of the last parameter, and leave its mean as its prior has it.
+        mean = data.location_mean[-1] + spread.locations[-1] * z
+        numpyro.factor("profile", profile.log_evidence(mean, spread.nuisance[-1]).sum() - z**2 / 2)
 
 
 def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
@@ -150,15 +122,18 @@ def _noise(prepared: Prepared, fit: PointFit | None) -> np.ndarray:
 class Summarised:
     """All that the sampler needs to know of the traces beforehand.
 
-    ``profile`` is what the traces say of a last parameter that they leave open (see
-    `TraceModel.last_may_be_open`), and ``warp`` makes the posterior of its mean normal: traces whose theta1
-    is at -1 leave that mean a wall on one side and nothing but its prior on the other.
+    Attributes:
+        summaries: of the traces.
+        spreads: coordinates of the standard deviations, and behind them, where there is a profile, of the
+            last location's standard normal: traces whose theta1 is at -1 leave it a wall on one side and
+            nothing but its prior on the other.
+        profile: what the traces say of a last parameter that they leave open; see
+            `TraceModel.last_may_be_open`.
     """
 
     summaries: Summaries
-    spreads: Spreads
+    spreads: Coordinates
     profile: Profile | None
-    warp: Warp | None = None
 
 
 def expanded(prepared: Prepared) -> Summaries:
@@ -219,11 +194,12 @@ def summarise(
         say(3 + number, passes)
     mode = finder.mode(summaries, mode)
     if not model.last_may_be_open:
-        return Summarised(summaries, finder.spreads(summaries, mode), None)
+        return Summarised(summaries, finder.coordinates(summaries, mode), None)
     normal = last_is_normal(prepared, summaries) if normal is None else normal
     (helper or Helper()).decided(profiled=not normal)
     if normal:
-        return Summarised(summaries, finder.spreads(summaries, mode).without(LAST), None)
+        finder.profile = None
+        return Summarised(summaries, finder.coordinates(summaries, mode[:-1]), None)
     few = standard_points(size, PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2)
     summaries = cleared_of_last(summaries)
     found = finder.expectation(summaries, mode)
@@ -231,11 +207,10 @@ def summarise(
     profile = profile_last(model, data, summaries, found.anchor(0), few, roughly=not once)
     finder.profile = profile
     # Away from where the profiles are high, a search would follow the slope of a cliff.
-    begin = finder.with_last(mode, _PLACES[np.argmax(_log_density_at_places(found, profile))])
-    mode = finder.mode(summaries, begin)
+    mode = finder.mode(summaries, finder.at_best_last(summaries, mode))
     if not once:
         # The first summaries were made where a search along the last parameter had stopped.
-        anchor = _anchored_at(finder.last_mean(found, mode), finder.expectation(summaries, mode))
+        anchor = _anchored_at(finder.last_mean(mode), finder.expectation(summaries, mode))
         summaries = summarise_traces(model, smooth, anchor.mean, anchor)
         for _ in range(REFINEMENTS):
             summaries = refine(summaries, anchor, compare(model, data, summaries, anchor, standard))
@@ -244,10 +219,7 @@ def summarise(
         profile = profile_last(model, data, summaries, found.anchor(0), few)
         finder.profile = profile
         mode = finder.mode(summaries, mode)
-    spreads = finder.spreads(summaries, mode)
-    return Summarised(
-        summaries, spreads, profile, _warp_of_mean(finder.expectation(summaries, mode), profile)
-    )
+    return Summarised(summaries, finder.coordinates(summaries, mode), profile)
 
 
 def last_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
@@ -277,108 +249,88 @@ def _has_another_end(prepared: Prepared, summaries: Summaries) -> bool:
 
 
 # Of the last location's standard normal, at which its density is looked at.
-_PLACES = np.linspace(-8.0, 8.0, 641)
-_PROBABILITIES = np.linspace(0.01, 0.99, 50)
+_PLACES = np.linspace(-8.0, 8.0, 321)
 
 
-def _warp_of_mean(found: Expectations, profile: Profile) -> Warp:
-    """The warp whose quantiles are nearest to those of the last location, the spreads given."""
-    density = _log_density_at_places(found, profile)
-    below = np.cumsum(np.exp(density - density.max()))
-    quantiles = np.interp(_PROBABILITIES, below / below[-1], _PLACES)
-    normal = norm.ppf(_PROBABILITIES)
-
-    def away(parameters: np.ndarray) -> np.ndarray:
-        location, log_scale, skew = parameters
-        return location + np.exp(log_scale) * np.sinh(np.arcsinh(normal) + skew) - quantiles
-
-    begin = [np.median(quantiles), np.log(quantiles.std() + 1e-3), 0.0]
-    location, log_scale, skew = least_squares(away, begin).x
-    return Warp(*(jnp.asarray(value) for value in (location, np.exp(log_scale), skew)))
-
-
-def _log_density_at_places(found: Expectations, profile: Profile) -> Float[np.ndarray, " place"]:
-    sd, places = jnp.asarray(found.last_sd(0)), jnp.asarray(_PLACES)
-    return np.asarray(_density_of_mean(found.last_mean[0], found.last_root[0], sd, profile, places))
-
-
-@compiled_quickly()
-def _density_of_mean(
-    mean: Array, root_precision: Array, sd: Array, profile: Profile, z: Float[Array, " point"]
-) -> Float[Array, " point"]:
-    """Log density of the last location's standard normal, up to a constant."""
-
-    def one(value: Array) -> Array:
-        return profile.log_evidence(mean + value / root_precision, sd).sum() - value**2 / 2
-
-    return jax.lax.map(one, z)
-
-
-@compiled_quickly(("model", "names"))
+@compiled_quickly("model")
 def _value_and_slope(
     model: TraceModel,
-    names: tuple[str, ...],
-    flat: Array,
+    y: Array,
     data: TraceData,
     summaries: Summaries,
     profile: Profile | None,
+    warp: Warp,
 ) -> tuple[Array, Array]:
-    """Minus the spreads' log density, unconstrained and in the order of ``names``, and its gradient."""
+    """Minus the log density of the spreads' coordinates, and its gradient."""
     own = partial(spreads_model, model)
 
-    def potential(flat: Array) -> Array:
-        return potential_energy(own, (data, summaries, profile), {}, dict(zip(names, flat, strict=True)))
+    def potential(y: Array) -> Array:
+        return potential_energy(own, (data, summaries, profile, warp), {}, {COORDINATES: y})
 
-    return jax.value_and_grad(potential)(flat)
+    return jax.value_and_grad(potential)(y)
 
 
 class _SpreadsFinder:
-    """Posterior mode of the standard deviations."""
+    """Posterior mode of the standard deviations, and the coordinates that make it a normal's."""
 
     def __init__(self, model: TraceModel, data: TraceData, profile: Profile | None = None) -> None:
         self._model, self.profile = model, profile
         self.data = data._replace(record=None)  # type: ignore[arg-type]
-        self._names = tuple(sorted([*model.spreads, *([LAST] if profile is not None else [])]))
 
-    def _at(self, flat: np.ndarray, summaries: Summaries) -> tuple[float, np.ndarray]:
-        value, slope = _value_and_slope(
-            self._model, self._names, jnp.asarray(flat), self.data, summaries, self.profile
-        )
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return names_of(self._model, profiled=self.profile is not None)
+
+    def _at(self, y: np.ndarray, summaries: Summaries, warp: Warp | None = None) -> tuple[float, np.ndarray]:
+        warp = warp or straight(len(y))
+        value, slope = _value_and_slope(self._model, y, self.data, summaries, self.profile, warp)
         return float(value), np.asarray(slope)
 
     def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
         return find_mode(self._model, self._names, lambda flat: self._at(flat, summaries), start)
 
-    def with_last(self, flat: np.ndarray, value: float) -> np.ndarray:
-        """The same place with another value of the last location's standard normal."""
-        moved = np.array(flat)
-        moved[self._names.index(LAST)] = value
-        return moved
+    def at_best_last(self, summaries: Summaries, flat: np.ndarray) -> np.ndarray:
+        """The same place where the last location's standard normal is most likely."""
+        places = np.repeat(flat[None], len(_PLACES), axis=0)
+        places[:, -1] = _PLACES
+        return places[np.argmin([self._at(place, summaries)[0] for place in places])]
 
-    def last_mean(self, found: Expectations, flat: np.ndarray) -> float:
+    def last_mean(self, flat: np.ndarray) -> float:
         """The mean of the last parameter there."""
-        return float(found.last_mean[0] + flat[self._names.index(LAST)] / found.last_root[0])
+        return float(self.data.location_mean[-1] + self._model.locations.sd[-1] * flat[-1])
 
     def expectation(self, summaries: Summaries, flat: np.ndarray) -> Expectations:
         """There, b having its conditional mean."""
         raw = dict(zip(self._names, np.reshape(flat, (-1, 1)), strict=True))
         return expectations(self._model, self.data, summaries, raw, np.zeros((1, self._model.locations.size)))
 
-    def spreads(self, summaries: Summaries, flat: np.ndarray) -> Spreads:
-        steps = _STEP * np.eye(len(flat))
-        slopes = [[self._at(flat + side * step, summaries)[1] for step in steps] for side in (1, -1)]
+    def coordinates(self, summaries: Summaries, mode: np.ndarray) -> Coordinates:
+        scale = np.sqrt(np.diagonal(self._covariance(summaries, mode, straight(len(mode)))))
+        warp = warp_about(lambda flat: -self._at(flat, summaries)[0], mode, scale)
+        middle = np.zeros(len(mode))
+        return Coordinates(self._names, warp, self._covariance(summaries, middle, warp))
+
+    def _covariance(self, summaries: Summaries, y: np.ndarray, warp: Warp) -> np.ndarray:
+        """The inverse of the curvature there."""
+        steps = _STEP * np.eye(len(y))
+        slopes = [[self._at(y + side * step, summaries, warp)[1] for step in steps] for side in (1, -1)]
         curvature, axes = np.linalg.eigh(np.subtract(*map(np.array, slopes)) / (2 * _STEP))
-        # A direction that the mode leaves flat, as the log of a small spread is, gets unit scale.
-        covariance = (axes / np.maximum(curvature, 1.0)) @ axes.T
-        values = dict(zip(self._names, np.asarray(flat), strict=True))
-        return Spreads(values, covariance)
+        # A direction that is flat there, as the log of a small spread is, gets unit scale.
+        return (axes / np.maximum(curvature, 1.0)) @ axes.T
 
 
-def spreads_of_summaries(prepared: Prepared, summaries: Summaries, near: Mapping[str, np.ndarray]) -> Spreads:
-    """The spreads' posterior given other summaries, its mode sought from ``near`` on, unconstrained."""
+def names_of(model: TraceModel, *, profiled: bool) -> tuple[str, ...]:
+    """Of the coordinates that chains move in: the spreads', and with a profile the last location's."""
+    return (*model.spreads, LAST) if profiled else model.spreads
+
+
+def spreads_of_summaries(
+    prepared: Prepared, summaries: Summaries, near: Mapping[str, np.ndarray]
+) -> Coordinates:
+    """The spreads' coordinates given other summaries, their mode sought from ``near`` on, unconstrained."""
     finder = _SpreadsFinder(prepared.model, prepared.data)
-    begin = np.array([near[name] for name in sorted(near)])
-    return finder.spreads(summaries, finder.mode(summaries, begin))
+    begin = np.array([near[name] for name in prepared.model.spreads])
+    return finder.coordinates(summaries, finder.mode(summaries, begin))
 
 
 def _anchored_at(last: float, found: Expectations) -> Anchor:

@@ -16,7 +16,7 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.ahead import SecondCore, second_process
+from bayestissue.inference.ahead import second_process
 from bayestissue.inference.compiling import DRAWS, PREDICTIONS, Helper
 from bayestissue.inference.diagnostics import diagnose
 from bayestissue.inference.early_form import plainly_wrong
@@ -28,6 +28,7 @@ from bayestissue.inference.many_summaries import summarise_many
 from bayestissue.inference.model_form import model_form
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.secant_population import of_secant
+from bayestissue.inference.second_core import SecondCore
 from bayestissue.inference.summary import summarise as summary_table
 from bayestissue.inference.summary_path import Correction, corrected_draws
 from bayestissue.inference.trace_draws import Unfolded, unfold

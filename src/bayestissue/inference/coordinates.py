@@ -1,0 +1,103 @@
+"""Coordinates in which the posterior of the standard deviations is nearly normal.
+
+Of ten people or nine conditions the data may leave a standard deviation anywhere below some value, and its
+log a tail that thins out as an exponential does: a chain that is as quick as the steep side allows is slow on
+the other. Each coordinate is warped until its density along its own axis has the quantiles of a normal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.interpolate import PchipInterpolator
+from scipy.stats import norm
+
+from bayestissue.hierarchy.warp import Warp
+
+Density = Callable[[Float[np.ndarray, " coordinate"]], float]
+
+# Where an axis is looked at, as a normal's values: less often and it would be missed how it bends.
+_POINTS = np.linspace(-4.0, 4.0, 17)
+_FINELY = np.linspace(-4.0, 4.0, 801)
+# Each time from where the last left off, since a scale that is not known yet is off by a few times; until
+# no quantile moves by more than this share of the scale.
+_MOST_TIMES, _SETTLED = 6, 0.05
+_TAIL = float(norm.ppf(0.95))
+# Between a line and where the hyperbola would turn back.
+_MOST_BENT = 0.9
+# Relative to the greatest; what is less likely is no part of the posterior.
+_DEEPEST = -60.0
+
+
+@dataclass(frozen=True)
+class Coordinates:
+    """Warped coordinates y of a posterior's sites, each a number.
+
+    Attributes:
+        names: of the sites, one coordinate each.
+        warp: from y to the sites' unconstrained values.
+        covariance: of y about 0, to second order.
+    """
+
+    names: tuple[str, ...]
+    warp: Warp
+    covariance: Float[np.ndarray, "coordinate coordinate"]
+
+    def raw(self, y: Float[np.ndarray, "*draw coordinate"]) -> dict[str, Float[np.ndarray, "*draw"]]:
+        """The sites' unconstrained values."""
+        values = np.asarray(self.warp(np.asarray(y)))
+        return {name: values[..., place] for place, name in enumerate(self.names)}
+
+    @property
+    def middle(self) -> dict[str, Float[np.ndarray, ""]]:
+        """Those at y = 0."""
+        return self.raw(np.zeros(len(self.names)))
+
+
+def straight(size: int) -> Warp:
+    """The map of so many numbers that changes nothing."""
+    return Warp(np.zeros(size), np.ones(size), np.zeros(size))
+
+
+def warp_about(
+    log_density: Density, mode: Float[np.ndarray, " coordinate"], scale: Float[np.ndarray, " coordinate"]
+) -> Warp:
+    """The warp that gives the density along each axis a normal's 5, 50 and 95 % quantiles.
+
+    Args:
+        log_density: of all coordinates, up to a constant.
+        mode: where it is greatest.
+        scale: of each coordinate there.
+    """
+    warp = Warp(mode, scale, np.zeros_like(mode))
+    last = np.full((3, len(mode)), np.inf)
+    for _ in range(_MOST_TIMES):
+        found = np.array([_quantiles(log_density, warp, place) for place in range(len(mode))]).T
+        low, middle, high = found
+        along = (high - low) / (2 * _TAIL)
+        bend = (high + low - 2 * middle) / (2 * (np.sqrt(1 + _TAIL**2) - 1))
+        warp = Warp(middle, along, np.clip(bend, -_MOST_BENT * along, _MOST_BENT * along))
+        if (np.abs(found - last) < _SETTLED * along).all():
+            break
+        last = found
+    return warp
+
+
+def _quantiles(log_density: Density, warp: Warp, place: int) -> Float[np.ndarray, 3]:
+    """Of one coordinate, all others at the middle of the warp."""
+    about, own = np.array(warp.location), warp.part(place)
+    x = np.asarray(own(_POINTS))
+    values = np.empty(len(x))
+    for number, value in enumerate(x):
+        about[place] = value
+        values[number] = log_density(about)
+    values = np.nan_to_num(values, nan=-np.inf)
+    values = np.maximum(values - values.max(), _DEEPEST)
+    density = np.exp(PchipInterpolator(_POINTS, values)(_FINELY)) * np.asarray(own.slope(_FINELY))
+    below = np.cumsum(density) - density / 2
+    # A scale too small sees tails that do not end: the quantiles are then at its own, and grow next time.
+    found = np.interp([1 - norm.cdf(_TAIL), 0.5, norm.cdf(_TAIL)], below / density.sum(), _FINELY)
+    return np.asarray(own(found))
