@@ -27,7 +27,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference import ratios, summary_path, trace_draws, trace_start
-from bayestissue.inference.chains import lowered_chain, run_compiled
+from bayestissue.inference.chains import Known, lowered_chain, run_compiled
 from bayestissue.inference.compiling import (
     CHAINS,
     CHOICE,
@@ -91,9 +91,6 @@ class _Worker(Helper):
         self._shared: _Shared | None = None
         self._closed = False
 
-    def compile_first(self, part: str) -> None:
-        self._compile(part)
-
     def compile_ahead(self, *, profiled: bool | None = None) -> None:
         if self._asked:
             return
@@ -102,7 +99,7 @@ class _Worker(Helper):
             profiled = self._job.model.kind == "arma"
         self._profiled = profiled
         wanted = PARTS if profiled is not None else (CHOICE, DRAWS)
-        self._compile(*(part for part in wanted if part not in self._parts))
+        self._compile(*wanted)
 
     def decided(self, *, profiled: bool) -> None:
         if not self._asked or profiled == self._profiled:
@@ -303,7 +300,8 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
         names = trace_start.names_of(model, profiled=profiled)
         spreads = Coordinates(names, straight(len(names)), np.eye(len(names)))
         arguments = (bare, summaries, profile, _shapes(spreads.warp))
-        start = summary_path.start_at(spreads)
+        points = np.zeros((settings.chains, len(names)))
+        start = summary_path.start_at(spreads, Known(points, points[:, 0], points))
         yield from lowered_chain(summary_path.spreads_of(model), arguments, start, settings)
     elif what == CORRECTION:
         yield from _of_correction(model, data, summaries, profiled=profiled)

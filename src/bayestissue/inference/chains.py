@@ -17,7 +17,9 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float
 from numpyro.infer import NUTS
+from numpyro.infer.util import ParamInfo
 
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler
@@ -29,6 +31,14 @@ SEGMENT = 100
 Arrays = dict[str, np.ndarray]
 
 
+class Known(NamedTuple):
+    """Points of one site, and the potential energy there."""
+
+    point: Float[np.ndarray, "chain coordinate"]
+    potential: Float[np.ndarray, " chain"]
+    slope: Float[np.ndarray, "chain coordinate"]
+
+
 @dataclass(frozen=True)
 class Start:
     """Where chains begin, in unconstrained coordinates.
@@ -38,11 +48,14 @@ class Start:
         dense: sites that share a dense mass matrix, ravelled in this order.
         inverse_mass: that matrix's inverse, a guess of the posterior covariance; every other site has the
             unit matrix, since it is a standard normal.
+        known: of one site that is all there is, where each chain begins, the potential energy there and its
+            gradient; the chains find their own unless given, for which the gradient is compiled once more.
     """
 
     centre: Mapping[str, np.ndarray]
     dense: tuple[str, ...]
     inverse_mass: np.ndarray
+    known: Known | None = None
 
 
 def run_chains(
@@ -93,12 +106,7 @@ def lowered_chain(
     model: Callable[..., None], arguments: tuple[Any, ...], start: Start, settings: Sampler
 ) -> Iterator[Any]:
     """What one chain of `run_chains` needs, ready for the compiler: ``arguments`` may be mere shapes."""
-    chains = _Chains(_Job(model, arguments, start, settings, 0))
-    return chains.lowered(_key_shape())
-
-
-def _key_shape() -> Any:
-    return jax.eval_shape(lambda: jax.random.PRNGKey(0)[None])
+    return _Chains(_Job(model, arguments, start, settings, 0)).lowered()
 
 
 def run_compiled(
@@ -130,7 +138,7 @@ def _one_by_one(
     if helper is None:
         return run(numbers)
     # What can be made ready for the compiler meanwhile need not be done afterwards.
-    list(chains.lowered(_key_shape()))
+    list(chains.lowered())
     given = (job.settings, job.arguments, job.start, job.seed)
     parts = helper.share(CHAINS, run, given, [((number,),) for number in numbers])
     progress(total, total)
@@ -211,6 +219,7 @@ class _Chains:
     def __init__(self, job: _Job, compiled: _Kernel | None = None) -> None:
         start, settings = job.start, job.settings
         self._settings, self._seed, self._arguments = settings, job.seed, job.arguments
+        self._known = start.known
         others = tuple(sorted(set(start.centre) - set(start.dense)))
         self._start = (
             {name: jnp.asarray(start.centre[name]) for name in start.centre},
@@ -219,12 +228,19 @@ class _Chains:
         target, depth = settings.target_accept, settings.max_tree_depth
         self._kernel = compiled or _compiled(job.model, start.dense, others, settings.warmup, target, depth)
 
-    def lowered(self, keys: Any) -> Iterator[Any]:
-        """Of both functions, for so many chains side by side as there are keys."""
-        given = (self._start, self._arguments)
-        yield self._kernel.begin.lower(keys, given)
-        state = self._kernel.begin.eval_shape(keys, given)
+    def lowered(self) -> Iterator[Any]:
+        """Of both functions, for one chain at a time."""
+        first, given = self._first([0]), (self._start, self._arguments)
+        yield self._kernel.begin.lower(first, given)
+        state = self._kernel.begin.eval_shape(first, given)
         yield self._kernel.advance.lower(state, self._arguments)
+
+    def _first(self, numbers: Sequence[int]) -> Any:
+        """What each of these chains begins with: its key, and where it is if that is known."""
+        key = jax.random.PRNGKey(self._seed)
+        keys = jnp.stack([jax.random.fold_in(key, number) for number in numbers])
+        known = None if self._known is None else Known(*(part[list(numbers)] for part in self._known))
+        return keys, known
 
     def run(
         self, numbers: Sequence[int], checkpoints: Path | None, advanced: Callable[[int], None]
@@ -235,9 +251,7 @@ class _Chains:
         """
         settings, done = self._settings, 0
         length = settings.warmup + settings.transitions
-        key = jax.random.PRNGKey(self._seed)
-        keys = jnp.stack([jax.random.fold_in(key, number) for number in numbers])
-        state = self._kernel.begin(keys, (self._start, self._arguments))
+        state = self._kernel.begin(self._first(numbers), (self._start, self._arguments))
         structure = jax.tree.structure(state)
         collected = []
         for number in range(-(-length // SEGMENT)):
@@ -271,8 +285,8 @@ def _compiled(
     # The sampler knows its density only once a chain has begun.
     begun: list[NUTS] = []
 
-    def begin(key: jax.Array, given: tuple[Any, ...]) -> Any:
-        (centre, inverse_mass), arguments = given
+    def begin(first: tuple[jax.Array, Known | None], given: tuple[Any, ...]) -> Any:
+        (key, known), ((centre, inverse_mass), arguments) = first, given
         size = sum(centre[name].size for name in others)
         kernel = NUTS(
             model,
@@ -283,6 +297,11 @@ def _compiled(
             adapt_mass_matrix=True,
         )
         own, key = jax.random.split(key)
+        begun[:] = [kernel]
+        if known is not None:
+            (name,) = dense
+            params = ParamInfo({name: known.point}, known.potential, {name: known.slope})
+            return kernel.init(key, warmup, params, arguments, {})
         params, at = {}, 0
         # Half a posterior standard deviation of scatter lets R-hat see chains that did not forget it.
         scale = jnp.linalg.cholesky(inverse_mass)
@@ -294,9 +313,7 @@ def _compiled(
         for number, name in enumerate(others):
             noise = jax.random.normal(jax.random.fold_in(own, number), centre[name].shape)
             params[name] = centre[name] + 0.5 * noise
-        state = kernel.init(key, warmup, params, arguments, {})
-        begun[:] = [kernel]
-        return state
+        return kernel.init(key, warmup, params, arguments, {})
 
     def advance(state: Any, arguments: tuple[Any, ...]) -> Any:
         (kernel,) = begun

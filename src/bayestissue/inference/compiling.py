@@ -28,9 +28,6 @@ class Helper:
         ``profiled`` is a guess of what will be `decided`.
         """
 
-    def compile_first(self, part: str) -> None:
-        """Compile one part before it is known whether the others are needed; none that asks for a profile."""
-
     def decided(self, *, profiled: bool) -> None:
         """Told as soon as it is known whether the last parameter has a profile, as compiled functions ask."""
 

@@ -23,7 +23,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
 from bayestissue.inference import wide_summaries
-from bayestissue.inference.chains import Start, run_chains
+from bayestissue.inference.chains import Known, Start, run_chains
 from bayestissue.inference.compiling import (
     CHOICE,
     CORRECTION,
@@ -43,6 +43,7 @@ from bayestissue.inference.trace_profile import Profile
 from bayestissue.inference.trace_start import (
     LAST,
     Summarised,
+    potential_at,
     spreads_model,
     spreads_of_summaries,
     summarise,
@@ -229,7 +230,7 @@ def _population_draws(
     chains = run_chains(
         spreads_of(model),
         (data, summaries, profile, summarised.spreads.warp),
-        start_at(summarised.spreads),
+        _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
         settings,
         seed,
         progress=progress,
@@ -333,9 +334,18 @@ def _relative_variance(log_weight: Array) -> float:
     return float(np.mean(weight.var(0) / weight.mean(0) ** 2))
 
 
-def start_at(spreads: Coordinates) -> Start:
-    """The middle of these coordinates."""
-    return Start({COORDINATES: np.zeros(len(spreads.names))}, (COORDINATES,), spreads.covariance)
+def _begun(prepared: Prepared, summarised: Summarised, chains: int, rng: np.random.Generator) -> Start:
+    """Scattered by half a standard deviation, which lets R-hat see chains that did not forget it."""
+    root = np.linalg.cholesky(summarised.spreads.covariance)
+    points = 0.5 * rng.standard_normal((chains, len(root))) @ root.T
+    found = [potential_at(prepared, summarised, point) for point in points]
+    potentials, slopes = (np.array(part) for part in zip(*found, strict=True))
+    return start_at(summarised.spreads, Known(points, potentials, slopes))
+
+
+def start_at(spreads: Coordinates, known: Known) -> Start:
+    """Of chains that begin at these points of the coordinates."""
+    return Start({COORDINATES: np.zeros(len(spreads.names))}, (COORDINATES,), spreads.covariance, known)
 
 
 @lru_cache(maxsize=8)

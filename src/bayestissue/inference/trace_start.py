@@ -281,19 +281,19 @@ class _SpreadsFinder:
     def _names(self) -> tuple[str, ...]:
         return names_of(self._model, profiled=self.profile is not None)
 
-    def _at(self, y: np.ndarray, summaries: Summaries, warp: Warp | None = None) -> tuple[float, np.ndarray]:
+    def at(self, y: np.ndarray, summaries: Summaries, warp: Warp | None = None) -> tuple[float, np.ndarray]:
         warp = warp or straight(len(y))
         value, slope = _value_and_slope(self._model, y, self.data, summaries, self.profile, warp)
         return float(value), np.asarray(slope)
 
     def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
-        return find_mode(self._model, self._names, lambda flat: self._at(flat, summaries), start)
+        return find_mode(self._model, self._names, lambda flat: self.at(flat, summaries), start)
 
     def at_best_last(self, summaries: Summaries, flat: np.ndarray) -> np.ndarray:
         """The same place where the last location's standard normal is most likely."""
         places = np.repeat(flat[None], len(_PLACES), axis=0)
         places[:, -1] = _PLACES
-        return places[np.argmin([self._at(place, summaries)[0] for place in places])]
+        return places[np.argmin([self.at(place, summaries)[0] for place in places])]
 
     def last_mean(self, flat: np.ndarray) -> float:
         """The mean of the last parameter there."""
@@ -306,17 +306,25 @@ class _SpreadsFinder:
 
     def coordinates(self, summaries: Summaries, mode: np.ndarray) -> Coordinates:
         scale = np.sqrt(np.diagonal(self._covariance(summaries, mode, straight(len(mode)))))
-        warp = warp_about(lambda flat: -self._at(flat, summaries)[0], mode, scale)
+        warp = warp_about(lambda flat: -self.at(flat, summaries)[0], mode, scale)
         middle = np.zeros(len(mode))
         return Coordinates(self._names, warp, self._covariance(summaries, middle, warp))
 
     def _covariance(self, summaries: Summaries, y: np.ndarray, warp: Warp) -> np.ndarray:
         """The inverse of the curvature there."""
         steps = _STEP * np.eye(len(y))
-        slopes = [[self._at(y + side * step, summaries, warp)[1] for step in steps] for side in (1, -1)]
+        slopes = [[self.at(y + side * step, summaries, warp)[1] for step in steps] for side in (1, -1)]
         curvature, axes = np.linalg.eigh(np.subtract(*map(np.array, slopes)) / (2 * _STEP))
         # A direction that is flat there, as the log of a small spread is, gets unit scale.
         return (axes / np.maximum(curvature, 1.0)) @ axes.T
+
+
+def potential_at(
+    prepared: Prepared, summarised: Summarised, y: Float[np.ndarray, " coordinate"]
+) -> tuple[float, Float[np.ndarray, " coordinate"]]:
+    """Minus the log density of the spreads' coordinates there, and its gradient; no trace is asked for."""
+    finder = _SpreadsFinder(prepared.model, prepared.data, summarised.profile)
+    return finder.at(y, summarised.summaries, summarised.spreads.warp)
 
 
 def names_of(model: TraceModel, *, profiled: bool) -> tuple[str, ...]:

@@ -17,7 +17,7 @@ from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.ahead import second_process
-from bayestissue.inference.compiling import DRAWS, PREDICTIONS, Helper
+from bayestissue.inference.compiling import PREDICTIONS, Helper
 from bayestissue.inference.diagnostics import diagnose
 from bayestissue.inference.early_form import plainly_wrong
 from bayestissue.inference.exact_path import exact_draws
@@ -91,11 +91,9 @@ def fit_traces(
         return _exactly(prepared, specification, seed, say, checkpoints)
     doubted = specification.may_add_discrepancy and not prepared.model.discrepancy
     with second_process(prepared, settings, core) as helper:
-        # Of an element that the tissue may well not be, little is compiled that may not be asked for.
+        # Of an element that the tissue may well not be, nothing is compiled that may not be asked for.
         if not doubted or prepared.model.element == SIDE_BY_SIDE:
             helper.compile_ahead()
-        else:
-            helper.compile_first(DRAWS)
         expansions = expanded(prepared)
         wrong = plainly_wrong(prepared, expansions, seed) if doubted else None
         if wrong is not None:
@@ -172,16 +170,18 @@ def analyse(
         if f"mass_exponent_{q}" in posterior
     }
     say("checking and scoring", 0, 1)
+    # First what the other process has no part in: it is still at the sources.
+    form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
     summary = summary_table(posterior, helper)
     further = () if correction is None else correction.checks()
     diagnostics = diagnose(summary, statistics_of_transitions(draws), further)
     return TraceAnalysis(
         tree,
         summary,
-        diagnostics | _form(prepared, tree),
+        diagnostics | form,
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
-        cross_validation(tree),
-        prior_sensitivity(tree),
+        scores,
+        sensitivity,
         sources(),
     )
 
