@@ -7,7 +7,9 @@ from datetime import UTC, datetime
 import jax
 import pandas as pd
 import pytest
+import scipy.linalg  # noqa: F401 - so that its BLAS is there
 import xarray as xr
+from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayestissue as bt
 from bayestissue import fitting
@@ -185,3 +187,16 @@ def test_a_stiffening_tissue_fitted_by_spring_and_damper_keeps_its_secant_stiffn
     page = found.report(tmp_path / "page.html").read_text()
     assert "include a discrepancy" in page
     assert "a smooth force of unknown shape, a Gaussian process" in page
+
+
+def test_a_fit_has_one_blas_thread_and_gives_the_others_back() -> None:
+    def threads() -> dict[str, int]:
+        return {
+            each["filepath"]: each["num_threads"] for each in threadpool_info() if each["user_api"] == "blas"
+        }
+
+    with threadpool_limits(2, user_api="blas"):
+        before = threads()
+        with fitting._set_up():
+            assert set(threads().values()) == {1}
+        assert threads() == before
