@@ -79,7 +79,8 @@ def _recordings(
 def _fitted(signal: Displacements, n: np.ndarray, method: str) -> tuple[PointFit, np.ndarray]:
     known = n >= FEWEST_SAMPLES
     x = np.pad(signal.x, ((0, 0), (0, max(0, FEWEST_SAMPLES - signal.x.shape[1]))))
-    return fit_points(x, np.maximum(n, FEWEST_SAMPLES), signal.dt, signal.mass, method), known  # type: ignore[arg-type]
+    given = (x, np.maximum(n, FEWEST_SAMPLES), signal.dt, signal.mass)
+    return fit_points(*given, method, repeated=True), known  # type: ignore[arg-type]
 
 
 def _converted_by_theta1(fit: PointFit, dt: Column, mass: Column) -> tuple[Column, Column]:

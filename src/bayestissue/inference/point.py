@@ -80,6 +80,8 @@ def fit_points(
     dt: Column,
     mass: Column,
     method: Method = "exact",
+    *,
+    repeated: bool = False,
 ) -> PointFit:
     """Fit every impact by itself, all of them in one compiled function.
 
@@ -90,6 +92,8 @@ def fit_points(
         mass: impacting mass of each [kg].
         method: "exact" maximises the exact likelihood with a free start about the zero of ``x``; "dds"
             is the thesis's conditional least squares on the deviations from the sample mean.
+        repeated: whether more of the kind follow. A few impacts are otherwise fitted by what compiles soon
+            and not by what runs fast.
 
     The standard errors hold when the noise is the one that the fit assumes: shocks that drive an
     ARMA(2,1). White accelerometer noise, integrated twice, is no such noise: theta1 then runs to -1 and
@@ -108,7 +112,7 @@ def fit_points(
     if len(x) == 0:
         return PointFit(*(np.empty(0) for _ in PointFit._fields))
     x = np.pad(x, ((0, 0), (0, _width(x.shape[1]) - x.shape[1])))
-    parts, compiled = [], _fit_few if len(x) < _FEW else _fit_batch
+    parts, compiled = [], _fit_few if len(x) < _FEW and not repeated else _fit_batch
     for rows in _batches(len(x)):
         given = x[rows], n_samples[rows]
         data = _prepared(*given, centred=method == "dds")
