@@ -2,8 +2,8 @@
 
 A chain asks for nothing else, some ten thousand times, and has to wait until it is compiled: here matrices
 are arrays and not entries, and the derivatives are expectations instead of each operation's own, which is
-less than half of the operations. By Fisher's identity the derivative of a log evidence by a precision is the mean of
-the joint density's, given the data.
+less than half of the operations. By Fisher's identity the derivative of a log evidence by a precision is the
+mean of the joint density's, given the data.
 """
 
 from __future__ import annotations
