@@ -96,14 +96,12 @@ def row_of(right: str, number: int) -> dict[str, Any]:
         fits = fits_of(name)
         prepared = fits.prepared(result.dataset(made.name))
         found, corrections[name] = fits.fit(prepared, number)
-        finite = all(np.isfinite(values).all() for values in found.log_likelihood.values())
-        if finite:
+        if all(np.isfinite(values).all() for values in found.log_likelihood.values()):
             (runs if corrections[name].trusted else refused).append(finished(name, prepared, found))
         print(f"  {right} {number}: {name} after {time.perf_counter() - begun:.0f} s", flush=True)
     if len(runs) < 2:
         runs += refused
     comparison = compare_runs(runs)
-    trusted = {name: found.trusted for name, found in corrections.items()}
     of_weights = implied(runs, comparison)
     typical = of_weights[(of_weights["scheme"] == BY_IMPACT) & (of_weights["variable"] == "K_secant_typical")]
     # Of a spring and damper side by side K itself is the secant stiffness.
@@ -121,7 +119,7 @@ def row_of(right: str, number: int) -> dict[str, Any]:
         "correction_k": round(corrections[right].pareto_k, 3),
         **_elpd(comparison),
         **{f"correction_k_{name}": round(found.pareto_k, 3) for name, found in corrections.items()},
-        **{f"trusted_{name}": found for name, found in trusted.items()},
+        **{f"trusted_{name}": found.trusted for name, found in corrections.items()},
         "seconds": round(time.perf_counter() - begun, 1),
     }
 

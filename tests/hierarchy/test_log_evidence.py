@@ -6,23 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from dense_normal import Dense
 from jax.flatten_util import ravel_pytree
 from numpy.testing import assert_allclose
-from tests.hierarchy.test_conditional import Dense
 
 from bayestissue.hierarchy.conditional import condition
 from bayestissue.hierarchy.log_evidence import log_evidence
-
-EPSILON = float(np.finfo(float).eps)
-
-
-@pytest.fixture(
-    params=[(1, 0.0), (2, 0.0), (2, 0.3)],
-    ids=["one impact a cell", "two impacts a cell", "an error of mass that is a person's"],
-)
-def dense(request: pytest.FixtureRequest) -> Dense:
-    repeats, shared = request.param
-    return Dense(repeats, shared=shared)
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-4, 1e3])

@@ -39,42 +39,28 @@ def run(
     runtime.configure(one_core=True)
     with SecondCore() as core:
         core.start()
-        return _run(dataset, out, model, seed, core, skip_bad=skip_bad, overwrite=overwrite, quiet=quiet)
+        from bayestissue.commands.console import Stages
+        from bayestissue.dataset import read_dataset
+        from bayestissue.fitting import fit_prepared, resolve, write_run
+        from bayestissue.hierarchy.trace_data import prepare
 
-
-def _run(
-    dataset: Path,
-    out: Path,
-    model: Path | None,
-    seed: int,
-    core: SecondCore,
-    *,
-    skip_bad: bool,
-    overwrite: bool,
-    quiet: bool,
-) -> bool:
-    from bayestissue.commands.console import Stages
-    from bayestissue.dataset import read_dataset
-    from bayestissue.fitting import fit_prepared, resolve, write_run
-    from bayestissue.hierarchy.trace_data import prepare
-
-    specification, source = resolve("arma" if model is None else model)
-    data = read_dataset(dataset, skip_bad=skip_bad)
-    prepared = prepare(data, specification, source=source)
-    kept = results.unfinished(out, _fingerprint(data, specification, seed))
-    with Stages(quiet=quiet) as say:
-        try:
-            fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept, core=core)
-        except KeyboardInterrupt:
-            if not quiet:
-                typer.echo("interrupted; run the same command again to go on from here", err=True)
-            raise
-        with results.whole_folder(out, overwrite=overwrite) as folder:
-            write_run(fit, folder, say)
-    shutil.rmtree(kept, ignore_errors=True)
-    if not quiet:
-        typer.echo(f"{fit.verdict}\nwrote {out / 'report.html'}")
-    return bool(fit.diagnostics["passed"])
+        specification, source = resolve("arma" if model is None else model)
+        data = read_dataset(dataset, skip_bad=skip_bad)
+        prepared = prepare(data, specification, source=source)
+        kept = results.unfinished(out, _fingerprint(data, specification, seed))
+        with Stages(quiet=quiet) as say:
+            try:
+                fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept, core=core)
+            except KeyboardInterrupt:
+                if not quiet:
+                    typer.echo("interrupted; run the same command again to go on from here", err=True)
+                raise
+            with results.whole_folder(out, overwrite=overwrite) as folder:
+                write_run(fit, folder, say)
+        shutil.rmtree(kept, ignore_errors=True)
+        if not quiet:
+            typer.echo(f"{fit.verdict}\nwrote {out / 'report.html'}")
+        return bool(fit.diagnostics["passed"])
 
 
 def _fingerprint(data: Dataset, specification: ModelSpecification, seed: int) -> str:

@@ -9,6 +9,7 @@ whitening power depends on them, and the ratio of likelihood to summary puts thi
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import jax
@@ -100,15 +101,8 @@ def condition(
     weighted = small.times(impacts.weight, away)
     toward = [impacts.pull[a] - weighted[a] for a in range(size)]
     constant = log_evidence_of(impacts, summaries, prior_mean)
-    upper = {
-        (a, b): design.columns[a].T @ (to_cells(design, impacts.weight[a][b])[:, None] * design.columns[b])
-        for a, b in itertools.combinations_with_replacement(range(size), 2)
-    }
-    precision = jnp.block(
-        [[upper[a, b] if a <= b else upper[b, a].T for b in range(size)] for a in range(size)]
-    )
-    precision = precision + spread.precision_matrix()
-    right = jnp.concatenate([design.columns[a].T @ to_cells(design, toward[a]) for a in range(size)])
+    precision = told_of_locations(design, impacts.weight) + spread.precision_matrix()
+    right = pull_of_locations(design, toward)
     factor = jnp.linalg.cholesky(precision)
     half = solve_triangular(factor, right, lower=True)
     log_evidence = (
@@ -210,8 +204,28 @@ def prior_precision(spread: Spread) -> list[list[Array]]:
     return prior
 
 
-def to_cells(design: PopulationDesign, values: Float[Array, " impact"]) -> Float[Array, " cell"]:
-    """The impacts' values summed over each cell."""
+def told_of_locations(
+    design: PopulationDesign, weight: Sequence[Sequence[Array]]
+) -> Float[Array, "location location"]:
+    """X' W X, the precision with which all traces tell b, W being a matrix of entries over impacts."""
+    size = range(len(weight))
+    upper = {
+        (a, b): design.columns[a].T @ (_to_cells(design, weight[a][b])[:, None] * design.columns[b])
+        for a, b in itertools.combinations_with_replacement(size, 2)
+    }
+    return jnp.block([[upper[a, b] if a <= b else upper[b, a].T for b in size] for a in size])
+
+
+def pull_of_locations(
+    design: PopulationDesign, values: Sequence[Float[Array, " impact"]]
+) -> Float[Array, " location"]:
+    """X' times a vector of entries over impacts."""
+    return jnp.concatenate(
+        [columns.T @ _to_cells(design, each) for columns, each in zip(design.columns, values, strict=True)]
+    )
+
+
+def _to_cells(design: PopulationDesign, values: Float[Array, " impact"]) -> Float[Array, " cell"]:
     cells = design.columns[0].shape[0]
     if cells == values.shape[0]:
         return values

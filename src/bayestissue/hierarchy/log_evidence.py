@@ -17,8 +17,9 @@ from jax import Array
 from jax.scipy.linalg import cho_solve, solve_triangular
 from jaxtyping import Float
 
-from bayestissue.hierarchy.conditional import Summaries, prior_precision, to_cells
+from bayestissue.hierarchy.conditional import Summaries, prior_precision, pull_of_locations, told_of_locations
 from bayestissue.hierarchy.population import PopulationDesign, Spread, expected
+from bayestissue.likelihood import small
 
 
 def log_evidence(
@@ -56,7 +57,6 @@ def _integrated(
 
 def _forward(prior: Array, of_locations: Array, given: Given) -> tuple[Array, tuple[Any, ...]]:
     design, mean, summaries = given
-    size = summaries.centre.shape[1]
     centre, slope = summaries.centre.T, summaries.slope.T
     own = jnp.moveaxis(summaries.precision, 0, -1)
     inverse, log_determinant = _inverse(own + prior[..., None])
@@ -66,17 +66,9 @@ def _forward(prior: Array, of_locations: Array, given: Given) -> tuple[Array, tu
     away = jnp.stack(expected(design, mean)) - centre
     weighed = _times(weight, away)
     each = (slope * moved / 2 + away * (pull - weighed / 2)).sum(0) - log_determinant / 2
-    columns = design.columns
-    upper = {
-        (a, b): columns[a].T @ (to_cells(design, weight[a, b])[:, None] * columns[b])
-        for a, b in itertools.combinations_with_replacement(range(size), 2)
-    }
-    precision = jnp.block(
-        [[upper[a, b] if a <= b else upper[b, a].T for b in range(size)] for a in range(size)]
-    )
-    toward = pull - weighed
-    right = jnp.concatenate([columns[a].T @ to_cells(design, toward[a]) for a in range(size)])
-    factor = jnp.linalg.cholesky(precision + of_locations)
+    told = told_of_locations(design, small.entries(jnp.moveaxis(weight, -1, 0)))
+    right = pull_of_locations(design, list(pull - weighed))
+    factor = jnp.linalg.cholesky(told + of_locations)
     half = solve_triangular(factor, right, lower=True)
     value = (
         (summaries.log_likelihood + each).sum() - jnp.log(jnp.diagonal(factor)).sum() + (half**2).sum() / 2

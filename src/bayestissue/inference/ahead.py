@@ -113,7 +113,7 @@ class _Worker(Helper):
     def wait(self, part: str) -> None:
         """Wait, and meanwhile compile what the worker would come to last."""
         while part in self._parts and not self._parts[part].done():
-            other = self._notbegun()
+            other = self._not_begun()
             if other is None:
                 # A broken worker tells only when it is asked; what it should have done is then done here.
                 self._parts[part].exception()
@@ -129,7 +129,7 @@ class _Worker(Helper):
             if other == part:
                 return
 
-    def _notbegun(self) -> str | None:
+    def _not_begun(self) -> str | None:
         """The last part that nobody has compiled, which is then left to this process."""
         with self._changed:
             left = [part for part in self._to_compile if part not in self._compiled_here]

@@ -22,11 +22,9 @@ from bayestissue.hierarchy.population import Spread
 from bayestissue.hierarchy.traces import TraceModel, constrained, population, sample_spreads
 from bayestissue.inference.independence import Spreads
 from bayestissue.inference.many_correction import PopulationDraws
-from bayestissue.inference.mode import find_mode
+from bayestissue.inference.mode import covariance_about, find_mode
 from bayestissue.inference.profile_surface import Surface
 from bayestissue.inference.trace_summaries import Anchor
-
-_STEP = 1e-4
 
 
 def cells_model(model: TraceModel, cells: Cells, surface: Surface | None = None) -> None:
@@ -152,11 +150,7 @@ class Where:
 
     def spreads(self) -> Spreads:
         """To second order about the mode."""
-        steps = _STEP * np.eye(len(self.mode))
-        slopes = [[self._at(self.mode + side * step)[1] for step in steps] for side in (1, -1)]
-        curvature, axes = np.linalg.eigh(np.subtract(*map(np.array, slopes)) / (2 * _STEP))
-        # A direction that the mode leaves flat, as the log of a small spread is, gets unit scale.
-        covariance = (axes / np.maximum(curvature, 1.0)) @ axes.T
+        covariance = covariance_about(lambda flat: self._at(flat)[1], self.mode)
         return Spreads(dict(zip(self.names, np.asarray(self.mode), strict=True)), covariance)
 
     def _constrained(self, flat: np.ndarray) -> dict[str, Array]:

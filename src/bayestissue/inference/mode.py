@@ -1,4 +1,4 @@
-"""The posterior mode of the standard deviations."""
+"""The posterior mode of the standard deviations, and the curvature there."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from bayestissue.hierarchy.traces import TraceModel
 _BOUNDS = (-9.0, 5.0)
 # Where a mode is looked for unless one is known: a fifth of the prior's scale.
 _BEGIN = -1.5
+_STEP = 1e-4
 
 
 def find_mode(
@@ -47,6 +48,20 @@ def find_mode(
         begin = np.where(by_log, np.log(np.logaddexp(0.0, start)), start)
     found = minimize(at, begin, jac=True, method="L-BFGS-B", bounds=[_BOUNDS] * len(begin)).x
     return _unconstrained(found, by_log)
+
+
+def covariance_about(
+    slope: Callable[[Float[np.ndarray, " site"]], Float[np.ndarray, " site"]],
+    place: Float[np.ndarray, " site"],
+) -> Float[np.ndarray, "site site"]:
+    """The inverse of a function's curvature at a place, from differences of its slope.
+
+    A direction that is flat there, as the log of a small spread is, gets unit scale.
+    """
+    steps = _STEP * np.eye(len(place))
+    slopes = [[slope(place + side * step) for step in steps] for side in (1, -1)]
+    curvature, axes = np.linalg.eigh(np.subtract(*map(np.array, slopes)) / (2 * _STEP))
+    return (axes / np.maximum(curvature, 1.0)) @ axes.T
 
 
 def _unconstrained(place: np.ndarray, by_log: np.ndarray) -> np.ndarray:

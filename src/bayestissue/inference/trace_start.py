@@ -29,7 +29,7 @@ from bayestissue.hierarchy.traces import (
 from bayestissue.hierarchy.warp import Warp
 from bayestissue.inference.compiling import Helper, compiled_quickly
 from bayestissue.inference.coordinates import Coordinates, straight, warp_about
-from bayestissue.inference.mode import find_mode
+from bayestissue.inference.mode import covariance_about, find_mode
 from bayestissue.inference.point import PointFit, fit_points
 from bayestissue.inference.sampling import Progress, silent
 from bayestissue.inference.trace_densities import log_likelihoods
@@ -51,7 +51,6 @@ _WELL_TOLD = 0.3
 _FAR, _CLEARLY_LESS = np.array([0.0, -3.0, 3.0]), 10.0
 _NEAREST = 0.99
 _HELD = 1e8
-_STEP = 1e-4
 
 
 def spreads_model(
@@ -305,18 +304,10 @@ class _SpreadsFinder:
         return expectations(self._model, self.data, summaries, raw, np.zeros((1, self._model.locations.size)))
 
     def coordinates(self, summaries: Summaries, mode: np.ndarray) -> Coordinates:
-        scale = np.sqrt(np.diagonal(self._covariance(summaries, mode, straight(len(mode)))))
+        scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, summaries)[1], mode)))
         warp = warp_about(lambda flat: -self.at(flat, summaries)[0], mode, scale)
-        middle = np.zeros(len(mode))
-        return Coordinates(self._names, warp, self._covariance(summaries, middle, warp))
-
-    def _covariance(self, summaries: Summaries, y: np.ndarray, warp: Warp) -> np.ndarray:
-        """The inverse of the curvature there."""
-        steps = _STEP * np.eye(len(y))
-        slopes = [[self.at(y + side * step, summaries, warp)[1] for step in steps] for side in (1, -1)]
-        curvature, axes = np.linalg.eigh(np.subtract(*map(np.array, slopes)) / (2 * _STEP))
-        # A direction that is flat there, as the log of a small spread is, gets unit scale.
-        return (axes / np.maximum(curvature, 1.0)) @ axes.T
+        about = covariance_about(lambda y: self.at(y, summaries, warp)[1], np.zeros(len(mode)))
+        return Coordinates(self._names, warp, about)
 
 
 def potential_at(
