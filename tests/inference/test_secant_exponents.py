@@ -12,94 +12,132 @@ from scipy import stats
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.priors import Normal
-from bayestissue.inference.secant_exponents import _GRID, exponent_of_levels, mass_exponents_of_secants
+from bayestissue.inference.secant_exponents import (
+    _SPREADS,
+    Units,
+    mass_exponents_of_secants,
+    slope_over_units,
+    units_of,
+)
 from bayestissue.inference.trace_draws import Unfolded
 
 PEOPLE, CONDITIONS, DRAWS = 3, 8, 4000
+SHAPE = (2, DRAWS // 2)
 LOG_MASS = np.linspace(-0.6, 0.6, CONDITIONS)
-PRIOR = Normal(distribution="normal", mean=0.5, sd=1.0)
 SCALE = 0.5
+LOG_PRIOR = np.asarray(HalfNormalSpread(SCALE).log_prob(_SPREADS))
+WIDE = (0.5, 100.0)
+EPSILON = np.finfo(float).eps
 
 
-def prepared(groups: tuple[str, ...] = ("subject", "trial")) -> Any:
+def prepared(groups: tuple[str, ...] = ("subject", "trial"), *, discrepancy: bool = False) -> Any:
     subject, trial = (each.ravel() for each in np.mgrid[:PEOPLE, :CONDITIONS])
     none = np.zeros((len(subject), 0))
     part = ResponseDesign((), none, np.ones(0), LOG_MASS[trial], groups)
     names = tuple(map(str, range(PEOPLE))), tuple(map(str, range(CONDITIONS)))
-    priors = SimpleNamespace(mass_exponent=SimpleNamespace(K=PRIOR))
+    prior = Normal(distribution="normal", mean=WIDE[0], sd=WIDE[1])
+    priors = SimpleNamespace(mass_exponent=SimpleNamespace(K=prior))
     model = SimpleNamespace(priors=priors, prior_of=lambda name: HalfNormalSpread(SCALE))
+    model.discrepancy = discrepancy
     return SimpleNamespace(design=Design({"K": part, "C": part}, subject, trial, *names, 0.7), model=model)
 
 
-def unfolded(at: Any, levels: np.ndarray, common: np.ndarray, secant: np.ndarray) -> Unfolded:
-    """Draws, all alike, of a K whose conditions have these levels of its log; and what lies above log K."""
-    design, shape = at.design, (2, DRAWS // 2)
-    slope = float(stats.linregress(LOG_MASS, levels).slope)
+def unfolded(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) -> Unfolded:
+    """Draws with these logs of the impacts' stiffnesses, of conditions whose exponent is drawn about 0.3."""
+    exponent = 0.3 + 0.1 * np.random.default_rng(5).standard_normal(SHAPE)
     sites = {
-        "intercept_K": np.full(shape, levels.mean()),
-        "mass_exponent_K": np.full(shape, slope),
-        "subject_effect_K": np.zeros((*shape, PEOPLE)),
-        "trial_effect_K": np.broadcast_to(levels - levels.mean() - slope * LOG_MASS, (*shape, CONDITIONS)),
+        "intercept_K": np.full(SHAPE, 7.0),
+        "mass_exponent_K": exponent,
+        "subject_effect_K": np.zeros((*SHAPE, PEOPLE)),
+        "trial_effect_K": np.zeros((*SHAPE, CONDITIONS)),
     }
-    K = np.broadcast_to(np.exp(levels[design.trial]), (*shape, len(design.trial)))
-    impacts = {"K": K, "K_common_depth": K * np.exp(common), "K_secant": K * np.exp(secant)}
-    return Unfolded(sites, impacts, {})
+    logs = {"K": K, "K_common_depth": common, "K_secant": secant}
+    count = len(at.design.trial)
+    return Unfolded(sites, {n: np.broadcast_to(np.exp(v), (*SHAPE, count)) for n, v in logs.items()}, {})
 
 
-def density(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The exponent's posterior by brute force: a grid of it, and its distribution."""
-    b, s = np.linspace(-2, 2, 4001), np.geomspace(1e-3, 5, 800)
-    centred = levels - levels.mean()
-    m = LOG_MASS - LOG_MASS.mean()
-    residual = ((centred[:, None] - b * m[:, None]) ** 2).sum(0)
-    # The intercept's flat prior takes one of the eight powers of s, the grid's even steps in log s give one.
-    log = stats.halfnorm(scale=SCALE).logpdf(s) - (len(m) - 2) * np.log(s) - residual[:, None] / (2 * s**2)
-    joint = np.exp(log - log.max()).sum(1) * stats.norm(PRIOR.mean, PRIOR.sd).pdf(b)
-    return b, np.cumsum(joint) / joint.sum()
-
-
-def assert_distributed(draws: np.ndarray, levels: np.ndarray) -> None:
-    b, below = density(levels)
+def assert_distributed(draws: np.ndarray, levels: np.ndarray, variance: float = 0.0) -> None:
+    """As b is of levels with noise of this variance, by sums over a fine grid of the spread."""
+    m, s = LOG_MASS - LOG_MASS.mean(), np.geomspace(1e-3, 10, 20_001)
+    slope = levels @ m / (m @ m)
+    left = levels - levels.mean() - slope * m
+    # Two of the eight powers go with the intercept and the slope; the grid's steps in log s give one.
+    whole = s**2 + variance
+    log = stats.halfnorm(scale=SCALE).logpdf(s) + np.log(s)
+    log -= (len(m) - 2) / 2 * np.log(whole) + left @ left / (2 * whole)
+    weight = np.exp(log - log.max())
+    b = np.linspace(slope - 3, slope + 3, 1201)
+    spread = np.sqrt(whole / (m @ m))
+    below = (weight / weight.sum()) @ stats.norm.cdf(b, slope, spread[:, None])
+    share = (np.arange(draws.size) + 0.5) / draws.size
+    distance = np.abs(np.interp(np.sort(draws.ravel()), b, below) - share)
     # Kolmogorov's statistic of independent draws exceeds this once in ten thousand times.
-    distance = np.abs(
-        np.interp(np.sort(draws.ravel()), b, below) - (np.arange(draws.size) + 0.5) / draws.size
-    )
     assert distance.max() < 2.23 / np.sqrt(draws.size)
 
 
-def test_an_exponent_given_levels_has_its_exact_posterior() -> None:
+def test_the_slope_over_units_that_are_known_has_its_exact_posterior() -> None:
     levels = np.random.default_rng(1).normal(7.0, 0.1, CONDITIONS) + 0.2 * LOG_MASS
-    prior = np.asarray(HalfNormalSpread(SCALE).log_prob(_GRID))
-    given = np.broadcast_to(levels, (2, DRAWS // 2, CONDITIONS))
-    draws = exponent_of_levels(given, LOG_MASS, (PRIOR.mean, PRIOR.sd), prior, np.random.default_rng(2))
-    assert draws.shape == (2, DRAWS // 2)
+    units = Units("trial", LOG_MASS, np.broadcast_to(levels, (*SHAPE, CONDITIONS)))
+    draws = slope_over_units(units, WIDE, LOG_PRIOR, np.random.default_rng(2))
+    assert draws.shape == SHAPE
     assert_distributed(draws, levels)
 
 
-@pytest.mark.parametrize("groups", [("subject", "trial"), ("subject",)])
-def test_the_scatter_of_conditions_is_that_at_the_depth(groups: tuple[str, ...]) -> None:
-    """Conditions that differ by 0.1 at one depth and half as much at the greatest, where mass counts too."""
-    at = prepared(groups)
-    effects = np.random.default_rng(3).normal(0, 0.1, CONDITIONS)
-    own, common = 7 + effects / 2 + 0.3 * LOG_MASS, 7 + effects
-    trial = at.design.trial
-    made = unfolded(at, own, (common - own)[trial], np.zeros(len(trial)))
-    found = mass_exponents_of_secants(at, made, 0)
-    if groups == ("subject", "trial"):
-        assert_distributed(found["mass_exponent_K_common_depth"], common)
-        assert_distributed(found["mass_exponent_K_secant"], own)
-    widths = [np.ptp(np.quantile(values, [0.05, 0.95])) for values in found.values()]
-    # Twice as wide but for the priors, which take a little off the wider; three standard errors of 2 %.
-    assert 1.7 < widths[0] / widths[1] < 2 * 1.06
-    middle = [float(np.median(values)) for values in found.values()]
-    assert middle[1] - 0.3 == pytest.approx(middle[0] / 2, abs=0.02)
+def test_what_draws_leave_open_of_the_units_is_not_taken_for_their_scatter() -> None:
+    random, sd = np.random.default_rng(3), 0.15
+    levels = random.normal(7.0, 0.15, CONDITIONS)
+    noise = random.standard_normal((*SHAPE, CONDITIONS))
+    noise = (noise - noise.mean((0, 1))) / noise.std((0, 1)) * sd
+    draws = slope_over_units(Units("trial", LOG_MASS, levels + noise), WIDE, LOG_PRIOR, random)
+    assert_distributed(draws, levels, sd**2)
 
 
-def test_k_that_is_the_secant_keeps_its_exponent_and_k_without_mass_has_none() -> None:
+def test_two_units_leave_their_scatter_to_its_prior() -> None:
+    units = Units("trial", np.array([-0.5, 0.5]), np.broadcast_to([7.0, 7.2], (*SHAPE, 2)))
+    draws = slope_over_units(units, WIDE, LOG_PRIOR, np.random.default_rng(4))
+    # The standard deviation of the sum of squares over 4000 draws of a normal with half-normal spread.
+    assert np.mean((draws - 0.2) ** 2) == pytest.approx(SCALE**2 / 0.5, rel=4 * np.sqrt(8 / DRAWS))
+
+
+def test_without_a_discrepancy_the_law_s_slope_is_added_to_the_exponent_of_k() -> None:
     at = prepared()
-    made = unfolded(at, 7 + 0.3 * LOG_MASS, *np.zeros((2, PEOPLE * CONDITIONS)))
-    made.impacts["K"] = made.impacts["K_secant"]
+    log_mass = at.design.responses["K"].log_mass
+    own = 7 + 0.3 * log_mass
+    found = mass_exponents_of_secants(at, unfolded(at, own, own + 1.0, own + 0.2 * log_mass), 0)
+    exponent = unfolded(at, own, own, own).sites["mass_exponent_K"]
+    np.testing.assert_allclose(found["mass_exponent_K_common_depth"], exponent, rtol=0, atol=200 * EPSILON)
+    np.testing.assert_allclose(found["mass_exponent_K_secant"], exponent + 0.2, rtol=0, atol=200 * EPSILON)
+
+
+def test_with_a_discrepancy_the_scatter_of_conditions_is_that_at_the_common_depth() -> None:
+    at = prepared(discrepancy=True)
+    effects = np.random.default_rng(3).normal(0, 0.1, CONDITIONS)
+    trial, log_mass = at.design.trial, at.design.responses["K"].log_mass
+    own = 7 + effects[trial] / 2 + 0.3 * log_mass
+    made = unfolded(at, own, 7 + effects[trial], own)
     found = mass_exponents_of_secants(at, made, 0)
-    np.testing.assert_array_equal(found["mass_exponent_K_secant"], made.sites["mass_exponent_K"])
+    assert_distributed(found["mass_exponent_K_common_depth"], 7 + effects)
+    np.testing.assert_allclose(
+        found["mass_exponent_K_secant"], made.sites["mass_exponent_K"], rtol=0, atol=200 * EPSILON
+    )
+
+
+def test_units_are_what_mass_varies_between() -> None:
+    logs = np.random.default_rng(6).normal(size=(*SHAPE, PEOPLE * CONDITIONS))
+    at = prepared()
+    sites = unfolded(at, logs, logs, logs).sites
+    sites["subject_effect_K"] = np.broadcast_to(np.arange(PEOPLE) * 1.0, (*SHAPE, PEOPLE))
+    found = units_of(at.design, sites, logs + at.design.subject)
+    np.testing.assert_allclose(found.log_mass, LOG_MASS, atol=4 * EPSILON)
+    mean = logs.reshape(*SHAPE, PEOPLE, CONDITIONS).mean(2)
+    np.testing.assert_allclose(found.levels, mean, atol=100 * EPSILON)
+    alone = units_of(prepared(("subject",)).design, sites, logs + at.design.subject)
+    assert (found.name, alone.name) == ("trial", "impact")
+    np.testing.assert_allclose(alone.levels, logs, atol=100 * EPSILON)
+
+
+def test_impacts_of_linear_elements_have_no_exponent_of_the_kind() -> None:
+    at = prepared()
+    made = unfolded(at, *np.zeros((3, PEOPLE * CONDITIONS)))
     del made.impacts["K_common_depth"]
     assert mass_exponents_of_secants(at, made, 0) == {}

@@ -28,8 +28,8 @@ WALL = {"K": 2000.0, "C": 25.0, "thickness_m": 0.05}
 SIDE_BY_SIDE = {"K": 2600.0, "C": 25.0}
 NONE = jnp.zeros(2)
 # a goes to the peak along a parabola through three samples, up to three samples past the middle one: this
-# leaves 4 * 3 * 2 / 6 of (omega dt)^3 of it, twice that for a spring that stiffens, with omega^2 = 1.06e4 / s^2
-# the greatest tangent stiffness over mass.
+# leaves 4 * 3 * 2 / 6 of (omega dt)^3 of it, and twice that for a spring that stiffens, with the greatest
+# tangent stiffness over mass, omega^2 = 1.06e4 / s^2.
 TOLERANCE = 8 * (1.06e4 * 2e-4**2) ** 1.5
 # Between contact and the first sample, of up to 80, a discrepancy is taken as constant; the rest is trapezia.
 OF_DISCREPANCY = 1e-3

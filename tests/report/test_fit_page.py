@@ -74,8 +74,9 @@ def test_where_stiffness_depends_on_depth_the_first_screen_answers_at_one_depth(
     text = plain(html)
     assert "mass exponent of K at each impact's greatest depth" in html
     assert "K at the common depth" in text
-    assert "C's exponent is that of the damping constant" in text
+    assert "exponent is that of the damping constant in the element" in text
     assert "It is assumed that the damper is the same at all depths" not in text
+    assert "K_common_depth is the force over the depth at 12 mm and at rest" in text
 
 
 def test_the_same_run_gives_the_same_page(folder, html):
