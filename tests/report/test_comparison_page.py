@@ -81,8 +81,8 @@ def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_dept
     table = pd.read_csv(out / "posteriors.csv").set_index(["variable", "run"])["median"]
     assert table["mass_exponent_K_secant", "stiffening"] > 0.25
     html = (out / "report.html").read_text(encoding="utf-8")
-    card = plain(html[html.index('id="answer-3"') : html.index("K&#39;s is that of force over depth")])
-    assert re.search(r"straight:? 0\.50 .* stiffening:? −?0\.0\d", card)
+    card = plain(html[html.index('id="answer-3"') : html.index("Where K depends on depth")])
+    assert re.search(r"K ∝ M0\.\d+ [^(]*\(straight\) K ∝ M−?0\.0\d [^(]*\(stiffening\)", card)
     assert "mass exponent of K at the common depth (no unit)" in html
     assert "mass exponent of K at each impact's greatest depth" in plain(html).replace("&#39;", "'")
 
