@@ -46,11 +46,10 @@ def mass_exponents_of_secants(
         ``K_common_depth``, or log K no exponent. A stiffness that a draw has at or below 0, as one may where
         the damper's part of the force is hardly known, has none.
     """
-    design, impacts, which = prepared.design, unfolded.impacts, slice(None)
+    design, impacts = prepared.design, unfolded.impacts
     if COMMON_DEPTH not in impacts or design.responses["K"].log_mass is None:
         return {}
-    if unfolded.kept is not None:
-        which = unfolded.kept
+    which = slice(None) if unfolded.kept is None else unfolded.kept
     told = {name: secant for name, secant in EXPONENTS.items() if (impacts[secant] > 0).all()}
     sites = {name: values[:, which] for name, values in unfolded.sites.items() if name.endswith("_K")}
     moved = {
