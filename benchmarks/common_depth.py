@@ -15,9 +15,9 @@ Each campaign has two people in ten conditions, 0.375 to 1.333 kg at 2.5 kHz, wi
 of standard deviation 0.1. Four conditions, as in coverage_elements.py, say so little of their own spread that
 the interval hangs on its prior: there it held the truth in 96 to 100 % with a spread of 0.05.
 
-Counted are fits whose Pareto k can be trusted; with others the program goes on to the exact path, which
-takes too long here. A campaign's intervals go to common_depth_campaigns.csv as soon as it is finished, and those already there are
-not made again; the table of them all goes to common_depth.csv.
+Counted are fits whose Pareto k can be trusted; with others the program goes on to the exact path, which takes
+too long here. A campaign's intervals go to common_depth_campaigns.csv as soon as it is finished, and those
+already there are not made again; the table of them all goes to common_depth.csv.
 """
 
 from __future__ import annotations
@@ -102,7 +102,7 @@ def finished(case: str) -> pd.DataFrame:
 
 
 def trusted(rows: pd.DataFrame) -> pd.DataFrame:
-    """Those of fits whose summaries stand for the traces: the program goes on to the exact path with others."""
+    """The rows of fits whose summaries stand for the traces."""
     return rows[rows["pareto_k"] < PARETO_LIMIT]
 
 
