@@ -100,7 +100,8 @@ def test_k_that_is_not_told_at_one_depth_is_said_to_be_of_the_depth_too(tmp_path
     assert "It is assumed that the damper is the same at all depths." in depth.further_words(run)[0]
     del run.groups["posterior"]["mass_exponent_K_common_depth"]
     assert depth.answering(run)["K"] == "K"
-    assert "depth alone may make this exponent" in str(depth.depth_sentence(run))
+    assert "depth alone may make its exponent, and C's" in str(depth.depth_sentence(run))
+    assert depth.further_words(run)[0].startswith("C is the damping constant of the element beside")
     assert "K grows with the mass" in answers.mass_conclusion(run)
 
 

@@ -25,7 +25,11 @@ _ASSUMED = (
 _IF = ", if the damper is the same at all depths"
 _OWN_ALONE = Markup(
     "K is force over depth at each impact's own greatest depth: where heavier impactors go deeper, depth "
-    "alone may make this exponent. These traces do not tell K at one depth that all impacts reach."
+    "alone may make its exponent, and C's. These traces do not tell K at one depth that all impacts reach."
+)
+_OTHER_DAMPER = (
+    "C is the damping constant of the element beside the discrepancy: where the tissue's damping depends on "
+    "depth, depth has a part in C's exponent."
 )
 _DAMPER = "C's exponent is that of the damping constant in the element's law, so the depth has no part in it."
 
@@ -88,7 +92,9 @@ def _where(run: FitRun, own: Spread) -> str:
 
 
 def further_words(run: FitRun) -> list[str]:
-    """What is assumed of the force at the common depth, and what C's exponent is; nothing without one."""
-    if not has_common_depth(run):
+    """What is assumed of the force at the common depth, and what C's exponent is; nothing for other runs."""
+    if not run.has(f"mass_exponent_{OWN_DEPTH}"):
         return []
-    return [_ASSUMED, _DAMPER] if run.about.get("discrepancy") else [_DAMPER]
+    if not run.about.get("discrepancy"):
+        return [_DAMPER]
+    return [_ASSUMED, _OTHER_DAMPER] if has_common_depth(run) else [_OTHER_DAMPER]
