@@ -14,6 +14,7 @@ import pandas as pd
 
 from bayestissue.dataset.files import read_bytes, require_utf8
 from bayestissue.dataset.tables import column_problems
+from bayestissue.dataset.twice import alike_names
 from bayestissue.errors import InputError, Problem
 
 FILE = "impacts.csv"
@@ -74,7 +75,8 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
             warnings += odd
     columns.setdefault("velocity_m_s", np.full(len(rows), np.nan))
     table = pd.DataFrame(columns)
-    return ImpactTable(table, rows, problems, warnings + _unlikely(table, rows))
+    warnings += [*_unlikely(table, rows), *alike_names(table, rows, FILE)]
+    return ImpactTable(table, rows, problems, warnings)
 
 
 def _cells(path: Path, needs_velocity: bool) -> tuple[pd.DataFrame, np.ndarray]:
