@@ -121,13 +121,13 @@ def fit(
     """The posterior of K and C of every impact, person and condition, and of the mass exponents.
 
     log K and log C of all impacts are modelled jointly with the errors of the measuring chain that the
-    dataset states; see the commented model files. For the length of the call JAX is set to float64, and this
-    process keeps to one core but for the chains.
+    dataset states; see the commented model files. For the length of the call this process keeps to one core
+    but for the chains.
 
     Args:
         dataset: as `bayestissue.read_dataset` returns it.
-        model: "arma", "a2" or "impact" for the model files that come with the program, the path of your
-            own, or a `ModelSpecification`.
+        model: the name of a model that comes with the program, such as "impact" or "maxwell"; the path of
+            your own file; or a `ModelSpecification`.
         seed: same seed, same machine: same numbers.
         say: told the stage, how much of it is done, and its total.
 
@@ -144,11 +144,11 @@ def resolve(model: str | Path | ModelSpecification) -> tuple[ModelSpecification,
     """The model that a name, a path or a specification stands for, and what messages call it.
 
     Raises:
-        InputError: there is no such file, or it is wrong.
+        InputError: there is no such model or file (see `resources.model_file`), or it is wrong.
     """
     if isinstance(model, ModelSpecification):
         return model, f"model {model.name}"
-    path = resources.shared("models", f"{model}.toml") if model in KINDS else Path(model)
+    path = resources.model_file(model, lambda content: content.get("likelihood") in KINDS)
     return read_specification(path), str(path)
 
 
@@ -309,20 +309,16 @@ def _silent(stage: str, done: int, total: int) -> None:
 @contextmanager
 def _set_up() -> Iterator[None]:
     """The numerical libraries as an entry point sets them up, for the length of a block."""
-    import jax
     import scipy.linalg  # noqa: F401 - compiled functions call its BLAS, which must be there to be limited
     from threadpoolctl import threadpool_limits
 
-    # The setting of JAX is for every thread: chains may run in several.
-    float64 = jax.config.jax_enable_x64
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
-    runtime.configure(one_core=True)
+    runtime.keep_to_one_core()
     try:
         # Loaded before this process kept to one core, BLAS has a thread on each, and chains were measured to
         # take three times as long.
         with threadpool_limits(1):
             yield
     finally:
-        jax.config.update("jax_enable_x64", float64)
         if cores is not None:
             os.sched_setaffinity(0, cores)

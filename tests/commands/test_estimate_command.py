@@ -87,6 +87,8 @@ def test_varies_a_signal_choice(dataset: Path, tmp_path: Path, monkeypatch, caps
     [
         (["--vary", "mass"], "window"),
         (["--model", "nowhere.toml"], "nowhere.toml"),
+        (["--model", "impct"], "Write impact for the one of that name"),
+        (["--model", "elsewhere/exact.toml"], "Write exact for the one that comes with the program"),
     ],
 )
 def test_wrong_choices_end_with_status_2_and_nothing_written(

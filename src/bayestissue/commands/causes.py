@@ -27,7 +27,7 @@ def run(
     target: str,
     *,
     out: Path,
-    model: Path | None,
+    model: str | Path | None,
     only: tuple[str, ...],
     campaigns: int | None,
     method: Method,
@@ -77,7 +77,7 @@ def run(
     from bayestissue.commands.console import Stages
     from bayestissue.report import write_report
 
-    model = model or resources.shared("models", "causes.toml")
+    model = resources.model_file("causes" if model is None else model, lambda content: "causes" in content)
     specification = chosen(read_causes(model), only, str(model))
     if campaigns is not None:
         sizes = specification.campaigns.model_copy(update={"each": campaigns})

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from bayestissue.resources import model_file
 from bayestissue.results import require_free, whole_folder
 from bayestissue.runtime import configure, versions
 
@@ -28,7 +29,7 @@ def run(
     *,
     out: Path,
     method: Method,
-    model: Path | None,
+    model: str | Path | None,
     vary: tuple[str, ...],
     skip_bad: bool,
     overwrite: bool,
@@ -51,7 +52,8 @@ def run(
     from bayestissue.report.writing import write_report
     from bayestissue.signal import alternatives, read_signal_options
 
-    options = read_signal_options(model) if model else default_options(method)
+    file = None if model is None else model_file(model, lambda content: "signal" in content)
+    options = read_signal_options(file) if file else default_options(method)
     choices = {choice: alternatives(choice, options) for choice in vary}
     data = read_dataset(dataset, skip_bad=skip_bad)
     table = estimate(data, method=method, options=options)
@@ -65,7 +67,7 @@ def run(
             centring.to_csv(staging / "centring.csv", index=False)
         if data.left_out:
             _left_out(data).to_csv(staging / "left_out.csv", index=False)
-        about = _about(data, method, options, model, started, perf_counter() - clock)
+        about = _about(data, method, options, file, started, perf_counter() - clock)
         (staging / "run.json").write_text(json.dumps(about, indent=2, ensure_ascii=False), encoding="utf-8")
         write_report(staging)
     if as_json:

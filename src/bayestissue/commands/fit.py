@@ -21,7 +21,7 @@ def run(
     dataset: Path,
     *,
     out: Path,
-    model: Path | None,
+    model: str | Path | None,
     seed: int,
     skip_bad: bool,
     overwrite: bool,

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 def run(
     out: Path,
     *,
-    model: Path | None,
+    model: str | Path | None,
     published: Path | None,
     seed: int,
     overwrite: bool,
@@ -44,7 +44,10 @@ def run(
     from bayestissue.reproduction.audit import audit_published
 
     started, clock = datetime.now(UTC), time.perf_counter()
-    model = model or resources.shared("models", "published.toml")
+    model = resources.model_file(
+        "published" if model is None else model,
+        lambda content: content.get("likelihood") == "published-estimates",
+    )
     specification = read_specification(model)
     tables = read_published(published)
     observations = published_observations(tables)
