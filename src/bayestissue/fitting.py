@@ -261,8 +261,8 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "description": data.description,
         "quantity": data.quantity,
         "versions": runtime.versions(),
-        "model": fit.specification.model_dump(mode="json")
-        | {"reference_mass_kg": fit.prepared.design.reference_mass_kg},
+        "model": fit.specification.model_dump(mode="json") | fit.prepared.design.resolved(),
+        "terms_left_out": fit.prepared.design.terms_left_out(),
         "uncertainty": vars(data.uncertainty),
         "left_out": [str(problem) for problem in data.left_out],
         "seed": fit.seed,

@@ -185,16 +185,24 @@ def _unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, sourc
 
 def _without_people(design: Design, source: str) -> list[Problem]:
     """Formulas that leave no room for an error that all impacts of a person share."""
-    return [
-        Problem(
-            source,
-            '"(1|subject)" in it, since mass_error = "subject" gives each person an error of its own',
-            'Add "+ (1|subject)", or set mass_error = "impact".',
-            column=f"formula.{response}",
+    problems = []
+    for response, part in design.responses.items():
+        if "subject" in part.groups:
+            continue
+        left_out = [fault for fault in design.left_out.get(response, ()) if fault.term == "(1|subject)"]
+        remedy = 'Add "+ (1|subject)", or set mass_error = "impact".'
+        if left_out:
+            remedy = f'Set mass_error = "impact": {left_out[0].reason}.'
+        problems.append(
+            Problem(
+                source,
+                '"(1|subject)" in it, since mass_error = "subject" gives each person an error of its own',
+                remedy,
+                column=f"formula.{response}",
+                value=getattr(design.formulas, response),
+            )
         )
-        for response, part in design.responses.items()
-        if "subject" not in part.groups
-    ]
+    return problems
 
 
 def _record(

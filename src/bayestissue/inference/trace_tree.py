@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.design import GROUPS
+from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.compiling import compiled_quickly
