@@ -175,6 +175,16 @@ def _lvm_blocks(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     path.write_text(text + "\n" + text[text.index("Channels") :])
 
 
+def _tdms_half(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    _tdms(path, time, value)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def _tdms_without_an_end(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    _tdms(path, time, value)
+    path.write_bytes(path.read_bytes()[:-8])
+
+
 def files_instead(lab: Lab, suffix: str, write: Writer, **columns: object) -> None:
     """Put one file per impact in the place of the long table."""
     impacts, traces = tables()
@@ -243,10 +253,15 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (_lvm_short, ".lvm", "400 rows"),
         (_lvm_spectrum, ".lvm", "time along X"),
         (_lvm_blocks, ".lvm", "one block of data"),
+        (_tdms_half, ".tdms", "an end that is missing"),
+        (_tdms_without_an_end, ".tdms", "an end that is missing"),
         (lambda p, t, v: savemat(p, {"time_s": t[:-1], "value": v}), ".mat", "as many samples"),
         (lambda p, t, v: savemat(p, {"who": "nobody"}), ".mat", "no channels of numbers"),
     ],
-    ids=["no-such-channel", "rows-missing", "spectrum", "two-blocks", "unequal-channels", "no-numbers"],
+    ids=[
+        *("no-such-channel", "rows-missing", "spectrum", "two-blocks", "half", "no-last-sample"),
+        *("unequal-channels", "no-numbers"),
+    ],
 )
 def test_unfit_recordings_are_refused(write: Writer, suffix: str, says: str, lab: Lab) -> None:
     files_instead(lab, suffix, write)
