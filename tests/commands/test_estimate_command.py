@@ -123,7 +123,7 @@ def test_bad_impacts_are_skipped_on_request_and_listed(
 def test_impacts_of_too_few_samples_have_rows_without_numbers(
     dataset: Path, tmp_path: Path, monkeypatch, capsys
 ) -> None:
-    """All of them: up to their peak, at so low a rate, there are five samples of one and seven of the other."""
+    """All of them: up to their peak, at so low a rate, there are five and seven samples."""
     impacts, traces = pd.read_csv(dataset / "impacts.csv")[:2], pd.read_csv(dataset / "traces.csv.gz")
     few = traces[traces["impact"].isin(impacts["impact"])].groupby("impact").nth(slice(3, None, 30))
     coarse = tmp_path / "coarse"

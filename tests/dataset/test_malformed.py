@@ -346,7 +346,12 @@ CASES = [
     case("percent typed", _toml("0.01", "5"), D, "row 9", "relative_mass_sd", "below 0.5", "5 %", "is 0.05"),
     case("gain all unknown", _toml("relative_mass_sd = 0.01", "relative_gain_sd = 1e300"), D, "a fraction"),
     case(
-        "velocity sd in mm/s", _toml("0.005", "5"), D, "uncertainty.velocity_sd_m_s", "median 1.05 m/s", "0.005"
+        "velocity sd in mm/s",
+        _toml("0.005", "5"),
+        D,
+        "uncertainty.velocity_sd_m_s",
+        "median 1.05 m/s",
+        "0.005",
     ),
     case(
         "offset sd of another unit",
@@ -362,7 +367,7 @@ CASES = [
     case(
         "milliseconds as seconds",
         lambda lab: [lab.samples(name, lambda t, v: np.copyto(t, 1e3 * t)) for name in "abcd"],
-        *(T, "column time_s", "impact a", "found \"one every 0.1 s\"", "signal.time_unit"),
+        *(T, "column time_s", "impact a", 'found "one every 0.1 s"', "signal.time_unit"),
     ),
     case(
         "seconds as milliseconds",
@@ -374,11 +379,16 @@ CASES = [
     # text that is none, or not what it seems
     case("header in capitals", lambda lab: lab.replace(T, "value", "VALUE"), T, 'Rename "VALUE" to "value"'),
     case(
-        "impacts in capitals", lambda lab: lab.replace(I, "mass_kg", "Mass_KG"), I, 'Rename "Mass_KG" to "mass_kg"'
+        "impacts in capitals",
+        lambda lab: lab.replace(I, "mass_kg", "Mass_KG"),
+        I,
+        'Rename "Mass_KG" to "mass_kg"',
     ),
     case("UTF-16", _encoded("utf-16"), T, "UTF-8", "row 1"),
     case("UTF-16 without a mark", _encoded("utf-16-le"), T, "UTF-8", "a byte that is 0"),
-    case("a byte that is 0", lambda lab: lab.replace(I, "s2", "s\0"), I, "row 4", "UTF-8", "a byte that is 0"),
+    case(
+        "a byte that is 0", lambda lab: lab.replace(I, "s2", "s\0"), I, "row 4", "UTF-8", "a byte that is 0"
+    ),
     case("digits of another script", _cell(3, "mass_kg", "\u0663"), I, "row 3", "mass_kg", "\u0663"),
     case("wide digits", _sample(500, "value", "\uff11"), T, "row 500", "column value", "\uff11"),
     case("decimal comma in quotes", _cell(3, "mass_kg", '"0,8"'), I, "row 3", "mass_kg", "0,8"),
@@ -388,7 +398,9 @@ CASES = [
         lambda lab: lab.replace(T, "value", "value," + ",".join(map(str, range(100_000)))),
         *(T, "row 1", "first line of column names"),
     ),
-    case("escape in a name", _cell(3, "impact", "\x1b[31mb"), I, "row 3", "impact", "\\u001b[31mb", "control"),
+    case(
+        "escape in a name", _cell(3, "impact", "\x1b[31mb"), I, "row 3", "impact", "\\u001b[31mb", "control"
+    ),
     case("escape of one byte", _cell(3, "subject", "s\x9b2J"), I, "row 3", "subject", "s\\u009b2J"),
     case("writing turned round", _cell(3, "trial", "x\u202ey"), I, "row 3", "trial", "x\\u202ey"),
     case("escape in a column", lambda lab: lab.replace(I, "sex", "se\x07x"), I, "row 1", "se\\u0007x"),

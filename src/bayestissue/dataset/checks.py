@@ -29,8 +29,8 @@ def check_recordings(recordings: Recordings) -> Findings:
 
     Errors: samples that are no numbers; fewer than 8 of them; time that stands still, runs back, or strays
     from even spacing by more than a tenth of a step; a stated sampling rate more than 1 % off; and what
-    `clock_problems` and `movement_problems` find. An impact with an error of one of these kinds is not looked at for the next:
-    it would only raise a false alarm.
+    `clock_problems` and `movement_problems` find. An impact with an error of one of these kinds is not looked
+    at for the next: it would only raise a false alarm.
     """
     problems: list[Problem] = []
     with np.errstate(all="ignore"):

@@ -31,12 +31,12 @@ def clock_problems(recordings: Recordings) -> Iterator[Problem]:
     for which in np.flatnonzero(step > LONGEST_STEP_S):
         yield recordings.problem(
             which,
-            f"a sample at least every {LONGEST_STEP_S:g} s, as an impact of some hundredths of a second needs",
+            f"a sample at least every {LONGEST_STEP_S:g} s, for an impact lasts some hundredths",
             remedy,
             value=f"one every {step[which]:.4g} s",
             column=samples.time_column,
         )
-    for which in np.flatnonzero((0 < lasts) & (lasts < SHORTEST_S)):
+    for which in np.flatnonzero((lasts > 0) & (lasts < SHORTEST_S)):
         yield recordings.problem(
             which,
             f"a recording of at least {SHORTEST_S:g} s",
@@ -123,7 +123,7 @@ def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             "Check signal.unit and signal.scale in dataset.toml.",
             value=f"{moving.extreme[which]:.4g} m",
         )
-    for which in np.flatnonzero((0 < moving.extreme) & (moving.extreme <= DEEPEST_M) & (velocity > 0)):
+    for which in np.flatnonzero((moving.extreme > 0) & (moving.extreme <= DEEPEST_M) & (velocity > 0)):
         mine = slice(samples.start[which], moving.peak[which] + 1)
         away = samples.value[mine] - samples.value[mine.start]
         shallow = int(np.flatnonzero(away <= FALL_WITHIN * away[-1])[-1])

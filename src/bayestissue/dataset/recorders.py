@@ -206,7 +206,9 @@ def _tdms(data: bytes, label: str) -> tuple[dict[str, _Channel], int]:
     logging.getLogger("nptdms").setLevel(logging.ERROR)
     file = TdmsFile.open(io.BytesIO(data))
     if file.file_status.incomplete_final_segment:
-        raise _UnfitError("a whole .tdms file", "Copy or export the recording anew.", "an end that is missing")
+        raise _UnfitError(
+            "a whole .tdms file", "Copy or export the recording anew.", "an end that is missing"
+        )
     found = [channel for group in file.groups() for channel in group.channels()]
     require_small(sum(8 * len(channel) for channel in found), label)
     names = [channel.name for channel in found]

@@ -152,9 +152,7 @@ def _as_text(data: bytes, label: str, names: list[str], types: dict[str, pa.Data
         return _parse(data, label, names, types)
     except pa.ArrowInvalid as error:
         remedy = "Export the file anew."
-        raise InputError(
-            Problem(label, "a header and rows of cells", remedy, value=_words(error))
-        ) from error
+        raise InputError(Problem(label, "a header and rows of cells", remedy, value=_words(error))) from error
 
 
 def _parse(data: bytes, label: str, names: list[str], types: dict[str, pa.DataType]) -> pa.Table:
