@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from html import escape
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from bayestissue.errors import printable
 
@@ -33,7 +34,7 @@ def short(text: str, most: int = 60) -> str:
     return text if len(text) <= most else f"{text[: most - 1]}…"
 
 
-def span(values: Sequence[float] | np.ndarray, unit: str) -> str:
+def span(values: ArrayLike, unit: str) -> str:
     """The least and the greatest of some values, which may be missing, with their unit."""
     known = np.asarray(values, float)
     known = known[np.isfinite(known)]

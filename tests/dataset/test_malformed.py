@@ -9,9 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from dataset_bench import SAMPLES, Lab, Outcome
 
+from bayestissue.dataset import read_dataset
 from bayestissue.errors import has_control_characters
 
 Spoil = Callable[[Lab], object]
@@ -113,6 +116,17 @@ def _sinking(scale: float) -> Spoil:
         lab.replace("dataset.toml", '"m/s^2"', '"m"')
         for impact in "abcd":
             lab.samples(impact, lambda t, v: np.copyto(v, scale * np.sin(60 * np.maximum(t, 0)) / 60))
+
+    return spoil
+
+
+def _names_as(convert: Callable[[str], object]) -> Spoil:
+    def spoil(lab: Lab) -> None:
+        table = pd.read_csv(lab.path("traces.csv"))
+        lab.path("traces.csv").unlink()
+        names = pa.array([convert(name) for name in table["impact"]])
+        table = pa.table({"impact": names, "time_s": table["time_s"], "value": table["value"]})
+        pq.write_table(table, lab.path("traces.parquet"))
 
     return spoil
 
@@ -405,6 +419,16 @@ CASES = [
     case("writing turned round", _cell(3, "trial", "x\u202ey"), I, "row 3", "trial", "x\\u202ey"),
     case("escape in a column", lambda lab: lab.replace(I, "sex", "se\x07x"), I, "row 1", "se\\u0007x"),
     case("escape in the title", _toml("bench", "b\\u001b[2J"), D, "row 1", "name", "\\u001b[2J", "one line"),
+    case("a blank title", _toml('"bench"', '" "'), D, "row 1", "column name", "a name on one line"),
+    *(
+        case(f"names as {kind}", _names_as(convert), "traces.parquet", "column impact", kind, "as text")
+        for kind, convert in (
+            ("binary", lambda name: name.encode() + b"\xff"),
+            ("list", lambda name: [name]),
+            ("struct", lambda name: {"name": name}),
+            ("double", lambda name: 1.5),
+        )
+    ),
     case("a name of two lines", lambda lab: lab.replace(I, "s2", '"s\n2"'), I, "subject", "s\\u000a2"),
     # a file per impact
     case("trace missing", _trace_column("nowhere.csv"), "nowhere.csv", "impact a", "no such file"),
@@ -517,3 +541,14 @@ def test_estimate_refuses_alike(name: str, lab: Lab, tmp_path: Path, command: Ca
     out = tmp_path / "estimates"
     assert command("estimate", lab.folder, "--out", out) == command("check", lab.folder)
     assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["./a.csv", "a.csv", "nowhere/../a.csv"])
+def test_a_path_inside_the_folder_may_take_a_way_round(name: str, lab: Lab) -> None:
+    _trace_column("a.csv")(lab)
+    plain = read_dataset(lab.folder)
+    impacts = pd.read_csv(lab.path("impacts.csv"))
+    impacts.loc[0, "trace"] = name
+    impacts.to_csv(lab.path("impacts.csv"), index=False)
+    found = read_dataset(lab.folder)
+    np.testing.assert_array_equal(found.traces[0].value, plain.traces[0].value)

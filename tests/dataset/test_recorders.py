@@ -222,6 +222,35 @@ def test_sampling_rate_stands_in_for_times(lab: Lab) -> None:
     np.testing.assert_array_equal(dataset.traces[0].time_s, np.arange(dataset.traces[0].value.size) / RATE)
 
 
+def test_a_waveform_without_an_offset_begins_at_zero(lab: Lab) -> None:
+    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+        with TdmsWriter(path) as writer:
+            writer.write_segment([ChannelObject("g", "a/'b'", value, properties={"wf_increment": 1 / RATE})])
+
+    files_instead(lab, ".tdms", write)
+    for trace in read_dataset(lab.folder).traces:
+        np.testing.assert_array_equal(trace.time_s, np.arange(trace.value.size) * (1 / RATE))
+
+
+@pytest.mark.parametrize(
+    "clock",
+    [
+        {"wf_increment": "x"},
+        {"wf_increment": 1e-4, "wf_start_offset": "y"},
+        {"wf_increment": -1e-4},
+        {"wf_increment": np.nan},
+    ],
+)
+def test_a_waveform_whose_clock_is_no_number_has_no_times(clock: dict, lab: Lab) -> None:
+    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+        with TdmsWriter(path) as writer:
+            writer.write_segment([ChannelObject("g", "value", value, properties=clock)])
+
+    files_instead(lab, ".tdms", write)
+    with pytest.raises(InputError, match="no times"):
+        read_dataset(lab.folder)
+
+
 def test_sampling_rate_must_agree_with_the_clock(lab: Lab) -> None:
     files_instead(lab, ".tdms", _tdms, sampling_rate_hz=1.02 * RATE)
     with pytest.raises(InputError, match="10000 Hz") as refused:

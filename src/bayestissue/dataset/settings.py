@@ -26,8 +26,8 @@ def _not_zero(value: float) -> float:
 
 
 def _plain(value: str) -> str:
-    if has_control_characters(value):
-        raise ValueError("one line without control characters")
+    if has_control_characters(value) or not value.strip():
+        raise ValueError("a name on one line, without control characters")
     return value
 
 
