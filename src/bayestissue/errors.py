@@ -30,9 +30,9 @@ class Problem:
         if self.row is not None:
             place.append(f"row {self.row}")
         if self.column is not None:
-            place.append(f"column {printable(self.column)}")
+            place.append(f"column {printable(str(self.column))}")
         if self.impact is not None:
-            place.append(f"impact {printable(self.impact)}")
+            place.append(f"impact {printable(str(self.impact))}")
         found = "" if self.value is None else f"found {_shown(self.value)}; "
         told = printable(f"expected {self.expected}. {self.remedy}", lines=True)
         return f"{', '.join(place)}: {found}{told}"

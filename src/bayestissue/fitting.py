@@ -14,6 +14,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import xarray as xr
 
 from bayestissue import resources, results, runtime
@@ -26,6 +27,7 @@ from bayestissue.inference.diagnostics import verdict_in_words
 from bayestissue.inference.many_draws import MANY
 from bayestissue.inference.second_core import SecondCore
 from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
+from bayestissue.outline import Rows, as_html, as_text, short, span
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,6 +61,28 @@ class Fit:
     seed: int
     started: datetime
     wall_time_s: float
+
+    def __repr__(self) -> str:
+        return as_text(*self._outline())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._outline())
+
+    def _outline(self) -> tuple[str, Rows]:
+        posterior = self.posterior["posterior"].dataset
+        chains, draws = (posterior.sizes[name] for name in ("chain", "draw"))
+        medians = [
+            (f"{name} of the impacts", f"posterior medians {span(_medians(posterior[name]), unit)}")
+            for name, unit in (("K", "N/m"), ("C", "N s/m"))
+        ]
+        rows = [
+            ("impacts", f"{len(self.dataset.impacts)} of {short(self.dataset.name)}"),
+            *medians,
+            ("draws", f"{chains} chains of {draws}, seed {self.seed}, {self.wall_time_s:.0f} s"),
+            ("diagnostics", short(self.verdict, 160)),
+            ("more in", ".summary, .posterior, .diagnostics, .report(path)"),
+        ]
+        return f"Fit by the model {short(self.specification.name)}", rows
 
     @property
     def posterior(self) -> xr.DataTree:
@@ -300,6 +324,11 @@ def _discrepancy(fit: Fit) -> dict[str, Any]:
     return {
         "discrepancy": told | ({"score_without": fit.diagnostics["model_form"]["score"]} if asked else {})
     }
+
+
+def _medians(quantity: xr.DataArray) -> np.ndarray:
+    """Of every impact, over all its draws."""
+    return quantity.median([name for name in quantity.dims if name != "impact"]).to_numpy()
 
 
 def _silent(stage: str, done: int, total: int) -> None:

@@ -164,5 +164,6 @@ def content_hash(paths: Iterable[Path]) -> str:
     """SHA-256 over the names and contents of ``paths``, whatever folder they lie in."""
     digest = hashlib.sha256()
     for path in sorted(paths, key=lambda path: path.name):
-        digest.update(path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+        with path.open("rb") as file:
+            digest.update(path.name.encode() + b"\0" + hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()

@@ -9,8 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from bayestissue import resources, results, runtime
 
 if TYPE_CHECKING:
@@ -33,7 +31,7 @@ def run(
     """
     results.require_free(out, overwrite=overwrite)
     runtime.configure()
-    from bayestissue.commands.console import Stages
+    from bayestissue.commands.console import Stages, echo
     from bayestissue.dataset.published import read_published
     from bayestissue.hierarchy.published import published_design, published_observations
     from bayestissue.hierarchy.specification import read_specification
@@ -85,7 +83,7 @@ def run(
         say("writing the report", 0, 1)
         write_report(folder)
     if not quiet:
-        typer.echo(f"{words}\nwrote {out / 'report.html'}")
+        echo(f"{words}\nwrote {out / 'report.html'}")
     return bool(analysis.diagnostics["passed"])
 
 

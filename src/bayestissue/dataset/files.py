@@ -74,7 +74,7 @@ def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> by
         about = path.stat()
         if not stat.S_ISREG(about.st_mode):
             found = "a folder" if stat.S_ISDIR(about.st_mode) else "a device, a pipe or the like"
-            raise InputError(Problem(label, "a regular file", remedy, value=found))
+            raise InputError(Problem(label, "a readable, regular file", remedy, value=found))
         require_small(about.st_size, label, share=share)
         data = _unpacked(path, label) if path.suffix == ".gz" and about.st_size else path.read_bytes()
     except InputError:

@@ -73,7 +73,7 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
 
 
 def _counted(body: bytes, size: int, label: str) -> int:
-    """``size`` and that of a packed variable: counted before any of it is kept, so that it takes no memory."""
+    """``size`` and that of a packed variable, counted before any of it is kept: it takes no memory."""
     unpacking, rest = zlib.decompressobj(), body
     while chunk := unpacking.decompress(rest, _CHUNK):
         size, rest = size + len(chunk), unpacking.unconsumed_tail

@@ -206,7 +206,9 @@ def _tdms(data: bytes, label: str) -> tuple[dict[str, _Channel], int]:
     logging.getLogger("nptdms").setLevel(logging.ERROR)
     file = TdmsFile.open(io.BytesIO(data))
     if file.file_status.incomplete_final_segment:
-        raise _UnfitError("a whole .tdms file", "Copy or export the recording anew.", "an end that is missing")
+        raise _UnfitError(
+            "a whole .tdms file", "Copy or export the recording anew.", "an end that is missing"
+        )
     found = [channel for group in file.groups() for channel in group.channels()]
     require_small(sum(8 * len(channel) for channel in found), label)
     names = [channel.name for channel in found]
@@ -215,11 +217,19 @@ def _tdms(data: bytes, label: str) -> tuple[dict[str, _Channel], int]:
         values = np.asarray(channel[:])
         if values.dtype.kind not in "fiu":
             continue
-        clock = channel.time_track() if channel.properties.get("wf_increment", 0) > 0 else None
+        clock = _waveform_clock(channel.properties, len(values))
         # The same name in two groups says nothing: such channels need their group's name before theirs.
         name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
         channels[name] = _Channel(values.astype(np.float64), clock)
     return channels, 1
+
+
+def _waveform_clock(properties: dict[str, Any], samples: int) -> np.ndarray | None:
+    step, start = properties.get("wf_increment"), properties.get("wf_start_offset", 0.0)
+    if not isinstance(step, (int, float)) or not isinstance(start, (int, float)) or not step > 0:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        return start + step * np.arange(samples)
 
 
 def _mat(data: bytes, label: str) -> tuple[dict[str, _Channel], int]:

@@ -152,9 +152,7 @@ def _as_text(data: bytes, label: str, names: list[str], types: dict[str, pa.Data
         return _parse(data, label, names, types)
     except pa.ArrowInvalid as error:
         remedy = "Export the file anew."
-        raise InputError(
-            Problem(label, "a header and rows of cells", remedy, value=_words(error))
-        ) from error
+        raise InputError(Problem(label, "a header and rows of cells", remedy, value=_words(error))) from error
 
 
 def _parse(data: bytes, label: str, names: list[str], types: dict[str, pa.DataType]) -> pa.Table:
@@ -206,12 +204,12 @@ def _sifted(cells: pa.Array) -> Numbers:
 def _parquet(data: bytes, label: str, numbers: Sequence[str], labels: Sequence[str]) -> pa.Table:
     wanted = [*labels, *numbers]
     try:
-        # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
-        file = pq.ParquetFile(
-            pa.BufferReader(data), page_checksum_verification=True, read_dictionary=list(labels)
-        )
-        if problems := column_problems(label, file.schema_arrow.names, wanted):
+        schema = pq.read_schema(pa.BufferReader(data))
+        if problems := [*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)]:
             raise InputError(problems)
+        # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
+        once = [name for name in labels if _is_text(schema.field(name).type)]
+        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True, read_dictionary=once)
         require_small(_read_size(file.metadata, wanted), label)
         table = file.read(columns=wanted)
         table.validate(full=True)
@@ -223,6 +221,21 @@ def _parquet(data: bytes, label: str, numbers: Sequence[str], labels: Sequence[s
             Problem(label, "a whole Parquet file", "Copy or export the file anew.", value=_words(error))
         ) from error
     return table
+
+
+def _is_text(kind: pa.DataType) -> bool:
+    return pa.types.is_string(kind) or pa.types.is_large_string(kind)
+
+
+def _no_names(label: str, schema: pa.Schema, labels: Sequence[str]) -> list[Problem]:
+    """Columns of names that hold something else than text or whole numbers."""
+    found = {name: schema.field(name).type for name in labels if schema.names.count(name) == 1}
+    kinds = {n: kind.value_type if pa.types.is_dictionary(kind) else kind for n, kind in found.items()}
+    return [
+        Problem(label, "names, as text", "Store the column as text.", column=name, value=str(found[name]))
+        for name, kind in kinds.items()
+        if not (_is_text(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind))
+    ]
 
 
 def _read_size(about: pq.FileMetaData, wanted: list[str]) -> int:

@@ -59,7 +59,7 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
             for i, text in (r.text or {}).items()
         },
     )
-    return Reading(samples, problems, [folder / name for name in files])
+    return Reading(samples, problems, list(taken))
 
 
 def _inside(folder: Path, name: str, row: int, taken: dict[Path, str]) -> Path:
