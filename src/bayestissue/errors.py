@@ -45,6 +45,10 @@ class InputError(ValueError):
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 
+class PartialResultError(RuntimeError):
+    """The results are written, but not all is as it was asked for; the message says what. Exit status 4."""
+
+
 def _shown(value: object, width: int = 80) -> str:
     text = value if isinstance(value, str) else f"{value}"
     text = text if len(text) <= width else f"{text[: width - 1]}…"

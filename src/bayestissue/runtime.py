@@ -5,9 +5,13 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
+
+from bayestissue import stopping
 
 LIBRARIES = ("bayestissue", "numpy", "scipy", "jax", "numpyro", "arviz", "pandas", "xarray")
 
@@ -92,6 +96,19 @@ def settle(places: str, allowed: tuple[int, ...]) -> None:
         _bind(core)
         break
     configure()
+
+
+@contextmanager
+def worker_pool(workers: int, told: Path) -> Iterator[Any]:
+    """A loky executor of processes set up by `settle`; they end with the block. ``told`` is a new folder."""
+    from loky import ProcessPoolExecutor
+
+    pool = ProcessPoolExecutor(workers, initializer=settle, initargs=(str(told), CORES))
+    try:
+        stopping.begin_workers(pool, os.getpid)
+        yield pool
+    finally:
+        stopping.end_workers(pool)
 
 
 def _bind(core: int | None) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter
@@ -10,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from bayestissue.results import require_free, whole_folder
+from bayestissue.results import claim, write_json
 from bayestissue.runtime import configure, versions
 
 if TYPE_CHECKING:
@@ -44,34 +43,34 @@ def run(
         InputError: the dataset, the model file or a choice is wrong, or ``out`` is not free.
     """
     started, clock = datetime.now(UTC), perf_counter()
-    require_free(out, overwrite=overwrite)
-    configure()
-    from bayestissue.dataset import read_dataset
-    from bayestissue.inference.estimates import default_options, estimate
-    from bayestissue.report.writing import write_report
-    from bayestissue.signal import alternatives, read_signal_options
+    with claim(out, overwrite=overwrite, command="estimate", inputs=(dataset, model)) as place:
+        configure()
+        from bayestissue.dataset import read_dataset
+        from bayestissue.inference.estimates import default_options, estimate
+        from bayestissue.report.writing import draw_page
+        from bayestissue.signal import alternatives, read_signal_options
 
-    options = read_signal_options(model) if model else default_options(method)
-    choices = {choice: alternatives(choice, options) for choice in vary}
-    data = read_dataset(dataset, skip_bad=skip_bad)
-    table = estimate(data, method=method, options=options)
-    varied = _varied(data, method, choices) if choices else None
-    centring = _centring() if method == "dds" else None
-    with whole_folder(out, overwrite=overwrite) as staging:
-        table.to_csv(staging / "estimates.csv", index=False)
-        if varied is not None:
-            varied.to_csv(staging / "vary.csv", index=False)
-        if centring is not None:
-            centring.to_csv(staging / "centring.csv", index=False)
-        if data.left_out:
-            _left_out(data).to_csv(staging / "left_out.csv", index=False)
-        about = _about(data, method, options, model, started, perf_counter() - clock)
-        (staging / "run.json").write_text(json.dumps(about, indent=2, ensure_ascii=False), encoding="utf-8")
-        write_report(staging)
-    if as_json:
-        typer.echo(table.to_json(orient="records", force_ascii=False))
-    elif not quiet:
-        _print(data, table, varied, out)
+        options = read_signal_options(model) if model else default_options(method)
+        choices = {choice: alternatives(choice, options) for choice in vary}
+        data = read_dataset(dataset, skip_bad=skip_bad)
+        table = estimate(data, method=method, options=options)
+        varied = _varied(data, method, choices) if choices else None
+        centring = _centring() if method == "dds" else None
+        with place.folder() as staging:
+            table.to_csv(staging / "estimates.csv", index=False)
+            if varied is not None:
+                varied.to_csv(staging / "vary.csv", index=False)
+            if centring is not None:
+                centring.to_csv(staging / "centring.csv", index=False)
+            if data.left_out:
+                _left_out(data).to_csv(staging / "left_out.csv", index=False)
+            about = _about(data, method, options, model, started, perf_counter() - clock)
+            write_json(about, staging / "run.json")
+        draw_page(place.path)
+        if as_json:
+            typer.echo(table.to_json(orient="records", force_ascii=False))
+        elif not quiet:
+            _print(data, table, varied, place.path)
 
 
 def _centring() -> pd.DataFrame:

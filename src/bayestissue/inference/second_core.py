@@ -12,7 +12,7 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
-from bayestissue import runtime
+from bayestissue import runtime, stopping
 
 
 class SecondCore:
@@ -33,7 +33,7 @@ class SecondCore:
         kept = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
         core = others[0] if others else None
         self._pool = ProcessPoolExecutor(1, initializer=runtime.settle_on, initargs=(core,), env=kept)
-        self._pool.submit(_ready)
+        stopping.begin_workers(self._pool, _ready)
 
     def pool(self) -> Any:
         """The process; None without a second core or a folder for what is compiled, or on an accelerator."""
@@ -54,7 +54,7 @@ class SecondCore:
 
     def __exit__(self, *_: object) -> None:
         if self._pool is not None:
-            self._pool.shutdown(wait=True, kill_workers=True)
+            stopping.end_workers(self._pool)
 
 
 def submitted(pool: Any, function: Callable[..., Any], *arguments: Any) -> Future:
