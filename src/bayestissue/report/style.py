@@ -28,7 +28,7 @@ PANEL = (4.8, 3.5)
 _FEW_FOLD, _MANY_FOLD = 8, 1e5
 _LONGEST = 28
 _RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-# Of text that is no fault of a figure: a page's text is drawn by the reader's browser, with his fonts.
+# Of no concern: the reader's browser draws the text of a page, with fonts of its own.
 _OF_TEXT = (
     "Glyph .* missing from",
     "Matplotlib currently does not support",

@@ -104,16 +104,19 @@ def _said_of(out: Path) -> Iterator[None]:
     except OSError as error:
         if error.errno not in _NO_SUCH_PLACE:
             raise
-        raise InputError(_no_place(out, _file_above(out) or error.strerror or str(error))) from error
+        raise InputError(_no_place(out, error.strerror or str(error))) from error
 
 
 def _no_place(out: Path, why: str) -> Problem:
-    return Problem(str(out), "a folder that can be made and written", "Choose another --out.", value=why)
+    file, remedy = _file_above(out), "Choose another --out."
+    if file is not None:
+        return Problem(str(out), f"a folder at {file}", remedy, value="a file above it")
+    return Problem(str(out), "a folder that can be made and written", remedy, value=why)
 
 
-def _file_above(out: Path) -> str:
+def _file_above(out: Path) -> Path | None:
     for parent in out.parents:
         with suppress(OSError):
             if parent.exists() and not parent.is_dir():
-                return f"{parent}, which is no folder"
-    return ""
+                return parent
+    return None

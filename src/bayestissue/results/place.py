@@ -8,7 +8,7 @@ import secrets
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bayestissue import stopping
@@ -134,7 +134,8 @@ def _replace(staging: Path, out: Path) -> None:
             return
         # No longer the only copy of anything, and so no longer put back by a later run.
         remains = _sibling(out, "partial")
-        retired.rename(remains)
+        with suppress(OSError):
+            retired.rename(remains)
     shutil.rmtree(remains, ignore_errors=True)
 
 

@@ -83,10 +83,10 @@ def _wrong_place(out: Path, inputs: Sequence[Path | None]) -> tuple[str, str, st
         return "a mount point, which can't be replaced", "a folder of its own for the results", _BELOW
     for path in inputs:
         if path is not None and _holds(out, Path(path).resolve()):
-            return f"what holds {path}, which this command reads", "another folder than its input", _ANOTHER
+            return "what this command reads", f"a folder that does not hold {path}", _ANOTHER
     for parent in out.parents:
         if is_result(parent):
-            return f"a folder inside the results {parent}", "a folder outside other results", _ANOTHER
+            return "a folder inside other results", f"a folder outside {parent}", _ANOTHER
     return None
 
 
