@@ -101,11 +101,8 @@ def settle(places: str, allowed: tuple[int, ...]) -> None:
 @contextmanager
 def worker_pool(workers: int, told: Path) -> Iterator[Any]:
     """A loky executor of processes set up by `settle`; they end with the block. ``told`` is a new folder."""
-    from loky import ProcessPoolExecutor
-
-    pool = ProcessPoolExecutor(workers, initializer=settle, initargs=(str(told), CORES))
+    pool = stopping.begin_workers(os.getpid, workers, initializer=settle, initargs=(str(told), CORES))
     try:
-        stopping.begin_workers(pool, os.getpid)
         yield pool
     finally:
         stopping.end_workers(pool)

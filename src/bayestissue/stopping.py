@@ -82,11 +82,20 @@ def whole_step() -> Iterator[None]:
         _hold_here()
 
 
-def begin_workers(pool: Any, function: Callable[[], Any]) -> None:
-    """Begin the processes of a loky executor by asking for a function; from now on they end with this one.
+def begin_workers(function: Callable[[], Any], workers: int, **options: Any) -> Any:
+    """A loky executor whose processes begin with a function, and end with this one or by `end_workers`.
 
-    They leave a Ctrl-C, which a terminal sends to all processes, to this one. `end_workers` ends them.
+    They leave a Ctrl-C, which a terminal sends to all processes, to this one.
+
+    Args:
+        function: the first thing that is asked for.
+        workers: how many processes.
+        options: further ones of the executor.
     """
+    from loky import ProcessPoolExecutor
+
+    _begin_tracker()
+    pool = ProcessPoolExecutor(workers, **options)
     _pools.append(pool)
     blocks = getattr(signal, "pthread_sigmask", None)
     before = blocks(signal.SIG_BLOCK, {signal.SIGINT}) if blocks else set()
@@ -95,6 +104,23 @@ def begin_workers(pool: Any, function: Callable[[], Any]) -> None:
     finally:
         if blocks:
             blocks(signal.SIG_SETMASK, before)
+    return pool
+
+
+def _begin_tracker() -> None:
+    """Loky's process that clears up after this one, which must not tell of it where this one was stopped."""
+    from loky.backend import resource_tracker
+
+    before = os.environ.get("PYTHONWARNINGS")
+    quiet = "ignore:resource_tracker:UserWarning"
+    os.environ["PYTHONWARNINGS"] = quiet if before is None else f"{before},{quiet}"
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        if before is None:
+            del os.environ["PYTHONWARNINGS"]
+        else:
+            os.environ["PYTHONWARNINGS"] = before
 
 
 def end_workers(pool: Any) -> None:
