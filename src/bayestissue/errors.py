@@ -50,6 +50,10 @@ class InputError(ValueError):
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 
+class PartialResultError(RuntimeError):
+    """The results are written, but not all is as it was asked for; the message says what. Exit status 4."""
+
+
 def has_control_characters(text: str) -> bool:
     """Whether `printable` would change a text: it holds line ends, tabs, or what steers a terminal."""
     return _CONTROL.search(text) is not None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -115,23 +114,29 @@ class Fit:
             The path of the page.
 
         Raises:
-            InputError: ``path`` is taken and ``overwrite`` is false.
+            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
+            PartialResultError: the results are written, but not the page, or not where they were to go.
         """
         path = Path(path)
         if path.suffix == ".html":
             return self._page(path, overwrite)
-        with results.whole_folder(path, overwrite=overwrite) as folder:
-            write_run(self, folder)
-        return path / "report.html"
+        from bayestissue.report import draw_page
+
+        with results.claim(path, overwrite=overwrite, command="fit", inputs=(self.dataset.folder,)) as place:
+            with place.folder() as folder:
+                write_run(self, folder)
+            return draw_page(place.path)
 
     def _page(self, path: Path, overwrite: bool) -> Path:
         if path.exists() and not overwrite:
             raise InputError(
                 Problem(str(path), "a name not yet taken", "Choose another, or pass overwrite=True.")
             )
-        with tempfile.TemporaryDirectory() as folder, results.whole_file(path) as staging:
-            write_run(self, Path(folder))
-            shutil.copyfile(Path(folder) / "report.html", staging)
+        from bayestissue.report import write_report
+
+        with results.scratch() as folder, results.whole_file(path) as staging:
+            write_run(self, folder)
+            shutil.copyfile(write_report(folder), staging)
         return path
 
 
@@ -254,12 +259,10 @@ def _again(
 
 
 def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
-    """Write every file of a finished run into ``folder``, the report last."""
-    from bayestissue.report import write_report
-
+    """Write every file of a finished run into ``folder``, but for the page that is drawn of them."""
     say = say or _silent
     say("writing the results", 0, 1)
-    fit.analysis.tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    results.write_tree(fit.analysis.tree, folder / "posterior.nc")
     for name in TABLES:
         getattr(fit.analysis, name).to_csv(folder / f"{name}.csv", index=False)
     for method, table in fit.point_estimates.items():
@@ -270,8 +273,6 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
         shutil.copyfile(truth, folder / "truth.csv")
     results.write_json(fit.diagnostics, folder / "diagnostics.json")
     results.write_json(provenance(fit), folder / "run.json")
-    say("writing the report", 0, 1)
-    write_report(folder)
 
 
 def provenance(fit: Fit) -> dict[str, Any]:
@@ -285,8 +286,8 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "description": data.description,
         "quantity": data.quantity,
         "versions": runtime.versions(),
-        "model": fit.specification.model_dump(mode="json")
-        | {"reference_mass_kg": fit.prepared.design.reference_mass_kg},
+        "model": fit.specification.model_dump(mode="json") | fit.prepared.design.resolved(),
+        "terms_left_out": fit.prepared.design.terms_left_out(),
         "uncertainty": vars(data.uncertainty),
         "left_out": [str(problem) for problem in data.left_out],
         "seed": fit.seed,

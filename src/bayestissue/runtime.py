@@ -5,10 +5,14 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
+
+from bayestissue import stopping
 
 LIBRARIES = ("bayestissue", "numpy", "scipy", "jax", "numpyro", "arviz", "pandas", "xarray")
 
@@ -143,6 +147,16 @@ def settle(places: str, allowed: tuple[int, ...]) -> None:
         _bind(core)
         break
     configure()
+
+
+@contextmanager
+def worker_pool(workers: int, told: Path) -> Iterator[Any]:
+    """A loky executor of processes set up by `settle`; they end with the block. ``told`` is a new folder."""
+    pool = stopping.begin_workers(os.getpid, workers, initializer=settle, initargs=(str(told), CORES))
+    try:
+        yield pool
+    finally:
+        stopping.end_workers(pool)
 
 
 def _bind(core: int | None) -> None:

@@ -14,7 +14,8 @@ from bayestissue.commands.console import echo, plain
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import Problem
 from bayestissue.report.check_page import check_page, kinds, quality_table
-from bayestissue.results import require_free, whole_folder
+from bayestissue.report.writing import after_results
+from bayestissue.results import Place, claim, whole_file
 from bayestissue.signal import Displacements, displacements
 
 
@@ -29,19 +30,25 @@ def run(
     Raises:
         InputError: something is wrong with the dataset, or ``out`` is not free.
     """
-    if out is not None:
-        require_free(out, overwrite=overwrite)
+    if out is None:
+        _check(dataset, None, skip_bad=skip_bad, quiet=quiet, as_json=as_json)
+        return
+    with claim(out, overwrite=overwrite, command="check", inputs=(dataset,)) as place:
+        _check(dataset, place, skip_bad=skip_bad, quiet=quiet, as_json=as_json)
+
+
+def _check(dataset: Path, place: Place | None, *, skip_bad: bool, quiet: bool, as_json: bool) -> None:
     data = read_dataset(dataset, skip_bad=skip_bad)
     signal = displacements(data)
     quality = quality_table(data, signal)
+    if place is not None:
+        _write(place, data, signal, quality)
     if as_json:
         echo(json.dumps(_plain(data, signal, quality), default=str, ensure_ascii=False))
     elif not quiet:
         _print(data, signal, quality)
-    if out is not None:
-        _write(out, overwrite, data, signal, quality)
-        if not quiet and not as_json:
-            echo(f"wrote {out / 'check.html'}")
+    if place is not None and not quiet and not as_json:
+        echo(f"wrote {place.path / 'check.html'}")
 
 
 def _verdict(data: Dataset) -> str:
@@ -113,13 +120,17 @@ def _range(values: pd.Series, unit: str) -> str:
     return f"{low:.6g}{unit}" if low == high else f"{low:.6g} to {high:.6g}{unit}"
 
 
-def _write(out: Path, overwrite: bool, data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
+def _write(place: Place, data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
     warnings = _warnings(data, signal)
     lists = [("left out", problem) for problem in data.left_out] + [("warning", p) for p in warnings]
     columns = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy"]
     problems = pd.DataFrame([{"severity": s, **p.as_dict()} for s, p in lists], columns=columns)
-    with whole_folder(out, overwrite=overwrite) as staging:
+    with place.folder() as staging:
         quality.to_csv(staging / "quality.csv", index=False)
         problems.astype({"row": "Int64"}).to_csv(staging / "problems.csv", index=False)
+    with (
+        after_results(place.path, "the same command with --overwrite repeats it"),
+        whole_file(place.path / "check.html") as staging,
+    ):
         page = check_page(data, signal, quality, verdict=_verdict(data), warnings=warnings)
-        (staging / "check.html").write_text(page, encoding="utf-8")
+        staging.write_text(page, encoding="utf-8")

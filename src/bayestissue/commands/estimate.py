@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from bayestissue.resources import model_file
-from bayestissue.results import require_free, whole_folder
+from bayestissue.results import claim, write_json
 from bayestissue.runtime import configure, versions
 
 if TYPE_CHECKING:
@@ -43,36 +42,36 @@ def run(
         InputError: the dataset, the model file or a choice is wrong, or ``out`` is not free.
     """
     started, clock = datetime.now(UTC), perf_counter()
-    require_free(out, overwrite=overwrite)
-    configure()
-    from bayestissue.commands.console import echo
-    from bayestissue.dataset import read_dataset
-    from bayestissue.inference.estimates import default_options, estimate
-    from bayestissue.report.writing import write_report
-    from bayestissue.signal import alternatives, read_signal_options
+    with claim(out, overwrite=overwrite, command="estimate", inputs=(dataset, model)) as place:
+        configure()
+        from bayestissue.commands.console import echo
+        from bayestissue.dataset import read_dataset
+        from bayestissue.inference.estimates import default_options, estimate
+        from bayestissue.report.writing import draw_page
+        from bayestissue.signal import alternatives, read_signal_options
 
-    file = None if model is None else model_file(model, lambda content: "signal" in content)
-    options = read_signal_options(file) if file else default_options(method)
-    choices = {choice: alternatives(choice, options) for choice in vary}
-    data = read_dataset(dataset, skip_bad=skip_bad)
-    table = estimate(data, method=method, options=options)
-    varied = _varied(data, method, choices) if choices else None
-    centring = _centring() if method == "dds" else None
-    with whole_folder(out, overwrite=overwrite) as staging:
-        table.to_csv(staging / "estimates.csv", index=False)
-        if varied is not None:
-            varied.to_csv(staging / "vary.csv", index=False)
-        if centring is not None:
-            centring.to_csv(staging / "centring.csv", index=False)
-        if data.left_out:
-            _left_out(data).to_csv(staging / "left_out.csv", index=False)
-        about = _about(data, method, options, file, started, perf_counter() - clock)
-        (staging / "run.json").write_text(json.dumps(about, indent=2, ensure_ascii=False), encoding="utf-8")
-        write_report(staging)
-    if as_json:
-        echo(table.to_json(orient="records", force_ascii=False))
-    elif not quiet:
-        _print(data, table, varied, out)
+        file = None if model is None else model_file(model, lambda content: "signal" in content)
+        options = read_signal_options(file) if file else default_options(method)
+        choices = {choice: alternatives(choice, options) for choice in vary}
+        data = read_dataset(dataset, skip_bad=skip_bad)
+        table = estimate(data, method=method, options=options)
+        varied = _varied(data, method, choices) if choices else None
+        centring = _centring() if method == "dds" else None
+        with place.folder() as staging:
+            table.to_csv(staging / "estimates.csv", index=False)
+            if varied is not None:
+                varied.to_csv(staging / "vary.csv", index=False)
+            if centring is not None:
+                centring.to_csv(staging / "centring.csv", index=False)
+            if data.left_out:
+                _left_out(data).to_csv(staging / "left_out.csv", index=False)
+            about = _about(data, method, options, file, started, perf_counter() - clock)
+            write_json(about, staging / "run.json")
+        draw_page(place.path)
+        if as_json:
+            echo(table.to_json(orient="records", force_ascii=False))
+        elif not quiet:
+            _print(data, table, varied, place.path)
 
 
 def _centring() -> pd.DataFrame:

@@ -10,6 +10,7 @@ import numpy as np
 from bayestissue.dataset.motion import motion
 from bayestissue.dataset.plausible import MIN_SAMPLES, clock_problems, movement_problems, movement_warnings
 from bayestissue.dataset.recordings import Recordings
+from bayestissue.dataset.twice import same_recordings
 from bayestissue.errors import Problem
 
 EVEN_WITHIN = 0.1
@@ -41,7 +42,7 @@ def check_recordings(recordings: Recordings) -> Findings:
             return Findings(problems, [])
         moving = motion(recordings.samples, recordings.quantity)
         problems += movement_problems(recordings, moving)
-        return Findings(problems, movement_warnings(recordings, moving))
+        return Findings(problems, [*same_recordings(recordings), *movement_warnings(recordings, moving)])
 
 
 def _numbers(recordings: Recordings) -> list[Problem]:

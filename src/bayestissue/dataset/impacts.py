@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.impact_cells import FILE, control_characters, read_cells
+from bayestissue.dataset.twice import alike_names
 from bayestissue.errors import Problem
 
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz")
@@ -81,7 +82,8 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
             problems += _too_large(name, texts, rows, cells["impact"])
     columns.setdefault("velocity_m_s", np.full(len(rows), np.nan))
     table = pd.DataFrame(columns)
-    return ImpactTable(table, rows, problems, warnings + _unlikely(table, rows))
+    warnings += [*_unlikely(table, rows), *alike_names(table, rows, FILE)]
+    return ImpactTable(table, rows, problems, warnings)
 
 
 def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
