@@ -152,7 +152,7 @@ def _recover(out: Path) -> None:
 
 
 def _tell(words: str) -> None:
-    print(words, file=sys.stderr)  # noqa: T201
+    print(printable(words, lines=True), file=sys.stderr)  # noqa: T201
 
 
 def _kept_words(folder: Path) -> str:
