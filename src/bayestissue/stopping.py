@@ -94,7 +94,7 @@ def begin_workers(function: Callable[[], Any], workers: int, **options: Any) -> 
     """
     from loky import ProcessPoolExecutor
 
-    _begin_tracker()
+    _begin_trackers()
     pool = ProcessPoolExecutor(workers, **options)
     _pools.append(pool)
     blocks = getattr(signal, "pthread_sigmask", None)
@@ -107,8 +107,13 @@ def begin_workers(function: Callable[[], Any], workers: int, **options: Any) -> 
     return pool
 
 
-def _begin_tracker() -> None:
-    """Loky's process that clears up after this one, which must not tell of it where this one was stopped."""
+def _begin_trackers() -> None:
+    """Processes that clear up after this one, and must not tell of it where this one was stopped.
+
+    Python's own lets signals through again when it begins, so that must be before the workers do.
+    """
+    from multiprocessing import resource_tracker as of_python
+
     from loky.backend import resource_tracker
 
     before = os.environ.get("PYTHONWARNINGS")
@@ -116,6 +121,7 @@ def _begin_tracker() -> None:
     os.environ["PYTHONWARNINGS"] = quiet if before is None else f"{before},{quiet}"
     try:
         resource_tracker.ensure_running()
+        of_python.ensure_running()
     finally:
         if before is None:
             del os.environ["PYTHONWARNINGS"]
