@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import re
 
+import pandas as pd
 import pytest
 
 from bayestissue.commands import compare
@@ -72,6 +73,18 @@ def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path
     assert "whose K and C are different things" in text
     assert "New person, new impact" not in text
     assert "secant stiffness K (N/m)" in text
+
+
+def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_depth(tmp_path):
+    depths = {"likelihood": "impact", "exponent": 0.0, "own_depth": 0.3}
+    out = made(tmp_path, straight={"likelihood": "impact", "exponent": 0.5}, stiffening=depths)
+    table = pd.read_csv(out / "posteriors.csv").set_index(["variable", "run"])["median"]
+    assert table["mass_exponent_K_secant", "stiffening"] > 0.25
+    html = (out / "report.html").read_text(encoding="utf-8")
+    card = plain(html[html.index('id="answer-3"') : html.index("Where K depends on depth")])
+    assert re.search(r"K ∝ M0\.\d+ [^(]*\(straight\) K ∝ M−?0\.0\d [^(]*\(stiffening\)", card)
+    assert "mass exponent of K at the common depth (no unit)" in html
+    assert "mass exponent of K at each impact's greatest depth" in plain(html).replace("&#39;", "'")
 
 
 def test_it_shows_both_figures_and_where_the_models_differ(html):

@@ -64,6 +64,21 @@ def test_a_trend_that_only_the_thesis_method_shows_is_called_its_making(html):
     assert "the trend of C is made by the method" in first
 
 
+def test_where_stiffness_depends_on_depth_the_first_screen_answers_at_one_depth(tmp_path):
+    html = page_of(make_fit_run(tmp_path, likelihood="impact", exponent=0.0, own_depth=0.3))
+    first = plain(first_screen(html))
+    assert re.search(r"K ∝ M−?0\.0\d+ −0\.\d+ to 0\.\d+, at 12 mm", first)
+    assert "neither K nor C depends on the mass in practice. Here K is force over depth at 12 mm" in first
+    assert "At each impact's own greatest depth K ∝ M0." in first
+    assert "The tissue's law is the same for every mass: heavier impactors go deeper" in first
+    text = plain(html)
+    assert "mass exponent of K at each impact's greatest depth" in html
+    assert "K at the common depth" in text
+    assert "exponent is that of the damping constant in the element" in text
+    assert "It is assumed that the damper is the same at all depths" not in text
+    assert "K_common_depth is the force over the depth at 12 mm and at rest" in text
+
+
 def test_the_same_run_gives_the_same_page(folder, html):
     assert page_of(folder) == html
 

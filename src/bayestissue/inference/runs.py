@@ -15,12 +15,12 @@ from bayestissue.inference.comparison import by_importance
 from bayestissue.inference.element_draws import element_attributes
 from bayestissue.inference.implied import UNITS, comparable_draws
 from bayestissue.inference.labels import ATTRIBUTES
-from bayestissue.inference.secant_population import EXPONENTS_OF_SECANTS
+from bayestissue.inference.secant_exponents import EXPONENTS as OF_SECANTS
 from bayestissue.inference.trace_scores import SCHEMES, densities_of
 
 COMPARISON_COLUMNS = [SCORES[0], "data", *SCORES[1:]]
 POSTERIOR_COLUMNS = ["variable", "label", "unit", "run", "median", "eti90_low", "eti90_high"]
-EXPONENTS = ("mass_exponent_K", *EXPONENTS_OF_SECANTS, "mass_exponent_C")
+EXPONENTS = ("mass_exponent_K", *OF_SECANTS, "mass_exponent_C")
 COMPARED = (*EXPONENTS, *UNITS, "K_new", "C_new", "K_subject", "C_subject")
 _ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
 # Far above rounding, far below any recorder's resolution.

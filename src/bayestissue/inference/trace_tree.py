@@ -20,7 +20,7 @@ from bayestissue.inference.element_draws import per_impact
 from bayestissue.inference.labels import labelled, labelled_statistics
 from bayestissue.inference.many_kept import some_impacts, some_of
 from bayestissue.inference.sampling import Draws
-from bayestissue.inference.secant_population import EXPONENTS_OF_SECANTS, mass_exponents_of_secants
+from bayestissue.inference.secant_exponents import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.trace_draws import Unfolded, named_sites
 from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, predicted, prior_draws, replicates
 from bayestissue.likelihood.deceleration import DecelerationRecord
@@ -59,12 +59,10 @@ def posterior_tree(
             labelled,
             dimensions=_dimensions(),
             coordinates={**_coordinates(whole), "kept_draw": unfolded.kept},
-            kept=frozenset(
-                {*PER_IMPACT, *EXPONENTS_OF_SECANTS, *(name for names in ERRORS.values() for name in names)}
-            ),
+            kept=frozenset({*PER_IMPACT, *EXPONENTS, *(name for names in ERRORS.values() for name in names)}),
         )
     quantities = _quantities(whole, unfolded.sites, unfolded.impacts, rng)
-    quantities |= mass_exponents_of_secants(whole.design, unfolded)
+    quantities |= mass_exponents_of_secants(whole, unfolded, seed)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
     priors = compiled_quickly()(specification.priors.log_densities)(
         {k: v for k, v in unfolded.sites.items() if k in quantities}

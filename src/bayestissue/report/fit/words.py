@@ -10,6 +10,7 @@ import pandas as pd
 from bayestissue.elements.element import Element
 from bayestissue.elements.registry import element
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
+from bayestissue.report.fit.depth import depth_words, has_common_depth
 from bayestissue.report.fit.predictions import STRUCTURED, Residuals, inside_band
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.tables import Row, Table, columns, lines
@@ -82,6 +83,8 @@ def likelihood_words(run: FitRun) -> str:
     met, noise = _element(run), _RECORDERS[recorder_noise(run)]
     own = _OWN_K if met.name == SIDE_BY_SIDE else _OWN_C
     besides = f" {_DISCREPANCY}{own}" if has_discrepancy(run) else ""
+    if has_common_depth(run):
+        besides += f" K_common_depth is the force over the depth at {depth_words(run)} and at rest."
     if met.name != SIDE_BY_SIDE:
         meanings = "; ".join(f"{each.name} ({each.unit}): {each.meaning}" for each in met.parameters)
         return (
