@@ -15,6 +15,7 @@ from bayestissue.inference.second_core import SecondCore
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.specification import ModelSpecification
+    from bayestissue.hierarchy.trace_data import Prepared
 
 
 def run(
@@ -47,6 +48,8 @@ def run(
         specification, source = resolve("arma" if model is None else model)
         data = read_dataset(dataset, skip_bad=skip_bad)
         prepared = prepare(data, specification, source=source)
+        if not quiet:
+            _say_what_is_told(prepared)
         kept = results.unfinished(out, _fingerprint(data, specification, seed))
         with Stages(quiet=quiet) as say:
             try:
@@ -61,6 +64,17 @@ def run(
         if not quiet:
             typer.echo(f"{fit.verdict}\nwrote {out / 'report.html'}")
         return bool(fit.diagnostics["passed"])
+
+
+def _say_what_is_told(prepared: Prepared) -> None:
+    """What these data can't tell, before the work begins."""
+    from bayestissue.hierarchy.formula import left_out_words
+    from bayestissue.inference.meanings import ONE_IMPACT
+
+    if words := left_out_words(prepared.design.terms_left_out()):
+        typer.echo(words)
+    if len(prepared.impacts) == 1:
+        typer.echo(ONE_IMPACT)
 
 
 def _fingerprint(data: Dataset, specification: ModelSpecification, seed: int) -> str:

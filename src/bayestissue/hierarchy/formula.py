@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -134,6 +135,21 @@ def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
     )
     again = judge(str(found.terms.without([alike.term])), rows, reference_mass_kg)
     return replace(again, faults=(*found.faults, alike))
+
+
+def left_out_words(terms: Sequence[Mapping[str, Any]]) -> str:
+    """What an adapted formula lacks and why, as a sentence; empty if nothing.
+
+    Args:
+        terms: each with its ``term``, ``of`` which responses, and the ``reason``, as ``run.json`` has them.
+    """
+    if not terms:
+        return ""
+    told = [
+        f"{each['term']}{'' if len(each['of']) > 1 else ' of log ' + each['of'][0]}, since {each['reason']}"
+        for each in terms
+    ]
+    return f"Left out of the formula: {'; '.join(told)}."
 
 
 def _effect_of(group: str) -> str:
