@@ -67,9 +67,9 @@ _TRACE_ATTRIBUTES = {
 
 def _attributes() -> dict[str, dict[str, str]]:
     table = {
-        pattern.format(q=q): {"unit": _UNITS[q], "long_name": meaning.format(name=_NAMES[q])}
+        pattern.format(q=q): {"unit": _UNITS[q], "long_name": words.format(name=_NAMES[q])}
         for q in _UNITS
-        for pattern, meaning in _MEANINGS.items()
+        for pattern, words in _MEANINGS.items()
     }
     for q, unit in _UNITS.items():
         name = _NAMES[q]

@@ -33,8 +33,8 @@ _OF_IMPACTS = {
 
 
 ONE_IMPACT = (
-    "One impact tells nothing of how impacts differ: K and C of this impact are told by its trace, what is said "
-    "of a person or of a new impact by the priors."
+    "One impact tells nothing of how impacts differ. Its own K and C come from its trace; what is said of "
+    "its person or of a new impact comes from the priors."
 )
 
 

@@ -122,7 +122,7 @@ def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
 
 
 def _conditions(run: FitRun, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-    """Geometric mean mass of each condition and the draws of a typical person's K or C in it, [draw, trial]."""
+    """Geometric mean mass of each condition, and draws of a typical person's K or C in it, [draw, trial]."""
     frame = pd.DataFrame(
         {"trial": run.constant("impact_trial").astype(str), "log_mass": np.log(run.constant("mass_kg"))}
     )
