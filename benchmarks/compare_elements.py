@@ -109,14 +109,14 @@ def row_of(right: str, number: int) -> dict[str, Any]:
     # Of a spring and damper side by side K itself is the secant stiffness.
     secant = result.truth["K_secant_N_per_m" if "K_secant_N_per_m" in result.truth else "K_N_per_m"]
     true = float(np.exp(np.log(secant).mean()))
-    low, high = (float(typical[end].iloc[0]) for end in ("eti90_low", "eti90_high"))
+    low, high = (float(together[end].iloc[0]) for end in ("eti90_low", "eti90_high"))
     return {
         "element": right,
         "campaign": number,
         **_score(comparison, BY_IMPACT, right, ""),
         **_score(comparison, BY_PERSON, right, "_people"),
         "K_of_weights_held": low <= true <= high,
-        "K_of_weights_error": round(float(typical["median"].iloc[0]) / true - 1, 5),
+        "K_of_weights_error": round(float(together["median"].iloc[0]) / true - 1, 5),
         "K_of_weights_width": round((high - low) / true, 5),
         "correction_k": round(corrections[right].pareto_k, 3),
         **_elpd(comparison),

@@ -76,7 +76,7 @@ def _typical_band(axes: Any, run: PublishedRun, quantity: str, grid: np.ndarray)
 
 
 def deviations(run: PublishedRun, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-    """Published and posterior K (or C) of each impact as ratio to a typical person's in its condition, less one.
+    """Published and posterior K (or C) of each impact over a typical person's in its condition, less one.
 
     Returns:
         The published deviation [impact] and the posterior's 5 %, 50 % and 95 % points [point, impact].
@@ -94,7 +94,7 @@ def kept_share(run: PublishedRun, quantity: str) -> float:
 
 
 def shrinkage_figure(run: PublishedRun, quantity: str) -> Markup:
-    """Posterior over published deviation from a typical person's in the condition, one point an impact, in %."""
+    """Posterior over published deviation from a typical person's in the condition, a point an impact, in %."""
     published, (low, median, high) = (100 * part for part in deviations(run, quantity))
     with style():
         fig, axes = new_figure()
