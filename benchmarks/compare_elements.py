@@ -103,9 +103,8 @@ def row_of(right: str, number: int) -> dict[str, Any]:
         runs += refused
     comparison = compare_runs(runs)
     of_weights = implied(runs, comparison)
-    typical = of_weights[
-        (of_weights["scheme"] == BY_IMPACT) & (of_weights["variable"] == "K_secant_of_impacts")
-    ]
+    told = of_weights[of_weights["scheme"] == BY_IMPACT]
+    together = told[told["variable"] == "K_secant_of_impacts"]
     # Of a spring and damper side by side K itself is the secant stiffness.
     secant = result.truth["K_secant_N_per_m" if "K_secant_N_per_m" in result.truth else "K_N_per_m"]
     true = float(np.exp(np.log(secant).mean()))

@@ -94,7 +94,7 @@ def kept_share(run: PublishedRun, quantity: str) -> float:
 
 
 def shrinkage_figure(run: PublishedRun, quantity: str) -> Markup:
-    """Posterior over published deviation from a typical person's in the condition, a point an impact, in %."""
+    """Posterior over published deviation from a typical person's in the condition, in %, by impact."""
     published, (low, median, high) = (100 * part for part in deviations(run, quantity))
     with style():
         fig, axes = new_figure()
