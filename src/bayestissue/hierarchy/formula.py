@@ -109,7 +109,7 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
     while True:
         columns, names, owners, wrong_terms = _evaluated(terms, rows, reference_mass_kg)
         if not wrong_terms:
-            wrong_terms = _dependent(columns, names, owners, rows)
+            wrong_terms = _dependent(terms, columns, names, owners, rows)
         if not wrong_terms:
             return Judged(terms, columns, tuple(names), tuple(faults))
         faults += wrong_terms
@@ -274,12 +274,14 @@ def _design(
 
 
 def _dependent(
-    columns: np.ndarray, names: Sequence[str], owners: Sequence[str], rows: pd.DataFrame
+    terms: Terms, columns: np.ndarray, names: Sequence[str], owners: Sequence[str], rows: pd.DataFrame
 ) -> list[Fault]:
     """Terms that do not vary; if there are none, the first that those before it determine."""
     flat = [i for i, name in enumerate(names) if _is_flat(columns[:, i], name)]
-    if flat:
-        return [_flat(owner, rows) for owner in dict.fromkeys(owners[i] for i in flat)]
+    # Categories of which there is one have no column.
+    still = dict.fromkeys([*(owners[i] for i in flat), *(t for t in terms.common if t not in owners)])
+    if still:
+        return [_flat(owner, rows) for owner in still]
     centred = columns - columns.mean(axis=0)
     spread = np.linalg.norm(centred, axis=0)
     for count in range(2, len(names) + 1):
