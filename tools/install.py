@@ -26,7 +26,7 @@ def pinned(locks: list[Path]) -> int:
 
 def installed(venv: Path) -> int:
     """How many packages the environment has."""
-    return sum(1 for _ in venv.glob("lib*/**/site-packages/*.dist-info"))
+    return sum(1 for _ in (venv / "lib").glob("python*/site-packages/*.dist-info"))
 
 
 def run(command: list[str], doing: str, venv: Path) -> None:
@@ -50,8 +50,8 @@ def run(command: list[str], doing: str, venv: Path) -> None:
         time.sleep(0.2)
         if (now := time.monotonic()) - spoke > EVERY_S:
             spoke = now
-            now_at = f", fetching {downloaded[-1]}" if downloaded and "Installing" not in said[-1] else ""
-            counts = f"{len(downloaded)} fetched, {installed(venv)} installed{now_at}"
+            last = f", the last {downloaded[-1]}" if downloaded else ""
+            counts = f"{len(downloaded)} packages fetched{last}; {installed(venv)} installed"
             print(f"  {now - began:3.0f} s: {counts}", flush=True)
     reader.join()
     if process.returncode:

@@ -19,7 +19,6 @@ app = typer.Typer(
     epilog="Exit status: 0 done; 2 the input is wrong, nothing written; 3 finished, but the sampler's "
     "diagnostics failed; 130 interrupted.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
