@@ -13,6 +13,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections.abc import Iterable
 from pathlib import Path
 
 EVERY_S = 5.0
@@ -29,31 +30,32 @@ def installed(venv: Path) -> int:
     return sum(1 for _ in (venv / "lib").glob("python*/site-packages/*.dist-info"))
 
 
+def read(lines: Iterable[str], said: list[str], downloaded: list[str]) -> None:
+    """Keep what pip says, and the packages that it fetches."""
+    for line in lines:
+        said.append(line)
+        if found := re.match(r"\s*(?:Downloading|Using cached) (\S+)\.whl \(", line):
+            downloaded.append(found[1].split("-")[0])
+
+
 def run(command: list[str], doing: str, venv: Path) -> None:
     """Run pip; a line every few seconds, and all that it said if it fails."""
     began = time.monotonic()
     print(f"{doing} ...", flush=True)
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
     said: list[str] = []
     downloaded: list[str] = []
-
-    def read() -> None:
-        for line in process.stdout or ():
-            said.append(line)
-            if found := re.match(r"\s*(?:Downloading|Using cached) (\S+)\.whl \(", line):
-                downloaded.append(found[1].split("-")[0])
-
-    reader = threading.Thread(target=read, daemon=True)
-    reader.start()
     spoke = began
-    while process.poll() is None:
-        time.sleep(0.2)
-        if (now := time.monotonic()) - spoke > EVERY_S:
-            spoke = now
-            last = f", the last {downloaded[-1]}" if downloaded else ""
-            counts = f"{len(downloaded)} packages fetched{last}; {installed(venv)} installed"
-            print(f"  {now - began:3.0f} s: {counts}", flush=True)
-    reader.join()
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True) as process:
+        reader = threading.Thread(target=read, args=(process.stdout, said, downloaded), daemon=True)
+        reader.start()
+        while process.poll() is None:
+            time.sleep(0.2)
+            if (now := time.monotonic()) - spoke > EVERY_S:
+                spoke = now
+                last = f", the last {downloaded[-1]}" if downloaded else ""
+                counts = f"{len(downloaded)} packages fetched{last}; {installed(venv)} installed"
+                print(f"  {now - began:3.0f} s: {counts}", flush=True)
+        reader.join()
     if process.returncode:
         sys.exit(f"{''.join(said)}\ninstalling failed; the lines above are pip's")
     print(f"  done after {time.monotonic() - began:.0f} s", flush=True)
