@@ -13,6 +13,9 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from bayestissue.commands import check, fit
+from bayestissue.dataset import read_dataset
+from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.oscillator import impact_motion
 
 DESIGN = """
@@ -66,6 +69,16 @@ def fitted(
     # So few draws may well fail the diagnostics; then everything is written all the same.
     assert run.returncode in (0, 3), run.stderr
     return folder / "run", run.stdout
+
+
+def written(folder: Path, quantity: str, unit: str, impacts: pd.DataFrame, traces: pd.DataFrame) -> Path:
+    """A dataset's folder."""
+    folder.mkdir()
+    settings = f'name = "few"\n[signal]\nquantity = "{quantity}"\nunit = "{unit}"\n'
+    (folder / "dataset.toml").write_text(settings, encoding="utf-8")
+    impacts.to_csv(folder / "impacts.csv", index=False)
+    traces.to_csv(folder / "traces.csv", index=False)
+    return folder
 
 
 def first_screen(run: Path) -> str:
@@ -136,6 +149,26 @@ def test_a_mass_that_never_varies_costs_the_exponent_only(tmp_path: Path) -> Non
     assert pd.read_csv(run / "hypotheses.csv").empty
 
 
+def test_impacts_too_short_to_be_fitted_are_told_and_can_be_left_out(tmp_path: Path, capsys) -> None:
+    time = np.arange(-0.005, 0.06, 1 / 250)
+    rows = pd.DataFrame({"impact": ["long", "short"], "subject": "a", "trial": "x", "velocity_m_s": 1.5})
+    rows = rows.assign(mass_kg=[4.0, 0.7])
+    traces = []
+    for name, mass in zip(rows["impact"], rows["mass_kg"], strict=True):
+        omega_n, zeta = np.sqrt(3000 / mass), 25 / (2 * np.sqrt(3000 * mass))
+        motion = impact_motion(np.maximum(time, 0), omega_n, zeta, 1.5)
+        value = np.where(time >= 0, np.asarray(motion.deceleration), 0.0)
+        traces.append(pd.DataFrame({"impact": name, "time_s": time, "value": value}))
+    folder = written(tmp_path / "data", "deceleration", "m/s^2", rows, pd.concat(traces))
+    check.run(folder, out=None, skip_bad=False, overwrite=False, quiet=False, as_json=False)
+    assert "1 of 2 impacts too short to be fitted" in capsys.readouterr().out
+    model = ModelSpecification(name="m", likelihood="a2")
+    left = fit._without_short(read_dataset(folder), model, "m.toml")
+    assert left.impacts["impact"].to_list() == ["long"]
+    assert len(left.traces) == 1
+    assert [problem.impact for problem in left.left_out] == ["short"]
+
+
 @pytest.mark.long
 @pytest.mark.parametrize(
     ("people", "conditions", "formula"),
@@ -167,13 +200,8 @@ def test_recorded_displacements_of_few_impacts_are_fitted(people: int, tmp_path:
         clean = np.asarray(impact_motion(time, omega_n, zeta, 1.5).displacement)
         noisy = clean + 1e-5 * rng.standard_normal(time.size)
         traces.append(pd.DataFrame({"impact": name, "time_s": time, "value": noisy}))
-    data = tmp_path / "data"
-    data.mkdir()
-    settings = 'name = "few"\n[signal]\nquantity = "displacement"\nunit = "m"\n'
-    (data / "dataset.toml").write_text(settings, encoding="utf-8")
     impacts = pd.DataFrame({"impact": names, "subject": names, "trial": "a", "mass_kg": 0.7})
-    impacts.to_csv(data / "impacts.csv", index=False)
-    pd.concat(traces).to_csv(data / "traces.csv", index=False)
+    data = written(tmp_path / "data", "displacement", "m", impacts, pd.concat(traces))
     assert command("check", data).returncode == 0
     (tmp_path / "model.toml").write_text(MODEL.format(likelihood="arma"), encoding="utf-8")
     run = command("fit", data, "--model", tmp_path / "model.toml", "--out", tmp_path / "run")

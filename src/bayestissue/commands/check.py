@@ -17,6 +17,7 @@ from bayestissue.errors import Problem
 from bayestissue.report.check_page import check_page, kinds, quality_table
 from bayestissue.results import require_free, whole_folder
 from bayestissue.signal import Displacements, displacements
+from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 
 def run(
@@ -45,15 +46,19 @@ def run(
             typer.echo(f"wrote {out / 'check.html'}")
 
 
-def _verdict(data: Dataset) -> str:
+def _verdict(data: Dataset, signal: Displacements) -> str:
     left_out = len({problem.impact for problem in data.left_out})
-    return f"fine without the {left_out} impacts left out" if left_out else "fine"
+    fine = f"fine without the {left_out} impacts left out" if left_out else "fine"
+    short = int((signal.n_samples < FEWEST_SAMPLES).sum())
+    if not short:
+        return fine
+    return f"{fine}, but for {short} of {len(data.impacts)} impacts too short to be fitted (see the warnings)"
 
 
 def _plain(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> dict[str, Any]:
     return {
         "dataset": data.name,
-        "verdict": _verdict(data),
+        "verdict": _verdict(data, signal),
         "impacts": len(data.impacts),
         "input_hash": data.input_hash,
         "left_out": [problem.as_dict() for problem in data.left_out],
@@ -73,7 +78,9 @@ def _warnings(data: Dataset, signal: Displacements) -> list[Problem]:
 
 def _print(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
     console = Console(highlight=False)
-    table = Table(title=Text(f"{data.name}: {_verdict(data)}"), show_header=False, title_justify="left")
+    table = Table(
+        title=Text(f"{data.name}: {_verdict(data, signal)}"), show_header=False, title_justify="left"
+    )
     for name, words in _summary(data, quality):
         table.add_row(name, Text(words))
     console.print(table)
@@ -122,5 +129,5 @@ def _write(out: Path, overwrite: bool, data: Dataset, signal: Displacements, qua
     with whole_folder(out, overwrite=overwrite) as staging:
         quality.to_csv(staging / "quality.csv", index=False)
         problems.astype({"row": "Int64"}).to_csv(staging / "problems.csv", index=False)
-        page = check_page(data, signal, quality, verdict=_verdict(data), warnings=warnings)
+        page = check_page(data, signal, quality, verdict=_verdict(data, signal), warnings=warnings)
         (staging / "check.html").write_text(page, encoding="utf-8")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -47,6 +48,8 @@ def run(
 
         specification, source = resolve("arma" if model is None else model)
         data = read_dataset(dataset, skip_bad=skip_bad)
+        if skip_bad:
+            data = _without_short(data, specification, source)
         prepared = prepare(data, specification, source=source)
         if not quiet:
             _say_what_is_told(prepared)
@@ -64,6 +67,26 @@ def run(
         if not quiet:
             typer.echo(f"{fit.verdict}\nwrote {out / 'report.html'}")
         return bool(fit.diagnostics["passed"])
+
+
+def _without_short(data: Dataset, specification: ModelSpecification, source: str) -> Dataset:
+    """The dataset less the impacts of too few samples, which are told as left out; all of them stay."""
+    import numpy as np
+
+    from bayestissue.hierarchy.trace_data import too_short
+    from bayestissue.signal import displacements
+
+    problems = too_short(data, displacements(data, specification.signal), source)
+    short = {problem.impact for problem in problems}
+    keep = np.flatnonzero(~data.impacts["impact"].isin(short))
+    if not problems or not len(keep):
+        return data
+    return replace(
+        data,
+        impacts=data.impacts.iloc[keep].reset_index(drop=True),
+        traces=[data.traces[i] for i in keep],
+        left_out=(*data.left_out, *problems),
+    )
 
 
 def _say_what_is_told(prepared: Prepared) -> None:
