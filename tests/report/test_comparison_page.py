@@ -72,13 +72,13 @@ def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path
     (out / "run.json").write_text(json.dumps(about), encoding="utf-8")
     text = plain(write_report(out).read_text(encoding="utf-8"))
     assert "whose K and C are different things" in text
-    assert "a new impact on a new person" not in text
+    assert "interval of a new impact on a new person" not in text
     assert "secant K of these impacts together (geometric mean) (N/m)" in text
 
 
 def test_an_interval_stands_beside_what_it_is_of(html):
     text = plain(html[: html.index("<nav")])
-    assert "In grey the 90 % interval of a new impact on a new person." in text
+    assert "In grey the 90&nbsp;% interval of a new impact on a new person." in text
     assert "A typical person: K" in text
 
 
