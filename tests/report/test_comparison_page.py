@@ -59,9 +59,11 @@ def test_it_says_what_predicts_best_what_cannot_be_compared_and_what_failed(html
 def test_it_says_what_the_weights_imply(html):
     text = plain(html)
     assert re.search(
-        r"Weighted by how well each impact is predicted: K = [\d ]+ N/m \([\d ]+to [\d ]+\) and C = ", text
+        r"Of these impacts together \(geometric mean\), weighted by how well each impact is predicted: "
+        r"secant K = [\d ]+ N/m \([\d ]+to [\d ]+\) and equivalent C = ",
+        text,
     )
-    assert "Weighted by how well each subject is predicted" in text
+    assert "weighted by how well each subject is predicted" in text
 
 
 def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path):
@@ -71,8 +73,14 @@ def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path
     (out / "run.json").write_text(json.dumps(about), encoding="utf-8")
     text = plain(write_report(out).read_text(encoding="utf-8"))
     assert "whose K and C are different things" in text
-    assert "New person, new impact" not in text
-    assert "secant stiffness K (N/m)" in text
+    assert "interval of a new impact on a new person" not in text
+    assert "secant K of these impacts together (geometric mean) (N/m)" in text
+
+
+def test_an_interval_stands_beside_what_it_is_of(html):
+    text = plain(html[: html.index("<nav")])
+    assert "In grey the 90&nbsp;% interval of a new impact on a new person." in text
+    assert "A typical person: K" in text
 
 
 def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_depth(tmp_path):

@@ -17,6 +17,7 @@ from bayestissue.report.check_page import check_page, kinds, quality_table
 from bayestissue.report.writing import after_results
 from bayestissue.results import Place, claim, whole_file
 from bayestissue.signal import Displacements, displacements
+from bayestissue.signal.displacement import FEWEST_SAMPLES
 
 
 def run(
@@ -51,15 +52,19 @@ def _check(dataset: Path, place: Place | None, *, skip_bad: bool, quiet: bool, a
         echo(f"wrote {place.path / 'check.html'}")
 
 
-def _verdict(data: Dataset) -> str:
+def _verdict(data: Dataset, signal: Displacements) -> str:
     left_out = len({problem.impact for problem in data.left_out})
-    return f"fine without the {left_out} impacts left out" if left_out else "fine"
+    fine = f"fine without the {left_out} impacts left out" if left_out else "fine"
+    short = int((signal.n_samples < FEWEST_SAMPLES).sum())
+    if not short:
+        return fine
+    return f"{fine}, but for {short} of {len(data.impacts)} impacts too short to be fitted (see the warnings)"
 
 
 def _plain(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> dict[str, Any]:
     return {
         "dataset": data.name,
-        "verdict": _verdict(data),
+        "verdict": _verdict(data, signal),
         "impacts": len(data.impacts),
         "input_hash": data.input_hash,
         "left_out": [problem.as_dict() for problem in data.left_out],
@@ -79,7 +84,9 @@ def _warnings(data: Dataset, signal: Displacements) -> list[Problem]:
 
 def _print(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
     console = Console(highlight=False)
-    table = Table(title=plain(f"{data.name}: {_verdict(data)}"), show_header=False, title_justify="left")
+    table = Table(
+        title=plain(f"{data.name}: {_verdict(data, signal)}"), show_header=False, title_justify="left"
+    )
     for name, words in _summary(data, quality):
         table.add_row(name, plain(words))
     console.print(table)
@@ -132,5 +139,5 @@ def _write(place: Place, data: Dataset, signal: Displacements, quality: pd.DataF
         after_results(place.path, "the same command with --overwrite repeats it"),
         whole_file(place.path / "check.html") as staging,
     ):
-        page = check_page(data, signal, quality, verdict=_verdict(data), warnings=warnings)
+        page = check_page(data, signal, quality, verdict=_verdict(data, signal), warnings=warnings)
         staging.write_text(page, encoding="utf-8")

@@ -144,8 +144,8 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
     console = Console(highlight=False)
     flagged = int((table["flags"] != "").sum())
     shown = Table(title=plain(f"{data.name}: {len(table)} impacts, {flagged} flagged"), title_justify="left")
-    for heading in ("", "median", "5 %", "95 %"):
-        shown.add_column(heading, justify="right" if heading else "left")
+    for heading in ("these impacts", "median", "5 % below", "95 % below"):
+        shown.add_column(heading, justify="left" if heading == "these impacts" else "right")
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
         low, median, high = table[name].quantile([0.05, 0.5, 0.95])
         shown.add_row(words, *(f"{value:.4g}" for value in (median, low, high)))
@@ -163,7 +163,9 @@ def _vary_table(varied: pd.DataFrame) -> Any:
 
     from bayestissue.commands.console import plain
 
-    shown = Table(title="K and C against each choice: median (5 to 95 %)", title_justify="left")
+    shown = Table(
+        title="K and C against each choice: the median impact (nine in ten impacts)", title_justify="left"
+    )
     for heading in ("choice", "value", "impacts", "K (N/m)", "C (N s/m)"):
         shown.add_column(heading)
     for row in varied.to_dict("records"):

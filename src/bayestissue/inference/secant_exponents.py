@@ -45,11 +45,10 @@ def mass_exponents_of_secants(
         `EXPONENTS`, of all draws or of those that are kept of impacts; nothing where impacts have no
         ``K_common_depth``, or log K no exponent.
     """
-    design, impacts, which = prepared.design, unfolded.impacts, slice(None)
+    design, impacts = prepared.design, unfolded.impacts
     if COMMON_DEPTH not in impacts or design.responses["K"].log_mass is None:
         return {}
-    if unfolded.kept is not None:
-        which = unfolded.kept
+    which = slice(None) if unfolded.kept is None else unfolded.kept
     sites = {name: values[:, which] for name, values in unfolded.sites.items() if name.endswith("_K")}
     moved = {
         name: sites | shifted(design, sites, np.log(impacts[secant] / impacts["K"]))

@@ -17,7 +17,7 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.compiling import compiled_quickly
 from bayestissue.inference.element_draws import per_impact
-from bayestissue.inference.labels import labelled, labelled_statistics
+from bayestissue.inference.labels import labelled, labelled_statistics, of_one_person
 from bayestissue.inference.many_kept import some_impacts, some_of
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.secant_exponents import EXPONENTS, mass_exponents_of_secants
@@ -79,6 +79,9 @@ def posterior_tree(
         "constant_data": every(_constants(whole), sampled=False),
         **_prior_groups(prepared, put, seed, rng),
     }
+    if len(whole.design.subjects) == 1:
+        for name in ("posterior", "prior"):
+            of_one_person(groups[name])
     return xr.DataTree.from_dict(groups)
 
 

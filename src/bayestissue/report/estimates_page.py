@@ -34,12 +34,12 @@ _HEADINGS = {
     "C_se_N_s_per_m": "standard error",
 }
 _FURTHER_HEADINGS = {
-    "K_N_per_m_median": "K (N/m), median",
-    "K_N_per_m_5": "K, 5 %",
-    "K_N_per_m_95": "K, 95 %",
-    "C_N_s_per_m_median": "C (N s/m), median",
-    "C_N_s_per_m_5": "C, 5 %",
-    "C_N_s_per_m_95": "C, 95 %",
+    "K_N_per_m_median": "K (N/m), median impact",
+    "K_N_per_m_5": "K, 5 % of impacts below",
+    "K_N_per_m_95": "K, 95 % of impacts below",
+    "C_N_s_per_m_median": "C (N s/m), median impact",
+    "C_N_s_per_m_5": "C, 5 % of impacts below",
+    "C_N_s_per_m_95": "C, 95 % of impacts below",
 }
 _SHOWN = 300
 _MANY_POINTS = 1000

@@ -97,6 +97,11 @@ class FitRun:
         return [str(label) for label in self.groups["constant_data"]["impact"].to_numpy()]
 
     @property
+    def people(self) -> int:
+        """How many people there are: of one, nothing is said of a typical or a new person."""
+        return len(self.labels("subject"))
+
+    @property
     def predicted(self) -> np.ndarray:
         """The rows of `impacts` that have predicted traces: all, or some where impacts are many."""
         names = self.groups["posterior_predictive"]["impact"].to_numpy().astype(str)
