@@ -13,10 +13,14 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from types import FrameType
-from typing import Any
+
+# As `typing` has it, whose import takes as long as all these together.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import FrameType
+    from typing import Any
 
 INTERRUPTED = 130
 # A step that must not be cut off lasts as long as two renames.
