@@ -142,7 +142,7 @@ def chain(impact: Impact, rng: np.random.Generator) -> Chain:
     possible = [rate for rate in RATES_HZ if rate * impact.to_peak >= 15] or [RATES_HZ[-1]]
     every = round(FINE_HZ / rng.choice(possible))
     after = rng.choice([impact.to_peak * rng.uniform(1.1, 1.7), impact.leaves + rng.uniform(0.002, REST_S)])
-    few = rng.uniform(0.5, 4) * every / FINE_HZ
+    few = rng.uniform(1, 4) * every / FINE_HZ
     return Chain(
         every=every,
         phase=int(rng.integers(every)),

@@ -11,10 +11,13 @@ from scipy.special import fdtrc
 from bayestissue.signal.traces import Column, Mask, Rows
 
 type Law = Float[np.ndarray, "impact sample term"]
-ALARMS = 1e-3
+ALARMS = 3e-3
 # What the laws below leave over of the elements' own noise-free traces, as a fraction of the peak.
-MISFIT = 0.003
-# The greatest sensor limits tried, as multiples of the greatest recorded value.
+MISFIT = 0.0015
+_TERMS = 4
+# A limit that explains the trace leaves at most so many times the noise's sum of squares.
+_WELL = 4.0
+# The sensor's limits tried, as multiples of the greatest recorded value.
 LIMITS = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
 
 
@@ -51,7 +54,7 @@ def any_law(x: Rows, v: Rows, used: Mask, dt: Column) -> Law:
     """Terms of a law with all of these at once."""
     first, second, third = laws(x, v, used, dt)
     product = first[..., :1] * first[..., 1:2]
-    return np.concatenate([first[..., :3], second[..., 2:], third[..., :2], product], axis=-1)
+    return np.concatenate([first, second[..., 2:], third[..., :2], product], axis=-1)
 
 
 def left_over(law: Law, d: Rows, used: Mask) -> Float[np.ndarray, "impact sample"]:
@@ -80,30 +83,42 @@ def no_law(
     sums, place = np.cumsum(rest[:, ::-1], axis=1)[:, ::-1], np.arange(d.shape[1])
     after = np.maximum(samples[:, None] - place, 1)
     share = sums**2 / (after * (1 - after / np.maximum(samples, 1)[:, None]) + 1)
-    step = fdtrc(1, freedom, np.where(used, share, 0).max(axis=1) / variance) < ALARMS / 2 / samples
+    step = fdtrc(1, freedom, np.where(used, share, 0).max(axis=1) / variance) < ALARMS / 2 / np.maximum(samples, 1)
     return (wide | step) & (samples >= 2 * law.shape[-1])
 
 
 def saturation(d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column) -> Column:
-    """The limit L of a sensor that gives L tanh(d / L), where this explains what no tissue does; else NaN.
+    """The limit L of a sensor that gives L tanh(d / L), where this explains what no law does; else NaN.
 
     The laws are fitted to L artanh(d / L), integrated anew, and their residuals counted in recorded units. A
-    limit is found where it leaves less over than the best law without one, by the likelihood ratio of a
-    further parameter at seven values.
+    limit is found where it leaves less over than the best law without one, by the F test of one further
+    parameter at each of seven values.
+
+    Returns:
+        L as a multiple of the greatest recorded value; 0 where it leaves more than noise over, so that a limit
+        is nearer to what happened than any law is, but not it.
     """
-    peak = np.where(used, d, 0).max(axis=1)
-    count = np.maximum(used.sum(axis=1), 1)
+    found = np.full(len(d), np.nan)
+    peak, count = np.where(used, d, 0).max(axis=1), used.sum(axis=1)
     plain = _best(d, used, dt, x, v, np.ones_like(d))
-    limits, best = np.full(len(d), np.nan), plain.copy()
+    floor = (sd**2 + (MISFIT * peak) ** 2) * np.maximum(count - _TERMS, 1)
+    # A further parameter can't gain much where the laws leave noise alone.
+    rows = np.flatnonzero((count >= 12) & (plain > 0.8 * floor) & (peak > 0))
+    if not rows.size:
+        return found
+    d, used, dt, x, v, peak = (values[rows] for values in (d, used, dt, x, v, peak))
+    plain, count, floor = plain[rows], count[rows], floor[rows]
+    limits, best = np.ones(rows.size), plain.copy()
     for factor in LIMITS:
         limit = (factor * peak)[:, None]
-        z = np.clip(d / np.where(limit > 0, limit, 1), -0.99, 0.99)
+        z = np.clip(d / limit, -0.99, 0.99)
         square = _best(np.arctanh(z) * limit, used, dt, x, v, 1 - z**2)
-        limits, best = np.where(square < best, factor * peak, limits), np.minimum(best, square)
-    floor = (sd**2 + (MISFIT / 3 * peak) ** 2) * count
-    ratio = (plain - best) / np.maximum(best, floor) * (count - 5)
-    found = (fdtrc(1, np.maximum(count - 5, 1), ratio) < ALARMS / len(LIMITS)) & (count >= 12)
-    return np.where(found, limits, np.nan)
+        limits, best = np.where(square < best, factor, limits), np.minimum(best, square)
+    freedom = np.maximum(count - _TERMS - 1, 1)
+    gain = (plain - best) / np.maximum(best, floor) * freedom
+    sure = fdtrc(1, freedom, gain) < ALARMS
+    found[rows[sure]] = np.where(best < _WELL * floor, limits, 0.0)[sure]
+    return found
 
 
 def _best(d: Rows, used: Mask, dt: Column, x: Column, v: Column, weight: Rows) -> Column:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
-from scipy.special import fdtrc, ndtr
+from scipy.special import fdtrc, stdtr
 
 from bayestissue.signal.quality.recorded import Recorded
-from bayestissue.signal.traces import Column, Index, Mask, Rows, segment_moments
+from bayestissue.signal.traces import Column, Index, Mask, Rows
 
 # The noise of one sound recording in a thousand alone passes for each of these.
 ALARMS = 1e-3
-FEWEST = 12
+FEWEST, FEWEST_OF_LINE = 12, 6
 _SLOW = 5
 # Below these fractions of the peak K and C change by less than some 5 %.
-WAVE, SHIFT, ABOVE = 0.007, 0.02, 0.04
+WAVE, SHIFT, ABOVE = 0.007, 0.015, 0.04
 _HUM_HZ = np.arange(20.0, 410.0, 5.0)
 # A low-pass that passes this many times the frequency of a pulse, 1 over the time to peak, moves K and C by
 # a few per cent at most.
@@ -49,12 +49,21 @@ def wave(values: Rows, count: Index) -> tuple[Column, Column]:
 
 
 def slope(values: Rows, count: Index, sd: Column) -> tuple[Column, Column]:
-    """Least-squares slope of each row, per sample, and the p-value of none, both from white noise of ``sd``."""
-    m, place = np.maximum(count, 2)[:, None], np.arange(values.shape[1])
-    time = np.where(place < count[:, None], place - (m - 1) / 2, 0.0)
+    """Least-squares slope of each row, per sample, and the p-value of none.
+
+    Student's t with the scatter about the line, which is taken no smaller than the recorder's noise ``sd``.
+    """
+    m, place = np.maximum(count, 3)[:, None], np.arange(values.shape[1])
+    inside = place < count[:, None]
+    time = np.where(inside, place - (m - 1) / 2, 0.0)
     square = (m * (m**2 - 1) / 12)[:, 0]
     found = (values * time).sum(axis=1) / square
-    return found, np.where(count >= FEWEST, 2 * ndtr(-np.abs(found) * np.sqrt(square) / sd), 1.0)
+    mean = values.sum(axis=1, keepdims=True) / m
+    away = np.where(inside, values - mean - found[:, None] * time, 0.0)
+    freedom = m[:, 0] - 2
+    scatter = np.maximum(np.sqrt((away**2).sum(axis=1) / freedom), sd)
+    p = 2 * stdtr(freedom, -np.abs(found) * np.sqrt(square) / scatter)
+    return found, np.where(count >= FEWEST_OF_LINE, p, 1.0)
 
 
 def uneven(recorded: Recorded, to_peak: Column) -> Mask:
@@ -67,8 +76,7 @@ def uneven(recorded: Recorded, to_peak: Column) -> Mask:
         values, count = segment(recorded, rest)
         size, p = wave(values, count)
         found |= (p < ALARMS / 4) & (size > WAVE * recorded.peak)
-        _, scatter = segment_moments(values, count)
-        rate, p = slope(values, count, np.maximum(scatter, recorded.sd))
+        rate, p = slope(values, count, recorded.sd)
         found |= (p < ALARMS / 4) & (np.abs(rate) * to_peak / recorded.dt > SHIFT * recorded.peak)
     return found
 
