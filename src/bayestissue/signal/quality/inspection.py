@@ -100,7 +100,10 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list
     start = np.where(known, 0, rest.starts_off_zero(recorded))
     if part.quantity == "displacement":
         yield from _single_samples(recorded)
-        yield DEEP, _words(start != 0, "{:.1%} of the peak at the first sample", start)
+        # A displacement that passes 0 on its way shows its contact.
+        early = np.arange(recorded.value.shape[1]) <= recorded.top[:, None]
+        deep = (start > 0) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
+        yield DEEP, _words(deep, "{:.1%} of the peak at the first sample", start)
         return
     whole = {"window": "rebound", "filter": "none", "equilibrium": "rest"}
     signal = displacements(part, options.model_copy(update=whole))
