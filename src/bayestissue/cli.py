@@ -35,6 +35,17 @@ Json = Annotated[bool, typer.Option("--json", help="Print the table as JSON.")]
 SkipBad = Annotated[
     bool, typer.Option("--skip-bad", help="Go on with the good impacts and list what was left out.")
 ]
+# As text: a path would lose the "./" that tells a file from the program's model of that name.
+Model = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="NAME|FILE",
+        help="What is believed and sampled: the name of a model that comes with the program (arma unless "
+        "given; impact, maxwell ...), from any folder, or a file of your own. A name means the program's "
+        "model; write ./NAME for a file that is called so.",
+    ),
+]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0)]
 
 
@@ -87,9 +98,12 @@ def estimate(
         ),
     ] = "exact",
     model: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
-            "--model", help="A model file; its [signal] table says how x is made from the recording."
+            "--model",
+            metavar="NAME|FILE",
+            help="A model, by name or as a file, as in fit; its [signal] table says how x is made from the "
+            "recording.",
         ),
     ] = None,
     vary: Annotated[
@@ -124,10 +138,7 @@ def estimate(
 def fit(
     dataset: Dataset,
     out: Out,
-    model: Annotated[
-        Path | None,
-        typer.Option("--model", help="What is believed and sampled; models/arma.toml unless given."),
-    ] = None,
+    model: Model = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
     overwrite: Overwrite = False,
@@ -150,8 +161,10 @@ def fit(
 def reproduce(
     out: Out,
     model: Annotated[
-        Path | None,
-        typer.Option("--model", help="Model file of the re-analysis; models/published.toml unless given."),
+        str | None,
+        typer.Option(
+            "--model", metavar="NAME|FILE", help="Model of the re-analysis; published unless given."
+        ),
     ] = None,
     published: Annotated[
         Path | None,
@@ -209,8 +222,8 @@ def causes(
     ],
     out: Out,
     model: Annotated[
-        Path | None,
-        typer.Option("--model", help="What is simulated; models/causes.toml unless given."),
+        str | None,
+        typer.Option("--model", metavar="NAME|FILE", help="What is simulated; causes unless given."),
     ] = None,
     cause: Annotated[
         list[str] | None, typer.Option("--cause", help="Only this cause of the model file; may be repeated.")

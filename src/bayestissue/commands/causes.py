@@ -27,7 +27,7 @@ def run(
     target: str,
     *,
     out: Path,
-    model: Path | None,
+    model: str | Path | None,
     only: tuple[str, ...],
     campaigns: int | None,
     method: Method,
@@ -74,10 +74,10 @@ def run(
     from bayestissue.causes.specification import chosen, read_causes, require_several
     from bayestissue.causes.subject import subject
     from bayestissue.causes.verdict import judge
-    from bayestissue.commands.console import Stages
+    from bayestissue.commands.console import Stages, echo
     from bayestissue.report import write_report
 
-    model = model or resources.shared("models", "causes.toml")
+    model = resources.model_file("causes" if model is None else model, lambda content: "causes" in content)
     specification = chosen(read_causes(model), only, str(model))
     if campaigns is not None:
         sizes = specification.campaigns.model_copy(update={"each": campaigns})
@@ -133,7 +133,7 @@ def run(
             write_report(folder)
     shutil.rmtree(kept, ignore_errors=True)
     if as_json:
-        typer.echo(verdict.causes.to_json(orient="records", force_ascii=False))
+        echo(verdict.causes.to_json(orient="records", force_ascii=False))
     elif not quiet:
         _print(verdict, what, out)
 
@@ -147,20 +147,21 @@ def _by(jobs: int, scheduler: str | None) -> str:
 def _print(verdict: Verdict, what: Subject, out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
+
+    from bayestissue.commands.console import plain
 
     console = Console(highlight=False)
-    shown = Table(title=Text(f"{what.title}: could this cause have made the numbers?"), title_justify="left")
+    shown = Table(title=plain(f"{what.title}: could this cause have made the numbers?"), title_justify="left")
     for heading in ("cause", "p", "posterior", "±", "verdict"):
         shown.add_column(heading, justify="left" if heading in ("cause", "verdict") else "right")
     for row in verdict.causes.to_dict("records"):
         small = "<" if row["p_joint"] <= row["smallest_p"] else ""
         shown.add_row(
-            Text(row["title"]),
+            plain(row["title"]),
             f"{small}{row['p_joint']:.2g}",
             f"{row['probability']:.3f}",
             f"{row['probability_error']:.3f}",
-            row["verdict"],
+            plain(row["verdict"]),
         )
     console.print(shown)
-    console.print(Text(f"wrote {out / 'causes.csv'} and {out / 'report.html'}"), soft_wrap=True)
+    console.print(plain(f"wrote {out / 'causes.csv'} and {out / 'report.html'}"), soft_wrap=True)

@@ -7,11 +7,10 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import typer
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
+from bayestissue.commands.console import echo, plain
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import Problem
 from bayestissue.report.check_page import check_page, kinds, quality_table
@@ -36,13 +35,13 @@ def run(
     signal = displacements(data)
     quality = quality_table(data, signal)
     if as_json:
-        typer.echo(json.dumps(_plain(data, signal, quality), default=str, ensure_ascii=False))
+        echo(json.dumps(_plain(data, signal, quality), default=str, ensure_ascii=False))
     elif not quiet:
         _print(data, signal, quality)
     if out is not None:
         _write(out, overwrite, data, signal, quality)
         if not quiet and not as_json:
-            typer.echo(f"wrote {out / 'check.html'}")
+            echo(f"wrote {out / 'check.html'}")
 
 
 def _verdict(data: Dataset) -> str:
@@ -73,16 +72,16 @@ def _warnings(data: Dataset, signal: Displacements) -> list[Problem]:
 
 def _print(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
     console = Console(highlight=False)
-    table = Table(title=Text(f"{data.name}: {_verdict(data)}"), show_header=False, title_justify="left")
+    table = Table(title=plain(f"{data.name}: {_verdict(data)}"), show_header=False, title_justify="left")
     for name, words in _summary(data, quality):
-        table.add_row(name, Text(words))
+        table.add_row(name, plain(words))
     console.print(table)
     for heading, problems in (("Left out", data.left_out), ("Warnings", _warnings(data, signal))):
         if problems:
-            console.print(Text(f"{heading}:", style="bold"))
+            console.print(plain(f"{heading}:", style="bold"))
             for some in kinds(problems):
                 more = f" The same in {len(some) - 1} more impacts." if len(some) > 1 else ""
-                console.print(Text(f"  {some[0]}{more}"), soft_wrap=True)
+                console.print(plain(f"  {some[0]}{more}"), soft_wrap=True)
 
 
 def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:

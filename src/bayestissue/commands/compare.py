@@ -8,8 +8,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from bayestissue import results, runtime
 from bayestissue.errors import InputError, Problem
 
@@ -45,6 +43,7 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
     _require_distinct(runs)
     runtime.configure()
     from bayestissue.commands.compared import print_comparison
+    from bayestissue.commands.console import echo
     from bayestissue.inference.implied import implied
     from bayestissue.inference.runs import compare_runs, side_by_side
     from bayestissue.report import write_report
@@ -75,11 +74,11 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
             write_report(folder)
     if as_json:
         tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
-        typer.echo(json.dumps(_plain(tables), ensure_ascii=False))
+        echo(json.dumps(_plain(tables), ensure_ascii=False))
     elif not quiet:
         print_comparison(comparison, posteriors, of_weights)
         if out is not None:
-            typer.echo(f"wrote {out / 'report.html'}")
+            echo(f"wrote {out / 'report.html'}")
 
 
 def _told(run: FinishedRun, path: Path, about: dict[str, Any]) -> dict[str, Any]:

@@ -8,8 +8,7 @@ from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-import typer
-
+from bayestissue.resources import model_file
 from bayestissue.results import require_free, whole_folder
 from bayestissue.runtime import configure, versions
 
@@ -28,7 +27,7 @@ def run(
     *,
     out: Path,
     method: Method,
-    model: Path | None,
+    model: str | Path | None,
     vary: tuple[str, ...],
     skip_bad: bool,
     overwrite: bool,
@@ -46,12 +45,14 @@ def run(
     started, clock = datetime.now(UTC), perf_counter()
     require_free(out, overwrite=overwrite)
     configure()
+    from bayestissue.commands.console import echo
     from bayestissue.dataset import read_dataset
     from bayestissue.inference.estimates import default_options, estimate
     from bayestissue.report.writing import write_report
     from bayestissue.signal import alternatives, read_signal_options
 
-    options = read_signal_options(model) if model else default_options(method)
+    file = None if model is None else model_file(model, lambda content: "signal" in content)
+    options = read_signal_options(file) if file else default_options(method)
     choices = {choice: alternatives(choice, options) for choice in vary}
     data = read_dataset(dataset, skip_bad=skip_bad)
     table = estimate(data, method=method, options=options)
@@ -65,11 +66,11 @@ def run(
             centring.to_csv(staging / "centring.csv", index=False)
         if data.left_out:
             _left_out(data).to_csv(staging / "left_out.csv", index=False)
-        about = _about(data, method, options, model, started, perf_counter() - clock)
+        about = _about(data, method, options, file, started, perf_counter() - clock)
         (staging / "run.json").write_text(json.dumps(about, indent=2, ensure_ascii=False), encoding="utf-8")
         write_report(staging)
     if as_json:
-        typer.echo(table.to_json(orient="records", force_ascii=False))
+        echo(table.to_json(orient="records", force_ascii=False))
     elif not quiet:
         _print(data, table, varied, out)
 
@@ -138,11 +139,12 @@ def _about(
 def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
+
+    from bayestissue.commands.console import plain
 
     console = Console(highlight=False)
     flagged = int((table["flags"] != "").sum())
-    shown = Table(title=Text(f"{data.name}: {len(table)} impacts, {flagged} flagged"), title_justify="left")
+    shown = Table(title=plain(f"{data.name}: {len(table)} impacts, {flagged} flagged"), title_justify="left")
     for heading in ("", "median", "5 %", "95 %"):
         shown.add_column(heading, justify="right" if heading else "left")
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
@@ -154,18 +156,20 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
     if data.left_out:
         count = len({problem.impact for problem in data.left_out})
         console.print(f"{count} impacts left out: see left_out.csv")
-    console.print(Text(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}"), soft_wrap=True)
+    console.print(plain(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}"), soft_wrap=True)
 
 
 def _vary_table(varied: pd.DataFrame) -> Any:
     from rich.table import Table
+
+    from bayestissue.commands.console import plain
 
     shown = Table(title="K and C against each choice: median (5 to 95 %)", title_justify="left")
     for heading in ("choice", "value", "impacts", "K (N/m)", "C (N s/m)"):
         shown.add_column(heading)
     for row in varied.to_dict("records"):
         if row["note"]:
-            shown.add_row(row["choice"], row["value"], "", row["note"], "")
+            shown.add_row(row["choice"], row["value"], "", plain(row["note"]), "")
             continue
         levels = (
             f"{row[f'{name}_median']:.4g} ({row[f'{name}_5']:.4g} to {row[f'{name}_95']:.4g})"

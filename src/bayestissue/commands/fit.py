@@ -21,7 +21,7 @@ def run(
     dataset: Path,
     *,
     out: Path,
-    model: Path | None,
+    model: str | Path | None,
     seed: int,
     skip_bad: bool,
     overwrite: bool,
@@ -39,7 +39,7 @@ def run(
     runtime.configure(one_core=True)
     with SecondCore() as core:
         core.start()
-        from bayestissue.commands.console import Stages
+        from bayestissue.commands.console import Stages, echo
         from bayestissue.dataset import read_dataset
         from bayestissue.fitting import fit_prepared, resolve, write_run
         from bayestissue.hierarchy.trace_data import prepare
@@ -59,7 +59,7 @@ def run(
                 write_run(fit, folder, say)
         shutil.rmtree(kept, ignore_errors=True)
         if not quiet:
-            typer.echo(f"{fit.verdict}\nwrote {out / 'report.html'}")
+            echo(f"{fit.verdict}\nwrote {out / 'report.html'}")
         return bool(fit.diagnostics["passed"])
 
 

@@ -9,8 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from bayestissue import resources, results, runtime
 
 if TYPE_CHECKING:
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
 def run(
     out: Path,
     *,
-    model: Path | None,
+    model: str | Path | None,
     published: Path | None,
     seed: int,
     overwrite: bool,
@@ -33,7 +31,7 @@ def run(
     """
     results.require_free(out, overwrite=overwrite)
     runtime.configure()
-    from bayestissue.commands.console import Stages
+    from bayestissue.commands.console import Stages, echo
     from bayestissue.dataset.published import read_published
     from bayestissue.hierarchy.published import published_design, published_observations
     from bayestissue.hierarchy.specification import read_specification
@@ -44,7 +42,10 @@ def run(
     from bayestissue.reproduction.audit import audit_published
 
     started, clock = datetime.now(UTC), time.perf_counter()
-    model = model or resources.shared("models", "published.toml")
+    model = resources.model_file(
+        "published" if model is None else model,
+        lambda content: content.get("likelihood") == "published-estimates",
+    )
     specification = read_specification(model)
     tables = read_published(published)
     observations = published_observations(tables)
@@ -70,7 +71,8 @@ def run(
             "command": "reproduce",
             "kind": "published",
             "versions": runtime.versions(),
-            "model": specification.model_dump(mode="json") | {"reference_mass_kg": design.reference_mass_kg},
+            "model": specification.model_dump(mode="json") | design.resolved(),
+            "terms_left_out": design.terms_left_out(),
             "seed": seed,
             "input_hash": runtime.content_hash([*tables.paths, model]),
             "started": started.isoformat(timespec="seconds"),
@@ -81,7 +83,7 @@ def run(
         say("writing the report", 0, 1)
         write_report(folder)
     if not quiet:
-        typer.echo(f"{words}\nwrote {out / 'report.html'}")
+        echo(f"{words}\nwrote {out / 'report.html'}")
     return bool(analysis.diagnostics["passed"])
 
 

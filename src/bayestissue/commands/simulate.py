@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
+from bayestissue.commands.console import echo
 from bayestissue.results import require_free, whole_folder
 from bayestissue.runtime import configure
 
@@ -32,7 +31,7 @@ def run(specification: Path, *, out: Path, seed: int | None, overwrite: bool, qu
         _write_specification(staging / "truth.toml", specification, simulation.seed)
     if not quiet:
         impacts, samples = len(campaign.impacts), len(campaign.value)
-        typer.echo(f"wrote {out}: {impacts} impacts, {samples} samples, seed {simulation.seed}")
+        echo(f"wrote {out}: {impacts} impacts, {samples} samples, seed {simulation.seed}")
 
 
 def _write_specification(path: Path, specification: Path, seed: int) -> None:

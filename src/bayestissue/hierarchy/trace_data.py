@@ -185,16 +185,24 @@ def _unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, sourc
 
 def _without_people(design: Design, source: str) -> list[Problem]:
     """Formulas that leave no room for an error that all impacts of a person share."""
-    return [
-        Problem(
-            source,
-            '"(1|subject)" in it, since mass_error = "subject" gives each person an error of its own',
-            'Add "+ (1|subject)", or set mass_error = "impact".',
-            column=f"formula.{response}",
+    problems = []
+    for response, part in design.responses.items():
+        if "subject" in part.groups:
+            continue
+        left_out = [fault for fault in design.left_out.get(response, ()) if fault.term == "(1|subject)"]
+        remedy = 'Add "+ (1|subject)", or set mass_error = "impact".'
+        if left_out:
+            remedy = f'Set mass_error = "impact": {left_out[0].reason}.'
+        problems.append(
+            Problem(
+                source,
+                '"(1|subject)" in it, since mass_error = "subject" gives each person an error of its own',
+                remedy,
+                column=f"formula.{response}",
+                value=getattr(design.formulas, response),
+            )
         )
-        for response, part in design.responses.items()
-        if "subject" not in part.groups
-    ]
+    return problems
 
 
 def _record(
@@ -227,6 +235,14 @@ def _record(
     return displacement_record(signal.x, *start, errors), peak
 
 
+def common_depth(signal: Displacements) -> float:
+    """The smallest of the greatest depths that the recorded windows show [m].
+
+    It comes from the recordings, so that it is one number: the same for every impact and every draw.
+    """
+    return float((signal.x.max(axis=1) + signal.equilibrium).min())
+
+
 def _element_record(
     dataset: MeasuredImpacts,
     specification: ModelSpecification,
@@ -253,6 +269,8 @@ def _element_record(
         besides = {"before": before, "n_before": np.minimum(signal.n_before, reach)}
         besides["quiet_sd"] = np.maximum(signal.noise_sd, 1e-12)
         contact_sd, uniform = reach * signal.dt / np.sqrt(12), np.ones_like(uniform)
+    if specification.discrepancy == "always" or not element(specification.element).linear:
+        besides["common_depth"] = np.full(len(size), common_depth(signal))
     record = ElementRecord.of(
         signal.deceleration,
         signal.n_samples,

@@ -19,6 +19,7 @@ MOST_PEOPLE = 30
 _LONGEST = 32
 _SECOND = {True: "a new impact on a new person", False: "the recorded impacts"}
 _KIND = {True: {"K": "", "C": ""}, False: {"K": "secant ", "C": "equivalent "}}
+_AT = {"mass_exponent_K_common_depth": " at the common depth"}
 _COMPARABLE = {
     "K": ("K_secant_typical", "K_secant_of_subject"),
     "C": ("C_equivalent_typical", "C_equivalent_of_subject"),
@@ -80,7 +81,7 @@ def side_by_side_figure(
                 axes.set_xscale("log")
                 log_ticks(axes.xaxis, rows[["eti90_low", "eti90_high"]].to_numpy().ravel())
             axes.set_xlabel(
-                f"mass exponent of {quantity} (no unit)"
+                f"mass exponent of {quantity}{_AT.get(variable, '')} (no unit)"
                 if exponent
                 else f"{_KIND[alike][quantity]}{NAMES[quantity]} ({UNITS[quantity]})"
             )
@@ -96,7 +97,7 @@ def side_by_side_figure(
 def _parts(posteriors: pd.DataFrame, quantity: str, alike: bool) -> list[tuple[str, pd.DataFrame]]:
     parts = []
     own = (f"{quantity}_new", f"{quantity}_subject") if alike else _COMPARABLE[quantity]
-    for variable in (f"mass_exponent_{quantity}", *own):
+    for variable in (f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth", *own):
         rows = posteriors[posteriors["variable"] == variable]
         rows = rows[rows["label"].isin(rows["label"].drop_duplicates()[:MOST_PEOPLE])]
         if len(rows):

@@ -6,6 +6,7 @@ from typing import Any
 
 import pandas as pd
 
+from bayestissue.report.posterior import SECANTS
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import interval, listed, significant
 
@@ -13,6 +14,7 @@ TYPICAL = {"K": "K_secant_typical", "C": "C_equivalent_typical"}
 WORDS = {
     "mass_exponent_K": "mass exponent of K",
     "mass_exponent_C": "mass exponent of C",
+    **{f"mass_exponent_{name}": f"mass exponent of {words}" for name, words in SECANTS.items()},
     "K_new": "K, new impact on a new person",
     "C_new": "C, new impact on a new person",
     "K_subject": "K of",

@@ -6,7 +6,7 @@ import numpy as np
 from markupsafe import Markup
 
 from bayestissue.report.page import figure
-from bayestissue.report.posterior import PosteriorRun
+from bayestissue.report.posterior import SECANTS, PosteriorRun
 from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, new_figure, style
 
 NAMES = {"K": "stiffness K", "C": "damping C"}
@@ -14,7 +14,7 @@ NAMES = {"K": "stiffness K", "C": "damping C"}
 
 def exponent_figure(run: PosteriorRun, quantity: str) -> Markup:
     """The posterior of a mass exponent, with the regions that count as 0 and as 1 in practice."""
-    draws = run.draws(f"mass_exponent_{quantity}")
+    draws, name = run.draws(f"mass_exponent_{quantity}"), SECANTS.get(quantity, quantity)
     rows = run.hypotheses.loc[
         (run.hypotheses["quantity"] == quantity) & run.hypotheses["value"].notna(), ["rope_low", "rope_high"]
     ]
@@ -27,14 +27,14 @@ def exponent_figure(run: PosteriorRun, quantity: str) -> Markup:
         for value in (0, 1):
             axes.axvline(value, color=REFERENCE, ls="--", lw=1.2)
         axes.set(
-            xlabel=f"mass exponent of {quantity} (no unit)",
+            xlabel=f"mass exponent of {name} (no unit)",
             yticks=[],
             xlim=(min(-0.25, draws.min() - 0.05), max(1.25, draws.max() + 0.05)),
         )
         axes.spines["left"].set_visible(False)
         return figure(
             fig,
-            f"Histogram of the posterior draws of the mass exponent of {quantity}; dashed lines at 0, which "
+            f"Histogram of the posterior draws of the mass exponent of {name}; dashed lines at 0, which "
             "is a fixed value, and at 1, which is proportion to mass; grey bands mark what counts as equal "
             "to them.",
         )
