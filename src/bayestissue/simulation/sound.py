@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -17,7 +18,6 @@ from bayestissue.simulation.specification import Condition, Design, Recording, S
 FINE_HZ = 20_000.0
 REST_S = 0.04
 RATES_HZ = (1000.0, 2000.0, 5000.0, 10_000.0)
-# A spring and damper gets half of the impacts, and each other element a tenth.
 TISSUES: dict[str, dict[str, object]] = {
     "kelvin_voigt": {"K_N_per_m": 4000.0, "C_N_s_per_m": 30.0},
     "maxwell": {"K_N_per_m": 4000.0, "C_N_s_per_m": 120.0},
@@ -78,15 +78,21 @@ class Chain:
         return self.every / FINE_HZ
 
 
-def impacts(count: int, seed: int = 0) -> list[Impact]:
-    """Different impacts on all elements, 5 to 60 ms from contact to zero velocity, shuffled.
+def impacts(count: int, seed: int = 0, elements: Sequence[str] = tuple(TISSUES)) -> list[Impact]:
+    """Different impacts, 5 to 60 ms from contact to zero velocity, shuffled.
 
     Needs float64 (`bayestissue.runtime.configure`).
+
+    Args:
+        count: how many.
+        seed: of the tissues, masses and velocities.
+        elements: "kelvin_voigt" gets what is left when each other one has a tenth.
     """
     rng = np.random.default_rng([seed, 1])
     made: list[Impact] = []
-    for number, element in enumerate(TISSUES):
-        share = count - 5 * (count // 10) if element == "kelvin_voigt" else count // 10
+    for number, element in enumerate(elements):
+        others = sum(each != "kelvin_voigt" for each in elements)
+        share = count - others * (count // 10) if element == "kelvin_voigt" else count // 10
         made += _of_element(element, share, rng, seed + number) if share else []
     return [made[place] for place in rng.permutation(len(made))]
 

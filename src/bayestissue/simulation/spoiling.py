@@ -57,7 +57,6 @@ def record(
     return Trace(np.arange(samples.size) * chain.dt, peak * samples)
 
 
-
 def clipped(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
     """Cut off by the recorder at 50 to 90 % of the peak."""
     limit = rng.uniform(0.5, 0.9)
@@ -124,9 +123,7 @@ def _hum(hertz: float) -> Spoiling:
     def hum(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
         chain = replace(_quiet(chain, rng), after=impact.leaves + rng.uniform(0.01, 0.035))
         size, phase = rng.uniform(0.02, 0.15), rng.uniform(0, 2 * np.pi)
-        return record(
-            impact, chain, digital=lambda t, d: d + size * np.sin(2 * np.pi * hertz * t + phase)
-        )
+        return record(impact, chain, digital=lambda t, d: d + size * np.sin(2 * np.pi * hertz * t + phase))
 
     hum.__doc__ = f"Mains hum of {hertz:g} Hz, 2 to 15 % of the peak."
     return hum
@@ -140,7 +137,7 @@ def drift(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
 
 
 def dropped(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
-    """5 to 25 % of the samples between contact and zero velocity are lost in one piece, and the gap closed."""
+    """5 to 25 % of the samples until zero velocity are lost in one piece, and the gap is closed."""
     trace = record(impact, chain)
     inside = int(impact.to_peak / chain.dt)
     lost = max(1, round(rng.uniform(0.05, 0.25) * inside))
@@ -187,7 +184,7 @@ def flipped(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
 
 
 def wrong_unit(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
-    """g taken for m/s², or the other way round."""
+    """Values in g are taken for m/s², or the other way round."""
     trace = record(impact, chain)
     return Trace(trace.time_s, trace.value * rng.choice([GRAVITY, 1 / GRAVITY]))
 
@@ -199,8 +196,9 @@ def second_hit(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
     return record(
         impact,
         chain,
-        digital=lambda t, d: d
-        + size * np.where(np.abs(t - at) < width / 2, np.cos(np.pi * (t - at) / width), 0) ** 2,
+        digital=lambda t, d: (
+            d + size * np.where(np.abs(t - at) < width / 2, np.cos(np.pi * (t - at) / width), 0) ** 2
+        ),
     )
 
 

@@ -40,11 +40,11 @@ class Finding:
 
     Attributes:
         kind: what it is.
-        values: per impact what was found in words; empty where nothing was.
+        said: per impact what was found in words; empty where nothing was.
     """
 
     kind: Kind
-    values: list[str]
+    said: list[str]
 
     @property
     def advice(self) -> str:
@@ -62,9 +62,10 @@ class _Part:
 def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> list[Finding]:
     """Look at every recording of a dataset.
 
-    Each detector is a test with a false alarm rate of at most 0.001 a sound recording, all samples and
-    values that it tries taken together, and finds only what is large enough to change K or C by some per
-    cent. What only says that no tissue makes such a trace is asked of impacts that no other detector names.
+    Each detector is a test with a false alarm rate of 0.001 (0.003 where laws are fitted) a sound recording,
+    all samples and values that it tries taken together, and finds only what is large enough to change K or C
+    by some per cent. What only says that no tissue makes such a trace is asked of impacts that no other
+    detector names.
 
     Args:
         dataset: the recordings.
@@ -89,7 +90,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
 
 def raised(found: Sequence[Finding], count: int) -> list[list[str]]:
     """The flags of each of ``count`` impacts."""
-    return [[finding.kind.flag for finding in found if finding.values[row]] for row in range(count)]
+    return [[finding.kind.flag for finding in found if finding.said[row]] for row in range(count)]
 
 
 def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list[str]]]:

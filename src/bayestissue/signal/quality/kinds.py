@@ -81,14 +81,14 @@ SATURATED = Kind(
 NO_LAW = Kind(
     "no force of depth and velocity gives this trace",
     "a deceleration that follows from depth and velocity, whatever the tissue",
-    "Something other than the tissue is in the trace (samples lost, a change of gain, a second hit, a limit): "
-    "K and C may be wrong by any amount.",
+    "Something other than the tissue is in the trace (samples lost, a change of gain, a second hit, a limit, "
+    "a slow low-pass): K and C may be wrong by any amount.",
     "Look at the trace in the page of `check --out`; take the impact out, or record it again.",
 )
 DEEP = Kind(
     "begins above zero: contact came before the recording, or the sensor has another zero",
     "a displacement that begins at 0, where contact is",
-    "The depth at the first sample is taken for 0: the spring's force there counts as none, and K is wrong by "
-    "about as much as this depth is of the greatest.",
+    "The depth at the first sample is taken for 0: the spring's force there counts as none, and K is wrong "
+    "by about as much as this depth is of the greatest.",
     "Export from before contact on, or write in signal.offset what the sensor shows at contact.",
 )

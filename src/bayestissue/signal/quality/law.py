@@ -1,4 +1,4 @@
-"""Whether any tissue pushes back like this: force laws fitted to the motion that the recording itself gives."""
+"""Whether any tissue pushes back like this: force laws fitted to the motion that the recording gives."""
 
 from __future__ import annotations
 
@@ -83,7 +83,9 @@ def no_law(
     sums, place = np.cumsum(rest[:, ::-1], axis=1)[:, ::-1], np.arange(d.shape[1])
     after = np.maximum(samples[:, None] - place, 1)
     share = sums**2 / (after * (1 - after / np.maximum(samples, 1)[:, None]) + 1)
-    step = fdtrc(1, freedom, np.where(used, share, 0).max(axis=1) / variance) < ALARMS / 2 / np.maximum(samples, 1)
+    step = fdtrc(1, freedom, np.where(used, share, 0).max(axis=1) / variance) < ALARMS / 2 / np.maximum(
+        samples, 1
+    )
     return (wide | step) & (samples >= 2 * law.shape[-1])
 
 
@@ -95,8 +97,8 @@ def saturation(d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column
     parameter at each of seven values.
 
     Returns:
-        L as a multiple of the greatest recorded value; 0 where it leaves more than noise over, so that a limit
-        is nearer to what happened than any law is, but not it.
+        L as a multiple of the greatest recorded value; 0 where it leaves more than noise over, so that a
+        limit is nearer to what happened than any law is, but not it.
     """
     found = np.full(len(d), np.nan)
     peak, count = np.where(used, d, 0).max(axis=1), used.sum(axis=1)

@@ -120,4 +120,3 @@ def _step(value: Rows, inside: Mask) -> Column:
     with np.errstate(invalid="ignore"):
         gaps = np.diff(ordered, axis=1)
         return np.where(gaps > 1e-9 * span[:, None], gaps, np.inf).min(axis=1, initial=np.inf)
-

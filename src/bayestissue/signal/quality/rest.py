@@ -82,7 +82,7 @@ def uneven(recorded: Recorded, to_peak: Column) -> Mask:
 
 
 def hum(recorded: Recorded, chosen: Mask) -> Column:
-    """The frequency of a sine through both rests, Hz, where it leaves less over than a line; NaN elsewhere."""
+    """The frequency of a sine through both rests, Hz, where it leaves less than a line does; else NaN."""
     frequency = np.full(len(recorded.dt), np.nan)
     for which in np.flatnonzero(chosen):
         place = np.flatnonzero(recorded.rest[which])
@@ -123,7 +123,7 @@ def moved_zero(recorded: Recorded) -> Column:
 
 
 def starts_off_zero(recorded: Recorded) -> Column:
-    """The first sample as a fraction of the peak, where no rest stands before it and noise can't explain it."""
+    """The first sample as a fraction of the peak, where no rest stands before it and noise is no reason."""
     first = recorded.value[:, 0]
     alone = recorded.before.sum(axis=1) < 5
     found = alone & (np.abs(first) > 5 * recorded.sd) & (np.abs(first) > ABOVE * recorded.peak)
@@ -131,7 +131,7 @@ def starts_off_zero(recorded: Recorded) -> Column:
 
 
 def slow_noise(recorded: Recorded, to_peak: Column) -> Column:
-    """The frequency up to which the noise at rest goes, Hz, where a low-pass lies in the pulse's way; else NaN.
+    """The frequency that the noise at rest goes up to, Hz, where a low-pass is too slow; else NaN.
 
     The root mean square of white noise's first differences is 2^(1/2) times its own; of noise that a low-pass
     has slowed it is 2 pi f dt times its own, f its root mean square frequency.
