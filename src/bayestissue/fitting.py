@@ -230,11 +230,16 @@ def point_estimates(
     dataset: Dataset, options: SignalOptions, signal: Displacements
 ) -> dict[str, pd.DataFrame]:
     """The tables of `estimate` by both methods, of displacements made with these options where they serve."""
-    from bayestissue.inference.estimates import default_options, estimate, estimates_table
+    from bayestissue.inference.estimates import default_options, estimates_table
+    from bayestissue.signal import displacements
+    from bayestissue.signal.quality import inspect
 
-    serves = options == default_options("exact")
-    exact = estimates_table(dataset, signal, "exact") if serves else estimate(dataset, method="exact")
-    return {"exact": exact, "dds": estimate(dataset, method="dds")}
+    found, tables = inspect(dataset, options), {}
+    for method in ("exact", "dds"):
+        own = default_options(method)
+        made = signal if own == options else displacements(dataset, own)
+        tables[method] = estimates_table(dataset, made, method, found)
+    return tables
 
 
 def _again(

@@ -11,7 +11,7 @@ from bayestissue.elements.element import Element
 from bayestissue.elements.registry import element
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.report.fit.depth import depth_words, has_common_depth
-from bayestissue.report.fit.predictions import STRUCTURED, Residuals, inside_band
+from bayestissue.report.fit.predictions import OTHER_NOISE, STRUCTURED, Residuals, inside_band
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.tables import Row, Table, columns, lines
 from bayestissue.report.wording import listed, percent
@@ -39,9 +39,8 @@ _EQUILIBRIA = {
     "sample-mean": "the mean of the samples, as the thesis has it, which makes K and C too large",
     "estimated": "estimated along with the rest",
 }
-# Beyond this share of small p-values residuals as a whole are called structured, and below that share of
-# impacts whose autocorrelation is expected (0.9 if all is well) the noise is called another.
-_STRUCTURED_SHARE, _FEW = 0.05, 0.75
+# Beyond this share of small p-values residuals as a whole are called structured.
+_STRUCTURED_SHARE = 0.05
 _NOISE = {
     "deceleration": "An accelerometer's white noise, integrated twice, is not the noise of an ARMA(2,1): "
     "its fit is driven to the edge where θ₁ is −1, or its intervals promise more than they hold. "
@@ -186,8 +185,8 @@ def coverage_table(run: FitRun) -> Table | None:
 
 
 def other_noise(left: Residuals) -> bool:
-    """Whether in more than a quarter of impacts the residuals' autocorrelation is not the model's."""
-    return bool(left.lag_one["inside"].mean() < _FEW)
+    """Whether the residuals' autocorrelation is not the model's; by chance in one of a hundred fits."""
+    return left.other_noise_p < OTHER_NOISE
 
 
 def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[str]:
