@@ -43,6 +43,7 @@ def run(
         from bayestissue.dataset import read_dataset
         from bayestissue.fitting import fit_prepared, resolve, write_run
         from bayestissue.hierarchy.trace_data import prepare
+        from bayestissue.inference.diagnostics import headline
 
         specification, source = resolve("arma" if model is None else model)
         data = read_dataset(dataset, skip_bad=skip_bad)
@@ -59,7 +60,7 @@ def run(
                 write_run(fit, folder, say)
         shutil.rmtree(kept, ignore_errors=True)
         if not quiet:
-            typer.echo(f"{fit.verdict}\nwrote {out / 'report.html'}")
+            typer.echo(f"{headline(fit.diagnostics)} {fit.verdict}\nwrote {out / 'report.html'}")
         return bool(fit.diagnostics["passed"])
 
 
