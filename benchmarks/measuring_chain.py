@@ -2,10 +2,11 @@
 
     .venv/bin/python benchmarks/measuring_chain.py
 
-Sets of twenty impacts, four people in five conditions at 2 kHz, with errors of mass, velocity, gain and offset
-as declared (0.5 % of the velocity, the gain and of noise over the peak), spoilt in one way each, are judged as
-`bayestissue.inference.measuring_chain` does, by the likelihoods "impact" and "arma". The table has the share of
-sets with an alarm, and the median of how far the traces put the velocity off. It goes to measuring_chain.csv.
+Sets of twenty impacts, four people in five conditions at 2 kHz, with errors of mass, velocity, gain and
+offset as declared (0.005 m/s, 0.5 % of the gain) and noise of 0.5 % of the peak, spoilt in one way each, are
+judged as `bayestissue.inference.measuring_chain` does, by the likelihoods "impact" and "arma". The table has
+the share of sets with an alarm, and how far the traces put the velocity off (median). It goes to
+measuring_chain.csv.
 """
 
 from __future__ import annotations

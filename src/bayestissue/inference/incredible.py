@@ -1,10 +1,10 @@
 """Whether standardised errors of impacts are credible together, with a known rate of false alarms.
 
 Under the right model each z is standard normal and independent of the others. Four kinds of departure are
-looked for, each with the same share of the whole rate, by Bonferroni's inequality: a mean of all impacts away
-from 0, one of a group (all impacts of a person, or of a condition), a single impact far out, and a sum of
-squares too great for chi-square. A mean is to be `LEAST_SHIFT` at least, and a root mean square `LEAST_SPREAD`:
-less of either, however sure it is where impacts are many, leaves 90 % intervals that hold 85 %.
+looked for, each with the same share of the whole rate, by Bonferroni's inequality: a mean of all impacts
+away from 0, one of a group (all impacts of a person, or of a condition), a single impact far out, and a sum
+of squares too great for chi-square. A mean is to be `LEAST_SHIFT` at least and a root mean square
+`LEAST_SPREAD`: where impacts are many, less of either is sure too, but does little to intervals.
 """
 
 from __future__ import annotations

@@ -18,7 +18,6 @@ A wrong mass does not show: it makes K and C of an impact wrong by one factor, a
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Any
 
 import jax
@@ -93,12 +92,13 @@ def judge(prepared: Prepared) -> dict[str, Any]:
 
     Returns:
         Nothing where displacements are measured from their own mean, which makes K and C wrong by itself.
-        Else ``passed``, ``of`` how many impacts, and if it is not true ``error`` (which the traces
-        contradict), ``alike`` (others that would do as much to the traces, and their size), ``kind`` of `Pattern` and whether one factor is ``common``, ``impacts`` and ``groups``
-        (names), ``relative`` (of the velocity, of the mean deceleration or of the time to peak; median and
-        ``greatest``), ``declared_sds`` (how many of them; median; None where none was declared),
-        ``change_K`` and ``change_C`` (with the error as the traces have it, over as declared, less 1;
-        medians), ``structure_left`` and ``words``. ``passed`` is None where decelerations stay structured
+        Else ``passed`` and ``of`` how many impacts. If it is not true: ``error``, which the traces
+        contradict; ``alike``, others that would do as much to the traces, and their size; the ``kind`` of
+        `Pattern`, whether one factor is ``common``, and the names of ``groups`` and ``impacts``;
+        ``relative``, to the velocity, the mean deceleration or the time to peak (median there, and
+        ``greatest``); ``declared_sds``, how many of them that is (median; None where none was declared);
+        ``change_K`` and ``change_C``, with the error as the traces have it, over as declared, less 1
+        (medians); ``structure_left`` and ``words``. ``passed`` is None where decelerations stay structured
         even so: what the traces then ask of the chain may be the tissue's law.
     """
     if prepared.signal.equilibrium.any():
@@ -157,7 +157,7 @@ def freed(prepared: Prepared, name: str) -> Freed:
         error = error + np.median(own, axis=0)
     # Undeclared and known without an error there would be nothing to divide by.
     spread = np.maximum(own.std(axis=0), 1e-12 * unit)
-    # Normal about a wide normal's middle, the trace has a likelihood of z^2 / 2 - log(wide / expected sd) more.
+    # With an error so wide a normal likelihood is z^2 / 2 - log(wide / expected sd) above that as declared.
     occam = np.log(_WIDE[name] * unit / np.hypot(spread, declared))
     return Freed(error, spread, declared, unit, centre, np.asarray(summaries.log_likelihood) + occam)
 

@@ -101,9 +101,9 @@ def described(tree: xr.DataTree) -> dict[str, Any]:
     size, beyond = float(draws.median()), own.to_numpy() > MOST_DISCREPANCY
     names = [str(name) for name in np.asarray(own["impact"])[beyond]]
     words = (
-        f"{UNDESCRIBED}: the smooth force that has to be added beside the element is {100 * size:.2g} % of the "
-        "peak (rms, median impact). What is printed of K and C is no estimate of the tissue's, and has no "
-        "interval. Check whether the recorder was clipped or saturated, and the unit, the sign and the window."
+        f"{UNDESCRIBED}: the smooth force that has to be added beside the element is {100 * size:.2g} % of "
+        "the peak (rms, median impact). What is printed of K and C is no estimate of the tissue's, and has "
+        "no interval. Check whether the recorder was clipped or saturated, the unit, the sign and the window."
     )
     return {
         "discrepancy": size,

@@ -204,7 +204,8 @@ def chain_words(run: FitRun) -> str:
     return (
         f"What the {run.chain['of']} traces by themselves ask of velocity, gain and offset is as large as "
         "the declared standard deviations let one expect, of all impacts together, of each person and "
-        f"condition, and of each impact (a right chain raises an alarm in 1 of 200 fits). {_MASS_DOES_NOT_SHOW}"
+        "condition, and of each impact (a right chain raises an alarm in 1 of 200 fits). "
+        f"{_MASS_DOES_NOT_SHOW}"
     )
 
 
