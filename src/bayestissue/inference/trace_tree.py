@@ -122,13 +122,14 @@ def _quantities(
     values |= derived.people_and_conditions(design, sites)
     values |= {name: impacts[name] for name in PER_IMPACT if name in impacts}
     if "chain_error" in impacts:
-        names = _error_names(prepared)
+        names = error_names(prepared)
         known = np.asarray(prepared.data.record.error_sd).any(axis=0)
         values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(names) if known[i]}
     return values | derived.new_impact(design, sites, rng)
 
 
-def _error_names(prepared: Prepared) -> tuple[str, ...]:
+def error_names(prepared: Prepared) -> tuple[str, ...]:
+    """What the columns of the record's errors are called in the posterior."""
     record = prepared.data.record
     if isinstance(record, ElementRecord):
         return ERRORS["element"]
@@ -162,7 +163,7 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
         "first_sample_s": first,
         "impact_subject": impacts["subject"].astype(str).to_numpy(),
         "impact_trial": impacts["trial"].astype(str).to_numpy(),
-        **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(_error_names(prepared))},
+        **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(error_names(prepared))},
     }
 
 

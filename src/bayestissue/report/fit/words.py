@@ -57,6 +57,9 @@ _SHAPE = (
     "No spring and damper of constant K and C is a tissue: stiffening, bottoming out on bone and reflexes "
     "are not in this model, and show as structure in the residuals."
 )
+_MASS_DOES_NOT_SHOW = (
+    "A wrong mass does not show: it makes K and C of an impact wrong by one factor, and its trace no other."
+)
 _PASSES_FOR_NOISE = (
     "Correlated noise may take up what another law leaves over: structure shows less in the residuals than "
     "it would beside white noise, and this program adds no discrepancy then."
@@ -187,6 +190,25 @@ def coverage_table(run: FitRun) -> Table | None:
 def other_noise(left: Residuals) -> bool:
     """Whether the residuals' autocorrelation is not the model's; by chance in one of a hundred fits."""
     return left.other_noise_p < OTHER_NOISE
+
+
+def undescribed_words(run: FitRun) -> str:
+    """Why no interval of this run is one; empty where they are."""
+    return str(run.diagnostics["model_form"]["words"]) if run.undescribed else ""
+
+
+def chain_words(run: FitRun) -> str:
+    """What the traces say of the errors of the chain that they tell; empty where they were not asked."""
+    if not run.chain:
+        return ""
+    if not run.chain["passed"]:
+        return f"{run.chain['words']} {_MASS_DOES_NOT_SHOW}"
+    return (
+        f"What the {run.chain['of']} traces by themselves ask of velocity, gain and offset is as large as "
+        "the declared standard deviations let one expect, of all impacts together, of each person and "
+        "condition, and of each impact (a right chain raises an alarm in 1 of 200 fits). "
+        f"{_MASS_DOES_NOT_SHOW}"
+    )
 
 
 def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[str]:
