@@ -15,7 +15,7 @@ from bayestissue.simulation import Simulation, simulate
 from page_reader import Reader
 
 FILES = [
-    "campaigns.parquet", "causes.csv", "confusion.csv", "observed.csv", "predictive.csv", "reliability.csv",
+    ".bayestissue.json", "campaigns.parquet", "causes.csv", "confusion.csv", "observed.csv", "predictive.csv", "reliability.csv",
     "report.html", "run.json",
 ]  # fmt: skip
 
