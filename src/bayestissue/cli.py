@@ -315,8 +315,8 @@ def main() -> None:
         _leave(5, f"could not go on: {where}: {error.strerror or error}", *getattr(error, "__notes__", ()))
     except MemoryError as error:
         _leave(5, "could not go on: there is not enough memory", *getattr(error, "__notes__", ()))
-    except KeyboardInterrupt:
-        _leave(stopping.INTERRUPTED, stopping.interrupted())
+    except KeyboardInterrupt as error:
+        _leave(stopping.INTERRUPTED, "; ".join(["interrupted", *getattr(error, "__notes__", ())]))
 
 
 def _leave(status: int, *said: str) -> NoReturn:

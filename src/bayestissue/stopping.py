@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 INTERRUPTED = 130
 # A step that must not be cut off lasts as long as two renames.
 _PATIENCE_S = 5.0
+# A terminal's cursor, which a bar of progress has hidden, on a new line.
+_SHOW_CURSOR = "\x1b[?25h\n"
 _REQUESTS = (signal.SIGINT, signal.SIGTERM)
 
 _step = threading.RLock()
@@ -49,12 +51,6 @@ def done() -> None:
     """Everything is done and said: a request to stop changes nothing any more."""
     for number in _REQUESTS:
         signal.signal(number, signal.SIG_IGN)
-
-
-def interrupted() -> str:
-    """What to say of an interruption, once what was begun has been cleared away."""
-    kept = [words for end in reversed(_at_the_end) if (words := end())]
-    return "; ".join(["interrupted", *kept])
 
 
 @contextmanager
@@ -189,10 +185,13 @@ def _end() -> None:
     try:
         _step.acquire(timeout=_PATIENCE_S)
         _kill_workers()
-        said = interrupted()
+        kept = [words for end in reversed(_at_the_end) if (words := end())]
+        said = "; ".join(["interrupted", *kept])
     finally:
-        os.write(2, f"{said}\n".encode())
-        os._exit(INTERRUPTED)
+        try:
+            os.write(2, f"{_SHOW_CURSOR if os.isatty(2) else ''}{said}\n".encode())
+        finally:
+            os._exit(INTERRUPTED)
 
 
 def _say_nothing(_: Any) -> None:

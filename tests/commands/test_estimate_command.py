@@ -48,7 +48,12 @@ def bayestissue(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
 def test_writes_a_whole_run(dataset: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     out = tmp_path / "run"
     assert bayestissue(monkeypatch, "estimate", dataset, "--out", out, "--json") == 0
-    assert sorted(path.name for path in out.iterdir()) == ["estimates.csv", "report.html", "run.json"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        ".bayestissue.json",
+        "estimates.csv",
+        "report.html",
+        "run.json",
+    ]
     table = pd.read_csv(out / "estimates.csv")
     # noise of a thousandth of the peak
     np.testing.assert_allclose(table["K_N_per_m"], 3000, rtol=0.01)

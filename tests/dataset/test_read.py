@@ -191,7 +191,12 @@ def test_errors_as_json(lab: Lab, command: Callable[..., Outcome]) -> None:
 def test_check_writes_quality_figures(lab: Lab, command: Callable[..., Outcome], tmp_path: Path) -> None:
     out = tmp_path / "quality"
     assert command("check", lab.folder, "--out", out).status == 0
-    assert {path.name for path in out.iterdir()} == {"quality.csv", "problems.csv", "check.html"}
+    assert {path.name for path in out.iterdir()} == {
+        ".bayestissue.json",
+        "quality.csv",
+        "problems.csv",
+        "check.html",
+    }
     quality = pd.read_csv(out / "quality.csv")
     # Noise of 0.05 m/s² from 50 quiet samples: its standard error is 10 %, so 40 % is four of them.
     np.testing.assert_allclose(quality["noise_sd_m_s2"], 0.05, rtol=0.4)

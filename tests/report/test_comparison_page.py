@@ -70,6 +70,8 @@ def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path
     out = made(tmp_path, impact={"likelihood": "impact"}, other={"likelihood": "impact", "worse": 1.0})
     about = json.loads((out / "run.json").read_text(encoding="utf-8"))
     about["runs"][1]["model"]["element"] = "maxwell"
+    # With its mark the run would be refused as changed.
+    (out / ".bayestissue.json").unlink()
     (out / "run.json").write_text(json.dumps(about), encoding="utf-8")
     text = plain(write_report(out).read_text(encoding="utf-8"))
     assert "whose K and C are different things" in text
@@ -118,6 +120,7 @@ def test_what_lacks_is_named(tmp_path):
     (out / "posteriors.csv").unlink()
     with pytest.raises(InputError, match=r"posteriors\.csv"):
         write_report(out)
+    (out / ".bayestissue.json").unlink()
     (out / "run.json").write_text('{"kind": "comparison"}')
     with pytest.raises(InputError, match="runs"):
         write_report(out)
