@@ -22,7 +22,6 @@ app = typer.Typer(
     "3 finished, but the sampler's diagnostics failed; 4 the results are written, but not their page, or in "
     "another folder, as the message says; 5 the machine failed (a full disk, say); 130 interrupted.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},

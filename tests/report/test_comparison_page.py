@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import re
 
+import pandas as pd
 import pytest
 
 from bayestissue.commands import compare
@@ -58,9 +59,11 @@ def test_it_says_what_predicts_best_what_cannot_be_compared_and_what_failed(html
 def test_it_says_what_the_weights_imply(html):
     text = plain(html)
     assert re.search(
-        r"Weighted by how well each impact is predicted: K = [\d ]+ N/m \([\d ]+to [\d ]+\) and C = ", text
+        r"Of these impacts together \(geometric mean\), weighted by how well each impact is predicted: "
+        r"secant K = [\d ]+ N/m \([\d ]+to [\d ]+\) and equivalent C = ",
+        text,
     )
-    assert "Weighted by how well each subject is predicted" in text
+    assert "weighted by how well each subject is predicted" in text
 
 
 def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path):
@@ -70,8 +73,26 @@ def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path
     (out / "run.json").write_text(json.dumps(about), encoding="utf-8")
     text = plain(write_report(out).read_text(encoding="utf-8"))
     assert "whose K and C are different things" in text
-    assert "New person, new impact" not in text
-    assert "secant stiffness K (N/m)" in text
+    assert "interval of a new impact on a new person" not in text
+    assert "secant K of these impacts together (geometric mean) (N/m)" in text
+
+
+def test_an_interval_stands_beside_what_it_is_of(html):
+    text = plain(html[: html.index("<nav")])
+    assert "In grey the 90&nbsp;% interval of a new impact on a new person." in text
+    assert "A typical person: K" in text
+
+
+def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_depth(tmp_path):
+    depths = {"likelihood": "impact", "exponent": 0.0, "own_depth": 0.3}
+    out = made(tmp_path, straight={"likelihood": "impact", "exponent": 0.5}, stiffening=depths)
+    table = pd.read_csv(out / "posteriors.csv").set_index(["variable", "run"])["median"]
+    assert table["mass_exponent_K_secant", "stiffening"] > 0.25
+    html = (out / "report.html").read_text(encoding="utf-8")
+    card = plain(html[html.index('id="answer-3"') : html.index("Where K depends on depth")])
+    assert re.search(r"K ∝ M0\.\d+ [^(]*\(straight\) K ∝ M−?0\.0\d [^(]*\(stiffening\)", card)
+    assert "mass exponent of K at the common depth (no unit)" in html
+    assert "mass exponent of K at each impact's greatest depth" in plain(html).replace("&#39;", "'")
 
 
 def test_it_shows_both_figures_and_where_the_models_differ(html):

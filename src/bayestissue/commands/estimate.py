@@ -86,14 +86,15 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
     import pandas as pd
 
     from bayestissue.errors import InputError
-    from bayestissue.inference.estimates import estimate
+    from bayestissue.inference.estimates import estimates_table
+    from bayestissue.signal import displacements
 
     rows: list[dict[str, Any]] = []
     for choice, options in choices.items():
         for option in options:
             row: dict[str, Any] = {"choice": choice, "value": str(getattr(option, choice))}
             try:
-                table = estimate(data, method=method, options=option)
+                table = estimates_table(data, displacements(data, option), method)
             except InputError as error:
                 rows.append({**row, "note": "; ".join(str(problem) for problem in error.problems[:1])})
                 continue
@@ -140,16 +141,19 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
     from rich.table import Table
 
     from bayestissue.commands.console import plain
+    from bayestissue.inference.point_notes import said_once
 
     console = Console(highlight=False)
     flagged = int((table["flags"] != "").sum())
     shown = Table(title=plain(f"{data.name}: {len(table)} impacts, {flagged} flagged"), title_justify="left")
-    for heading in ("", "median", "5 %", "95 %"):
-        shown.add_column(heading, justify="right" if heading else "left")
+    for heading in ("these impacts", "median", "5 % below", "95 % below"):
+        shown.add_column(heading, justify="left" if heading == "these impacts" else "right")
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
         low, median, high = table[name].quantile([0.05, 0.5, 0.95])
         shown.add_row(words, *(f"{value:.4g}" for value in (median, low, high)))
     console.print(shown)
+    for sentence in said_once(table["notes"]):
+        console.print(plain(sentence), soft_wrap=True)
     if varied is not None:
         console.print(_vary_table(varied))
     if data.left_out:
@@ -163,7 +167,9 @@ def _vary_table(varied: pd.DataFrame) -> Any:
 
     from bayestissue.commands.console import plain
 
-    shown = Table(title="K and C against each choice: median (5 to 95 %)", title_justify="left")
+    shown = Table(
+        title="K and C against each choice: the median impact (nine in ten impacts)", title_justify="left"
+    )
     for heading in ("choice", "value", "impacts", "K (N/m)", "C (N s/m)"):
         shown.add_column(heading)
     for row in varied.to_dict("records"):

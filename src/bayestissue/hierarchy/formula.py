@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -108,7 +109,7 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
     while True:
         columns, names, owners, wrong_terms = _evaluated(terms, rows, reference_mass_kg)
         if not wrong_terms:
-            wrong_terms = _dependent(columns, names, owners, rows)
+            wrong_terms = _dependent(terms, columns, names, owners, rows)
         if not wrong_terms:
             return Judged(terms, columns, tuple(names), tuple(faults))
         faults += wrong_terms
@@ -134,6 +135,21 @@ def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
     )
     again = judge(str(found.terms.without([alike.term])), rows, reference_mass_kg)
     return replace(again, faults=(*found.faults, alike))
+
+
+def left_out_words(terms: Sequence[Mapping[str, Any]]) -> str:
+    """What an adapted formula lacks and why, as a sentence; empty if nothing.
+
+    Args:
+        terms: each with its ``term``, ``of`` which responses, and the ``reason``, as ``run.json`` has them.
+    """
+    if not terms:
+        return ""
+    told = [
+        f"{each['term']}{'' if len(each['of']) > 1 else ' of log ' + each['of'][0]}, since {each['reason']}"
+        for each in terms
+    ]
+    return f"Left out of the formula: {'; '.join(told)}."
 
 
 def _effect_of(group: str) -> str:
@@ -258,12 +274,14 @@ def _design(
 
 
 def _dependent(
-    columns: np.ndarray, names: Sequence[str], owners: Sequence[str], rows: pd.DataFrame
+    terms: Terms, columns: np.ndarray, names: Sequence[str], owners: Sequence[str], rows: pd.DataFrame
 ) -> list[Fault]:
     """Terms that do not vary; if there are none, the first that those before it determine."""
     flat = [i for i, name in enumerate(names) if _is_flat(columns[:, i], name)]
-    if flat:
-        return [_flat(owner, rows) for owner in dict.fromkeys(owners[i] for i in flat)]
+    # Categories of which there is one have no column.
+    still = dict.fromkeys([*(owners[i] for i in flat), *(t for t in terms.common if t not in owners)])
+    if still:
+        return [_flat(owner, rows) for owner in still]
     centred = columns - columns.mean(axis=0)
     spread = np.linalg.norm(centred, axis=0)
     for count in range(2, len(names) + 1):

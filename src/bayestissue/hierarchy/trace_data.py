@@ -87,22 +87,25 @@ def prepare(dataset: MeasuredImpacts, specification: ModelSpecification, *, sour
         if problems:
             raise InputError(problems)
     signal = displacements(dataset, specification.signal)
-    short = np.flatnonzero(signal.n_samples < FEWEST_SAMPLES)
-    if len(short):
-        raise InputError(
-            [
-                Problem(
-                    source,
-                    f"at least {FEWEST_SAMPLES} samples between contact and the end of the window",
-                    "Record faster, widen signal.window in the model, or leave the impact out (--skip-bad).",
-                    column="signal.window",
-                    impact=str(dataset.impacts["impact"].iloc[i]),
-                    value=int(signal.n_samples[i]),
-                )
-                for i in short
-            ]
-        )
+    problems = too_short(dataset, signal, source)
+    if problems:
+        raise InputError(problems)
     return assemble(dataset, specification, design, signal)
+
+
+def too_short(dataset: RecordedImpacts, signal: Displacements, source: str) -> list[Problem]:
+    """Impacts of too few samples for any fit, a problem each; ``source`` is the model file's name."""
+    return [
+        Problem(
+            source,
+            f"at least {FEWEST_SAMPLES} samples between contact and the end of the window",
+            "Record faster, widen signal.window in the model, or leave the impact out (--skip-bad).",
+            column="signal.window",
+            impact=str(dataset.impacts["impact"].iloc[i]),
+            value=int(signal.n_samples[i]),
+        )
+        for i in np.flatnonzero(signal.n_samples < FEWEST_SAMPLES)
+    ]
 
 
 def assemble(

@@ -92,7 +92,7 @@ class Place:
 
 @contextmanager
 def claim(
-    out: Path, *, overwrite: bool = False, command: str, inputs: Sequence[Path | None] = ()
+    out: Path, *, overwrite: bool = False, command: str, inputs: Sequence[str | Path | None] = ()
 ) -> Iterator[Place]:
     """The place ``out`` for one command's results, refused to all others until the block ends.
 
