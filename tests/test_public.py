@@ -52,6 +52,10 @@ print(json.dumps(found))
 """
 
 
+def read(table: Path | StringIO) -> pd.DataFrame:
+    return pd.read_csv(table, converters={"flags": str, "notes": str})
+
+
 @pytest.fixture(scope="module")
 def some_impacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Four impacts of the example, of which several had no likelihood in float32."""
@@ -84,7 +88,7 @@ def from_the_command(some_impacts: Path, tmp_path_factory: pytest.TempPathFactor
         patch.setattr(sys, "argv", ["bayestissue", "estimate", str(some_impacts), "--out", str(out), "-q"])
         with pytest.raises(SystemExit, match="0"):
             cli.main()
-    return pd.read_csv(out / "estimates.csv").fillna({"flags": "", "notes": ""})
+    return read(out / "estimates.csv")
 
 
 @pytest.mark.parametrize("state", ["as it was", "on"])
