@@ -107,9 +107,7 @@ def test_every_function_answers_in_float64(in_a_fresh_interpreter, state):
 
 @pytest.mark.parametrize("state", ["as it was", "on"])
 def test_python_and_the_command_agree(in_a_fresh_interpreter, from_the_command, state):
-    table = pd.read_csv(StringIO(in_a_fresh_interpreter[state]["estimates"])).fillna(
-        {"flags": "", "notes": ""}
-    )
+    table = read(StringIO(in_a_fresh_interpreter[state]["estimates"]))
     assert list(table.columns) == list(from_the_command.columns)
     for name in table:
         told, expected = table[name], from_the_command[name]
