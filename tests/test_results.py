@@ -249,9 +249,20 @@ def test_results_never_stand_in_the_place_of_what_matters(
     for out in (data, data.parent, link):
         assert "what this command reads" in refused(out, inputs=(data / "model.toml",))
     assert "what this command reads" in refused(data, inputs=(link,))
+    (data / "model.toml").touch()
+    assert "what this command reads" in refused(data, inputs=(str(data / "model.toml"),))
     write(tmp_path / "run", "old")
     assert "inside other results" in refused(tmp_path / "run" / "more")
     assert require_place(data / "results", (data,)) == data / "results"
+
+
+def test_results_may_have_the_name_of_a_model_of_the_program(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        assert require_place(Path("impact"), ("impact", None)) == tmp_path / "impact"
+        (tmp_path / "impact").mkdir(exist_ok=True)
 
 
 def test_a_link_stays_a_link(tmp_path: Path) -> None:

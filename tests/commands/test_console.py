@@ -64,12 +64,14 @@ def test_the_tables_of_all_commands_are_tame(capsys: pytest.CaptureFixture[str])
             "se_difference": 0.0, "weight": 1.0, "warning": [BAD],
         }
     )  # fmt: skip
-    people = pd.DataFrame({"variable": ["K"], "label": [BAD], "unit": ["N/m"], "run": [BAD], "median": 1.0})
+    people = pd.DataFrame(
+        {"variable": ["K"], "label": [BAD], "of": "impact", "unit": ["N/m"], "run": [BAD], "median": 1.0}
+    )
     people = people.assign(eti90_low=1.0, eti90_high=1.0)
     implied = people.assign(scheme=BAD, data=BAD, label="")
     compared.print_comparison(pd.concat([names, names.assign(data="x")]), people, implied)
     data = SimpleNamespace(name=BAD, left_out=(Problem(BAD, BAD, BAD, impact=BAD),))
-    table = pd.DataFrame({"K_N_per_m": [1.0], "C_N_s_per_m": 1.0, "zeta": 1.0, "flags": BAD})
+    table = pd.DataFrame({"K_N_per_m": [1.0], "C_N_s_per_m": 1.0, "zeta": 1.0, "flags": BAD, "notes": BAD})
     varied = pd.DataFrame({"choice": ["window"], "value": ["peak"], "note": [BAD]})
     estimate._print(data, table, varied, Path(BAD.replace("\0", "")))
     row = {"title": BAD, "p_joint": 0.1, "smallest_p": 0.0, "probability": 0.5, "probability_error": 0.1}

@@ -82,7 +82,9 @@ def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, s
     if out.is_mount():
         return "a mount point, which can't be replaced", "a folder of its own for the results", _BELOW
     for path in inputs:
-        if path is not None and _holds(out, Path(path).resolve()):
+        # Text may be the name of a model of the program: `--model impact --out impact` is no conflict.
+        is_name = isinstance(path, str) and not Path(path).is_file()
+        if path is not None and not is_name and _holds(out, Path(path).resolve()):
             return "what this command reads", f"a folder that does not hold {path}", _ANOTHER
     for parent in out.parents:
         if is_result(parent):
