@@ -28,7 +28,7 @@ from bayestissue.inference.incredible import RATE, alarms
 from bayestissue.inference.measuring_chain import AMPLITUDE, JUDGED, freed
 from bayestissue.simulation import Simulation, simulate
 
-SETS, PEOPLE = 100, 4
+SETS, PEOPLE = 50, 4
 CONDITIONS = [(0.4, 1.2), (0.7, 1.2), (1.0, 1.0), (1.3, 0.9), (0.7, 0.8)]
 SIZE = PEOPLE * len(CONDITIONS)
 TABLE = Path(__file__).with_suffix(".csv")
