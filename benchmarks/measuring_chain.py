@@ -28,7 +28,7 @@ from bayestissue.inference.incredible import RATE, alarms
 from bayestissue.inference.measuring_chain import AMPLITUDE, JUDGED, freed
 from bayestissue.simulation import Simulation, simulate
 
-SETS, PEOPLE = 100, 4
+SETS, PEOPLE = 40, 4
 CONDITIONS = [(0.4, 1.2), (0.7, 1.2), (1.0, 1.0), (1.3, 0.9), (0.7, 0.8)]
 SIZE = PEOPLE * len(CONDITIONS)
 TABLE = Path(__file__).with_suffix(".csv")
@@ -133,8 +133,7 @@ def measured(likelihood: str, sets: int) -> pd.DataFrame:
             own = set_of(data) == number
             groups = {"trial": condition_of(data)[own], "subject": person_of(data)[own]}
             for each in found.values():
-                z = (each.error / each.expected_sd)[own]
-                raised[number] |= alarms(z, groups, RATE / len(JUDGED)).any
+                raised[number] |= alarms(each.z[own], groups, RATE / len(JUDGED)).any
         off = np.median(found[AMPLITUDE].error / found[AMPLITUDE].unit)
         rows.append(
             {

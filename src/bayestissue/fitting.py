@@ -220,7 +220,6 @@ def fit_prepared(
             analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
         else:
             analysis = found
-        say("judging the measuring chain", 0, 1)
         if dataset.quantity != "displacement":
             analysis = _with_chain(analysis, plain)
         analysis = _with_notes(analysis)

@@ -153,7 +153,15 @@ def test_another_law_is_not_blamed_on_the_chain(impact: Prepare) -> None:
     assert "can't be told" in found["words"]
 
 
-def test_displacements_from_their_own_mean_are_not_asked(good: Dataset) -> None:
-    made = {"name": "m", "likelihood": "arma", "signal": {"equilibrium": "sample-mean"}}
-    specification = ModelSpecification.model_validate(made)
+@pytest.mark.parametrize(
+    "made",
+    [
+        {"likelihood": "arma", "signal": {"equilibrium": "sample-mean"}},
+        {"likelihood": "impact", "element": "standard_linear"},
+        {"likelihood": "impact", "noise": "autoregressive"},
+    ],
+    ids=["from their own mean", "another element", "autoregressive noise"],
+)
+def test_what_has_no_known_rate_of_false_alarms_is_not_asked(good: Dataset, made: dict) -> None:
+    specification = ModelSpecification.model_validate({"name": "m", **made})
     assert judge(prepare(good, specification, source="the model")) == {}

@@ -20,7 +20,7 @@ UNDESCRIBED = "No element of this program describes these traces"
 _ANOTHER_LAW = "the traces obey another law than the model's"
 _REMEDY = (
     "Fit the other elements of models/ (or, where the recorder is known for it, "
-    'noise = "autoregressive") and compare.'
+    'noise = "autoregressive") and compare. A recorder that saturates bends traces too: check its range.'
 )
 
 
