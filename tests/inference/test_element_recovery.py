@@ -10,11 +10,13 @@ import pytest
 
 from bayestissue import resources
 from bayestissue.elements import element
+from bayestissue.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
 from bayestissue.inference.early_form import plainly_wrong
 from bayestissue.inference.element_draws import COMPARABLE
+from bayestissue.inference.static_force import static_force
 from bayestissue.inference.summary_path import corrected_draws
 from bayestissue.inference.trace_draws import unfold
 from bayestissue.inference.trace_start import expanded, summarise
@@ -97,6 +99,11 @@ def test_summaries_of_traces_lie_about_the_truth(name: str) -> None:
         assert np.square(z).sum() < 32.9, (parameter, z)
 
 
+def summary_of_exponents(analysis: Any) -> list[str]:
+    names = analysis.summary["variable"]
+    return list(names[names.str.startswith("mass_exponent")])
+
+
 @pytest.mark.long
 @pytest.mark.parametrize("name", TISSUE)
 def test_fit_holds_the_truth(name: str) -> None:
@@ -114,6 +121,16 @@ def test_fit_holds_the_truth(name: str) -> None:
         low, high = posterior[variable].quantile([0.01, 0.99], ("chain", "draw")).to_numpy()
         # Of twelve 98 % intervals, dependent through the people: three misses are a thousandth's chance.
         assert ((low <= values) & (values <= high)).sum() >= 10, variable
+    assert ("K_common_depth" in posterior) == (not element(name).linear)
+    if not element(name).linear:
+        depth = float(analysis.tree["constant_data"]["common_depth_m"])
+        own = {parameter.name: true[parameter.name] for parameter in element(name).parameters}
+        force = static_force(element(name), {**own, "diameter_m": REFERENCE_DIAMETER_M}, np.full(12, depth))
+        low, high = posterior["K_common_depth"].quantile([0.01, 0.99], ("chain", "draw")).to_numpy()
+        assert ((low <= force / depth) & (force / depth <= high)).sum() >= 10
+        quantities = set(analysis.hypotheses["quantity"])
+        assert quantities == {"K", "C", "K_common_depth", "K_secant"}
+        assert set(summary_of_exponents(analysis)) == {f"mass_exponent_{q}" for q in quantities}
 
 
 def test_model_files_name_what_an_element_has() -> None:

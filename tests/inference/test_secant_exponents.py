@@ -122,6 +122,14 @@ def test_with_a_discrepancy_the_scatter_of_conditions_is_that_at_the_common_dept
     )
 
 
+def test_stiffness_that_a_draw_has_below_nothing_has_no_exponent() -> None:
+    at = prepared(discrepancy=True)
+    made = unfolded(at, *np.zeros((3, PEOPLE * CONDITIONS)))
+    made.impacts["K_common_depth"] = made.impacts["K_common_depth"].copy()
+    made.impacts["K_common_depth"][0, 0, 0] = -1.0
+    assert list(mass_exponents_of_secants(at, made, 0)) == ["mass_exponent_K_secant"]
+
+
 def test_units_are_what_mass_varies_between() -> None:
     logs = np.random.default_rng(6).normal(size=(*SHAPE, PEOPLE * CONDITIONS))
     at = prepared()

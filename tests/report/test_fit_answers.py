@@ -93,6 +93,17 @@ def test_a_law_that_may_be_the_same_is_not_called_so(tmp_path):
     assert "One law of the tissue for every mass explains this: heavier impactors go deeper" in said
 
 
+def test_k_that_is_not_told_at_one_depth_is_said_to_be_of_the_depth_too(tmp_path):
+    run = read(make_fit_run(tmp_path, likelihood="impact", exponent=0.3, own_depth=0.3))
+    run.about["discrepancy"] = {"rms_of_peak": 0.05}
+    assert "reaches, if the damper is the same at all depths. At each" in str(depth.depth_sentence(run))
+    assert "It is assumed that the damper is the same at all depths." in depth.further_words(run)[0]
+    del run.groups["posterior"]["mass_exponent_K_common_depth"]
+    assert depth.answering(run)["K"] == "K"
+    assert "depth alone may make this exponent" in str(depth.depth_sentence(run))
+    assert "K grows with the mass" in answers.mass_conclusion(run)
+
+
 def test_stiffness_that_no_depth_changes_is_answered_as_it_is(run):
     assert depth.answering(run) == {"K": "K", "C": "C"}
     assert depth.depth_words(run) == str(depth.depth_sentence(run)) == ""

@@ -43,20 +43,22 @@ def mass_exponents_of_secants(
 
     Returns:
         `EXPONENTS`, of all draws or of those that are kept of impacts; nothing where impacts have no
-        ``K_common_depth``, or log K no exponent.
+        ``K_common_depth``, or log K no exponent. A stiffness that a draw has at or below 0, as one may where
+        the damper's part of the force is hardly known, has none.
     """
     design, impacts = prepared.design, unfolded.impacts
     if COMMON_DEPTH not in impacts or design.responses["K"].log_mass is None:
         return {}
     which = slice(None) if unfolded.kept is None else unfolded.kept
+    told = {name: secant for name, secant in EXPONENTS.items() if (impacts[secant] > 0).all()}
     sites = {name: values[:, which] for name, values in unfolded.sites.items() if name.endswith("_K")}
     moved = {
         name: sites | shifted(design, sites, np.log(impacts[secant] / impacts["K"]))
-        for name, secant in EXPONENTS.items()
+        for name, secant in told.items()
     }
     found = {name: values["mass_exponent_K"] for name, values in moved.items()}
-    if prepared.model.discrepancy:
-        name = f"mass_exponent_{COMMON_DEPTH}"
+    name = f"mass_exponent_{COMMON_DEPTH}"
+    if prepared.model.discrepancy and name in found:
         units = units_of(design, moved[name], np.log(impacts[COMMON_DEPTH]))
         prior = prepared.model.priors.mass_exponent.K
         log_prior = np.asarray(prepared.model.prior_of(f"sd_{units.name}_K").log_prob(_SPREADS))

@@ -22,6 +22,11 @@ _ASSUMED = (
     "Beside a discrepancy the damper's part of the force at that depth is told by the force's slope at the "
     "greatest depth, where the velocity is 0. It is assumed that the damper is the same at all depths."
 )
+_IF = ", if the damper is the same at all depths"
+_OWN_ALONE = Markup(
+    "K is force over depth at each impact's own greatest depth: where heavier impactors go deeper, depth "
+    "alone may make this exponent. These traces do not tell K at one depth that all impacts reach."
+)
 _DAMPER = "C's exponent is that of the damping constant in the element's law, so the depth has no part in it."
 
 
@@ -48,12 +53,14 @@ def depth_sentence(run: FitRun) -> Markup:
     That heavier impactors go deeper is read off the recorded displacements.
     """
     common, own = exponent(run, COMMON_DEPTH), exponent(run, OWN_DEPTH)
-    if not has_common_depth(run) or common is None or own is None:
+    if own is None:
         return Markup()
+    if not has_common_depth(run) or common is None:
+        return _OWN_ALONE
     told = Markup(
-        "Here K is force over depth at {}, which every impact reaches. At each impact's own greatest depth "
+        "Here K is force over depth at {}, which every impact reaches{}. At each impact's own greatest depth "
         "K ∝ M<sup>{}</sup> ({})."
-    ).format(depth_words(run), own.value, own.range)
+    ).format(depth_words(run), _IF if run.about.get("discrepancy") else "", own.value, own.range)
     return (told + " " + _meaning(run, common, own)).strip()
 
 
