@@ -124,7 +124,11 @@ def moved_zero(recorded: Recorded) -> Column:
     away = later - np.where(known, earlier, 0)
     error = np.hypot(error, np.where(known, its_error, recorded.sd))
     with np.errstate(invalid="ignore"):
-        found = level(recorded, recorded.after) & (np.abs(away) > 5 * error) & (np.abs(away) > SHIFT * recorded.peak)
+        found = (
+            level(recorded, recorded.after)
+            & (np.abs(away) > 5 * error)
+            & (np.abs(away) > SHIFT * recorded.peak)
+        )
     return np.where(found, away / recorded.peak, 0.0)
 
 
@@ -156,6 +160,10 @@ def slow_noise(recorded: Recorded, to_peak: Column) -> Column:
             found = np.sqrt(change / square) / (2 * np.pi * recorded.dt)
             # Von Neumann's ratio of white noise is 2, with a standard deviation of 2 / m^(1/2).
             slow = (change / square < 2 - 2 * 4 / np.sqrt(m)) & (square > recorded.step**2)
-        slow &= (count >= 2 * FEWEST) & (level(recorded, rest) | (rest is recorded.before)) & (found * to_peak < _PASSES)
+        slow &= (
+            (count >= 2 * FEWEST)
+            & (level(recorded, rest) | (rest is recorded.before))
+            & (found * to_peak < _PASSES)
+        )
         frequency = np.where(slow & ~(frequency < found), found, frequency)
     return frequency
