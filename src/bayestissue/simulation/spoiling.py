@@ -237,7 +237,7 @@ def gain_step(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
 
 def deep_displacement(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
     """A recorded displacement that begins at 5 to 30 % of its peak."""
-    chain = replace(chain, before=0.0, noise=min(chain.noise, 0.003))
+    chain = replace(chain, before=0.0)
     whole = record(impact, chain, quantity="displacement")
     first = int(np.argmax(whole.value > rng.uniform(0.05, 0.3) * whole.value.max()))
     return Trace(whole.time_s[: whole.value.size - first], whole.value[first:])

@@ -39,19 +39,17 @@ def sound_ones(
 ) -> Recorded:
     """``count`` of the impacts in sound recordings."""
     rng = np.random.default_rng([seed, len(KINDS) + (quantity == "displacement")])
-    chosen, chains = _drawn(impacts, count, rng)
-    if quantity == "displacement":
-        # A point estimate from a displacement with more noise than that is of no use.
-        chains = [replace(each, noise=each.noise / 40) for each in chains]
+    chosen, chains = _drawn(impacts, count, rng, quantity)
     return Recorded(chosen, chains, _sound(chosen, chains, quantity), quantity)
 
 
 def spoilt_ones(kind: str, impacts: list[Impact], count: int, seed: int = 0) -> Recorded:
     """``count`` of the impacts, spoilt in one of the ways of `bayestissue.simulation.spoiling.KINDS`."""
     rng = np.random.default_rng([seed, list(KINDS).index(kind)])
-    chosen, chains = _drawn(impacts, count, rng)
+    quantity: Quantity = "displacement" if kind in DISPLACEMENT else "deceleration"
+    chosen, chains = _drawn(impacts, count, rng, quantity)
     traces = [KINDS[kind](impact, each, rng) for impact, each in zip(chosen, chains, strict=True)]
-    return Recorded(chosen, chains, traces, "displacement" if kind in DISPLACEMENT else "deceleration")
+    return Recorded(chosen, chains, traces, quantity)
 
 
 def judged(recorded: Recorded) -> pd.DataFrame:
@@ -59,12 +57,13 @@ def judged(recorded: Recorded) -> pd.DataFrame:
 
     Returns:
         One row per impact: ``flags``, what `check` refuses or warns of or `estimate` flags, joined by "; ";
-        ``K_off`` and ``C_off``, how far the point estimates are from those of the deceleration of the same
-        impact recorded with the same chain and noise and not spoilt, as fractions (infinite where there is
-        none); ``off``, the greater.
+        ``K_off`` and ``C_off``, how far the point estimates are from those of the same impact recorded with
+        the same chain and noise and not spoilt, as fractions (infinite where there is none); ``off``, the
+        greater.
     """
     data = dataset(recorded.impacts, recorded.traces, recorded.quantity)
-    reference = estimate(dataset(recorded.impacts, _sound(recorded.impacts, recorded.chains)))
+    whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)
+    reference = estimate(dataset(recorded.impacts, whole, recorded.quantity))
     table = estimate(data)
     off = {
         name: np.abs(table[column] / reference[column] - 1).fillna(np.inf)
@@ -73,12 +72,18 @@ def judged(recorded: Recorded) -> pd.DataFrame:
     return pd.DataFrame({"flags": _said(data, table), **off, "off": np.maximum(off["K_off"], off["C_off"])})
 
 
-def _drawn(impacts: list[Impact], count: int, rng: np.random.Generator) -> tuple[list[Impact], list[Chain]]:
+def _drawn(
+    impacts: list[Impact], count: int, rng: np.random.Generator, quantity: Quantity
+) -> tuple[list[Impact], list[Chain]]:
     chosen = [impacts[place] for place in rng.choice(len(impacts), count, replace=count > len(impacts))]
-    return chosen, [chain(impact, rng) for impact in chosen]
+    chains = [chain(impact, rng) for impact in chosen]
+    if quantity == "displacement":
+        # A point estimate from a displacement with more noise than that is of no use.
+        chains = [replace(each, noise=each.noise / 40) for each in chains]
+    return chosen, chains
 
 
-def _sound(impacts: list[Impact], chains: list[Chain], quantity: Quantity = "deceleration") -> list[Trace]:
+def _sound(impacts: list[Impact], chains: list[Chain], quantity: Quantity) -> list[Trace]:
     return [record(impact, each, quantity=quantity) for impact, each in zip(impacts, chains, strict=True)]
 
 

@@ -47,7 +47,7 @@ def laws(x: Rows, v: Rows, used: Mask, dt: Column) -> Iterator[Law]:
     root = np.sqrt(positive)
     yield np.stack([u, s, positive**2, positive**6], axis=-1)
     yield np.stack([u, s, one, held], axis=-1)
-    yield np.stack([positive * root, root * u, s, u], axis=-1)
+    yield np.stack([positive * root, positive * root * u, s, u], axis=-1)
 
 
 def any_law(x: Rows, v: Rows, used: Mask, dt: Column) -> Law:

@@ -14,6 +14,8 @@ FEWEST, FEWEST_OF_LINE = 12, 6
 _SLOW = 5
 # Below these fractions of the peak K and C change by less than some 5 %.
 WAVE, SHIFT, ABOVE = 0.007, 0.015, 0.04
+# Where chance gives less than this a rest after contact is taken for a force that fades.
+_FADES = 0.05
 _HUM_HZ = np.arange(20.0, 410.0, 5.0)
 # A low-pass that passes this many times the frequency of a pulse, 1 over the time to peak, moves K and C by
 # a few per cent at most.
@@ -67,18 +69,22 @@ def slope(values: Rows, count: Index, sd: Column) -> tuple[Column, Column]:
 
 
 def uneven(recorded: Recorded, to_peak: Column) -> Mask:
-    """Rests that are not level: slower than white noise can be, and large enough to matter.
+    """A rest before contact that is not level: slower than white noise can be, and large enough to matter.
 
-    A line matters where it goes on until zero velocity, a wave by its own size.
+    A line matters where it goes on until zero velocity, a wave by its own size. After contact a force may
+    fade for long, which is no drift.
     """
-    found = np.zeros(len(recorded.dt), bool)
-    for rest in (recorded.before, recorded.after):
-        values, count = segment(recorded, rest)
-        size, p = wave(values, count)
-        found |= (p < ALARMS / 4) & (size > WAVE * recorded.peak)
-        rate, p = slope(values, count, recorded.sd)
-        found |= (p < ALARMS / 4) & (np.abs(rate) * to_peak / recorded.dt > SHIFT * recorded.peak)
-    return found
+    values, count = segment(recorded, recorded.before)
+    size, p = wave(values, count)
+    found = (p < ALARMS / 2) & (size > WAVE * recorded.peak)
+    rate, p = slope(values, count, recorded.sd)
+    return found | (p < ALARMS / 2) & (np.abs(rate) * to_peak / recorded.dt > SHIFT * recorded.peak)
+
+
+def level(recorded: Recorded, rest: Mask) -> Mask:
+    """Whether neither a wave nor a line is found in a rest: what fades has not yet come to rest."""
+    values, count = segment(recorded, rest)
+    return (wave(values, count)[1] > _FADES) & (slope(values, count, recorded.sd)[1] > _FADES)
 
 
 def hum(recorded: Recorded, chosen: Mask) -> Column:
@@ -118,7 +124,11 @@ def moved_zero(recorded: Recorded) -> Column:
     away = later - np.where(known, earlier, 0)
     error = np.hypot(error, np.where(known, its_error, recorded.sd))
     with np.errstate(invalid="ignore"):
-        found = (np.abs(away) > 5 * error) & (np.abs(away) > SHIFT * recorded.peak)
+        found = (
+            level(recorded, recorded.after)
+            & (np.abs(away) > 5 * error)
+            & (np.abs(away) > SHIFT * recorded.peak)
+        )
     return np.where(found, away / recorded.peak, 0.0)
 
 
@@ -150,6 +160,10 @@ def slow_noise(recorded: Recorded, to_peak: Column) -> Column:
             found = np.sqrt(change / square) / (2 * np.pi * recorded.dt)
             # Von Neumann's ratio of white noise is 2, with a standard deviation of 2 / m^(1/2).
             slow = (change / square < 2 - 2 * 4 / np.sqrt(m)) & (square > recorded.step**2)
-        slow &= (count >= 2 * FEWEST) & (found * to_peak < _PASSES)
+        slow &= (
+            (count >= 2 * FEWEST)
+            & (level(recorded, rest) | (rest is recorded.before))
+            & (found * to_peak < _PASSES)
+        )
         frequency = np.where(slow & ~(frequency < found), found, frequency)
     return frequency
