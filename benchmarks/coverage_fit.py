@@ -88,9 +88,9 @@ def campaign(seed: int) -> Simulation:
     )
 
 
-def padded(signal: Displacements, step: int = _STEP) -> Displacements:
+def padded(signal: Displacements, least: int = 256, step: int = _STEP) -> Displacements:
     """The same traces, one of a few widths wide, so that what is compiled for one campaign serves others."""
-    width = max(256, step * -(-signal.x.shape[1] // step))
+    width = max(least, step * -(-signal.x.shape[1] // step))
     rows = {
         name: np.pad(getattr(signal, name), ((0, 0), (0, width - signal.x.shape[1])))
         for name in ("x", "v", "deceleration")
@@ -99,15 +99,15 @@ def padded(signal: Displacements, step: int = _STEP) -> Displacements:
 
 
 class Fits:
-    """The fits of one model file to data sets of one design, compiled once."""
+    """The fits of one model file to data sets of one design, compiled once; ``least`` is as of `padded`."""
 
-    def __init__(self, specification: ModelSpecification, dataset: Dataset) -> None:
-        self._specification = specification
+    def __init__(self, specification: ModelSpecification, dataset: Dataset, least: int = 256) -> None:
+        self._specification, self._least = specification, least
         self._first = prepare(dataset, specification, source="the model file")
 
     def prepared(self, dataset: Dataset) -> Prepared:
         """Its data, with the one model that what is compiled belongs to."""
-        signal = padded(displacements(dataset, self._specification.signal))
+        signal = padded(displacements(dataset, self._specification.signal), self._least)
         made = assemble(dataset, self._specification, self._first.design, signal)
         return replace(made, model=self._first.model)
 

@@ -59,6 +59,20 @@ def test_a_fit_hands_out_its_posterior_summary_and_diagnostics(fitted):
     assert "effective sample sizes at least 900" in fitted.verdict
 
 
+def test_it_is_shown_in_a_few_lines(fitted):
+    evil = replace(fitted, dataset=replace(fitted.dataset, name="<b>\x1b[2J" + "long" * 100))
+    told, page = repr(evil), evil._repr_html_()
+    assert told.startswith("Fit by the model a2\n  impacts")
+    assert len(told.splitlines()) == 7
+    assert max(len(line) for line in told.splitlines()) < 200
+    assert "R-hat at most 1.003" in told
+    for text in (told, page):
+        assert "K of the impacts" in text
+        assert "\x1b" not in text
+    assert "<b>" not in page
+    assert "&lt;b&gt;" in page
+
+
 def test_its_report_is_the_folder_of_a_finished_run(fitted, tmp_path):
     page = fitted.report(tmp_path / "run")
     assert page == tmp_path / "run" / "report.html"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -14,6 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import xarray as xr
 
 from bayestissue import resources, results, runtime
@@ -26,6 +26,7 @@ from bayestissue.inference.diagnostics import verdict_in_words
 from bayestissue.inference.many_draws import MANY
 from bayestissue.inference.second_core import SecondCore
 from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
+from bayestissue.outline import Rows, as_html, as_text, short, span
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,6 +61,28 @@ class Fit:
     started: datetime
     wall_time_s: float
 
+    def __repr__(self) -> str:
+        return as_text(*self._outline())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._outline())
+
+    def _outline(self) -> tuple[str, Rows]:
+        posterior = self.posterior["posterior"].dataset
+        chains, draws = (posterior.sizes[name] for name in ("chain", "draw"))
+        medians = [
+            (f"{name} of the impacts", f"posterior medians {span(_medians(posterior[name]), unit)}")
+            for name, unit in (("K", "N/m"), ("C", "N s/m"))
+        ]
+        rows = [
+            ("impacts", f"{len(self.dataset.impacts)} of {short(self.dataset.name)}"),
+            *medians,
+            ("draws", f"{chains} chains of {draws}, seed {self.seed}, {self.wall_time_s:.0f} s"),
+            ("diagnostics", short(self.verdict, 160)),
+            ("more in", ".summary, .posterior, .diagnostics, .report(path)"),
+        ]
+        return f"Fit by the model {short(self.specification.name)}", rows
+
     @property
     def posterior(self) -> xr.DataTree:
         """The ArviZ DataTree with all groups of ``posterior.nc``: draws, predictions, densities, data."""
@@ -91,23 +114,29 @@ class Fit:
             The path of the page.
 
         Raises:
-            InputError: ``path`` is taken and ``overwrite`` is false.
+            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
+            PartialResultError: the results are written, but not the page, or not where they were to go.
         """
         path = Path(path)
         if path.suffix == ".html":
             return self._page(path, overwrite)
-        with results.whole_folder(path, overwrite=overwrite) as folder:
-            write_run(self, folder)
-        return path / "report.html"
+        from bayestissue.report import draw_page
+
+        with results.claim(path, overwrite=overwrite, command="fit", inputs=(self.dataset.folder,)) as place:
+            with place.folder() as folder:
+                write_run(self, folder)
+            return draw_page(place.path)
 
     def _page(self, path: Path, overwrite: bool) -> Path:
         if path.exists() and not overwrite:
             raise InputError(
                 Problem(str(path), "a name not yet taken", "Choose another, or pass overwrite=True.")
             )
-        with tempfile.TemporaryDirectory() as folder, results.whole_file(path) as staging:
-            write_run(self, Path(folder))
-            shutil.copyfile(Path(folder) / "report.html", staging)
+        from bayestissue.report import write_report
+
+        with results.scratch() as folder, results.whole_file(path) as staging:
+            write_run(self, folder)
+            shutil.copyfile(write_report(folder), staging)
         return path
 
 
@@ -121,13 +150,13 @@ def fit(
     """The posterior of K and C of every impact, person and condition, and of the mass exponents.
 
     log K and log C of all impacts are modelled jointly with the errors of the measuring chain that the
-    dataset states; see the commented model files. For the length of the call JAX is set to float64, and this
-    process keeps to one core but for the chains.
+    dataset states; see the commented model files. For the length of the call this process keeps to one core
+    but for the chains.
 
     Args:
         dataset: as `bayestissue.read_dataset` returns it.
-        model: "arma", "a2" or "impact" for the model files that come with the program, the path of your
-            own, or a `ModelSpecification`.
+        model: the name of a model that comes with the program, such as "impact" or "maxwell"; the path of
+            your own file; or a `ModelSpecification`.
         seed: same seed, same machine: same numbers.
         say: told the stage, how much of it is done, and its total.
 
@@ -144,11 +173,11 @@ def resolve(model: str | Path | ModelSpecification) -> tuple[ModelSpecification,
     """The model that a name, a path or a specification stands for, and what messages call it.
 
     Raises:
-        InputError: there is no such file, or it is wrong.
+        InputError: there is no such model or file (see `resources.model_file`), or it is wrong.
     """
     if isinstance(model, ModelSpecification):
         return model, f"model {model.name}"
-    path = resources.shared("models", f"{model}.toml") if model in KINDS else Path(model)
+    path = resources.model_file(model, lambda content: content.get("likelihood") in KINDS)
     return read_specification(path), str(path)
 
 
@@ -230,12 +259,10 @@ def _again(
 
 
 def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
-    """Write every file of a finished run into ``folder``, the report last."""
-    from bayestissue.report import write_report
-
+    """Write every file of a finished run into ``folder``, but for the page that is drawn of them."""
     say = say or _silent
     say("writing the results", 0, 1)
-    fit.analysis.tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    results.write_tree(fit.analysis.tree, folder / "posterior.nc")
     for name in TABLES:
         getattr(fit.analysis, name).to_csv(folder / f"{name}.csv", index=False)
     for method, table in fit.point_estimates.items():
@@ -246,8 +273,6 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
         shutil.copyfile(truth, folder / "truth.csv")
     results.write_json(fit.diagnostics, folder / "diagnostics.json")
     results.write_json(provenance(fit), folder / "run.json")
-    say("writing the report", 0, 1)
-    write_report(folder)
 
 
 def provenance(fit: Fit) -> dict[str, Any]:
@@ -302,6 +327,11 @@ def _discrepancy(fit: Fit) -> dict[str, Any]:
     }
 
 
+def _medians(quantity: xr.DataArray) -> np.ndarray:
+    """Of every impact, over all its draws."""
+    return quantity.median([name for name in quantity.dims if name != "impact"]).to_numpy()
+
+
 def _silent(stage: str, done: int, total: int) -> None:
     """Say nothing."""
 
@@ -309,20 +339,16 @@ def _silent(stage: str, done: int, total: int) -> None:
 @contextmanager
 def _set_up() -> Iterator[None]:
     """The numerical libraries as an entry point sets them up, for the length of a block."""
-    import jax
     import scipy.linalg  # noqa: F401 - compiled functions call its BLAS, which must be there to be limited
     from threadpoolctl import threadpool_limits
 
-    # The setting of JAX is for every thread: chains may run in several.
-    float64 = jax.config.jax_enable_x64
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
-    runtime.configure(one_core=True)
+    runtime.keep_to_one_core()
     try:
         # Loaded before this process kept to one core, BLAS has a thread on each, and chains were measured to
         # take three times as long.
         with threadpool_limits(1):
             yield
     finally:
-        jax.config.update("jax_enable_x64", float64)
         if cores is not None:
             os.sched_setaffinity(0, cores)

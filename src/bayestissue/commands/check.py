@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import typer
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
+from bayestissue.commands.console import echo, plain
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import Problem
 from bayestissue.report.check_page import check_page, kinds, quality_table
-from bayestissue.results import require_free, whole_folder
+from bayestissue.report.writing import after_results
+from bayestissue.results import Place, claim, whole_file
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 
@@ -31,19 +31,25 @@ def run(
     Raises:
         InputError: something is wrong with the dataset, or ``out`` is not free.
     """
-    if out is not None:
-        require_free(out, overwrite=overwrite)
+    if out is None:
+        _check(dataset, None, skip_bad=skip_bad, quiet=quiet, as_json=as_json)
+        return
+    with claim(out, overwrite=overwrite, command="check", inputs=(dataset,)) as place:
+        _check(dataset, place, skip_bad=skip_bad, quiet=quiet, as_json=as_json)
+
+
+def _check(dataset: Path, place: Place | None, *, skip_bad: bool, quiet: bool, as_json: bool) -> None:
     data = read_dataset(dataset, skip_bad=skip_bad)
     signal = displacements(data)
     quality = quality_table(data, signal)
+    if place is not None:
+        _write(place, data, signal, quality)
     if as_json:
-        typer.echo(json.dumps(_plain(data, signal, quality), default=str, ensure_ascii=False))
+        echo(json.dumps(_plain(data, signal, quality), default=str, ensure_ascii=False))
     elif not quiet:
         _print(data, signal, quality)
-    if out is not None:
-        _write(out, overwrite, data, signal, quality)
-        if not quiet and not as_json:
-            typer.echo(f"wrote {out / 'check.html'}")
+    if place is not None and not quiet and not as_json:
+        echo(f"wrote {place.path / 'check.html'}")
 
 
 def _verdict(data: Dataset, signal: Displacements) -> str:
@@ -78,18 +84,17 @@ def _warnings(data: Dataset, signal: Displacements) -> list[Problem]:
 
 def _print(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
     console = Console(highlight=False)
-    table = Table(
-        title=Text(f"{data.name}: {_verdict(data, signal)}"), show_header=False, title_justify="left"
-    )
+    title = plain(f"{data.name}: {_verdict(data, signal)}")
+    table = Table(title=title, show_header=False, title_justify="left")
     for name, words in _summary(data, quality):
-        table.add_row(name, Text(words))
+        table.add_row(name, plain(words))
     console.print(table)
     for heading, problems in (("Left out", data.left_out), ("Warnings", _warnings(data, signal))):
         if problems:
-            console.print(Text(f"{heading}:", style="bold"))
+            console.print(plain(f"{heading}:", style="bold"))
             for some in kinds(problems):
                 more = f" The same in {len(some) - 1} more impacts." if len(some) > 1 else ""
-                console.print(Text(f"  {some[0]}{more}"), soft_wrap=True)
+                console.print(plain(f"  {some[0]}{more}"), soft_wrap=True)
 
 
 def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:
@@ -121,13 +126,17 @@ def _range(values: pd.Series, unit: str) -> str:
     return f"{low:.6g}{unit}" if low == high else f"{low:.6g} to {high:.6g}{unit}"
 
 
-def _write(out: Path, overwrite: bool, data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
+def _write(place: Place, data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
     warnings = _warnings(data, signal)
     lists = [("left out", problem) for problem in data.left_out] + [("warning", p) for p in warnings]
     columns = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy"]
     problems = pd.DataFrame([{"severity": s, **p.as_dict()} for s, p in lists], columns=columns)
-    with whole_folder(out, overwrite=overwrite) as staging:
+    with place.folder() as staging:
         quality.to_csv(staging / "quality.csv", index=False)
         problems.astype({"row": "Int64"}).to_csv(staging / "problems.csv", index=False)
+    with (
+        after_results(place.path, "the same command with --overwrite repeats it"),
+        whole_file(place.path / "check.html") as staging,
+    ):
         page = check_page(data, signal, quality, verdict=_verdict(data, signal), warnings=warnings)
-        (staging / "check.html").write_text(page, encoding="utf-8")
+        staging.write_text(page, encoding="utf-8")

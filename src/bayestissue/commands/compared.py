@@ -7,8 +7,8 @@ from collections.abc import Iterable
 import pandas as pd
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
+from bayestissue.commands.console import plain
 from bayestissue.inference.meanings import told
 
 _DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
@@ -25,10 +25,10 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
         table = _table(str(scheme), ["run", *kinds], list(_DIGITS))
         for row in rows.to_dict("records"):
             numbers = [f"{row[k]:.{d}f}" if pd.notna(row[k]) else "" for k, d in _DIGITS.items()]
-            table.add_row(Text(row["model"]), *(row[name] for name in kinds), *numbers)
+            table.add_row(plain(row["model"]), *(plain(row[name]) for name in kinds), *numbers)
         console.print(table)
         for row in rows[rows["warning"] != ""].to_dict("records"):
-            console.print(Text(f"  {row['model']}: {row['warning']}"), soft_wrap=True)
+            console.print(plain(f"  {row['model']}: {row['warning']}"), soft_wrap=True)
     people = posteriors[posteriors["label"] != ""]
     few = people["label"].nunique() <= _PEOPLE
     shown = posteriors if few else posteriors[posteriors["label"] == ""]
@@ -44,18 +44,20 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
 
 def _print_intervals(console: Console, title: str, table: pd.DataFrame, names: Iterable[str]) -> None:
     """Each quantity with what its intervals are of, and under it a line for each of ``names``."""
-    console.print(Text(f"{title}: median and 90 % interval", style="italic"))
+    console.print(plain(f"{title}: median and 90 % interval", style="italic"))
     rows = table.assign(name=list(names))
     for (variable, of, label, unit), own in rows.groupby(["variable", "of", "label", "unit"], sort=False):
-        console.print(Text(told(variable, of, label) + ("" if unit == "1" else f" ({unit})")), soft_wrap=True)
+        console.print(
+            plain(told(variable, of, label) + ("" if unit == "1" else f" ({unit})")), soft_wrap=True
+        )
         width = own["name"].str.len().max()
         for row in own.to_dict("records"):
             median, low, high = (f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high"))
-            console.print(Text(f"  {row['name']:{width}}  {median}, {low} to {high}"), soft_wrap=True)
+            console.print(plain(f"  {row['name']:{width}}  {median}, {low} to {high}"), soft_wrap=True)
 
 
 def _table(title: str, words: list[str], numbers: list[str]) -> Table:
-    table = Table(title=Text(title), title_justify="left")
+    table = Table(title=plain(title), title_justify="left")
     for name in (*words, *numbers):
         table.add_column(_HEADINGS.get(name, name), justify="right" if name in numbers else "left")
     return table

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import json
-import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import typer
 
 from bayestissue import results, runtime
 from bayestissue.inference.second_core import SecondCore
@@ -23,7 +20,7 @@ def run(
     dataset: Path,
     *,
     out: Path,
-    model: Path | None,
+    model: str | Path | None,
     seed: int,
     skip_bad: bool,
     overwrite: bool,
@@ -37,14 +34,17 @@ def run(
     Raises:
         InputError: the dataset, the model file or ``out`` are not usable; before any sampling.
     """
-    results.require_free(out, overwrite=overwrite)
     runtime.configure(one_core=True)
-    with SecondCore() as core:
+    with (
+        results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as place,
+        SecondCore() as core,
+    ):
         core.start()
-        from bayestissue.commands.console import Stages
+        from bayestissue.commands.console import Stages, echo
         from bayestissue.dataset import read_dataset
         from bayestissue.fitting import fit_prepared, resolve, write_run
         from bayestissue.hierarchy.trace_data import prepare
+        from bayestissue.report import draw_page
 
         specification, source = resolve("arma" if model is None else model)
         data = read_dataset(dataset, skip_bad=skip_bad)
@@ -53,19 +53,16 @@ def run(
         prepared = prepare(data, specification, source=source)
         if not quiet:
             _say_what_is_told(prepared)
-        kept = results.unfinished(out, _fingerprint(data, specification, seed))
+        job = _fingerprint(data, specification, seed)
         with Stages(quiet=quiet) as say:
-            try:
+            with place.unfinished(job) as kept:
                 fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept, core=core)
-            except KeyboardInterrupt:
-                if not quiet:
-                    typer.echo("interrupted; run the same command again to go on from here", err=True)
-                raise
-            with results.whole_folder(out, overwrite=overwrite) as folder:
-                write_run(fit, folder, say)
-        shutil.rmtree(kept, ignore_errors=True)
+                with place.folder() as folder:
+                    write_run(fit, folder, say)
+            say("writing the report", 0, 1)
+            draw_page(place.path)
         if not quiet:
-            typer.echo(f"{fit.verdict}\nwrote {out / 'report.html'}")
+            echo(f"{fit.verdict}\nwrote {place.path / 'report.html'}")
         return bool(fit.diagnostics["passed"])
 
 
@@ -91,13 +88,14 @@ def _without_short(data: Dataset, specification: ModelSpecification, source: str
 
 def _say_what_is_told(prepared: Prepared) -> None:
     """What these data can't tell, before the work begins."""
+    from bayestissue.commands.console import echo
     from bayestissue.hierarchy.formula import left_out_words
     from bayestissue.inference.meanings import ONE_IMPACT
 
     if words := left_out_words(prepared.design.terms_left_out()):
-        typer.echo(words)
+        echo(words)
     if len(prepared.impacts) == 1:
-        typer.echo(ONE_IMPACT)
+        echo(ONE_IMPACT)
 
 
 def _fingerprint(data: Dataset, specification: ModelSpecification, seed: int) -> str:

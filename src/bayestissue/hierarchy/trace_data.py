@@ -238,6 +238,14 @@ def _record(
     return displacement_record(signal.x, *start, errors), peak
 
 
+def common_depth(signal: Displacements) -> float:
+    """The smallest of the greatest depths that the recorded windows show [m].
+
+    It comes from the recordings, so that it is one number: the same for every impact and every draw.
+    """
+    return float((signal.x.max(axis=1) + signal.equilibrium).min())
+
+
 def _element_record(
     dataset: MeasuredImpacts,
     specification: ModelSpecification,
@@ -264,6 +272,8 @@ def _element_record(
         besides = {"before": before, "n_before": np.minimum(signal.n_before, reach)}
         besides["quiet_sd"] = np.maximum(signal.noise_sd, 1e-12)
         contact_sd, uniform = reach * signal.dt / np.sqrt(12), np.ones_like(uniform)
+    if specification.discrepancy == "always" or not element(specification.element).linear:
+        besides["common_depth"] = np.full(len(size), common_depth(signal))
     record = ElementRecord.of(
         signal.deceleration,
         signal.n_samples,

@@ -17,11 +17,11 @@ from bayestissue.hierarchy.traces import (
     element_parameters,
     physical,
 )
+from bayestissue.inference.static_force import at_common_depth, whole_at_common_depth, whole_impact
 from bayestissue.likelihood.deceleration import MeasuredDeceleration
-from bayestissue.likelihood.discrepancy import integrals
 from bayestissue.likelihood.displacement import MeasuredDisplacement
 from bayestissue.likelihood.element_impact import MeasuredImpact
-from bayestissue.likelihood.element_response import CONTACT, VELOCITY, ElementRecord, motion
+from bayestissue.likelihood.element_response import CONTACT, VELOCITY, ElementRecord
 
 COMPARABLE = {
     "K_tangent": ("N/m", "slope of the force with penetration at contact"),
@@ -29,6 +29,9 @@ COMPARABLE = {
     "C_equivalent": ("N s/m", "damping of the spring and damper that lose as much from contact to peak"),
     "energy_lost": ("1", "share of the impactor's energy that it has lost when it leaves"),
 }
+# Of elements whose stiffness depends on depth, and of any with a discrepancy.
+COMMON_DEPTH = "K_common_depth"
+_AT_ONE_DEPTH = "static force over depth at the one depth, common_depth_m, that every impact reaches"
 _DISCREPANCY = "rms of the force beside the element's, relative to the trace's peak"
 
 
@@ -69,7 +72,7 @@ def element_quantities(
 
     omega_n = sqrt(K_secant / M) and zeta = C_equivalent / (2 sqrt(K_secant M)). Force is in proportion to K
     and C together, so that an error of the mass moves all stiffnesses and dampings alike. With a discrepancy
-    K_secant is that of element and discrepancy together, and the rest the element's own.
+    K_secant and K_common_depth are those of element and discrepancy together, and the rest the element's own.
     Of autoregressive noise there are its correlation and, as sigma_d, its own standard deviation, not its
     shocks'. Nothing for a record that is of spring and damper side by side alone.
     """
@@ -81,51 +84,27 @@ def element_quantities(
     own = {**p, "diameter_m": record.diameter}
     found = comparables_of(which, own, record.mass, record.velocity + measured.chain_error[:, VELOCITY])
     heavier = jnp.exp(mass_error)
-    further = {}
+    further, common = {}, None
     if measured.impact is not None and measured.discrepancy is not None:
-        both = secant_with(measured.impact, measured.discrepancy, measured.chain_error[:, VELOCITY])
-        found = found._replace(K_secant=both)
+        whole = whole_impact(measured.impact, measured.discrepancy, measured.chain_error[:, VELOCITY])
+        found = found._replace(K_secant=whole.secant)
         further = {"discrepancy": jnp.exp(u[-1])}
+        if record.common_depth is not None:
+            common = whole_at_common_depth(measured.impact, whole, record.common_depth)
+    elif record.common_depth is not None:
+        common = at_common_depth(which, own, record.common_depth)
     if model.autoregressive:
         log_sigma = physical(model, data, u).log_sigma
         further = {"noise_correlation": jnp.tanh(u[-1]), "sigma_d": jnp.exp(log_sigma) * jnp.cosh(u[-1])}
     return {
         **{parameter.name: p[parameter.name] for parameter in which.extra},
         **{name: getattr(found, name) * heavier for name in ("K_tangent", "K_secant", "C_equivalent")},
+        **({} if common is None else {COMMON_DEPTH: common * heavier}),
         "energy_lost": found.energy_lost,
         "omega_n": jnp.sqrt(found.K_secant / record.mass),
         "zeta": found.C_equivalent / (2 * jnp.sqrt(found.K_secant * record.mass)),
         **further,
     }
-
-
-def secant_with(
-    measured: MeasuredImpact, delta: Float[Array, "impact sample"], velocity_error: Float[Array, " impact"]
-) -> Float[Array, " impact"]:
-    """M a / x at the greatest penetration, a = d + delta being the whole deceleration [N/m].
-
-    Velocity and penetration are the element's less delta's integrals. The moment lies v / a after the sample
-    whose velocity v is nearest to 0, in the window or a little past its end; a goes there along its slope.
-
-    Args:
-        measured: the element's impact and its record.
-        delta: the discrepancy [m/s^2].
-        velocity_error: of the velocity at contact [m/s].
-    """
-    record = measured.record
-    own = motion(measured.element, measured.parameters, record, record.velocity + velocity_error)
-    slower, nearer = integrals(delta, record.first_time, record.dt)
-    x, v, a = own.x - nearer, own.v - slower, own.d + delta
-    last = jnp.argmin(jnp.where(record.inside(), jnp.abs(v), jnp.inf), axis=1)[:, None]
-
-    def at(values: Array, place: Array = last) -> Array:
-        return jnp.take_along_axis(values, place, axis=1)[:, 0]
-
-    before, after = jnp.maximum(last - 1, 0), jnp.minimum(last + 1, record.n_samples[:, None] - 1)
-    slope = (at(a, after) - at(a, before)) / ((after - before)[:, 0] * record.dt)
-    wait = at(v) / at(a)
-    peak = at(x) + at(v) * wait / 2
-    return record.mass * (at(a) + slope * wait) / peak
 
 
 def element_attributes() -> dict[str, dict[str, str]]:
@@ -145,6 +124,10 @@ def element_attributes() -> dict[str, dict[str, str]]:
         "sd_discrepancy": {"unit": "1", "long_name": "standard deviation of that log between impacts"},
     }
     table |= {name: {"unit": unit, "long_name": meaning} for name, (unit, meaning) in COMPARABLE.items()}
+    table[COMMON_DEPTH] = {"unit": "N/m", "long_name": _AT_ONE_DEPTH}
+    for name, which in ((COMMON_DEPTH, _AT_ONE_DEPTH), ("K_secant", "that at each impact's greatest depth")):
+        meaning = f"slope of the log of the stiffness on log mass, all else equal: {which}"
+        table[f"mass_exponent_{name}"] = {"unit": "1", "long_name": meaning}
     for name in element_names():
         for parameter in element(name).extra:
             own, log = parameter.name, f"log_{parameter.name}"
@@ -158,4 +141,4 @@ def element_attributes() -> dict[str, dict[str, str]]:
 def per_impact() -> tuple[str, ...]:
     """Names of the variables of an impact that elements have besides K and C."""
     extras = (parameter.name for name in element_names() for parameter in element(name).extra)
-    return (*COMPARABLE, *dict.fromkeys(extras), "discrepancy", "noise_correlation")
+    return (*COMPARABLE, COMMON_DEPTH, *dict.fromkeys(extras), "discrepancy", "noise_correlation")

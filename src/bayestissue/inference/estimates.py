@@ -73,8 +73,10 @@ def estimates_table(dataset: Dataset, signal: Displacements, method: Method) -> 
         np.hypot(whole.K_se, whole.K_signed * mass_sd),
         np.hypot(whole.C_se, whole.C_signed * mass_sd),
     )
-    K_low, K_high = interval(whole.K_signed, K_se, signal.n_samples)
-    C_low, C_high = interval(whole.C_signed, C_se, signal.n_samples)
+    # An impact without an estimate has no interval either.
+    has = np.isfinite(whole.K)
+    K_low, K_high = interval(np.where(has, whole.K_signed, np.nan), K_se, signal.n_samples)
+    C_low, C_high = interval(np.where(has, whole.C_signed, np.nan), C_se, signal.n_samples)
     table = dataset.impacts[["impact", "subject", "trial", "mass_kg"]].assign(
         velocity_m_s=signal.velocity,
         n_samples=signal.n_samples,
@@ -111,7 +113,8 @@ def interval(
     """The interval that should hold the truth with this probability, by Student's t with n - 5 degrees.
 
     K and C are all but linear in phi1 and phi2, in which the residuals are exactly linear: so the interval
-    is laid symmetrically around the estimate, also one below zero, and what lies below zero is cut off.
+    is laid symmetrically around the estimate, also one below zero, and what lies below zero is cut off. Where
+    nothing is left above zero there is no interval.
 
     Args:
         estimate: `PointFit.K_signed` or `PointFit.C_signed`.
@@ -120,10 +123,11 @@ def interval(
         probability: of holding the truth, when the noise is as the fit assumes.
 
     Returns:
-        Lower and upper end, NaN where there is no standard error.
+        Lower and upper end, NaN where there is no interval or no standard error.
     """
     reach = stdtrit(np.maximum(n_samples - 5, 1), (1 + probability) / 2) * error
-    return np.maximum(estimate - reach, 0), np.maximum(estimate + reach, 0)
+    high = np.where(estimate + reach > 0, estimate + reach, np.nan)
+    return np.where(np.isfinite(high), np.maximum(estimate - reach, 0), np.nan), high
 
 
 def _spread(column: np.ndarray, rows: np.ndarray) -> np.ndarray:

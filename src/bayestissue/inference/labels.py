@@ -58,6 +58,7 @@ _TRACE_ATTRIBUTES = {
         ("contact_time_error_sd", "s", "standard deviation of the error of the contact time"),
         ("mass_kg", "kg", "recorded mass"),
         ("velocity_m_s", "m/s", "recorded velocity at contact"),
+        ("common_depth_m", "m", "depth that every impact reaches, that of K_common_depth"),
         ("n_samples", "1", "samples in the window"),
         ("sampling_interval_s", "s", "sampling interval"),
         ("first_sample_s", "s", "time from contact to the first sample"),

@@ -32,6 +32,8 @@ _OF_IMPACTS = {
 }
 
 
+# Where K depends on depth, these have mass exponents of their own.
+SECANTS = {"K_common_depth": "K at the common depth", "K_secant": "K at each impact's greatest depth"}
 ONE_IMPACT = (
     "One impact tells nothing of how impacts differ. Its own K and C come from its trace; what is said of "
     "its person or of a new impact comes from the priors."
@@ -80,7 +82,8 @@ def _table(of: dict[str, str]) -> dict[str, Meaning]:
         for name, what in _COMPARABLE.values()
         for pattern, words in _OF_IMPACTS.items()
     }
-    exponents = {f"mass_exponent_{q}": Meaning(f"mass exponent of {q}", "") for q in QUANTITIES}
+    slopes = {**{q: q for q in QUANTITIES}, **SECANTS}
+    exponents = {f"mass_exponent_{q}": Meaning(f"mass exponent of {what}", "") for q, what in slopes.items()}
     return own | comparable | exponents
 
 

@@ -12,18 +12,18 @@ import xarray as xr
 
 from bayestissue.inference.comparison import COLUMNS as SCORES
 from bayestissue.inference.comparison import by_importance
+from bayestissue.inference.element_draws import element_attributes
 from bayestissue.inference.implied import UNITS, comparable_draws
 from bayestissue.inference.labels import ATTRIBUTES
 from bayestissue.inference.meanings import meaning
+from bayestissue.inference.secant_population import EXPONENTS_OF_SECANTS
 from bayestissue.inference.trace_scores import SCHEMES, densities_of
 
 COMPARISON_COLUMNS = [SCORES[0], "data", *SCORES[1:]]
 POSTERIOR_COLUMNS = ["variable", "label", "of", "unit", "run", "median", "eti90_low", "eti90_high"]
 _TYPICAL = {"K_typical_person": "intercept_K", "C_typical_person": "intercept_C"}
-COMPARED = (
-    *("mass_exponent_K", "mass_exponent_C", *UNITS, *_TYPICAL),
-    *("K_new", "C_new", "K_subject", "C_subject"),
-)
+EXPONENTS = ("mass_exponent_K", *EXPONENTS_OF_SECANTS, "mass_exponent_C")
+COMPARED = (*EXPONENTS, *UNITS, *_TYPICAL, "K_new", "C_new", "K_subject", "C_subject")
 _ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
 # Far above rounding, far below any recorder's resolution.
 _SAME = 1e-9
@@ -132,10 +132,11 @@ def _data_names(groups: Sequence[Sequence[FinishedRun]]) -> list[str]:
 def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     """Median and 90 % interval of what every run estimates, whatever its likelihood is a density of.
 
-    Mass exponents; the secant stiffness and equivalent damping of the recorded impacts, which mean the same
-    for every element; and K and C of a typical person, of a new impact on a new person and of every person,
-    at the run's own reference mass. ``of`` says what an interval is of: that of these impacts together is
-    narrow however much people differ. A run whose model lacks a quantity has no row for it.
+    Mass exponents, of K also that at a common depth where K depends on depth; the secant stiffness and
+    equivalent damping of the recorded impacts, which mean the same for every element; and K and C of a
+    typical person, of a new impact on a new person and of every person, at the run's own reference mass.
+    ``of`` says what an interval is of: that of these impacts together is narrow however much people differ.
+    A run whose model lacks a quantity has no row for it.
 
     Returns:
         `POSTERIOR_COLUMNS`, the rows of one quantity together.
@@ -162,7 +163,7 @@ def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
             flat.reshape(-1, array.sizes["subject"] if each else 1), [5, 50, 95], axis=0
         )
         labels = array["subject"].astype(str).to_numpy().tolist() if each else [""]
-        unit = UNITS.get(name) or ATTRIBUTES[name]["unit"]
+        unit = UNITS.get(name) or (ATTRIBUTES | element_attributes())[name]["unit"]
         of = meaning(name, people=people).of
         table = pd.DataFrame(
             {"label": labels, "median": median, "eti90_low": low, "eti90_high": high, "variable": name}

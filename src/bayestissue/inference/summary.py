@@ -52,15 +52,16 @@ def _of_halves(posterior: xr.Dataset, helper: Helper) -> pd.DataFrame:
 
 
 def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
-    labels = array.dims[2]
-    draws = array.transpose("chain", "kept_draw", labels).to_numpy()
+    each = array if len(array.dims) > 2 else array.expand_dims({"": [""]}, axis=2)
+    labels = each.dims[2]
+    draws = each.transpose("chain", "kept_draw", labels).to_numpy()
     draws = draws.reshape(-1, draws.shape[2])
     sd = draws.std(0, ddof=1, dtype=float)
     # By the usual rule 90 % intervals of a hundred draws would hold 88 %.
     quantiles = np.quantile(draws, list(QUANTILES.values()), axis=0, method="weibull")
     columns = {
         "variable": name,
-        "label": array[labels].to_numpy().astype(str),
+        "label": each[labels].to_numpy().astype(str),
         "unit": array.attrs.get("unit", ""),
         "mean": draws.mean(0, dtype=float),
         "sd": sd,

@@ -20,6 +20,7 @@ from bayestissue.inference.element_draws import per_impact
 from bayestissue.inference.labels import labelled, labelled_statistics, of_one_person
 from bayestissue.inference.many_kept import some_impacts, some_of
 from bayestissue.inference.sampling import Draws
+from bayestissue.inference.secant_population import EXPONENTS_OF_SECANTS, mass_exponents_of_secants
 from bayestissue.inference.trace_draws import Unfolded, named_sites
 from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, predicted, prior_draws, replicates
 from bayestissue.likelihood.deceleration import DecelerationRecord
@@ -58,9 +59,12 @@ def posterior_tree(
             labelled,
             dimensions=_dimensions(),
             coordinates={**_coordinates(whole), "kept_draw": unfolded.kept},
-            kept=frozenset({*PER_IMPACT, *(name for names in ERRORS.values() for name in names)}),
+            kept=frozenset(
+                {*PER_IMPACT, *EXPONENTS_OF_SECANTS, *(name for names in ERRORS.values() for name in names)}
+            ),
         )
     quantities = _quantities(whole, unfolded.sites, unfolded.impacts, rng)
+    quantities |= mass_exponents_of_secants(whole.design, unfolded)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
     priors = compiled_quickly()(specification.priors.log_densities)(
         {k: v for k, v in unfolded.sites.items() if k in quantities}
@@ -148,7 +152,10 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     first = np.asarray(prepared.data.record.first_time)
     time = first[:, None] + np.arange(signal.x.shape[1]) * signal.dt[:, None]
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    record = prepared.data.record
+    depth = record.common_depth if isinstance(record, ElementRecord) else None
     return {
+        **({} if depth is None else {"common_depth_m": np.asarray(depth)[0]}),
         "time": np.where(inside, time, np.nan),
         "mass_kg": signal.mass,
         "velocity_m_s": signal.velocity,

@@ -20,6 +20,7 @@ from bayestissue.inference.ahead import second_process
 from bayestissue.inference.compiling import PREDICTIONS, Helper
 from bayestissue.inference.diagnostics import diagnose
 from bayestissue.inference.early_form import plainly_wrong
+from bayestissue.inference.element_draws import COMMON_DEPTH
 from bayestissue.inference.exact_path import exact_draws
 from bayestissue.inference.interval_sources import interval_sources
 from bayestissue.inference.labels import statistics_of_transitions
@@ -166,7 +167,7 @@ def analyse(
     posterior = tree["posterior"].dataset
     exponents = {
         q: posterior[f"mass_exponent_{q}"].to_numpy()
-        for q in derived.RESPONSES
+        for q in (*derived.RESPONSES, COMMON_DEPTH, "K_secant")
         if f"mass_exponent_{q}" in posterior
     }
     say("checking and scoring", 0, 1)

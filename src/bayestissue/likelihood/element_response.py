@@ -39,6 +39,8 @@ class ElementRecord(NamedTuple):
             it is not it may be in any of these cells: see `bayestissue.likelihood.contact_cells`.
         n_before: how many of these samples were recorded and count.
         quiet_sd: standard deviation of the recorder's noise, as a quiet part has it [m/s^2].
+        common_depth: one depth that every impact reaches [m]; no part of the likelihood. None where stiffness
+            does not depend on depth.
     """
 
     d: Float[Array, "impact sample"]
@@ -56,6 +58,7 @@ class ElementRecord(NamedTuple):
     before: Float[Array, "cell impact width"] | None = None
     n_before: Int[Array, " impact"] | None = None
     quiet_sd: Float[Array, " impact"] | None = None
+    common_depth: Float[Array, " impact"] | None = None
 
     @classmethod
     def of(cls, *arrays: np.ndarray, **named: np.ndarray) -> ElementRecord:

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from bayestissue.dataset import Dataset
 from bayestissue.errors import Problem
 from bayestissue.report.page import figure, render_page
-from bayestissue.report.style import FAINT, MUTED, PALETTE, new_figure, style
+from bayestissue.report.style import FAINT, MUTED, PALETTE, new_figure, shown, style
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.signal import Displacements
 
@@ -106,7 +106,7 @@ def _sheet(dataset: Dataset, signal: Displacements, which: np.ndarray) -> Markup
         fig, axes = new_figure((9.6, 0.5 + 1.75 * rows), rows, _COLUMNS, squeeze=False)
         for ax, index in zip(axes.flat, which, strict=False):
             _panel(ax, dataset, signal, int(index))
-            ax.set_title(f"{names[index]}", fontsize=8)
+            ax.set_title(shown(names[index]), fontsize=8)
         for ax in axes.flat[len(which) :]:
             ax.remove()
         handles, labels = axes[0, 0].get_legend_handles_labels()

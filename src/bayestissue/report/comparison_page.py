@@ -78,6 +78,7 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
         best=best_of_each_data(comparison),
         unsure=unsure_words(comparison),
         apart=apart_words(comparison),
+        at_depth=bool((posteriors["variable"] == "mass_exponent_K_common_depth").any()),
         exponents={q: exponent_rows(posteriors, names, q) for q in ("K", "C")},
         alike=alike,
         new={q: quantity_rows(posteriors, names, variable) for q, variable in shown.items()},
@@ -176,11 +177,17 @@ def quantity_rows(posteriors: pd.DataFrame, runs: list[str], variable: str) -> l
 
 
 def exponent_rows(posteriors: pd.DataFrame, runs: list[str], quantity: str) -> list[dict[str, str]]:
-    """The mass exponent of K or C by run."""
-    table = posteriors[posteriors["variable"] == f"mass_exponent_{quantity}"].set_index("run")["median"]
+    """The mass exponent of K or C by run, of K that at the common depth in runs that have one."""
+    own, common = f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth"
+    at_depth = posteriors.loc[posteriors["variable"] == common, "run"]
+    kept = (posteriors["variable"] == common) | (
+        (posteriors["variable"] == own) & ~posteriors["run"].isin(at_depth)
+    )
+    chosen = posteriors[kept].assign(variable=own)
+    table = chosen.set_index("run")["median"]
     return [
         {**row, "value": number(table[row["run"]], 2) if row["run"] in table else row["value"]}
-        for row in quantity_rows(posteriors, runs, f"mass_exponent_{quantity}")
+        for row in quantity_rows(chosen, runs, own)
     ]
 
 

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal, Protocol
 
 import numpy as np
 import pandas as pd
 
+from bayestissue.inference.meanings import SECANTS
 from bayestissue.report.wording import (
     UNITS,
     decimals_of,
@@ -21,6 +23,8 @@ from bayestissue.report.wording import (
 
 Quantity = Literal["K", "C"]
 QUANTITIES: tuple[Quantity, ...] = ("K", "C")
+# Of these K there is a mass exponent where K depends on depth.
+COMMON_DEPTH, OWN_DEPTH = SECANTS
 FIXED, CONSTANT = "fixed stiffness", "constant natural frequency"
 # Above this a hypothesis is spoken of as what the data say; below one minus this, as what they rule out.
 SURE = 0.9
@@ -114,8 +118,9 @@ def hypothesis_probability(run: PosteriorRun, quantity: str, hypothesis: str) ->
 
 def exponent_words(quantity: str, beta: Spread) -> str:
     """Where the interval of a mass exponent lies among 0 (fixed) and 1 (constant natural frequency)."""
-    fixed = "0 (fixed stiffness)" if quantity == "K" else "0 (fixed damping)"
-    constant = "1 (constant natural frequency)" if quantity == "K" else "1 (in proportion to mass)"
+    stiffness = quantity.startswith("K")
+    fixed = "0 (fixed stiffness)" if stiffness else "0 (fixed damping)"
+    constant = "1 (constant natural frequency)" if stiffness else "1 (in proportion to mass)"
     holds_fixed, holds_constant = beta.holds(0), beta.holds(1)
     if holds_fixed and holds_constant:
         return f"includes both {fixed} and {constant}"
@@ -159,14 +164,18 @@ def sureness(run: PosteriorRun) -> list[dict[str, str]]:
     ]
 
 
-def exponent_rows(run: PosteriorRun) -> list[dict[str, str]]:
-    """For K and for C: the mass exponent, its interval and what the interval holds, as text."""
+def exponent_rows(run: PosteriorRun, answering: Mapping[str, str] | None = None) -> list[dict[str, str]]:
+    """For K and for C: the mass exponent, its interval and what the interval holds, as text.
+
+    ``answering`` says by whose exponent, such as that of `COMMON_DEPTH` for K; by their own unless given.
+    """
     rows = []
     for quantity in QUANTITIES:
-        beta = exponent(run, quantity)
+        which = (answering or {}).get(quantity, quantity)
+        beta = exponent(run, which)
         if beta is not None:
-            fixed = hypothesis_probability(run, quantity, FIXED)
-            constant = hypothesis_probability(run, quantity, CONSTANT)
+            fixed = hypothesis_probability(run, which, FIXED)
+            constant = hypothesis_probability(run, which, CONSTANT)
             rows.append(
                 {
                     "quantity": quantity,

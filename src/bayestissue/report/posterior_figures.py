@@ -6,15 +6,15 @@ import numpy as np
 from markupsafe import Markup
 
 from bayestissue.report.page import figure
-from bayestissue.report.posterior import PosteriorRun
-from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, new_figure, style
+from bayestissue.report.posterior import SECANTS, PosteriorRun
+from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, new_figure, shown, style
 
 NAMES = {"K": "stiffness K", "C": "damping C"}
 
 
 def exponent_figure(run: PosteriorRun, quantity: str) -> Markup:
     """The posterior of a mass exponent, with the regions that count as 0 and as 1 in practice."""
-    draws = run.draws(f"mass_exponent_{quantity}")
+    draws, name = run.draws(f"mass_exponent_{quantity}"), SECANTS.get(quantity, quantity)
     rows = run.hypotheses.loc[
         (run.hypotheses["quantity"] == quantity) & run.hypotheses["value"].notna(), ["rope_low", "rope_high"]
     ]
@@ -27,14 +27,14 @@ def exponent_figure(run: PosteriorRun, quantity: str) -> Markup:
         for value in (0, 1):
             axes.axvline(value, color=REFERENCE, ls="--", lw=1.2)
         axes.set(
-            xlabel=f"mass exponent of {quantity} (no unit)",
+            xlabel=f"mass exponent of {name} (no unit)",
             yticks=[],
             xlim=(min(-0.25, draws.min() - 0.05), max(1.25, draws.max() + 0.05)),
         )
         axes.spines["left"].set_visible(False)
         return figure(
             fig,
-            f"Histogram of the posterior draws of the mass exponent of {quantity}; dashed lines at 0, which "
+            f"Histogram of the posterior draws of the mass exponent of {name}; dashed lines at 0, which "
             "is a fixed value, and at 1, which is proportion to mass; grey bands mark what counts as equal "
             "to them.",
         )
@@ -53,7 +53,10 @@ def effects_figure(run: PosteriorRun, quantity: str, level: str) -> Markup:
         axes.plot(median, height, "o", ms=5, mfc="white", color=POSTERIOR)
         axes.axvline(0, color=REFERENCE, ls="--", lw=1)
         axes.set(
-            xlabel=f"{quantity} off the typical {kind} (%)", yticks=height, yticklabels=labels, ylabel=kind
+            xlabel=f"{quantity} off the typical {kind} (%)",
+            yticks=height,
+            yticklabels=[shown(each) for each in labels],
+            ylabel=kind,
         )
         axes.grid(visible=False, axis="y")
         return figure(

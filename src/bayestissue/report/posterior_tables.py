@@ -8,6 +8,7 @@ from typing import Any
 
 import pandas as pd
 
+from bayestissue.report.posterior import SECANTS
 from bayestissue.report.tables import Row, Table, columns, lines, tag
 from bayestissue.report.wording import decimals_of, interval, number, probability, significant
 
@@ -17,7 +18,7 @@ def hypotheses_table(hypotheses: pd.DataFrame) -> Table:
     rows = [
         Row(
             (
-                line.quantity,
+                SECANTS.get(line.quantity, line.quantity),
                 line.hypothesis,
                 "" if math.isnan(line.value) else f"{line.value:g}",
                 _region(line.rope_low, line.rope_high),

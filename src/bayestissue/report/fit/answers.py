@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
+from bayestissue.report.fit.depth import answering
 from bayestissue.report.fit.estimates import (
     apparent_exponent,
     dds_ratio,
@@ -15,6 +16,7 @@ from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import (
     CONSTANT,
     FIXED,
+    OWN_DEPTH,
     QUANTITIES,
     SURE,
     Spread,
@@ -78,7 +80,10 @@ def mass_conclusion(run: FitRun) -> str:
         return "The mass of the impactor never varies here, so nothing can be said of its part."
     if exponent(run, "K") is None and exponent(run, "C") is None:
         return "This model has no mass exponent, so it can't tell whether K and C depend on the mass."
-    fixed = {q: hypothesis_probability(run, q, FIXED) for q in QUANTITIES if exponent(run, q) is not None}
+    by = answering(run)
+    fixed = {
+        q: hypothesis_probability(run, by[q], FIXED) for q in QUANTITIES if exponent(run, by[q]) is not None
+    }
     if min(fixed.values()) > SURE and len(fixed) > 1:
         word = likelihood_words(min(fixed.values()))
         return f"No dependence: {word} neither K nor C depends on the mass in practice."
@@ -86,9 +91,10 @@ def mass_conclusion(run: FitRun) -> str:
 
 
 def _one_conclusion(run: FitRun, quantity: str) -> str:
-    beta = exponent(run, quantity)
-    fixed = hypothesis_probability(run, quantity, FIXED)
-    constant = hypothesis_probability(run, quantity, CONSTANT)
+    which = answering(run)[quantity]
+    beta = exponent(run, which)
+    fixed = hypothesis_probability(run, which, FIXED)
+    constant = hypothesis_probability(run, which, CONSTANT)
     if beta is None:
         return ""
     if fixed > SURE:
@@ -120,12 +126,14 @@ def contrast_sentence(run: FitRun) -> Markup:
 
 
 def _made_by_method(run: FitRun, quantity: str) -> bool:
-    apparent, beta = apparent_exponent(run, quantity), exponent(run, quantity)
+    # The thesis's K is force over depth too, and no common depth's.
+    own = OWN_DEPTH if quantity == "K" and exponent(run, OWN_DEPTH) is not None else quantity
+    apparent, beta = apparent_exponent(run, quantity), exponent(run, own)
     if apparent is None or beta is None:
         return False
     slope = apparent.slope
     return (
-        hypothesis_probability(run, quantity, FIXED) > SURE
+        hypothesis_probability(run, own, FIXED) > SURE
         and not slope.holds(0)
         and abs(slope.median) > _WORTH_A_WORD
         and (slope.low > beta.high or slope.high < beta.low)

@@ -10,7 +10,7 @@ import numpy as np
 from bayestissue.hierarchy.formula import left_out_words
 from bayestissue.inference.meanings import ONE_IMPACT
 from bayestissue.report import model_words, posterior, posterior_tables, remarks
-from bayestissue.report.fit import answers, estimates, predictions, sources, tables, words
+from bayestissue.report.fit import answers, depth, estimates, predictions, sources, tables, words
 from bayestissue.report.fit.estimate_figures import estimates_figure
 from bayestissue.report.fit.population_figures import mass_figure, ranked_figure, spreads_figure
 from bayestissue.report.fit.prediction_figures import lag_one_figure, traces_figure, whiteness_figure
@@ -84,7 +84,9 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
             {**row, "one": answers.impact_sureness(run, row["quantity"])} for row in posterior.sureness(run)
         ],
         "held": answers.held_sentence(run),
-        "exponents": posterior.exponent_rows(run),
+        "exponents": posterior.exponent_rows(run, depth.answering(run)),
+        "common_depth": depth.depth_words(run),
+        "own_depth": depth.depth_sentence(run),
         "conclusion": answers.mass_conclusion(run),
         "contrast": answers.contrast_sentence(run),
     }
@@ -134,9 +136,10 @@ def _population(run: FitRun) -> dict[str, Any]:
         else [],
         "exponent_plots": [
             exponent_figure(run, quantity)
-            for quantity in posterior.QUANTITIES
+            for quantity in dict.fromkeys((*depth.answering(run).values(), posterior.OWN_DEPTH))
             if run.has(f"mass_exponent_{quantity}")
         ],
+        "depth_words": depth.further_words(run),
         "hypotheses_table": posterior_tables.hypotheses_table(run.hypotheses),
         "spreads_plot": spreads_figure(run),
         "population_table": posterior_tables.summary_table(run.summary, tables.population_names(run)),

@@ -19,6 +19,7 @@ from bayestissue.report.style import (
     REFERENCE,
     log_ticks,
     new_figure,
+    shown,
     style,
 )
 from bayestissue.report.wording import UNITS
@@ -48,7 +49,7 @@ def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
         axes.set(
             xlabel=f"{NAMES[quantity]} ({UNITS[quantity]})",
             yticks=height,
-            yticklabels=[names[place] for place in order],
+            yticklabels=[shown(names[place]) for place in order],
             ylabel=GROUPS[level],
             ylim=(-0.6, order.size - 0.4),
         )

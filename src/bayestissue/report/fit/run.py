@@ -70,7 +70,8 @@ class FitRun:
 
     def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
         """All draws of ``variable``, [draw, ...]: chains one after the other."""
-        array = self.groups[group][variable].transpose("chain", "draw", ...)
+        array = self.groups[group][variable]
+        array = array.transpose("chain", "kept_draw" if "kept_draw" in array.dims else "draw", ...)
         return array.to_numpy().reshape(-1, *array.shape[2:])
 
     def has(self, variable: str, group: str = "posterior") -> bool:

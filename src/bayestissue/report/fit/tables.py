@@ -173,4 +173,5 @@ def population_names(run: FitRun) -> tuple[str, ...]:
         for name in dict.fromkeys(run.summary["variable"])
         if str(name).startswith(("effect_of_", "covariate_effect_"))
     ]
-    return (*own, *covariates, *others)
+    secants = ("mass_exponent_K_common_depth", "mass_exponent_K_secant")
+    return (*own, *secants, *covariates, *others)

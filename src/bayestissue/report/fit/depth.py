@@ -1,0 +1,86 @@
+"""K's dependence on the mass where K depends on depth: at one depth, and at each impact's greatest depth."""
+
+from __future__ import annotations
+
+import numpy as np
+from markupsafe import Markup
+
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.posterior import (
+    COMMON_DEPTH,
+    FIXED,
+    OWN_DEPTH,
+    QUANTITIES,
+    SURE,
+    Spread,
+    exponent,
+    hypothesis_probability,
+)
+from bayestissue.report.wording import significant
+
+_ASSUMED = (
+    "Beside a discrepancy the damper's part of the force at that depth is told by the force's slope at the "
+    "greatest depth, where the velocity is 0. It is assumed that the damper is the same at all depths."
+)
+_DAMPER = "C's exponent is that of the damping constant in the element's law, so the depth has no part in it."
+
+
+def has_common_depth(run: FitRun) -> bool:
+    """Whether the run tells K's mass exponent at a depth that all impacts reach."""
+    return run.has(f"mass_exponent_{COMMON_DEPTH}") and "common_depth_m" in run.groups["constant_data"]
+
+
+def answering(run: FitRun) -> dict[str, str]:
+    """For K and for C, by whose mass exponent the page answers: K's is that at a common depth, if any."""
+    return {q: COMMON_DEPTH if q == "K" and has_common_depth(run) else q for q in QUANTITIES}
+
+
+def depth_words(run: FitRun) -> str:
+    """The common depth, as "6.9 mm"; empty where K does not depend on depth."""
+    if not has_common_depth(run):
+        return ""
+    return f"{significant(1e3 * float(run.constant('common_depth_m')), 2)}\N{NO-BREAK SPACE}mm"
+
+
+def depth_sentence(run: FitRun) -> Markup:
+    """What K's exponent is at each impact's own greatest depth, and why that is another one; empty without.
+
+    That heavier impactors go deeper is read off the recorded displacements.
+    """
+    common, own = exponent(run, COMMON_DEPTH), exponent(run, OWN_DEPTH)
+    if not has_common_depth(run) or common is None or own is None:
+        return Markup()
+    told = Markup(
+        "K is force over depth at {}, which every impact reaches. At each impact's own greatest depth "
+        "K ∝ M<sup>{}</sup> ({})"
+    ).format(depth_words(run), own.value, own.range)
+    return Markup("{}{}").format(told, _meaning(run, common, own))
+
+
+def _meaning(run: FitRun, common: Spread, own: Spread) -> str:
+    where = _where(run, own)
+    if own.holds(0) or not where:
+        return "."
+    if not common.holds(0):
+        return f": {where}; but the law itself differs between the masses too."
+    if hypothesis_probability(run, COMMON_DEPTH, FIXED) > SURE:
+        return f": the tissue's law is the same for every mass; {where}."
+    return f": a law that is the same for every mass explains it; {where}."
+
+
+def _where(run: FitRun, own: Spread) -> str:
+    """How depth goes with the mass, where that is what makes the exponent; else empty."""
+    depth = np.nanmax(run.groups["observed_data"]["displacement"].to_numpy(), axis=1)
+    log_mass = np.log(run.constant("mass_kg"))
+    deeper = float(np.cov(log_mass, np.log(depth))[0, 1]) > 0
+    if deeper == (own.median > 0):
+        stiffer = "deeper, where it is stiffer" if deeper else "less deep, where it is softer"
+        return f"heavier impactors go {stiffer}"
+    return ""
+
+
+def further_words(run: FitRun) -> list[str]:
+    """What is assumed of the force at the common depth, and what C's exponent is; nothing without one."""
+    if not has_common_depth(run):
+        return []
+    return [_ASSUMED, _DAMPER] if run.about.get("discrepancy") else [_DAMPER]
