@@ -80,7 +80,7 @@ def side_by_side_figure(
         return figure(
             fig,
             f"{NAMES[quantity]} by run: "
-            f"{'; '.join(told(variable, rows['of'].iloc[0]) for variable, rows in shown)}; "
+            f"{'; '.join(told(variable, rows['of'].iloc[0]) for variable, rows in parts)}; "
             "posterior median and 90 % interval, a colour and a mark for each run.",
         )
 
