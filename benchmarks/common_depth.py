@@ -34,7 +34,8 @@ from coverage_fit import Fits
 from bayestissue import runtime
 from bayestissue.elements import element
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.inference.secant_population import mass_exponents_of_secants
+from bayestissue.inference.secant_exponents import mass_exponents_of_secants
+from bayestissue.inference.secant_population import of_secant
 from bayestissue.simulation import Simulation, simulate
 
 CAMPAIGNS = 100
@@ -109,7 +110,8 @@ def measure(case: str, campaigns: int, seconds: float) -> None:
         fits = fits or Fits(model_of(case), dataset, least=128)
         prepared = fits.prepared(dataset)
         found, correction = fits.fit(prepared, number)
-        exponents = mass_exponents_of_secants(prepared.design, found)
+        found = of_secant(prepared, found)
+        exponents = mass_exponents_of_secants(prepared, found, number)
         exponents["mass_exponent_C"] = found.sites["mass_exponent_C"]
         rows = []
         for name, draws in exponents.items():

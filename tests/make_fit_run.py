@@ -29,12 +29,14 @@ def make_fit_run(
     likelihood: str = "a2",
     quantity: str = "deceleration",
     coloured: bool = False,
+    own_depth: float | None = None,
     seed: int = 1,
 ) -> Path:
     """Write every file that a fit writes into ``folder``.
 
     ``exponent`` is the posterior's mean mass exponent of K (C's is 0), None for a model without one;
-    ``coloured`` noise is a running mean of two samples.
+    ``coloured`` noise is a running mean of two samples; with ``own_depth``, K's exponent at each impact's own
+    greatest depth, ``exponent`` is that at a common depth.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
@@ -44,6 +46,10 @@ def make_fit_run(
     }
     posterior = _posterior(rng, impacts, true, exponent, likelihood)
     traces = _traces(rng, impacts, true, coloured, likelihood)
+    if own_depth is not None:
+        posterior["mass_exponent_K_common_depth"] = posterior["mass_exponent_K"]
+        posterior["mass_exponent_K_secant"] = posterior["mass_exponent_K"] + own_depth - (exponent or 0.0)
+        traces["constant_data"]["common_depth_m"] = 0.0123
     xr.DataTree.from_dict({"posterior": posterior, **traces}).to_netcdf(
         folder / "posterior.nc", engine="h5netcdf"
     )
@@ -156,7 +162,8 @@ def _tables(rng, impacts, true, posterior, exponent) -> dict[str, pd.DataFrame]:
     exact = own.assign(**{COLUMN[q]: true[q] * (1 + 0.01 * rng.standard_normal(len(own))) for q in true})
     # As the thesis's method does: too large, and C growing with the mass.
     dds = own.assign(K_N_per_m=2 * true["K"], C_N_s_per_m=3 * true["C"] * own["mass_kg"] ** 0.5)
-    quantities = ("K", "C") if exponent is not None else ()
+    every = ("K", "C", "K_common_depth", "K_secant") if exponent is not None else ()
+    quantities = [q for q in every if f"mass_exponent_{q}" in posterior]
     slopes = {q: posterior[f"mass_exponent_{q}"].to_numpy() for q in quantities}
     hypotheses = [
         (q, name, value, value - 0.1, value + 0.1, float(np.mean(np.abs(slopes[q] - value) < 0.1)))

@@ -120,6 +120,37 @@ def test_the_callers_setting_is_as_it_was(in_a_fresh_interpreter):
     assert in_a_fresh_interpreter["on"]["after"] is True
 
 
+FIT = """
+import sys
+import bayestissue as bt
+import jax
+
+fit = bt.fit(bt.read_dataset(sys.argv[1]), sys.argv[2], seed=3)
+fit.summary.to_csv(sys.argv[3], index=False)
+assert not jax.config.jax_enable_x64
+assert {str(values.dtype) for values in fit.posterior["posterior"].data_vars.values()} == {"float64"}
+"""
+
+
+@pytest.mark.long
+def test_a_fit_in_a_fresh_interpreter_is_that_of_the_command(some_impacts: Path, tmp_path: Path):
+    model = tmp_path / "few.toml"
+    lines = ['name = "few"', 'likelihood = "a2"', "[formula]", 'K = "1"', 'C = "1"']
+    model.write_text("\n".join([*lines, "[sampler]", "chains = 2", "warmup = 100", "draws = 200"]))
+    environment = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"}
+    out = tmp_path / "run"
+    alone = [sys.executable, "-c", FIT, str(some_impacts), str(model), str(tmp_path / "summary.csv")]
+    command = [sys.executable, "-m", "bayestissue", "fit", str(some_impacts), "--model", str(model)]
+    for arguments in (alone, [*command, "--out", str(out), "--seed", "3", "--quiet"]):
+        # So few draws of so few impacts need not pass their diagnostics.
+        done = subprocess.run(arguments, capture_output=True, text=True, check=False, env=environment)  # noqa: S603
+        assert done.returncode in (0, 3), done.stderr
+    told, expected = pd.read_csv(tmp_path / "summary.csv"), pd.read_csv(out / "summary.csv")
+    assert told["variable"].tolist() == expected["variable"].tolist()
+    # The same draws, but for rounding errors that chains multiply: far below float32's, which lead elsewhere.
+    np.testing.assert_allclose(told["mean"], expected["mean"], rtol=1e-6)
+
+
 def test_a_transformation_in_float32_is_refused_and_in_float64_is_right():
     def there_and_back(w):
         return bt.to_continuous(*bt.to_discrete(w, 0.2, 1e-4), 1e-4)[0]

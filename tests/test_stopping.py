@@ -145,6 +145,15 @@ def test_worker_processes_end_with_the_process_that_began_them(
     assert list(tmp_path.iterdir()) == []
 
 
+def test_worker_processes_end_where_the_process_that_began_them_was_killed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    status, said, _ = stopped(BEGINS + WITH_WORKERS, number=signal.SIGKILL)
+    assert status == -signal.SIGKILL
+    assert not alive(int(said))
+
+
 def alive(pid: int) -> bool:
     for _ in range(50):
         try:

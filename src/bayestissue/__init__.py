@@ -6,7 +6,11 @@ The public names below load on first use, so that importing the package costs no
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+
+# As `typing` has it, whose import would be most of what this costs: no command can be stopped before.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
 
 _PUBLIC: dict[str, str] = {
     "Dataset": "bayestissue.dataset",

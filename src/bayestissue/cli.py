@@ -12,7 +12,7 @@ from typing import Annotated, Literal, NoReturn
 import typer
 
 from bayestissue import runtime, stopping
-from bayestissue.errors import InputError, PartialResultError
+from bayestissue.errors import InputError, PartialResultError, printable
 
 app = typer.Typer(
     name="bayestissue",
@@ -322,7 +322,7 @@ def main() -> None:
 def _leave(status: int, *said: str) -> NoReturn:
     with suppress(OSError):
         for line in said:
-            typer.echo(line, err=True)
+            typer.echo(printable(line, lines=True), err=True)
     try:
         _flush()
     except OSError:

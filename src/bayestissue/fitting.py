@@ -19,11 +19,12 @@ import xarray as xr
 from bayestissue import resources, results, runtime
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.hierarchy.trace_data import KINDS, Prepared, prepare, with_discrepancy
+from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.inference import model_form
 from bayestissue.inference.compiling import Result
-from bayestissue.inference.diagnostics import verdict_in_words
+from bayestissue.inference.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.inference.many_draws import MANY
+from bayestissue.inference.measuring_chain import judge
 from bayestissue.inference.second_core import SecondCore
 from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
 from bayestissue.outline import Rows, as_html, as_text, short, span
@@ -90,17 +91,24 @@ class Fit:
 
     @property
     def summary(self) -> pd.DataFrame:
-        """Mean, median, intervals, R-hat and effective sample sizes of every quantity: ``summary.csv``."""
+        """Mean, median, intervals, R-hat and effective sample sizes of every quantity: ``summary.csv``.
+
+        ``note`` says where an interval is none: see `bayestissue.inference.diagnostics.noted`.
+        """
         return self.analysis.summary
 
     @property
     def diagnostics(self) -> dict[str, Any]:
-        """Whether the sampler did its work (``passed``), and each check: ``diagnostics.json``."""
+        """Whether the sampler did its work (``passed``), and each check: ``diagnostics.json``.
+
+        Besides, what is in doubt whatever the sampler did: ``measuring_chain`` (see
+        `bayestissue.inference.measuring_chain.judge`) and ``model_form``.
+        """
         return self.analysis.diagnostics
 
     @property
     def verdict(self) -> str:
-        """The diagnostics in a sentence."""
+        """The diagnostics in a sentence, and in others what the model or its data leave in doubt."""
         return verdict_in_words(self.diagnostics)
 
     def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -202,6 +210,7 @@ def fit_prepared(
     started, clock = datetime.now(UTC), time.perf_counter()
     with SecondCore() if core is None else nullcontext(core) as core:
         estimates = _begun_estimates(dataset, specification, prepared, core)
+        plain = _without_discrepancy(dataset, specification, prepared)
         found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints, core=core)
         form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
         if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
@@ -211,9 +220,33 @@ def fit_prepared(
             analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
         else:
             analysis = found
+        say("judging the measuring chain", 0, 1)
+        if dataset.quantity != "displacement":
+            analysis = _with_chain(analysis, plain)
+        analysis = _with_notes(analysis)
         points = estimates()
     wall_time_s = time.perf_counter() - clock
     return Fit(dataset, specification, prepared, analysis, points, seed, started, wall_time_s)
+
+
+def _without_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
+    """The same fit without a discrepancy, which would take up what the measuring chain does to a trace."""
+    if not prepared.model.discrepancy:
+        return prepared
+    plain = specification.model_copy(update={"discrepancy": "none"})
+    return assemble(dataset, plain, prepared.design, prepared.signal)
+
+
+def _with_chain(analysis: TraceAnalysis, plain: Prepared) -> TraceAnalysis:
+    """The same with what the traces say of their measuring chain in its diagnostics."""
+    chain, diagnostics = judge(plain), dict(analysis.diagnostics)
+    if "model_form" in diagnostics:
+        diagnostics["model_form"] = model_form.with_chain(diagnostics["model_form"], chain)
+    return replace(analysis, diagnostics=diagnostics | ({"measuring_chain": chain} if chain else {}))
+
+
+def _with_notes(analysis: TraceAnalysis) -> TraceAnalysis:
+    return replace(analysis, summary=noted(analysis.summary, analysis.diagnostics))
 
 
 def _begun_estimates(
@@ -230,11 +263,16 @@ def point_estimates(
     dataset: Dataset, options: SignalOptions, signal: Displacements
 ) -> dict[str, pd.DataFrame]:
     """The tables of `estimate` by both methods, of displacements made with these options where they serve."""
-    from bayestissue.inference.estimates import default_options, estimate, estimates_table
+    from bayestissue.inference.estimates import default_options, estimates_table
+    from bayestissue.signal import displacements
+    from bayestissue.signal.quality import inspect
 
-    serves = options == default_options("exact")
-    exact = estimates_table(dataset, signal, "exact") if serves else estimate(dataset, method="exact")
-    return {"exact": exact, "dds": estimate(dataset, method="dds")}
+    found, tables = inspect(dataset, options), {}
+    for method in ("exact", "dds"):
+        own = default_options(method)
+        made = signal if own == options else displacements(dataset, own)
+        tables[method] = estimates_table(dataset, made, method, found)
+    return tables
 
 
 def _again(
@@ -298,8 +336,9 @@ def provenance(fit: Fit) -> dict[str, Any]:
         **_discrepancy(fit),
         "verdict": {
             "passed": fit.diagnostics["passed"],
+            "headline": headline(fit.diagnostics),
             "words": fit.verdict,
-            "warned": bool(fit.diagnostics.get("model_form", {}).get("structured", False)),
+            "warned": bool(warnings(fit.diagnostics)),
         },
     }
 

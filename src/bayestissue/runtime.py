@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
+import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import wraps
@@ -106,7 +107,13 @@ def keep_compiled() -> None:
     folder = Path(os.environ.get(_FOLDER) or user_cache_path("bayestissue") / f"compiled-{kind}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        usable = os.access(folder, os.W_OK)
     except OSError:
+        usable = False
+    # Such an entry that can't be written or read is compiled anew, which is no one's concern.
+    warnings.filterwarnings("ignore", "Error (writing|reading) persistent compilation cache entry")
+    if not usable:
+        os.environ.pop(_FOLDER, None)
         return
     os.environ[_FOLDER] = str(folder)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")

@@ -12,10 +12,15 @@ import gc
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+import time
 from contextlib import contextmanager
-from types import FrameType
-from typing import Any
+
+# As `typing` has it, whose import takes as long as all these together.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+    from types import FrameType
+    from typing import Any
 
 INTERRUPTED = 130
 # A step that must not be cut off lasts as long as two renames.
@@ -82,7 +87,13 @@ def whole_step() -> Iterator[None]:
         _hold_here()
 
 
-def begin_workers(function: Callable[[], Any], workers: int, **options: Any) -> Any:
+def begin_workers(
+    function: Callable[[], Any],
+    workers: int,
+    initializer: Callable[..., None],
+    initargs: tuple[Any, ...],
+    **options: Any,
+) -> Any:
     """A loky executor whose processes begin with a function, and end with this one or by `end_workers`.
 
     They leave a Ctrl-C, which a terminal sends to all processes, to this one.
@@ -90,25 +101,47 @@ def begin_workers(function: Callable[[], Any], workers: int, **options: Any) -> 
     Args:
         function: the first thing that is asked for.
         workers: how many processes.
+        initializer: what each of them does first, with ``initargs``.
+        initargs: its arguments.
         options: further ones of the executor.
     """
     from loky import ProcessPoolExecutor
 
-    _begin_tracker()
-    pool = ProcessPoolExecutor(workers, **options)
+    _begin_trackers()
+    first = (os.getpid(), initializer, initargs)
+    pool = ProcessPoolExecutor(workers, initializer=_begin_worker, initargs=first, **options)
     _pools.append(pool)
     blocks = getattr(signal, "pthread_sigmask", None)
     before = blocks(signal.SIG_BLOCK, {signal.SIGINT}) if blocks else set()
     try:
-        pool.submit(function)
+        # A process that is not yet known as one of the pool could not be ended.
+        with whole_step():
+            pool.submit(function)
     finally:
         if blocks:
             blocks(signal.SIG_SETMASK, before)
     return pool
 
 
-def _begin_tracker() -> None:
-    """Loky's process that clears up after this one, which must not tell of it where this one was stopped."""
+def _begin_worker(parent: int, initializer: Callable[..., None], initargs: tuple[Any, ...]) -> None:
+    """In a worker process: end where the process that began it was killed."""
+
+    def watch() -> None:
+        while os.getppid() == parent:
+            time.sleep(1)
+        os._exit(INTERRUPTED)
+
+    threading.Thread(target=watch, daemon=True).start()
+    initializer(*initargs)
+
+
+def _begin_trackers() -> None:
+    """Processes that clear up after this one, and must not tell of it where this one was stopped.
+
+    Python's own lets signals through again when it begins, so that must be before the workers do.
+    """
+    from multiprocessing import resource_tracker as of_python
+
     from loky.backend import resource_tracker
 
     before = os.environ.get("PYTHONWARNINGS")
@@ -116,6 +149,7 @@ def _begin_tracker() -> None:
     os.environ["PYTHONWARNINGS"] = quiet if before is None else f"{before},{quiet}"
     try:
         resource_tracker.ensure_running()
+        of_python.ensure_running()
     finally:
         if before is None:
             del os.environ["PYTHONWARNINGS"]
@@ -153,8 +187,8 @@ def _end() -> None:
     threading.excepthook = _say_nothing
     said = "interrupted"
     try:
-        _kill_workers()
         _step.acquire(timeout=_PATIENCE_S)
+        _kill_workers()
         said = interrupted()
     finally:
         os.write(2, f"{said}\n".encode())

@@ -45,7 +45,8 @@ def test_a_problem_shows_every_part_of_it(capsys: pytest.CaptureFixture[str], mo
     assert tame(str(InputError([problem, problem])))
     for argv in (["bayestissue"], ["bayestissue", "--json"]):
         monkeypatch.setattr(sys, "argv", argv)
-        cli._print_problems(InputError(problem))
+        with pytest.raises(SystemExit):
+            cli._leave(2, cli._problems(InputError(problem)), BAD)
         assert tame(capsys.readouterr().err)
 
 

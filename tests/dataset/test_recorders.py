@@ -185,6 +185,20 @@ def _tdms_without_an_end(path: Path, time: np.ndarray, value: np.ndarray) -> Non
     path.write_bytes(path.read_bytes()[:-8])
 
 
+def _mat73_elsewhere(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    away = path.with_suffix(".away")
+    with h5py.File(away, "w") as file:
+        file["value"] = value
+    away.with_suffix(".raw").write_bytes(value.tobytes())
+    with h5py.File(path, "w") as file:
+        file["linked"] = h5py.ExternalLink(str(away), "value")
+        raw = [(str(away.with_suffix(".raw")), 0, value.nbytes)]
+        file.create_dataset("value", value.shape, value.dtype, external=raw)
+        layout = h5py.VirtualLayout(value.shape, value.dtype)
+        layout[:] = h5py.VirtualSource(str(away), "value", value.shape)
+        file.create_virtual_dataset("virtual", layout)
+
+
 def files_instead(lab: Lab, suffix: str, write: Writer, **columns: object) -> None:
     """Put one file per impact in the place of the long table."""
     impacts, traces = tables()
@@ -286,10 +300,11 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (_tdms_without_an_end, ".tdms", "an end that is missing"),
         (lambda p, t, v: savemat(p, {"time_s": t[:-1], "value": v}), ".mat", "as many samples"),
         (lambda p, t, v: savemat(p, {"who": "nobody"}), ".mat", "no channels of numbers"),
+        (_mat73_elsewhere, ".mat", "no channels of numbers"),
     ],
     ids=[
         *("no-such-channel", "rows-missing", "spectrum", "two-blocks", "half", "no-last-sample"),
-        *("unequal-channels", "no-numbers"),
+        *("unequal-channels", "no-numbers", "numbers-in-other-files"),
     ],
 )
 def test_unfit_recordings_are_refused(write: Writer, suffix: str, says: str, lab: Lab) -> None:

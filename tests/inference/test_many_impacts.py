@@ -89,6 +89,7 @@ def test_intervals_of_few_kept_draws_hold_what_they_promise() -> None:
         {
             "K": (("chain", "kept_draw", "impact"), draws),
             "sd": (("chain", "draw"), rng.normal(size=(2, 400))),
+            "mass_exponent_K_secant": (("chain", "kept_draw"), draws[..., 0]),
         },
         {"impact": np.arange(impacts).astype(str)},
     )
@@ -99,6 +100,9 @@ def test_intervals_of_few_kept_draws_hold_what_they_promise() -> None:
     # Three standard errors of a share of 90 % among 4000.
     assert abs(held - 0.9) < 3 * np.sqrt(0.09 / impacts)
     assert of_impacts["r_hat"].isna().all()
+    of_population = table[table["variable"] == "mass_exponent_K_secant"]
+    assert list(of_population["label"]) == [""]
+    assert float(of_population["median"].iloc[0]) == float(of_impacts["median"].iloc[0])
     assert table.loc[table["variable"] == "sd", "r_hat"].notna().all()
 
 

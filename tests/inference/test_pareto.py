@@ -42,6 +42,12 @@ def test_one_impact_without_likelihood_does_not_spoil_what_the_others_tell() -> 
     assert summary_path._relative_variance(np.delete(log_ratio, 7, axis=1)) < 1
 
 
+def test_a_chain_without_weight_stays_as_it_is() -> None:
+    weight = np.array([[0.0, 2.0, 0.0, 2.0], [0.0, 0.0, 0.0, 0.0]])
+    chosen = summary_path._resample(weight, 4, np.random.default_rng(0))
+    np.testing.assert_array_equal(chosen, [1, 1, 3, 3, 4, 5, 6, 7])
+
+
 class _Model:
     nuisance = ("log_noise",)
 

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import re
 
+import pandas as pd
 import pytest
 
 from bayestissue.commands import compare
@@ -80,6 +81,18 @@ def test_an_interval_stands_beside_what_it_is_of(html):
     text = plain(html[: html.index("<nav")])
     assert "In grey the 90&nbsp;% interval of a new impact on a new person." in text
     assert "A typical person: K" in text
+
+
+def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_depth(tmp_path):
+    depths = {"likelihood": "impact", "exponent": 0.0, "own_depth": 0.3}
+    out = made(tmp_path, straight={"likelihood": "impact", "exponent": 0.5}, stiffening=depths)
+    table = pd.read_csv(out / "posteriors.csv").set_index(["variable", "run"])["median"]
+    assert table["mass_exponent_K_secant", "stiffening"] > 0.25
+    html = (out / "report.html").read_text(encoding="utf-8")
+    card = plain(html[html.index('id="answer-3"') : html.index("Where K depends on depth")])
+    assert re.search(r"K ∝ M0\.\d+ [^(]*\(straight\) K ∝ M−?0\.0\d [^(]*\(stiffening\)", card)
+    assert "mass exponent of K at the common depth (no unit)" in html
+    assert "mass exponent of K at each impact's greatest depth" in plain(html).replace("&#39;", "'")
 
 
 def test_it_shows_both_figures_and_where_the_models_differ(html):

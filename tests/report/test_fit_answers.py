@@ -7,7 +7,7 @@ import pytest
 from scipy import stats
 from scipy.signal import lfilter
 
-from bayestissue.report.fit import answers, estimates, predictions, tables, words
+from bayestissue.report.fit import answers, depth, estimates, predictions, tables, words
 from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
 from make_fit_run import DRAWS, make_fit_run
@@ -60,6 +60,43 @@ def test_the_ratio_of_the_methods_is_that_of_the_made_up_estimates(run):
 )
 def test_exponents_lead_to_words(tmp_path, exponent, said):
     assert said in answers.mass_conclusion(read(make_fit_run(tmp_path, exponent=exponent)))
+
+
+@pytest.mark.parametrize(
+    ("common", "own", "conclusion", "told"),
+    [
+        (
+            0.0,
+            0.3,
+            "neither K nor C depends",
+            "The tissue's law is the same for every mass: heavier impactors",
+        ),
+        (0.1, 0.5, "K grows with the mass", "the law itself differs between the masses too"),
+        (0.0, 0.0, "neither K nor C depends", "(−0.0"),
+    ],
+)
+def test_mass_is_answered_at_the_depth_that_all_impacts_reach(tmp_path, common, own, conclusion, told):
+    run = read(make_fit_run(tmp_path, exponent=common, own_depth=own))
+    assert depth.answering(run) == {"K": "K_common_depth", "C": "C"}
+    assert conclusion in answers.mass_conclusion(run)
+    said = str(depth.depth_sentence(run)).replace("\N{NO-BREAK SPACE}", " ")
+    assert said.startswith("Here K is force over depth at 12 mm, which every impact reaches.")
+    assert "At each impact's own greatest depth K ∝ M<sup>" in said
+    assert told in said
+    assert ("deeper, where it is stiffer" in said) == (own > 0)
+
+
+def test_a_law_that_may_be_the_same_is_not_called_so(tmp_path):
+    run = read(make_fit_run(tmp_path, exponent=0.0, own_depth=0.5))
+    run.hypotheses.loc[run.hypotheses["quantity"] == "K_common_depth", "probability"] = 0.6
+    said = str(depth.depth_sentence(run))
+    assert "One law of the tissue for every mass explains this: heavier impactors go deeper" in said
+
+
+def test_stiffness_that_no_depth_changes_is_answered_as_it_is(run):
+    assert depth.answering(run) == {"K": "K", "C": "C"}
+    assert depth.depth_words(run) == str(depth.depth_sentence(run)) == ""
+    assert depth.further_words(run) == []
 
 
 def test_a_trend_that_the_posterior_shares_is_not_called_made_by_the_method(run, tmp_path):

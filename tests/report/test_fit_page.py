@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 from bayestissue.errors import InputError
+from bayestissue.inference.diagnostics import headline
 from bayestissue.report import write_report
 from make_fit_run import make_fit_run
 from page_reader import Reader
@@ -62,6 +63,21 @@ def test_a_trend_that_only_the_thesis_method_shows_is_called_its_making(html):
     # The made-up estimates hold the same people at every mass, so their slopes are 0 and 1/2 exactly.
     assert "C ∝ M0.50" in first
     assert "the trend of C is made by the method" in first
+
+
+def test_where_stiffness_depends_on_depth_the_first_screen_answers_at_one_depth(tmp_path):
+    html = page_of(make_fit_run(tmp_path, likelihood="impact", exponent=0.0, own_depth=0.3))
+    first = plain(first_screen(html))
+    assert re.search(r"K ∝ M−?0\.0\d+ −0\.\d+ to 0\.\d+, at 12 mm", first)
+    assert "neither K nor C depends on the mass in practice. Here K is force over depth at 12 mm" in first
+    assert "At each impact's own greatest depth K ∝ M0." in first
+    assert "The tissue's law is the same for every mass: heavier impactors go deeper" in first
+    text = plain(html)
+    assert "mass exponent of K at each impact's greatest depth" in html
+    assert "K at the common depth" in text
+    assert "exponent is that of the damping constant in the element" in text
+    assert "It is assumed that the damper is the same at all depths" not in text
+    assert "K_common_depth is the force over the depth at 12 mm and at rest" in text
 
 
 def test_the_same_run_gives_the_same_page(folder, html):
@@ -175,3 +191,45 @@ def test_a_warning_of_the_model_form_has_a_colour_of_its_own(tmp_path):
     about["verdict"]["warned"] = True
     path.write_text(json.dumps(about), encoding="utf-8")
     assert '<p class="verdict warned" role="status">Diagnostics passed.' in page_of(folder)
+
+
+def with_diagnostics(folder, **entries):
+    """The run with more in its diagnostics, and the headline that follows."""
+    for name in ("diagnostics", "run"):
+        path = folder / f"{name}.json"
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if name == "diagnostics":
+            content = diagnostics = content | entries
+        else:
+            content["verdict"] |= {"headline": headline(diagnostics), "warned": True}
+        path.write_text(json.dumps(content), encoding="utf-8")
+    return folder
+
+
+def test_a_contradicted_chain_stands_on_the_first_screen(tmp_path):
+    chain = {"passed": False, "words": "They ask for a velocity 11 % higher.", "impacts": [], "of": 12}
+    html = page_of(with_diagnostics(make_fit_run(tmp_path / "run"), measuring_chain=chain))
+    first = plain(first_screen(html))
+    assert "The sampler passed, but the traces contradict the measuring chain." in first
+    assert "rest on declared errors that the traces contradict" in first
+    assert "Diagnostics passed." not in first
+    assert "They ask for a velocity 11 % higher. A wrong mass does not show" in plain(html)
+
+
+def test_a_chain_that_is_as_declared_is_said_below(tmp_path):
+    html = page_of(
+        with_diagnostics(make_fit_run(tmp_path / "run"), measuring_chain={"passed": True, "of": 12})
+    )
+    assert "What the 12 traces by themselves ask of velocity, gain and offset is as large as" in plain(html)
+
+
+def test_no_interval_is_printed_of_traces_that_no_element_describes(tmp_path):
+    form = {"structured": True, "undescribed": True, "words": "No element of this program does."}
+    html = page_of(with_diagnostics(make_fit_run(tmp_path / "run"), model_form=form))
+    first = first_screen(html)
+    assert "No element of this program describes these traces" in first
+    assert re.search(r"<s>\d{4} N/m</s>", first)
+    assert " to " not in plain(re.search(r"K <s>.*?</p>", first).group())
+    assert "How sure is that?" not in first
+    # Twelve impacts, of each K and C.
+    assert html.count('<td class="number">not an interval</td>') == 24

@@ -47,9 +47,8 @@ def _print_intervals(console: Console, title: str, table: pd.DataFrame, names: I
     console.print(plain(f"{title}: median and 90 % interval", style="italic"))
     rows = table.assign(name=list(names))
     for (variable, of, label, unit), own in rows.groupby(["variable", "of", "label", "unit"], sort=False):
-        console.print(
-            plain(told(variable, of, label) + ("" if unit == "1" else f" ({unit})")), soft_wrap=True
-        )
+        heading = told(str(variable), str(of), str(label)) + ("" if unit == "1" else f" ({unit})")
+        console.print(plain(heading), soft_wrap=True)
         width = own["name"].str.len().max()
         for row in own.to_dict("records"):
             median, low, high = (f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high"))

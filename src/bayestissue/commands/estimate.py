@@ -86,14 +86,15 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
     import pandas as pd
 
     from bayestissue.errors import InputError
-    from bayestissue.inference.estimates import estimate
+    from bayestissue.inference.estimates import estimates_table
+    from bayestissue.signal import displacements
 
     rows: list[dict[str, Any]] = []
     for choice, options in choices.items():
         for option in options:
             row: dict[str, Any] = {"choice": choice, "value": str(getattr(option, choice))}
             try:
-                table = estimate(data, method=method, options=option)
+                table = estimates_table(data, displacements(data, option), method)
             except InputError as error:
                 rows.append({**row, "note": "; ".join(str(problem) for problem in error.problems[:1])})
                 continue
@@ -140,6 +141,7 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
     from rich.table import Table
 
     from bayestissue.commands.console import plain
+    from bayestissue.inference.point_notes import said_once
 
     console = Console(highlight=False)
     flagged = int((table["flags"] != "").sum())
@@ -150,6 +152,8 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
         low, median, high = table[name].quantile([0.05, 0.5, 0.95])
         shown.add_row(words, *(f"{value:.4g}" for value in (median, low, high)))
     console.print(shown)
+    for sentence in said_once(table["notes"]):
+        console.print(plain(sentence), soft_wrap=True)
     if varied is not None:
         console.print(_vary_table(varied))
     if data.left_out:

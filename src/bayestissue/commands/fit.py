@@ -44,6 +44,7 @@ def run(
         from bayestissue.dataset import read_dataset
         from bayestissue.fitting import fit_prepared, resolve, write_run
         from bayestissue.hierarchy.trace_data import prepare
+        from bayestissue.inference.diagnostics import headline
         from bayestissue.report import draw_page
 
         specification, source = resolve("arma" if model is None else model)
@@ -62,7 +63,7 @@ def run(
             say("writing the report", 0, 1)
             draw_page(place.path)
         if not quiet:
-            echo(f"{fit.verdict}\nwrote {place.path / 'report.html'}")
+            echo(f"{headline(fit.diagnostics)} {fit.verdict}\nwrote {place.path / 'report.html'}")
         return bool(fit.diagnostics["passed"])
 
 

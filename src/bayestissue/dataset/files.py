@@ -96,14 +96,13 @@ def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> by
 
 def _unpacked(path: Path, label: str) -> bytes:
     # Counted before any of it is kept, so that what is too large takes no memory.
-    size, limit = 0, largest()
+    size = 0
     with gzip.open(path) as packed:
         while chunk := packed.read(_CHUNK):
             if not size:
                 first_line(chunk, label)
             size += len(chunk)
-            if size > limit:
-                require_small(size, label, known=False)
+            require_small(size, label, known=False)
     with gzip.open(path) as packed:
         return packed.read(size)
 

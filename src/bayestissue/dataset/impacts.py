@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -12,12 +10,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.files import read_bytes, require_utf8
-from bayestissue.dataset.tables import column_problems
+from bayestissue.dataset.impact_cells import FILE, control_characters, read_cells
 from bayestissue.dataset.twice import alike_names
-from bayestissue.errors import InputError, Problem, has_control_characters
+from bayestissue.errors import Problem
 
-FILE = "impacts.csv"
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz")
 _TEXT = ("impact", "subject", "trial")
 _POSITIVE = {
@@ -68,8 +64,8 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    cells, rows = _cells(path, needs_velocity)
-    problems = [*_name_problems(cells, rows), *_control_characters(cells, rows)]
+    cells, rows = read_cells(path, [*_TEXT, "mass_kg", *(["velocity_m_s"] if needs_velocity else [])])
+    problems = [*_name_problems(cells, rows), *control_characters(cells, rows)]
     warnings: list[Problem] = []
     columns: dict[str, object] = {}
     for name in cells.columns:
@@ -88,67 +84,6 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
     table = pd.DataFrame(columns)
     warnings += [*_unlikely(table, rows), *alike_names(table, rows, FILE)]
     return ImpactTable(table, rows, problems, warnings)
-
-
-def _cells(path: Path, needs_velocity: bool) -> tuple[pd.DataFrame, np.ndarray]:
-    remedy = "Write one: a header and one row per impact; data/README.md shows how."
-    # Cells that are kept one by one take some twenty times their size.
-    data = read_bytes(path, FILE, remedy, share=0.05)
-    require_utf8(data, FILE)
-    reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
-    records: list[list[str]] = []
-    lines: list[int] = []
-    try:
-        for record in reader:
-            cells = [cell.strip() for cell in record]
-            if any(cells):
-                records.append(cells)
-                lines.append(reader.line_num)
-    except csv.Error as error:
-        raise InputError(
-            Problem(
-                FILE,
-                "cells separated by commas",
-                "Mend the quotes in this row.",
-                reader.line_num,
-                value=str(error),
-            )
-        ) from None
-    names, *body = records
-    wanted = [*_TEXT, "mass_kg", *(["velocity_m_s"] if needs_velocity else [])]
-    problems = column_problems(FILE, names, wanted)
-    problems += [p for p in column_problems(FILE, names, ()) if p.column not in wanted]
-    if any(has_control_characters(name) for name in names):
-        expected = "names of columns on one line and without control characters"
-        problems.append(Problem(FILE, expected, "Rename the column.", row=1, value=", ".join(names)))
-    if "" in names:
-        problems.append(
-            Problem(
-                FILE,
-                "a name over every column",
-                "Name the column or remove it.",
-                row=1,
-                value=", ".join(names),
-            )
-        )
-    problems += [
-        Problem(
-            FILE,
-            f"{len(names)} cells as in the header",
-            "Put one cell under every column name; decimals need a point, not a comma.",
-            row=line,
-            value=f"{len(cells)} cells: {','.join(cells)}",
-        )
-        for line, cells in zip(lines[1:], body, strict=True)
-        if len(cells) != len(names)
-    ]
-    if not body:
-        problems.append(
-            Problem(FILE, "one row per impact", "Add the impacts.", value="no rows below the header")
-        )
-    if problems:
-        raise InputError(problems)
-    return pd.DataFrame(body, columns=names, dtype=str), np.array(lines[1:])
 
 
 def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
@@ -183,23 +118,6 @@ def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
             )
         seen.setdefault(impact, int(row))
     return problems
-
-
-def _control_characters(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
-    return [
-        Problem(
-            FILE,
-            "text on one line and without control characters",
-            "Type the cell anew.",
-            row=int(row),
-            column=name,
-            value=text,
-            impact=impact or None,
-        )
-        for name in cells.columns
-        for text, row, impact in zip(cells[name], rows, cells["impact"], strict=True)
-        if has_control_characters(text)
-    ]
 
 
 def _too_large(name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series) -> list[Problem]:

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
+from bayestissue.dataset import mat5, mat73
 from bayestissue.dataset.files import read_bytes, require_small
-from bayestissue.dataset.mat5 import numeric_variables
+from bayestissue.dataset.headers import header
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, Numbers, header, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, Numbers, read_table
 from bayestissue.errors import InputError, Problem
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
@@ -234,9 +235,9 @@ def _waveform_clock(properties: dict[str, Any], samples: int) -> np.ndarray | No
 
 def _mat(data: bytes, label: str) -> tuple[dict[str, _Channel], int]:
     if data[512:520] == b"\x89HDF\r\n\x1a\n" or data[:8] == b"\x89HDF\r\n\x1a\n":
-        content = _mat_hdf5(data, label)
+        content = mat73.numeric_variables(data, label)
     else:
-        content = numeric_variables(data, label)
+        content = mat5.numeric_variables(data, label)
     return {
         name: _Channel(np.ravel(values).astype(np.float64))
         for name, values in content.items()
@@ -244,24 +245,6 @@ def _mat(data: bytes, label: str) -> tuple[dict[str, _Channel], int]:
         and values.dtype.kind in "fiu"
         and max(values.shape, default=0) == values.size
     }, 1
-
-
-def _mat_hdf5(data: bytes, label: str) -> dict[str, np.ndarray]:
-    import h5py
-
-    with h5py.File(io.BytesIO(data), "r") as file:
-        # Links and external storage would lead to other files.
-        own = [name for name in file if isinstance(file.get(name, getlink=True), h5py.HardLink)]
-        items = {name: file[name] for name in own}
-        items = {
-            name: item
-            for name, item in items.items()
-            if isinstance(item, h5py.Dataset)
-            and item.attrs.get("MATLAB_class", b"double") != b"char"
-            and not (item.external or item.is_virtual)
-        }
-        require_small(sum(item.nbytes for item in items.values()), label)
-        return {name: np.asarray(item) for name, item in items.items()}
 
 
 _READERS: dict[str, Callable[[bytes, str], tuple[dict[str, _Channel], int]]] = {

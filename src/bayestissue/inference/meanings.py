@@ -26,14 +26,12 @@ _OF_ONE_PERSON = {
 }
 # Secant stiffness and equivalent damping mean the same for every element.
 _COMPARABLE = {"K": ("K_secant", "secant K"), "C": ("C_equivalent", "equivalent C")}
+# Of these K there is a mass exponent where K depends on depth.
+SECANTS = {"K_common_depth": "K at the common depth", "K_secant": "K at each impact's greatest depth"}
 _OF_IMPACTS = {
     "{name}_of_impacts": "these impacts together (geometric mean)",
     "{name}_of_subject": "a person's own impacts (geometric mean)",
 }
-
-
-# Where K depends on depth, these have mass exponents of their own.
-SECANTS = {"K_common_depth": "K at the common depth", "K_secant": "K at each impact's greatest depth"}
 ONE_IMPACT = (
     "One impact tells nothing of how impacts differ. Its own K and C come from its trace; what is said of "
     "its person or of a new impact comes from the priors."
@@ -82,8 +80,8 @@ def _table(of: dict[str, str]) -> dict[str, Meaning]:
         for name, what in _COMPARABLE.values()
         for pattern, words in _OF_IMPACTS.items()
     }
-    slopes = {**{q: q for q in QUANTITIES}, **SECANTS}
-    exponents = {f"mass_exponent_{q}": Meaning(f"mass exponent of {what}", "") for q, what in slopes.items()}
+    powers = {q: q for q in QUANTITIES} | SECANTS
+    exponents = {f"mass_exponent_{q}": Meaning(f"mass exponent of {what}", "") for q, what in powers.items()}
     return own | comparable | exponents
 
 

@@ -16,13 +16,13 @@ from bayestissue.inference.element_draws import element_attributes
 from bayestissue.inference.implied import UNITS, comparable_draws
 from bayestissue.inference.labels import ATTRIBUTES
 from bayestissue.inference.meanings import meaning
-from bayestissue.inference.secant_population import EXPONENTS_OF_SECANTS
+from bayestissue.inference.secant_exponents import EXPONENTS as OF_SECANTS
 from bayestissue.inference.trace_scores import SCHEMES, densities_of
 
 COMPARISON_COLUMNS = [SCORES[0], "data", *SCORES[1:]]
 POSTERIOR_COLUMNS = ["variable", "label", "of", "unit", "run", "median", "eti90_low", "eti90_high"]
+EXPONENTS = ("mass_exponent_K", *OF_SECANTS, "mass_exponent_C")
 _TYPICAL = {"K_typical_person": "intercept_K", "C_typical_person": "intercept_C"}
-EXPONENTS = ("mass_exponent_K", *EXPONENTS_OF_SECANTS, "mass_exponent_C")
 COMPARED = (*EXPONENTS, *UNITS, *_TYPICAL, "K_new", "C_new", "K_subject", "C_subject")
 _ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
 # Far above rounding, far below any recorder's resolution.
@@ -135,8 +135,8 @@ def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     Mass exponents, of K also that at a common depth where K depends on depth; the secant stiffness and
     equivalent damping of the recorded impacts, which mean the same for every element; and K and C of a
     typical person, of a new impact on a new person and of every person, at the run's own reference mass.
-    ``of`` says what an interval is of: that of these impacts together is narrow however much people differ.
-    A run whose model lacks a quantity has no row for it.
+    ``of`` says what an interval is of: that of these impacts together is narrow however much people differ. A
+    run whose model lacks a quantity has no row for it.
 
     Returns:
         `POSTERIOR_COLUMNS`, the rows of one quantity together.

@@ -71,8 +71,8 @@ def whole_impact(
 ) -> Whole:
     """The motion under a = d + delta, the element's own less delta's integrals.
 
-    The greatest depth is v / a after the sample whose velocity v is nearest to 0, in the window or a little
-    past its end; a and its slope there are those of the parabola through three samples about it.
+    The greatest depth is soon after, or before, the sample whose velocity is nearest to 0, in the window or a
+    little past its end; a and its slope there are those of the parabola through three samples about it.
 
     Args:
         measured: the element's impact and its record.
@@ -92,11 +92,12 @@ def whole_impact(
     before, here, after = (at(a, middle + step) for step in (-1, 0, 1))
     step = record.dt[:, None]
     slope, bend = (after - before) / (2 * step), (after - 2 * here + before) / step**2
-    wait = at(v, last) / at(a, last)
+    depth, speed, own_a = at(x, last), at(v, last), at(a, last)
+    rate = slope + bend * (last - middle) * step
+    wait = speed / (own_a + rate * (speed / own_a) / 2)
+    peak = depth + wait * (speed - wait * (own_a / 2 + rate * wait / 6))
     later = (last - middle) * step + wait
-    most = here + slope * later + bend * later**2 / 2
-    peak = at(x, last) + at(v, last) * wait / 2
-    steeper = slope + bend * later
+    most, steeper = here + slope * later + bend * later**2 / 2, slope + bend * later
     # One more place, so that the greatest depth is there also where the window's last sample comes before it.
     place = jnp.arange(x.shape[1] + 1) <= last
     until = (

@@ -357,8 +357,12 @@ def spreads_of(model: TraceModel) -> Callable[..., None]:
 
 
 def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.ndarray:
-    """Indices of so many draws of each chain, as often as their weights say (systematic resampling)."""
+    """Indices of so many draws of each chain, as often as their weights say (systematic resampling).
+
+    A chain without any weight stays as it is: R-hat tells that it is elsewhere.
+    """
     chains, length = weight.shape
+    weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
     share = weight / weight.sum(axis=1, keepdims=True)
     chosen = []
     for chain in range(chains):

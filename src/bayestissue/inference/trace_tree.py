@@ -20,7 +20,7 @@ from bayestissue.inference.element_draws import per_impact
 from bayestissue.inference.labels import labelled, labelled_statistics, of_one_person
 from bayestissue.inference.many_kept import some_impacts, some_of
 from bayestissue.inference.sampling import Draws
-from bayestissue.inference.secant_population import EXPONENTS_OF_SECANTS, mass_exponents_of_secants
+from bayestissue.inference.secant_exponents import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.trace_draws import Unfolded, named_sites
 from bayestissue.inference.trace_predictions import PREDICTIVE_DRAWS, predicted, prior_draws, replicates
 from bayestissue.likelihood.deceleration import DecelerationRecord
@@ -59,12 +59,10 @@ def posterior_tree(
             labelled,
             dimensions=_dimensions(),
             coordinates={**_coordinates(whole), "kept_draw": unfolded.kept},
-            kept=frozenset(
-                {*PER_IMPACT, *EXPONENTS_OF_SECANTS, *(name for names in ERRORS.values() for name in names)}
-            ),
+            kept=frozenset({*PER_IMPACT, *EXPONENTS, *(name for names in ERRORS.values() for name in names)}),
         )
     quantities = _quantities(whole, unfolded.sites, unfolded.impacts, rng)
-    quantities |= mass_exponents_of_secants(whole.design, unfolded)
+    quantities |= mass_exponents_of_secants(whole, unfolded, seed)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
     priors = compiled_quickly()(specification.priors.log_densities)(
         {k: v for k, v in unfolded.sites.items() if k in quantities}
@@ -124,13 +122,14 @@ def _quantities(
     values |= derived.people_and_conditions(design, sites)
     values |= {name: impacts[name] for name in PER_IMPACT if name in impacts}
     if "chain_error" in impacts:
-        names = _error_names(prepared)
+        names = error_names(prepared)
         known = np.asarray(prepared.data.record.error_sd).any(axis=0)
         values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(names) if known[i]}
     return values | derived.new_impact(design, sites, rng)
 
 
-def _error_names(prepared: Prepared) -> tuple[str, ...]:
+def error_names(prepared: Prepared) -> tuple[str, ...]:
+    """What the columns of the record's errors are called in the posterior."""
     record = prepared.data.record
     if isinstance(record, ElementRecord):
         return ERRORS["element"]
@@ -164,7 +163,7 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
         "first_sample_s": first,
         "impact_subject": impacts["subject"].astype(str).to_numpy(),
         "impact_trial": impacts["trial"].astype(str).to_numpy(),
-        **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(_error_names(prepared))},
+        **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(error_names(prepared))},
     }
 
 

@@ -22,7 +22,7 @@ _ROWS, _COLUMNS = 4, 3
 _UNITS = {"deceleration": "m_s2", "acceleration": "m_s2", "displacement": "m"}
 
 
-def quality_table(dataset: Dataset, signal: Displacements) -> pd.DataFrame:
+def quality_table(dataset: Dataset, signal: Displacements, warnings: Sequence[Problem]) -> pd.DataFrame:
     """How good each recording is, one row per impact.
 
     Columns: ``impact``, ``subject``, ``trial``; ``n_samples`` recorded and ``sampling_rate_hz``; ``offset``
@@ -35,13 +35,14 @@ def quality_table(dataset: Dataset, signal: Displacements) -> pd.DataFrame:
     Args:
         dataset: the recordings.
         signal: what the default signal chain made of them, in the same order.
+        warnings: what looks odd.
     """
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     highest = [sign * trace.value for trace in dataset.traces]
     peak = np.array([values.max() for values in highest]) - signal.offset
     unit = _UNITS[dataset.quantity]
     said = dict.fromkeys(dataset.impacts["impact"], 0)
-    for problem in dataset.warnings:
+    for problem in warnings:
         if problem.impact in said:
             said[problem.impact] += 1
     impacts = dataset.impacts
@@ -60,7 +61,7 @@ def quality_table(dataset: Dataset, signal: Displacements) -> pd.DataFrame:
             "time_to_peak_s": signal.time_to_peak,
             "peak_displacement_m": signal.peak_displacement,
             "samples_in_window": signal.n_samples,
-            "warnings": [n + len(flags) for n, flags in zip(said.values(), signal.flags, strict=True)],
+            "warnings": list(said.values()),
         }
     )
 

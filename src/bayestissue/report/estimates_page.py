@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayestissue.inference.point_notes import said_once
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.run_folder import TableFile, read_tables, require_files
 from bayestissue.report.settings import settings_table
@@ -85,6 +86,7 @@ def estimates_page(folder: Path, about: dict[str, Any]) -> str:
         levels=[_level(table, name) for name in _QUANTITIES],
         flagged=int((table["flags"] != "").sum()),
         flags=flag_counts(table),
+        notes=said_once(table["notes"]) if "notes" in table else [],
         total=len(table),
         trend=mass_trend(table),
         plots=[estimate_figure(table, name) for name in _QUANTITIES]

@@ -9,7 +9,6 @@ from typing import Literal, Protocol
 import numpy as np
 import pandas as pd
 
-from bayestissue.inference.meanings import SECANTS
 from bayestissue.report.wording import (
     UNITS,
     decimals_of,
@@ -24,7 +23,7 @@ from bayestissue.report.wording import (
 Quantity = Literal["K", "C"]
 QUANTITIES: tuple[Quantity, ...] = ("K", "C")
 # Of these K there is a mass exponent where K depends on depth.
-COMMON_DEPTH, OWN_DEPTH = SECANTS
+COMMON_DEPTH, OWN_DEPTH = "K_common_depth", "K_secant"
 FIXED, CONSTANT = "fixed stiffness", "constant natural frequency"
 # Above this a hypothesis is spoken of as what the data say; below one minus this, as what they rule out.
 SURE = 0.9

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
+from bayestissue.inference.meanings import SECANTS
 from bayestissue.report.page import figure
-from bayestissue.report.posterior import SECANTS, PosteriorRun
+from bayestissue.report.posterior import PosteriorRun
 from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, new_figure, shown, style
 
 NAMES = {"K": "stiffness K", "C": "damping C"}

@@ -12,7 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from bayestissue import stopping
-from bayestissue.errors import InputError, PartialResultError
+from bayestissue.errors import InputError, PartialResultError, printable
 from bayestissue.results.lock import locked, making_parents
 from bayestissue.results.mark import write_mark
 from bayestissue.results.refusals import require_free, require_place
@@ -92,7 +92,7 @@ class Place:
 
 @contextmanager
 def claim(
-    out: Path, *, overwrite: bool = False, command: str, inputs: Sequence[Path | None] = ()
+    out: Path, *, overwrite: bool = False, command: str, inputs: Sequence[str | Path | None] = ()
 ) -> Iterator[Place]:
     """The place ``out`` for one command's results, refused to all others until the block ends.
 
@@ -152,7 +152,7 @@ def _recover(out: Path) -> None:
 
 
 def _tell(words: str) -> None:
-    print(words, file=sys.stderr)  # noqa: T201
+    print(printable(words, lines=True), file=sys.stderr)  # noqa: T201
 
 
 def _kept_words(folder: Path) -> str:

@@ -13,7 +13,7 @@ _ANOTHER = "Choose another --out."
 _NAMED = 3
 
 
-def require_place(out: Path, inputs: Sequence[Path | None] = ()) -> Path:
+def require_place(out: Path, inputs: Sequence[str | Path | None] = ()) -> Path:
     """Where ``out`` leads, refused if results must never stand there, with ``--overwrite`` or without.
 
     That is the working folder, the home folder, a root, a mount point, what holds one of these or an input,
@@ -74,7 +74,7 @@ def require_free(out: Path, *, overwrite: bool) -> None:
         )
 
 
-def _wrong_place(out: Path, inputs: Sequence[Path | None]) -> tuple[str, str, str] | None:
+def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, str, str] | None:
     for folder, name in ((Path.cwd(), "the working folder"), (_home(), "the home folder")):
         if folder is not None and _holds(out, folder):
             which = name if out == folder else f"a folder that holds {name}"

@@ -51,31 +51,32 @@ def depth_sentence(run: FitRun) -> Markup:
     if not has_common_depth(run) or common is None or own is None:
         return Markup()
     told = Markup(
-        "K is force over depth at {}, which every impact reaches. At each impact's own greatest depth "
-        "K ∝ M<sup>{}</sup> ({})"
+        "Here K is force over depth at {}, which every impact reaches. At each impact's own greatest depth "
+        "K ∝ M<sup>{}</sup> ({})."
     ).format(depth_words(run), own.value, own.range)
-    return Markup("{}{}").format(told, _meaning(run, common, own))
+    return (told + " " + _meaning(run, common, own)).strip()
 
 
-def _meaning(run: FitRun, common: Spread, own: Spread) -> str:
+def _meaning(run: FitRun, common: Spread, own: Spread) -> Markup:
     where = _where(run, own)
     if own.holds(0) or not where:
-        return "."
+        return Markup()
     if not common.holds(0):
-        return f": {where}; but the law itself differs between the masses too."
-    if hypothesis_probability(run, COMMON_DEPTH, FIXED) > SURE:
-        return f": the tissue's law is the same for every mass; {where}."
-    return f": a law that is the same for every mass explains it; {where}."
+        said = f"Heavier impactors go {where}, but the law itself differs between the masses too."
+    elif hypothesis_probability(run, COMMON_DEPTH, FIXED) > SURE:
+        said = f"The tissue's law is the same for every mass: heavier impactors go {where}."
+    else:
+        said = f"One law of the tissue for every mass explains this: heavier impactors go {where}."
+    return Markup(said)  # noqa: S704 - words of this module alone
 
 
 def _where(run: FitRun, own: Spread) -> str:
-    """How depth goes with the mass, where that is what makes the exponent; else empty."""
+    """Where heavier impactors go, if that is what makes the exponent; else empty."""
     depth = np.nanmax(run.groups["observed_data"]["displacement"].to_numpy(), axis=1)
     log_mass = np.log(run.constant("mass_kg"))
     deeper = float(np.cov(log_mass, np.log(depth))[0, 1]) > 0
     if deeper == (own.median > 0):
-        stiffer = "deeper, where it is stiffer" if deeper else "less deep, where it is softer"
-        return f"heavier impactors go {stiffer}"
+        return "deeper, where it is stiffer" if deeper else "less deep, where it is softer"
     return ""
 
 

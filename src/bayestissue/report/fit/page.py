@@ -73,6 +73,8 @@ def _subtitle(run: FitRun) -> str:
 
 def _first_screen(run: FitRun) -> dict[str, Any]:
     return {
+        "undescribed": words.undescribed_words(run),
+        "contradicted": run.chain.get("passed", True) is False,
         "reference_mass": f"{run.reference_mass:.3g}",
         "levels": posterior.level_rows(run),
         "alone": answers.the_only_impact(run),
@@ -151,6 +153,7 @@ def _checks(run: FitRun) -> dict[str, Any]:
         "sources_words": sources.sources_words(run),
         "sources_table": sources.sources_table(run),
         "declared": tables.declared_words(run),
+        "chain_words": words.chain_words(run),
         "chain_table": tables.chain_table(run),
         "left_out_summary": tables.left_out_summary(run),
         "left_out_table": tables.left_out_table(run),

@@ -121,6 +121,16 @@ class FitRun:
         return float(np.exp(np.log(self.constant("mass_kg")).mean()) if given is None else given)
 
     @property
+    def undescribed(self) -> bool:
+        """Whether no element describes the traces, so that no interval of K or C is one."""
+        return bool(self.diagnostics.get("model_form", {}).get("undescribed", False))
+
+    @property
+    def chain(self) -> dict[str, Any]:
+        """What the traces say of their measuring chain; empty where they were not asked."""
+        return dict(self.diagnostics.get("measuring_chain", {}))
+
+    @property
     def likelihood(self) -> str:
         """``"arma"``, ``"a2"`` or ``"impact"``."""
         return str(self.about.get("model", {}).get("likelihood", ""))

@@ -1,0 +1,143 @@
+"""Mass exponents of the force over depth, from draws of the impacts and of the population."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from bayestissue.hierarchy.design import Design, ResponseDesign
+from bayestissue.hierarchy.half_normal import HalfNormalSpread
+from bayestissue.hierarchy.priors import Normal
+from bayestissue.inference.secant_exponents import (
+    _SPREADS,
+    Units,
+    mass_exponents_of_secants,
+    slope_over_units,
+    units_of,
+)
+from bayestissue.inference.trace_draws import Unfolded
+
+PEOPLE, CONDITIONS, DRAWS = 3, 8, 4000
+SHAPE = (2, DRAWS // 2)
+LOG_MASS = np.linspace(-0.6, 0.6, CONDITIONS)
+SCALE = 0.5
+LOG_PRIOR = np.asarray(HalfNormalSpread(SCALE).log_prob(_SPREADS))
+WIDE = (0.5, 100.0)
+EPSILON = np.finfo(float).eps
+
+
+def prepared(groups: tuple[str, ...] = ("subject", "trial"), *, discrepancy: bool = False) -> Any:
+    subject, trial = (each.ravel() for each in np.mgrid[:PEOPLE, :CONDITIONS])
+    none = np.zeros((len(subject), 0))
+    part = ResponseDesign((), none, np.ones(0), LOG_MASS[trial], groups)
+    names = tuple(map(str, range(PEOPLE))), tuple(map(str, range(CONDITIONS)))
+    prior = Normal(distribution="normal", mean=WIDE[0], sd=WIDE[1])
+    priors = SimpleNamespace(mass_exponent=SimpleNamespace(K=prior))
+    model = SimpleNamespace(priors=priors, prior_of=lambda name: HalfNormalSpread(SCALE))
+    model.discrepancy = discrepancy
+    return SimpleNamespace(design=Design({"K": part, "C": part}, subject, trial, *names, 0.7), model=model)
+
+
+def unfolded(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) -> Unfolded:
+    """Draws with these logs of the impacts' stiffnesses, of conditions whose exponent is drawn about 0.3."""
+    exponent = 0.3 + 0.1 * np.random.default_rng(5).standard_normal(SHAPE)
+    sites = {
+        "intercept_K": np.full(SHAPE, 7.0),
+        "mass_exponent_K": exponent,
+        "subject_effect_K": np.zeros((*SHAPE, PEOPLE)),
+        "trial_effect_K": np.zeros((*SHAPE, CONDITIONS)),
+    }
+    logs = {"K": K, "K_common_depth": common, "K_secant": secant}
+    count = len(at.design.trial)
+    return Unfolded(sites, {n: np.broadcast_to(np.exp(v), (*SHAPE, count)) for n, v in logs.items()}, {})
+
+
+def assert_distributed(draws: np.ndarray, levels: np.ndarray, variance: float = 0.0) -> None:
+    """As b is of levels with noise of this variance, by sums over a fine grid of the spread."""
+    m, s = LOG_MASS - LOG_MASS.mean(), np.geomspace(1e-3, 10, 20_001)
+    slope = levels @ m / (m @ m)
+    left = levels - levels.mean() - slope * m
+    # Two of the eight powers go with the intercept and the slope; the grid's steps in log s give one.
+    whole = s**2 + variance
+    log = stats.halfnorm(scale=SCALE).logpdf(s) + np.log(s)
+    log -= (len(m) - 2) / 2 * np.log(whole) + left @ left / (2 * whole)
+    weight = np.exp(log - log.max())
+    b = np.linspace(slope - 3, slope + 3, 1201)
+    spread = np.sqrt(whole / (m @ m))
+    below = (weight / weight.sum()) @ stats.norm.cdf(b, slope, spread[:, None])
+    share = (np.arange(draws.size) + 0.5) / draws.size
+    distance = np.abs(np.interp(np.sort(draws.ravel()), b, below) - share)
+    # Kolmogorov's statistic of independent draws exceeds this once in ten thousand times.
+    assert distance.max() < 2.23 / np.sqrt(draws.size)
+
+
+def test_the_slope_over_units_that_are_known_has_its_exact_posterior() -> None:
+    levels = np.random.default_rng(1).normal(7.0, 0.1, CONDITIONS) + 0.2 * LOG_MASS
+    units = Units("trial", LOG_MASS, np.broadcast_to(levels, (*SHAPE, CONDITIONS)))
+    draws = slope_over_units(units, WIDE, LOG_PRIOR, np.random.default_rng(2))
+    assert draws.shape == SHAPE
+    assert_distributed(draws, levels)
+
+
+def test_what_draws_leave_open_of_the_units_is_not_taken_for_their_scatter() -> None:
+    random, sd = np.random.default_rng(3), 0.15
+    levels = random.normal(7.0, 0.15, CONDITIONS)
+    noise = random.standard_normal((*SHAPE, CONDITIONS))
+    noise = (noise - noise.mean((0, 1))) / noise.std((0, 1)) * sd
+    draws = slope_over_units(Units("trial", LOG_MASS, levels + noise), WIDE, LOG_PRIOR, random)
+    assert_distributed(draws, levels, sd**2)
+
+
+def test_two_units_leave_their_scatter_to_its_prior() -> None:
+    units = Units("trial", np.array([-0.5, 0.5]), np.broadcast_to([7.0, 7.2], (*SHAPE, 2)))
+    draws = slope_over_units(units, WIDE, LOG_PRIOR, np.random.default_rng(4))
+    # The standard deviation of the sum of squares over 4000 draws of a normal with half-normal spread.
+    assert np.mean((draws - 0.2) ** 2) == pytest.approx(SCALE**2 / 0.5, rel=4 * np.sqrt(8 / DRAWS))
+
+
+def test_without_a_discrepancy_the_law_s_slope_is_added_to_the_exponent_of_k() -> None:
+    at = prepared()
+    log_mass = at.design.responses["K"].log_mass
+    own = 7 + 0.3 * log_mass
+    found = mass_exponents_of_secants(at, unfolded(at, own, own + 1.0, own + 0.2 * log_mass), 0)
+    exponent = unfolded(at, own, own, own).sites["mass_exponent_K"]
+    np.testing.assert_allclose(found["mass_exponent_K_common_depth"], exponent, rtol=0, atol=200 * EPSILON)
+    np.testing.assert_allclose(found["mass_exponent_K_secant"], exponent + 0.2, rtol=0, atol=200 * EPSILON)
+
+
+def test_with_a_discrepancy_the_scatter_of_conditions_is_that_at_the_common_depth() -> None:
+    at = prepared(discrepancy=True)
+    effects = np.random.default_rng(3).normal(0, 0.1, CONDITIONS)
+    trial, log_mass = at.design.trial, at.design.responses["K"].log_mass
+    own = 7 + effects[trial] / 2 + 0.3 * log_mass
+    made = unfolded(at, own, 7 + effects[trial], own)
+    found = mass_exponents_of_secants(at, made, 0)
+    assert_distributed(found["mass_exponent_K_common_depth"], 7 + effects)
+    np.testing.assert_allclose(
+        found["mass_exponent_K_secant"], made.sites["mass_exponent_K"], rtol=0, atol=200 * EPSILON
+    )
+
+
+def test_units_are_what_mass_varies_between() -> None:
+    logs = np.random.default_rng(6).normal(size=(*SHAPE, PEOPLE * CONDITIONS))
+    at = prepared()
+    sites = unfolded(at, logs, logs, logs).sites
+    sites["subject_effect_K"] = np.broadcast_to(np.arange(PEOPLE) * 1.0, (*SHAPE, PEOPLE))
+    found = units_of(at.design, sites, logs + at.design.subject)
+    np.testing.assert_allclose(found.log_mass, LOG_MASS, atol=4 * EPSILON)
+    mean = logs.reshape(*SHAPE, PEOPLE, CONDITIONS).mean(2)
+    np.testing.assert_allclose(found.levels, mean, atol=100 * EPSILON)
+    alone = units_of(prepared(("subject",)).design, sites, logs + at.design.subject)
+    assert (found.name, alone.name) == ("trial", "impact")
+    np.testing.assert_allclose(alone.levels, logs, atol=100 * EPSILON)
+
+
+def test_impacts_of_linear_elements_have_no_exponent_of_the_kind() -> None:
+    at = prepared()
+    made = unfolded(at, *np.zeros((3, PEOPLE * CONDITIONS)))
+    del made.impacts["K_common_depth"]
+    assert mass_exponents_of_secants(at, made, 0) == {}

@@ -1,0 +1,136 @@
+"""Force over depth at one depth and at the greatest, of elements and of elements with a discrepancy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from bayestissue.elements import element, impact
+from bayestissue.elements.comparables import comparables
+from bayestissue.inference.static_force import (
+    Whole,
+    at_common_depth,
+    static_force,
+    whole_at_common_depth,
+    whole_impact,
+)
+from bayestissue.likelihood.element_impact import MeasuredImpact
+from bayestissue.likelihood.element_response import ElementRecord, motion
+
+MASS, VELOCITY, DT = np.array([0.5, 1.2]), np.array([1.5, 1.0]), np.full(2, 2e-4)
+FIRST, DEPTH = np.array([5e-5, 1.5e-4]), jnp.full(2, 0.012)
+STIFF = {"K": 2000.0, "C": 20.0, "stiffening_depth_m": 0.02}
+BALL = {"K": 2500.0, "C": 30.0}
+WALL = {"K": 2000.0, "C": 25.0, "thickness_m": 0.05}
+SIDE_BY_SIDE = {"K": 2600.0, "C": 25.0}
+NONE = jnp.zeros(2)
+# a goes to the peak along a parabola through three samples, up to three samples past the middle one: this
+# leaves 4 * 3 * 2 / 6 of (omega dt)^3 of it, and twice that for a spring that stiffens, with the greatest
+# tangent stiffness over mass, omega^2 = 1.06e4 / s^2.
+TOLERANCE = 8 * (1.06e4 * 2e-4**2) ** 1.5
+# Between contact and the first sample, of up to 80, a discrepancy is taken as constant; the rest is trapezia.
+OF_DISCREPANCY = 1e-3
+# Its slope is off by (3 * 2^2 - 1) / 6 of (omega dt)^2, several times that where force goes with depth^(3/2).
+OF_DAMPING = 3e-3
+EPSILON = np.finfo(float).eps
+
+
+def measured(name: str, values: dict[str, float], to_peak: np.ndarray, off: int = 0) -> MeasuredImpact:
+    """A record whose window ends so many samples after the last before the greatest penetration."""
+    count = np.floor((to_peak - FIRST) / DT).astype(int) + 1 + off
+    still = np.zeros((2, count.max()))
+    given = (FIRST, DT, VELOCITY, np.zeros((2, 4)), np.zeros(2, bool), MASS, np.full(2, 0.0318))
+    parameters = jnp.array([np.full(2, value) for value in values.values()])
+    return MeasuredImpact(element(name), parameters, NONE, ElementRecord.of(still, count, *given))
+
+
+def as_discrepancy(tissue: str, values: dict[str, float]) -> tuple[MeasuredImpact, Whole]:
+    """A tissue's impacts as spring and damper, with all that these lack of it as discrepancy."""
+    true = comparables(tissue, values, MASS, VELOCITY)
+    given = measured("kelvin_voigt", SIDE_BY_SIDE, np.asarray(true.time_to_peak))
+    own = motion(given.element, given.parameters, given.record, given.record.velocity)
+    whole = impact(tissue, values, MASS, VELOCITY, given.record.time()).deceleration
+    return given, whole_impact(given, whole - own.d, NONE)
+
+
+@pytest.mark.parametrize("off", [-1, 0, 1])
+@pytest.mark.parametrize(("name", "values"), [("stiffening", STIFF), ("kelvin_voigt", SIDE_BY_SIDE)])
+def test_without_a_discrepancy_the_secant_is_the_element_s(
+    name: str, values: dict[str, float], off: int
+) -> None:
+    true = comparables(name, values, MASS, VELOCITY)
+    given = measured(name, values, np.asarray(true.time_to_peak), off)
+    found = whole_impact(given, jnp.zeros_like(given.record.d), NONE)
+    np.testing.assert_allclose(found.secant, true.K_secant, rtol=TOLERANCE)
+
+
+def test_the_secant_is_that_of_element_and_discrepancy_together() -> None:
+    """What spring and damper lack of a stiffening element, given as discrepancy, makes up its secant."""
+    true = comparables("stiffening", STIFF, MASS, VELOCITY)
+    _, found = as_discrepancy("stiffening", STIFF)
+    np.testing.assert_allclose(found.secant, true.K_secant, rtol=OF_DISCREPANCY)
+    assert (np.abs(SIDE_BY_SIDE["K"] / true.K_secant - 1) > 0.02).all()
+
+
+def test_a_faster_impactor_goes_deeper() -> None:
+    faster = comparables("stiffening", STIFF, MASS, VELOCITY + 0.05)
+    given = measured("stiffening", STIFF, np.asarray(faster.time_to_peak))
+    found = whole_impact(given, jnp.zeros_like(given.record.d), jnp.full(2, 0.05))
+    np.testing.assert_allclose(found.secant, faster.K_secant, rtol=TOLERANCE)
+    np.testing.assert_allclose(found.peak, faster.peak_displacement, rtol=TOLERANCE)
+
+
+@pytest.mark.parametrize(
+    ("name", "values", "viscous"),
+    [("stiffening", STIFF, 20.0), ("wall", WALL, 25.0), ("hunt_crossley", BALL, 30.0 * 1.2**1.5)],
+)
+def test_an_element_s_stiffness_at_one_depth_is_its_simulated_force_there(
+    name: str, values: dict[str, float], viscous: float
+) -> None:
+    """The same for every mass, whatever the impactor's size, and its impacts' force less the damper's."""
+    which, p = element(name), {key: jnp.full(2, value) for key, value in values.items()}
+    sizes: Any = {**p, "diameter_m": jnp.array([0.02, 0.05])}
+    found = at_common_depth(which, sizes, DEPTH)
+    np.testing.assert_allclose(found[0], found[1], rtol=4 * EPSILON)
+    time = np.linspace(0, np.asarray(comparables(name, values, MASS, VELOCITY).time_to_peak), 2001).T
+    path = impact(name, values, MASS, VELOCITY, time)
+    for row, stiffness in enumerate(found):
+        x = np.asarray(path.x)[row]
+        force, speed = (
+            np.interp(DEPTH[row], x, values)
+            for values in (MASS[row] * np.asarray(path.deceleration)[row], np.asarray(path.v)[row])
+        )
+        # The solver's 1e-6, and 1e-7 of a straight line between one of 2000 samples and the next.
+        np.testing.assert_allclose(force, stiffness * DEPTH[row] + viscous * speed, rtol=3e-6)
+
+
+@pytest.mark.parametrize(("name", "values"), [("stiffening", STIFF), ("wall", WALL)])
+def test_beside_a_discrepancy_the_law_at_one_depth_is_found_whatever_the_mass(
+    name: str, values: dict[str, float]
+) -> None:
+    given, found = as_discrepancy(name, values)
+    np.testing.assert_allclose(found.damping, values["C"], rtol=OF_DISCREPANCY)
+    p: Any = {key: jnp.full(2, value) for key, value in values.items()}
+    true = static_force(element(name), {**p, "diameter_m": NONE}, DEPTH) / DEPTH
+    np.testing.assert_allclose(whole_at_common_depth(given, found, DEPTH), true, rtol=OF_DISCREPANCY)
+
+
+def test_a_damper_that_grows_with_depth_is_taken_off_as_the_element_has_it() -> None:
+    true = comparables("hunt_crossley", BALL, MASS, VELOCITY)
+    given = measured("hunt_crossley", BALL, np.asarray(true.time_to_peak))
+    found = whole_impact(given, jnp.zeros_like(given.record.d), NONE)
+    p: Any = {**{key: jnp.full(2, value) for key, value in BALL.items()}, "diameter_m": NONE}
+    np.testing.assert_allclose(
+        whole_at_common_depth(given, found, DEPTH),
+        at_common_depth(given.element, p, DEPTH),
+        rtol=OF_DAMPING,
+    )
+
+
+def test_an_impact_that_goes_less_deep_has_its_own_greatest_depth() -> None:
+    given, found = as_discrepancy("stiffening", STIFF)
+    at = whole_at_common_depth(given, found, 1.2 * found.peak)
+    np.testing.assert_allclose(at, found.secant, rtol=4 * EPSILON)
