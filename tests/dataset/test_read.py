@@ -181,6 +181,13 @@ def test_json_lists_what_the_table_shows(lab: Lab, command: Callable[..., Outcom
     assert [row["impact"] for row in shown["quality"]] == list(NAMES)
 
 
+def test_what_is_warned_of_is_not_called_fine(lab: Lab, command: Callable[..., Outcome]) -> None:
+    lab.cell("impacts.csv", 2, "mass_kg", "500")
+    shown = json.loads(command("check", lab.folder, "--json").out)
+    assert shown["warnings"]
+    assert shown["verdict"] == "no errors, 1 warning"
+
+
 def test_errors_as_json(lab: Lab, command: Callable[..., Outcome]) -> None:
     lab.cell("impacts.csv", 2, "mass_kg", "0")
     outcome = command("check", lab.folder, "--json")

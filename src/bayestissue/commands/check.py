@@ -58,13 +58,15 @@ def _check(dataset: Path, place: Place | None, *, skip_bad: bool, quiet: bool, a
         echo(f"wrote {place.path / 'check.html'}")
 
 
-def _verdict(data: Dataset, signal: Displacements) -> str:
+def _verdict(data: Dataset, signal: Displacements, warnings: list[Problem]) -> str:
     left_out = len({problem.impact for problem in data.left_out})
-    fine = f"fine without the {left_out} impacts left out" if left_out else "fine"
+    warned = len(kinds(warnings))
+    fine = f"no errors, {warned} warning{'s' if warned > 1 else ''}" if warned else "fine"
+    fine += f" without the {left_out} impacts left out" if left_out else ""
     short = int((signal.n_samples < FEWEST_SAMPLES).sum())
     if not short:
         return fine
-    return f"{fine}, but for {short} of {len(data.impacts)} impacts too short to be fitted (see the warnings)"
+    return f"{fine}, and {short} of {len(data.impacts)} impacts too short to be fitted (see the warnings)"
 
 
 def _plain(
@@ -72,7 +74,7 @@ def _plain(
 ) -> dict[str, Any]:
     return {
         "dataset": data.name,
-        "verdict": _verdict(data, signal),
+        "verdict": _verdict(data, signal, warnings),
         "impacts": len(data.impacts),
         "input_hash": data.input_hash,
         "left_out": [problem.as_dict() for problem in data.left_out],
@@ -109,7 +111,9 @@ def _notes(data: Dataset, signal: Displacements) -> list[str]:
 def _print(data: Dataset, signal: Displacements, quality: pd.DataFrame, warnings: list[Problem]) -> None:
     console = Console(highlight=False)
     table = Table(
-        title=plain(f"{data.name}: {_verdict(data, signal)}"), show_header=False, title_justify="left"
+        title=plain(f"{data.name}: {_verdict(data, signal, warnings)}"),
+        show_header=False,
+        title_justify="left",
     )
     for name, words in _summary(data, quality):
         table.add_row(name, plain(words))
@@ -170,5 +174,5 @@ def _write(
         after_results(place.path, "the same command with --overwrite repeats it"),
         whole_file(place.path / "check.html") as staging,
     ):
-        page = check_page(data, signal, quality, verdict=_verdict(data, signal), warnings=warnings)
+        page = check_page(data, signal, quality, verdict=_verdict(data, signal, warnings), warnings=warnings)
         staging.write_text(page, encoding="utf-8")
