@@ -75,9 +75,13 @@ def statement(rows: pd.DataFrame) -> str:
         .nsmallest(3, "share")
     )
     weakest = ", ".join(f"{row.kind} {row.share:.0%}" for row in least.itertuples())
-    share = good["flagged"].sum() / good["impacts"].sum()
+    left_alone = ", ".join(
+        f"of {row.impacts} {row.kind.removeprefix('sound, ')}s {row.flagged / row.impacts:.1%} are flagged"
+        f" (most often: {row.commonest_flag})"
+        for row in good.itertuples()
+    )
     return (
-        f"Of {good['impacts'].sum()} simulated sound impacts {share:.1%} are flagged. Of "
+        f"Of simulated sound impacts, {left_alone}. Of "
         f"{spoilt['impacts'].sum()} spoilt in {len(spoilt)} ways, K or C of {off} is off by more than 5 %, "
         f"and {caught / off:.1%} of these are flagged or refused (the least of the kinds: {weakest})."
     )

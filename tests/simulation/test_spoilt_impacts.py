@@ -22,8 +22,8 @@ DECELERATIONS = [kind for kind in KINDS if kind not in DISPLACEMENT]
 
 @pytest.fixture(scope="module")
 def pool():
-    # Elements in closed form, which need no compiled solver; the benchmark has all six.
-    return impacts(240, seed=3, elements=("kelvin_voigt", "maxwell", "standard_linear"))
+    # A closed form, which needs no compiled solver; the benchmark has all six elements.
+    return impacts(200, seed=3, elements=("kelvin_voigt",))
 
 
 @pytest.fixture(scope="module")

@@ -160,9 +160,7 @@ def chain(impact: Impact, rng: np.random.Generator) -> Chain:
     )
 
 
-def dataset(
-    impacts: list[Impact], traces: list[Trace], quantity: Quantity = "deceleration", **columns: object
-) -> Dataset:
+def dataset(impacts: list[Impact], traces: list[Trace], quantity: Quantity = "deceleration") -> Dataset:
     """The recordings as a dataset that no check has seen."""
     table = pd.DataFrame(
         {
@@ -172,7 +170,7 @@ def dataset(
             "mass_kg": [each.mass for each in impacts],
             "velocity_m_s": [each.velocity for each in impacts],
         }
-    ).assign(**columns)
+    )
     return Dataset(
         name="simulated",
         description="",

@@ -96,7 +96,7 @@ def spike_before(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trac
     chain = _quiet(chain, rng)
     trace = record(impact, chain)
     place = rng.integers(1, max(2, int(chain.before / chain.dt) - 4))
-    return _spiked(trace, place, rng.uniform(0.3, 2), rng.integers(1, 4))
+    return _spiked(trace, int(place), rng.uniform(0.3, 2), int(rng.integers(1, 4)))
 
 
 def spike_during(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
@@ -104,7 +104,8 @@ def spike_during(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trac
     trace = record(impact, chain)
     begin = int(chain.before / chain.dt)
     place = begin + rng.integers(2, int(impact.to_peak / chain.dt))
-    return _spiked(trace, place, rng.choice([-1, 1]) * rng.uniform(0.3, 2), rng.integers(1, 4))
+    height = rng.choice([-1, 1]) * rng.uniform(0.3, 2)
+    return _spiked(trace, int(place), height, int(rng.integers(1, 4)))
 
 
 def baseline_shift(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:

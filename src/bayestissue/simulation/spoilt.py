@@ -101,5 +101,5 @@ def _said(data: Dataset, table: pd.DataFrame) -> pd.Series:
     found = check_recordings(Recordings.of(samples, data.impacts, data.quantity, data.uncertainty))
     refused = pd.Series("", index=data.impacts["impact"])
     for problem in (*found.warnings, *found.problems):
-        refused[problem.impact] = f"refused or warned of: not {problem.expected.split(':')[0]}"
+        refused[problem.impact or ""] = f"refused or warned of: not {problem.expected.split(':')[0]}"
     return refused.reset_index(drop=True).where(lambda said: said != "", table["flags"])

@@ -15,7 +15,7 @@ _SLOW = 5
 # Below these fractions of the peak K and C change by less than some 5 %.
 WAVE, SHIFT, ABOVE = 0.007, 0.015, 0.04
 # Where chance gives less than this a rest after contact is taken for a force that fades.
-_FADES = 0.05
+_FADES = 0.01
 _HUM_HZ = np.arange(20.0, 410.0, 5.0)
 # A low-pass that passes this many times the frequency of a pulse, 1 over the time to peak, moves K and C by
 # a few per cent at most.
