@@ -22,6 +22,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue import runtime
+from bayestissue.inference.point_notes import FAILED
 from bayestissue.simulation import sound
 from bayestissue.simulation.spoiling import KINDS
 from bayestissue.simulation.spoilt import judged, sound_ones, spoilt_ones
@@ -39,12 +40,18 @@ def line(kind: str, found: pd.DataFrame) -> dict[str, object]:
         "kind": kind,
         "impacts": len(found),
         "flagged": int(flagged.sum()),
+        "estimate_failed": int(found.loc[flagged, "flags"].map(only_the_estimate).sum()),
         "off": int(off.sum()),
         "off_and_flagged": int((off & flagged).sum()),
         "K_off_median": float(found["K_off"].median()),
         "C_off_median": float(found["C_off"].median()),
         "commonest_flag": named.most_common(1)[0][0] if named else "",
     }
+
+
+def only_the_estimate(flags: str) -> bool:
+    """Whether flags say only that the point fit came to no answer, and nothing of the recording."""
+    return set(flags.split("; ")) <= set(FAILED)
 
 
 def table(rows: pd.DataFrame) -> str:
@@ -77,7 +84,7 @@ def statement(rows: pd.DataFrame) -> str:
     weakest = ", ".join(f"{row.kind} {row.share:.0%}" for row in least.itertuples())
     left_alone = ", ".join(
         f"of {row.impacts} {row.kind.removeprefix('sound, ')}s {row.flagged / row.impacts:.1%} are flagged"
-        f" (most often: {row.commonest_flag})"
+        f" ({row.estimate_failed / row.impacts:.1%} only because the ARMA(2,1) fit came to no answer)"
         for row in good.itertuples()
     )
     return (

@@ -261,12 +261,16 @@ def _begun_estimates(
 def point_estimates(
     dataset: Dataset, options: SignalOptions, signal: Displacements
 ) -> dict[str, pd.DataFrame]:
-    """The tables of `estimate` by both methods, of displacements made with these options where they serve."""
+    """The tables of `estimate` by both methods, of displacements made with these options where they serve.
+
+    Of `MANY` impacts and more, spoilt recordings are left to `check`: to look for them would take as long as
+    the fit.
+    """
     from bayestissue.inference.estimates import default_options, estimates_table
     from bayestissue.signal import displacements
     from bayestissue.signal.quality import inspect
 
-    found, tables = inspect(dataset, options), {}
+    found, tables = inspect(dataset, options) if len(dataset.impacts) < MANY else [], {}
     for method in ("exact", "dds"):
         own = default_options(method)
         made = signal if own == options else displacements(dataset, own)

@@ -165,5 +165,5 @@ def test_a_run_without_densities_is_named(runs, tmp_path):
 
 def test_a_full_folder_is_refused(runs, tmp_path):
     (tmp_path / "kept").write_text("kept")
-    with pytest.raises(InputError, match="--overwrite"):
+    with pytest.raises(InputError, match="a folder that is not empty"):
         compared(runs["a2"], runs["arma"], out=tmp_path)

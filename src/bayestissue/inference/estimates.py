@@ -10,7 +10,16 @@ import pandas as pd
 from scipy.special import stdtrit
 
 from bayestissue.inference.point import Column, Method, PointFit, fit_points
-from bayestissue.inference.point_notes import ANOTHER_PEAK, ARCCOS, NOISELESS, NOT_WHITE, THETA1
+from bayestissue.inference.point_notes import (
+    ANOTHER_PEAK,
+    ARCCOS,
+    AT_A_LIMIT,
+    NO_OSCILLATOR,
+    NOISELESS,
+    NOT_POSITIVE,
+    NOT_WHITE,
+    THETA1,
+)
 from bayestissue.signal import Displacements, SignalOptions, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.quality import Finding, inspect, raised
@@ -160,9 +169,9 @@ def _flags(
         implied = fit.unit_peak * signal.velocity
         another_peak = np.abs(implied / signal.peak_displacement - 1) > PEAK_DISAGREES
         wrong = {
-            "no oscillator has these coefficients": np.isfinite(fit.phi1) & np.isnan(fit.K),
-            "K or C is not positive": (fit.K <= 0) | (fit.C <= 0),
-            "zeta at a limit": (fit.zeta < ZETA_LIMITS[0]) | (fit.zeta > ZETA_LIMITS[1]),
+            NO_OSCILLATOR: np.isfinite(fit.phi1) & np.isnan(fit.K),
+            NOT_POSITIVE: (fit.K <= 0) | (fit.C <= 0),
+            AT_A_LIMIT: (fit.zeta < ZETA_LIMITS[0]) | (fit.zeta > ZETA_LIMITS[1]),
             "deeper than the tissue is thick": _too_deep(dataset, signal),
         }
         noted = {

@@ -12,6 +12,11 @@ NOT_WHITE = "residuals are not white"
 ARCCOS = "theta1 asks for another value of arccos"
 NOISELESS = "no noise beyond rounding: no standard errors"
 ANOTHER_PEAK = "K and C imply another peak displacement than recorded"
+# Flags that say that the fit came to no answer, whether or not the recording is sound.
+NO_OSCILLATOR = "no oscillator has these coefficients"
+NOT_POSITIVE = "K or C is not positive"
+AT_A_LIMIT = "zeta at a limit"
+FAILED = (NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, ANOTHER_PEAK)
 
 _INTEGRATED = (
     "White noise of an accelerometer, integrated twice, is not the noise that an ARMA(2,1) assumes: so it is "
