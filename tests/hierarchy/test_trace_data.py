@@ -211,3 +211,16 @@ def test_contact_that_is_given_is_known() -> None:
     made = prepared("impact", element="hunt_crossley", signal=SignalOptions(contact="time-zero"))
     assert made.data.record.before is None
     assert not np.asarray(made.data.record.error_sd)[:, 3].any()
+
+
+def test_elements_whose_stiffness_depends_on_depth_have_one_depth_that_all_impacts_reach() -> None:
+    made = dataset()
+    found = prepare(made, specification("impact", element="stiffening"), source="m.toml")
+    depth = np.asarray(found.data.record.common_depth)  # type: ignore[union-attr]
+    assert_allclose(depth, found.signal.peak_displacement.min(), rtol=0.01)
+    assert (depth <= found.signal.peak_displacement).all()
+    assert np.ptp(depth) == 0
+    straight = prepare(made, specification("impact", element="maxwell"), source="m.toml")
+    assert straight.data.record.common_depth is None  # type: ignore[union-attr]
+    beside = with_discrepancy(made, specification("impact", element="maxwell"), straight)
+    assert_allclose(beside.data.record.common_depth, depth)  # type: ignore[union-attr]

@@ -42,8 +42,8 @@ def mass_exponents_of_secants(
         seed: of these draws.
 
     Returns:
-        `EXPONENTS`, of all draws or of those that are kept of impacts; nothing where impacts have no
-        ``K_common_depth``, or log K no exponent. A stiffness that a draw has at or below 0, as one may where
+        `EXPONENTS`, of all draws or of those that are kept of impacts; nothing where stiffness does not
+        depend on depth, or log K has no exponent. A stiffness that a draw has at or below 0, as one may where
         the damper's part of the force is hardly known, has none.
     """
     design, impacts = prepared.design, unfolded.impacts
