@@ -83,12 +83,12 @@ def statement(rows: pd.DataFrame) -> str:
     )
     weakest = ", ".join(f"{row.kind} {row.share:.0%}" for row in least.itertuples())
     left_alone = ", ".join(
-        f"of {row.impacts} {row.kind.removeprefix('sound, ')}s {row.flagged / row.impacts:.1%} are flagged"
+        f"of {row.impacts} sound {row.kind.removeprefix('sound, ')}s {row.flagged / row.impacts:.1%} are flagged"
         f" ({row.estimate_failed / row.impacts:.1%} only because the ARMA(2,1) fit came to no answer)"
         for row in good.itertuples()
     )
     return (
-        f"Of simulated sound impacts, {left_alone}. Of "
+        f"In simulations, {left_alone}. Of "
         f"{spoilt['impacts'].sum()} spoilt in {len(spoilt)} ways, K or C of {off} is off by more than 5 %, "
         f"and {caught / off:.1%} of these are flagged or refused (the least of the kinds: {weakest})."
     )
