@@ -83,7 +83,8 @@ def statement(rows: pd.DataFrame) -> str:
     )
     weakest = ", ".join(f"{row.kind} {row.share:.0%}" for row in least.itertuples())
     left_alone = ", ".join(
-        f"of {row.impacts} sound {row.kind.removeprefix('sound, ')}s {row.flagged / row.impacts:.1%} are flagged"
+        f"of {row.impacts} sound {row.kind.removeprefix('sound, ')}s {row.flagged / row.impacts:.1%} are "
+        "flagged"
         f" ({row.estimate_failed / row.impacts:.1%} only because the ARMA(2,1) fit came to no answer)"
         for row in good.itertuples()
     )
