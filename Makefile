@@ -1,5 +1,6 @@
 # Two commands: `make report` runs the main job, `make test` passes the tests.
-# Both set up what they need in .venv first, and reuse it afterwards.
+# Both set up what they need in .venv first, and reuse it afterwards: requirements.lock is what a run needs,
+# requirements-dev.lock that and what the tests need besides.
 
 PYTHON ?= $(shell for p in python3 python3.12 python3.13 python3.14 python; do \
 	command -v $$p >/dev/null 2>&1 && $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1 \
@@ -7,51 +8,71 @@ PYTHON ?= $(shell for p in python3 python3.12 python3.13 python3.14 python; do \
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+READY_FOR_TESTS := $(VENV)/.ready-for-tests
+HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestissue --help
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup report test check-code test-long benchmark benchmark-fit lock clean
+.PHONY: help setup shell report test check-code test-long benchmark benchmark-fit lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: $(READY)  ## create the environment in .venv
+	@echo "$(HOW)"
+
+shell: $(READY)  ## a shell in which `bayestissue` is found
+	@echo "in this shell bayestissue is on the PATH; exit leaves it"
+	@VIRTUAL_ENV="$(CURDIR)/$(VENV)" PATH="$(CURDIR)/$(BIN):$$PATH" $${SHELL:-sh} || true
 
 $(READY): requirements.lock pyproject.toml
 	@test -n "$(PYTHON)" || { echo "bayestissue needs Python 3.12 or newer on the PATH (or: make PYTHON=/path/to/python3.12 ...)"; exit 1; }
-	@echo "setting up $(VENV) with $$($(PYTHON) --version) ..."
+	@echo "setting up $(VENV) with $$($(PYTHON) --version), some minutes the first time ..."
 	@$(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r requirements.lock
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps --no-build-isolation --editable .
+	@$(PYTHON) tools/install.py $(VENV) requirements.lock
+	@touch $@
+
+$(READY_FOR_TESTS): $(READY) requirements-dev.lock
+	@$(PYTHON) tools/install.py $(VENV) requirements-dev.lock
 	@touch $@
 
 report: $(READY)  ## the main job: the example campaign's fit and the published estimates' re-analysis, in reports/
+	@echo "fitting the example campaign, about a minute ..."
 	@$(BIN)/bayestissue fit data/example --model models/arma.toml --out $(REPORTS)/example --overwrite
+	@echo "re-analysing the published estimates, some minutes ..."
 	@$(BIN)/bayestissue reproduce --out $(REPORTS)/published --overwrite
 	@echo "open $(REPORTS)/example/report.html and $(REPORTS)/published/report.html"
+	@echo "$(HOW)"
 
-test: $(READY) check-code  ## style, types, import order and the test suite
+test: $(READY_FOR_TESTS) check-code  ## style, types, import order and the test suite
+	@echo "tests, some ten minutes ..."
 	@$(BIN)/python -m pytest
 
-check-code: $(READY)
+check-code: $(READY_FOR_TESTS)
+	@echo "style ..."
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
+	@echo "types, a minute or two the first time ..."
 	@$(BIN)/mypy
+	@echo "import order ..."
 	@$(BIN)/lint-imports
 
-test-long: $(READY)  ## the checks that take minutes to hours
+test-long: $(READY_FOR_TESTS)  ## the checks that take minutes to hours
 	@$(BIN)/python -m pytest -m long -n 0
 
-benchmark: $(READY)  ## time the likelihood beside its peers (installs them first)
+benchmark: $(READY_FOR_TESTS)  ## time the likelihood beside its peers (installs them first)
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.lock
 	@$(BIN)/python benchmarks/likelihood.py
 
-benchmark-fit: $(READY)  ## time a fit beside its peers: half an hour and more
+benchmark-fit: $(READY_FOR_TESTS)  ## time a fit beside its peers: half an hour and more
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.lock
 	@$(BIN)/python benchmarks/fit_efficiency.py
 
-lock: $(READY)  ## resolve the pinned versions anew (needs uv)
-	uv pip compile pyproject.toml --group dev --universal --python-version 3.12 --no-emit-index-url --no-header --upgrade --output-file requirements.lock
+LOCK := uv pip compile pyproject.toml --universal --python-version 3.12 --no-emit-index-url --no-header --upgrade
+
+lock:  ## resolve the pinned versions anew (needs uv)
+	$(LOCK) --group dev --output-file requirements-dev.lock
+	$(LOCK) --group build --constraints requirements-dev.lock --output-file requirements.lock
 
 clean:  ## remove the environment and caches
 	rm -rf $(VENV) .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -38,7 +38,7 @@ from bayestissue.elements import element_names
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.comparison import decides
-from bayestissue.inference.implied import TYPICAL, implied
+from bayestissue.inference.implied import OF_IMPACTS, implied
 from bayestissue.inference.runs import FinishedRun, compare_runs
 from bayestissue.inference.summary_path import Correction
 from bayestissue.inference.trace_draws import Unfolded
@@ -61,7 +61,7 @@ def finished(name: str, prepared: Prepared, found: Unfolded) -> FinishedRun:
     """What `compare` reads of a run's folder."""
     draws, people = ("chain", "draw"), prepared.impacts["subject"].astype(str).to_numpy()
     scalars = {site: (draws, values) for site, values in found.sites.items() if values.ndim == 2}
-    wanted = {site for each in TYPICAL.values() for site in each}
+    wanted = {site for each in OF_IMPACTS.values() for site in each}
     impacts = {
         site: ((*draws, "impact"), found.impacts[site]) for site in sorted(wanted) if site in found.impacts
     }
@@ -103,18 +103,19 @@ def row_of(right: str, number: int) -> dict[str, Any]:
         runs += refused
     comparison = compare_runs(runs)
     of_weights = implied(runs, comparison)
-    typical = of_weights[(of_weights["scheme"] == BY_IMPACT) & (of_weights["variable"] == "K_secant_typical")]
+    told = of_weights[of_weights["scheme"] == BY_IMPACT]
+    together = told[told["variable"] == "K_secant_of_impacts"]
     # Of a spring and damper side by side K itself is the secant stiffness.
     secant = result.truth["K_secant_N_per_m" if "K_secant_N_per_m" in result.truth else "K_N_per_m"]
     true = float(np.exp(np.log(secant).mean()))
-    low, high = (float(typical[end].iloc[0]) for end in ("eti90_low", "eti90_high"))
+    low, high = (float(together[end].iloc[0]) for end in ("eti90_low", "eti90_high"))
     return {
         "element": right,
         "campaign": number,
         **_score(comparison, BY_IMPACT, right, ""),
         **_score(comparison, BY_PERSON, right, "_people"),
         "K_of_weights_held": low <= true <= high,
-        "K_of_weights_error": round(float(typical["median"].iloc[0]) / true - 1, 5),
+        "K_of_weights_error": round(float(together["median"].iloc[0]) / true - 1, 5),
         "K_of_weights_width": round((high - low) / true, 5),
         "correction_k": round(corrections[right].pareto_k, 3),
         **_elpd(comparison),

@@ -34,6 +34,7 @@ import bayestissue as bt
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.resources import shared
 from bayestissue.signal import displacements
+from bayestissue.signal.quality import inspect, raised
 
 az.style.use("arviz-variat")
 dataset = bt.read_dataset(os.environ.get("BAYESTISSUE_DATASET", shared("data", "example")))
@@ -49,7 +50,8 @@ print(f"{len(impacts)} impacts, {impacts['subject'].nunique()} people, {impacts[
 # %%
 signal = displacements(dataset)
 odd = [str(problem) for problem in dataset.warnings]
-odd += [f"{i}: {flag}" for i, flags in zip(impacts["impact"], signal.flags) for flag in flags]
+spoilt = raised(inspect(dataset), len(impacts))
+odd += [f"{i}: {flag}" for i, *flags in zip(impacts["impact"], signal.flags, spoilt) for flag in sum(flags, [])]
 print("\n".join(odd) or "nothing looks odd")
 print(dataset.uncertainty)
 

@@ -59,6 +59,20 @@ def test_a_fit_hands_out_its_posterior_summary_and_diagnostics(fitted):
     assert "effective sample sizes at least 900" in fitted.verdict
 
 
+def test_it_is_shown_in_a_few_lines(fitted):
+    evil = replace(fitted, dataset=replace(fitted.dataset, name="<b>\x1b[2J" + "long" * 100))
+    told, page = repr(evil), evil._repr_html_()
+    assert told.startswith("Fit by the model a2\n  impacts")
+    assert len(told.splitlines()) == 7
+    assert max(len(line) for line in told.splitlines()) < 200
+    assert "R-hat at most 1.003" in told
+    for text in (told, page):
+        assert "K of the impacts" in text
+        assert "\x1b" not in text
+    assert "<b>" not in page
+    assert "&lt;b&gt;" in page
+
+
 def test_its_report_is_the_folder_of_a_finished_run(fitted, tmp_path):
     page = fitted.report(tmp_path / "run")
     assert page == tmp_path / "run" / "report.html"
@@ -120,14 +134,22 @@ def test_structured_residuals_ask_for_a_second_fit(
     own = {"discrepancy": 0.05 * posterior["K"] ** 0, "K_secant": posterior["K"]}
     tree = xr.DataTree.from_dict({"posterior": posterior.assign(own)})
     made = replace(fitted.analysis, tree=tree, diagnostics=fitted.diagnostics | {"model_form": form})
-    seen, said = [], []
+    seen, said, asked = [], [], []
 
     def fit_traces(prepared, specification, seed, say, *, checkpoints, core):
         seen.append((prepared.model.discrepancy, checkpoints))
         say("summarising each trace", 0, 1)
         return made
 
+    def judge(prepared):
+        asked.append(prepared.model.discrepancy)
+        return {"passed": False, "error": "offset", "structure_left": 0.1, "words": "The zero is off."} | {
+            "impacts": [str(posterior["impact"].to_numpy()[0])],
+            "of": posterior.sizes["impact"],
+        }
+
     monkeypatch.setattr(fitting, "fit_traces", fit_traces)
+    monkeypatch.setattr(fitting, "judge", judge)
     monkeypatch.setattr(fitting.model_form, "model_form", lambda tree, name: {"score": 0.5})
     specification = read_specification(shared("models", "impact.toml"))
     specification = specification.model_copy(update={"discrepancy": choice, "noise": noise})
@@ -136,6 +158,16 @@ def test_structured_residuals_ask_for_a_second_fit(
         dataset, specification, prepared, 1, lambda stage, *_: said.append(stage), checkpoints=tmp_path
     )
     told = found.diagnostics["model_form"]
+    # The chain is asked without a discrepancy, and speaks first.
+    assert asked == [False]
+    assert "WARNING: The zero is off." in found.verdict
+    about = fitting.provenance(found)["verdict"]
+    assert about["warned"]
+    assert "contradict the measuring chain" in about["headline"]
+    impact = found.diagnostics["measuring_chain"]["impacts"][0]
+    notes = found.summary.set_index("label")["note"]
+    assert notes[impact].ne("").all()
+    assert notes.drop(impact).eq("").all()
     if structured and choice == "automatic" and noise == "white":
         assert seen == [(False, tmp_path), (True, tmp_path / "discrepancy")]
         assert (tmp_path / "discrepancy").is_dir()
@@ -149,7 +181,7 @@ def test_structured_residuals_ask_for_a_second_fit(
     else:
         assert seen == [(False, tmp_path)]
         assert said == ["summarising each trace"]
-        assert told == form
+        assert (told["score"], told["structured"]) == (form["score"], form["structured"])
         assert "discrepancy" not in fitting.provenance(found)
 
 

@@ -6,15 +6,22 @@ The public names below load on first use, so that importing the package costs no
 from __future__ import annotations
 
 from importlib import import_module
-from typing import Any
+
+# As `typing` has it, whose import would be most of what this costs: no command can be stopped before.
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from typing import Any
 
 _PUBLIC: dict[str, str] = {
     "Dataset": "bayestissue.dataset",
     "read_dataset": "bayestissue.dataset",
     "Fit": "bayestissue.fitting",
-    "fit": "bayestissue.fitting",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",
+}
+# What computes with JAX, and so in float64, whatever the caller's setting is.
+_COMPUTED: dict[str, str] = {
+    "fit": "bayestissue.fitting",
     "estimate": "bayestissue.inference.estimates",
     "arma21_log_likelihood": "bayestissue.likelihood",
     "spring_damper": "bayestissue.oscillator",
@@ -22,16 +29,22 @@ _PUBLIC: dict[str, str] = {
     "to_discrete": "bayestissue.oscillator",
 }
 
-__all__ = sorted(_PUBLIC)
+__all__ = sorted([*_PUBLIC, *_COMPUTED])
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _PUBLIC:
+    if name not in __all__:
         raise AttributeError(f"module 'bayestissue' has no attribute {name!r}")
-    value = getattr(import_module(_PUBLIC[name]), name)
+    value = getattr(import_module((_PUBLIC | _COMPUTED)[name]), name)
+    if name in _COMPUTED:
+        from bayestissue.runtime import in_float64
+
+        value = in_float64(value)
+        # Where it is found under its name, by pickle too.
+        value.__module__ = __name__
     globals()[name] = value
     return value
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_PUBLIC])
+    return sorted({*globals(), *__all__})

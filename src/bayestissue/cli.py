@@ -3,23 +3,25 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
+from contextlib import suppress
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NoReturn
 
 import typer
 
-from bayestissue import results, runtime, stopping
-from bayestissue.errors import InputError
+from bayestissue import runtime, stopping
+from bayestissue.errors import InputError, PartialResultError, printable
 
 app = typer.Typer(
     name="bayestissue",
     help="Stiffness K and damping C of soft tissue from the recorded deceleration of an impact: "
     "what they are, how sure one can be, and whether their dependence on mass is real.",
-    epilog="Exit status: 0 done; 2 the input is wrong, nothing written; 3 finished, but the sampler's "
-    "diagnostics failed; 130 interrupted.",
+    epilog="Exit status: 0 done; 1 whoever read the output closed it; 2 the input is wrong, nothing written; "
+    "3 finished, but the sampler's diagnostics failed; 4 the results are written, but not their page, or in "
+    "another folder, as the message says; 5 the machine failed (a full disk, say); 130 interrupted.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -29,11 +31,28 @@ Dataset = Annotated[
     Path, typer.Argument(help="Folder with dataset.toml, impacts.csv and the traces.", metavar="DATASET")
 ]
 Out = Annotated[Path, typer.Option("--out", help="Folder for the results; it must be new or empty.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace what --out holds.")]
+Overwrite = Annotated[
+    bool,
+    typer.Option(
+        "--overwrite",
+        help="Replace what --out holds, if that is results of bayestissue and nothing else.",
+    ),
+]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]
 Json = Annotated[bool, typer.Option("--json", help="Print the table as JSON.")]
 SkipBad = Annotated[
     bool, typer.Option("--skip-bad", help="Go on with the good impacts and list what was left out.")
+]
+# As text: a path would lose the "./" that tells a file from the program's model of that name.
+Model = Annotated[
+    str | None,
+    typer.Option(
+        "--model",
+        metavar="NAME|FILE",
+        help="What is believed and sampled: the name of a model that comes with the program (arma unless "
+        "given; impact, maxwell ...), from any folder, or a file of your own. A name means the program's "
+        "model; write ./NAME for a file that is called so.",
+    ),
 ]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0)]
 
@@ -87,9 +106,12 @@ def estimate(
         ),
     ] = "exact",
     model: Annotated[
-        Path | None,
+        str | None,
         typer.Option(
-            "--model", help="A model file; its [signal] table says how x is made from the recording."
+            "--model",
+            metavar="NAME|FILE",
+            help="A model, by name or as a file, as in fit; its [signal] table says how x is made from the "
+            "recording.",
         ),
     ] = None,
     vary: Annotated[
@@ -124,10 +146,7 @@ def estimate(
 def fit(
     dataset: Dataset,
     out: Out,
-    model: Annotated[
-        Path | None,
-        typer.Option("--model", help="What is believed and sampled; models/arma.toml unless given."),
-    ] = None,
+    model: Model = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
     overwrite: Overwrite = False,
@@ -150,8 +169,10 @@ def fit(
 def reproduce(
     out: Out,
     model: Annotated[
-        Path | None,
-        typer.Option("--model", help="Model file of the re-analysis; models/published.toml unless given."),
+        str | None,
+        typer.Option(
+            "--model", metavar="NAME|FILE", help="Model of the re-analysis; published unless given."
+        ),
     ] = None,
     published: Annotated[
         Path | None,
@@ -209,8 +230,8 @@ def causes(
     ],
     out: Out,
     model: Annotated[
-        Path | None,
-        typer.Option("--model", help="What is simulated; models/causes.toml unless given."),
+        str | None,
+        typer.Option("--model", metavar="NAME|FILE", help="What is simulated; causes unless given."),
     ] = None,
     cause: Annotated[
         list[str] | None, typer.Option("--cause", help="Only this cause of the model file; may be repeated.")
@@ -275,28 +296,53 @@ def _options(
 
 
 def main() -> None:
-    """Run the command line; bad input is listed on standard error and ends with exit status 2."""
-    stopping.on_request()
+    """Run the command line; what ends it before it is done is one line on standard error and a status."""
     runtime.keep_compiled()
     try:
-        app()
+        try:
+            app()
+        finally:
+            _flush()
     except InputError as error:
-        _print_problems(error)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        results.discard_unfinished()
-        typer.echo("interrupted", err=True)
-        sys.exit(stopping.INTERRUPTED)
+        _leave(2, _problems(error), *getattr(error, "__notes__", ()))
+    except PartialResultError as error:
+        _leave(4, str(error))
+    except BrokenPipeError:
+        # Whoever read the output has seen enough.
+        _leave(1)
+    except OSError as error:
+        where = error.filename or "standard output"
+        _leave(5, f"could not go on: {where}: {error.strerror or error}", *getattr(error, "__notes__", ()))
+    except MemoryError as error:
+        _leave(5, "could not go on: there is not enough memory", *getattr(error, "__notes__", ()))
+    except KeyboardInterrupt as error:
+        _leave(stopping.INTERRUPTED, "; ".join(["interrupted", *getattr(error, "__notes__", ())]))
 
 
-def _print_problems(error: InputError) -> None:
+def _leave(status: int, *said: str) -> NoReturn:
+    with suppress(OSError):
+        for line in said:
+            typer.echo(printable(line, lines=True), err=True)
+    try:
+        _flush()
+    except OSError:
+        # What can't be written would be tried once more at the very end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    sys.exit(status)
+
+
+def _flush() -> None:
+    # Without a standard output there is nothing to flush.
+    if sys.stdout is not None:
+        sys.stdout.flush()
+
+
+def _problems(error: InputError) -> str:
     if "--json" in sys.argv:
-        typer.echo(json.dumps({"problems": [p.as_dict() for p in error.problems]}, default=str), err=True)
-        return
+        return json.dumps({"problems": [p.as_dict() for p in error.problems]}, default=str)
     count = len(error.problems)
-    typer.echo(f"{count} problem{'s' if count > 1 else ''}; nothing was written.", err=True)
-    for problem in error.problems:
-        typer.echo(f"  {problem}", err=True)
+    heading = f"{count} problem{'s' if count > 1 else ''}; nothing was written."
+    return "\n".join([heading, *(f"  {problem}" for problem in error.problems)])
 
 
 if __name__ == "__main__":

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
+
+# Control characters, and those that force a direction of writing: a terminal would obey them.
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
 
 
 @dataclass(frozen=True)
@@ -22,15 +26,16 @@ class Problem:
     impact: str | None = None
 
     def __str__(self) -> str:
-        place = [self.file]
+        place = [printable(self.file)]
         if self.row is not None:
             place.append(f"row {self.row}")
         if self.column is not None:
-            place.append(f"column {self.column}")
+            place.append(f"column {printable(str(self.column))}")
         if self.impact is not None:
-            place.append(f"impact {self.impact}")
+            place.append(f"impact {printable(str(self.impact))}")
         found = "" if self.value is None else f"found {_shown(self.value)}; "
-        return f"{', '.join(place)}: {found}expected {self.expected}. {self.remedy}"
+        told = printable(f"expected {self.expected}. {self.remedy}", lines=True)
+        return f"{', '.join(place)}: {found}{told}"
 
     def as_dict(self) -> dict[str, object]:
         """The same as plain values, for ``--json`` and for tables."""
@@ -45,7 +50,29 @@ class InputError(ValueError):
         super().__init__("\n".join(str(problem) for problem in self.problems))
 
 
+class PartialResultError(RuntimeError):
+    """The results are written, but not all is as it was asked for; the message says what. Exit status 4."""
+
+
+def has_control_characters(text: str) -> bool:
+    """Whether `printable` would change a text: it holds line ends, tabs, or what steers a terminal."""
+    return _CONTROL.search(text) is not None
+
+
+def printable(text: str, *, lines: bool = False) -> str:
+    r"""Text that may go to a terminal whoever wrote it: control characters as ``\u001b`` and so on.
+
+    The escapes are those of JSON, so that JSON stays what it is.
+
+    Args:
+        text: of any origin.
+        lines: whether line ends and tabs stay.
+    """
+    kept = "\n\t" if lines else ""
+    return _CONTROL.sub(lambda found: found[0] if found[0] in kept else f"\\u{ord(found[0]):04x}", text)
+
+
 def _shown(value: object, width: int = 80) -> str:
-    text = value if isinstance(value, str) else f"{value}"
+    text = printable(value if isinstance(value, str) else f"{value}")
     text = text if len(text) <= width else f"{text[: width - 1]}…"
     return f'"{text}"' if isinstance(value, str) else text

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import shutil
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, nullcontext
@@ -14,18 +13,21 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import xarray as xr
 
 from bayestissue import resources, results, runtime
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.hierarchy.trace_data import KINDS, Prepared, prepare, with_discrepancy
+from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.inference import model_form
 from bayestissue.inference.compiling import Result
-from bayestissue.inference.diagnostics import verdict_in_words
+from bayestissue.inference.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.inference.many_draws import MANY
+from bayestissue.inference.measuring_chain import judge
 from bayestissue.inference.second_core import SecondCore
 from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
+from bayestissue.outline import Rows, as_html, as_text, short, span
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,6 +62,28 @@ class Fit:
     started: datetime
     wall_time_s: float
 
+    def __repr__(self) -> str:
+        return as_text(*self._outline())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._outline())
+
+    def _outline(self) -> tuple[str, Rows]:
+        posterior = self.posterior["posterior"].dataset
+        chains, draws = (posterior.sizes[name] for name in ("chain", "draw"))
+        medians = [
+            (f"{name} of the impacts", f"posterior medians {span(_medians(posterior[name]), unit)}")
+            for name, unit in (("K", "N/m"), ("C", "N s/m"))
+        ]
+        rows = [
+            ("impacts", f"{len(self.dataset.impacts)} of {short(self.dataset.name)}"),
+            *medians,
+            ("draws", f"{chains} chains of {draws}, seed {self.seed}, {self.wall_time_s:.0f} s"),
+            ("diagnostics", short(self.verdict, 160)),
+            ("more in", ".summary, .posterior, .diagnostics, .report(path)"),
+        ]
+        return f"Fit by the model {short(self.specification.name)}", rows
+
     @property
     def posterior(self) -> xr.DataTree:
         """The ArviZ DataTree with all groups of ``posterior.nc``: draws, predictions, densities, data."""
@@ -67,17 +91,24 @@ class Fit:
 
     @property
     def summary(self) -> pd.DataFrame:
-        """Mean, median, intervals, R-hat and effective sample sizes of every quantity: ``summary.csv``."""
+        """Mean, median, intervals, R-hat and effective sample sizes of every quantity: ``summary.csv``.
+
+        ``note`` says where an interval is none: see `bayestissue.inference.diagnostics.noted`.
+        """
         return self.analysis.summary
 
     @property
     def diagnostics(self) -> dict[str, Any]:
-        """Whether the sampler did its work (``passed``), and each check: ``diagnostics.json``."""
+        """Whether the sampler did its work (``passed``), and each check: ``diagnostics.json``.
+
+        Besides, what is in doubt whatever the sampler did: ``measuring_chain`` (see
+        `bayestissue.inference.measuring_chain.judge`) and ``model_form``.
+        """
         return self.analysis.diagnostics
 
     @property
     def verdict(self) -> str:
-        """The diagnostics in a sentence."""
+        """The diagnostics in a sentence, and in others what the model or its data leave in doubt."""
         return verdict_in_words(self.diagnostics)
 
     def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
@@ -91,23 +122,29 @@ class Fit:
             The path of the page.
 
         Raises:
-            InputError: ``path`` is taken and ``overwrite`` is false.
+            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
+            PartialResultError: the results are written, but not the page, or not where they were to go.
         """
         path = Path(path)
         if path.suffix == ".html":
             return self._page(path, overwrite)
-        with results.whole_folder(path, overwrite=overwrite) as folder:
-            write_run(self, folder)
-        return path / "report.html"
+        from bayestissue.report import draw_page
+
+        with results.claim(path, overwrite=overwrite, command="fit", inputs=(self.dataset.folder,)) as place:
+            with place.folder() as folder:
+                write_run(self, folder)
+            return draw_page(place.path)
 
     def _page(self, path: Path, overwrite: bool) -> Path:
         if path.exists() and not overwrite:
             raise InputError(
                 Problem(str(path), "a name not yet taken", "Choose another, or pass overwrite=True.")
             )
-        with tempfile.TemporaryDirectory() as folder, results.whole_file(path) as staging:
-            write_run(self, Path(folder))
-            shutil.copyfile(Path(folder) / "report.html", staging)
+        from bayestissue.report import write_report
+
+        with results.scratch() as folder, results.whole_file(path) as staging:
+            write_run(self, folder)
+            shutil.copyfile(write_report(folder), staging)
         return path
 
 
@@ -121,13 +158,13 @@ def fit(
     """The posterior of K and C of every impact, person and condition, and of the mass exponents.
 
     log K and log C of all impacts are modelled jointly with the errors of the measuring chain that the
-    dataset states; see the commented model files. For the length of the call JAX is set to float64, and this
-    process keeps to one core but for the chains.
+    dataset states; see the commented model files. For the length of the call this process keeps to one core
+    but for the chains.
 
     Args:
         dataset: as `bayestissue.read_dataset` returns it.
-        model: "arma", "a2" or "impact" for the model files that come with the program, the path of your
-            own, or a `ModelSpecification`.
+        model: the name of a model that comes with the program, such as "impact" or "maxwell"; the path of
+            your own file; or a `ModelSpecification`.
         seed: same seed, same machine: same numbers.
         say: told the stage, how much of it is done, and its total.
 
@@ -144,11 +181,11 @@ def resolve(model: str | Path | ModelSpecification) -> tuple[ModelSpecification,
     """The model that a name, a path or a specification stands for, and what messages call it.
 
     Raises:
-        InputError: there is no such file, or it is wrong.
+        InputError: there is no such model or file (see `resources.model_file`), or it is wrong.
     """
     if isinstance(model, ModelSpecification):
         return model, f"model {model.name}"
-    path = resources.shared("models", f"{model}.toml") if model in KINDS else Path(model)
+    path = resources.model_file(model, lambda content: content.get("likelihood") in KINDS)
     return read_specification(path), str(path)
 
 
@@ -173,6 +210,7 @@ def fit_prepared(
     started, clock = datetime.now(UTC), time.perf_counter()
     with SecondCore() if core is None else nullcontext(core) as core:
         estimates = _begun_estimates(dataset, specification, prepared, core)
+        plain = _without_discrepancy(dataset, specification, prepared)
         found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints, core=core)
         form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
         if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
@@ -182,9 +220,32 @@ def fit_prepared(
             analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
         else:
             analysis = found
+        if dataset.quantity != "displacement":
+            analysis = _with_chain(analysis, plain)
+        analysis = _with_notes(analysis)
         points = estimates()
     wall_time_s = time.perf_counter() - clock
     return Fit(dataset, specification, prepared, analysis, points, seed, started, wall_time_s)
+
+
+def _without_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
+    """The same fit without a discrepancy, which would take up what the measuring chain does to a trace."""
+    if not prepared.model.discrepancy:
+        return prepared
+    plain = specification.model_copy(update={"discrepancy": "none"})
+    return assemble(dataset, plain, prepared.design, prepared.signal)
+
+
+def _with_chain(analysis: TraceAnalysis, plain: Prepared) -> TraceAnalysis:
+    """The same with what the traces say of their measuring chain in its diagnostics."""
+    chain, diagnostics = judge(plain), dict(analysis.diagnostics)
+    if "model_form" in diagnostics:
+        diagnostics["model_form"] = model_form.with_chain(diagnostics["model_form"], chain)
+    return replace(analysis, diagnostics=diagnostics | ({"measuring_chain": chain} if chain else {}))
+
+
+def _with_notes(analysis: TraceAnalysis) -> TraceAnalysis:
+    return replace(analysis, summary=noted(analysis.summary, analysis.diagnostics))
 
 
 def _begun_estimates(
@@ -200,12 +261,21 @@ def _begun_estimates(
 def point_estimates(
     dataset: Dataset, options: SignalOptions, signal: Displacements
 ) -> dict[str, pd.DataFrame]:
-    """The tables of `estimate` by both methods, of displacements made with these options where they serve."""
-    from bayestissue.inference.estimates import default_options, estimate, estimates_table
+    """The tables of `estimate` by both methods, of displacements made with these options where they serve.
 
-    serves = options == default_options("exact")
-    exact = estimates_table(dataset, signal, "exact") if serves else estimate(dataset, method="exact")
-    return {"exact": exact, "dds": estimate(dataset, method="dds")}
+    Of `MANY` impacts and more, spoilt recordings are left to `check`: to look for them would take as long as
+    the fit.
+    """
+    from bayestissue.inference.estimates import default_options, estimates_table
+    from bayestissue.signal import displacements
+    from bayestissue.signal.quality import inspect
+
+    found, tables = inspect(dataset, options) if len(dataset.impacts) < MANY else [], {}
+    for method in ("exact", "dds"):
+        own = default_options(method)
+        made = signal if own == options else displacements(dataset, own)
+        tables[method] = estimates_table(dataset, made, method, found)
+    return tables
 
 
 def _again(
@@ -230,12 +300,10 @@ def _again(
 
 
 def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
-    """Write every file of a finished run into ``folder``, the report last."""
-    from bayestissue.report import write_report
-
+    """Write every file of a finished run into ``folder``, but for the page that is drawn of them."""
     say = say or _silent
     say("writing the results", 0, 1)
-    fit.analysis.tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    results.write_tree(fit.analysis.tree, folder / "posterior.nc")
     for name in TABLES:
         getattr(fit.analysis, name).to_csv(folder / f"{name}.csv", index=False)
     for method, table in fit.point_estimates.items():
@@ -246,8 +314,6 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
         shutil.copyfile(truth, folder / "truth.csv")
     results.write_json(fit.diagnostics, folder / "diagnostics.json")
     results.write_json(provenance(fit), folder / "run.json")
-    say("writing the report", 0, 1)
-    write_report(folder)
 
 
 def provenance(fit: Fit) -> dict[str, Any]:
@@ -261,8 +327,8 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "description": data.description,
         "quantity": data.quantity,
         "versions": runtime.versions(),
-        "model": fit.specification.model_dump(mode="json")
-        | {"reference_mass_kg": fit.prepared.design.reference_mass_kg},
+        "model": fit.specification.model_dump(mode="json") | fit.prepared.design.resolved(),
+        "terms_left_out": fit.prepared.design.terms_left_out(),
         "uncertainty": vars(data.uncertainty),
         "left_out": [str(problem) for problem in data.left_out],
         "seed": fit.seed,
@@ -273,8 +339,9 @@ def provenance(fit: Fit) -> dict[str, Any]:
         **_discrepancy(fit),
         "verdict": {
             "passed": fit.diagnostics["passed"],
+            "headline": headline(fit.diagnostics),
             "words": fit.verdict,
-            "warned": bool(fit.diagnostics.get("model_form", {}).get("structured", False)),
+            "warned": bool(warnings(fit.diagnostics)),
         },
     }
 
@@ -302,6 +369,11 @@ def _discrepancy(fit: Fit) -> dict[str, Any]:
     }
 
 
+def _medians(quantity: xr.DataArray) -> np.ndarray:
+    """Of every impact, over all its draws."""
+    return quantity.median([name for name in quantity.dims if name != "impact"]).to_numpy()
+
+
 def _silent(stage: str, done: int, total: int) -> None:
     """Say nothing."""
 
@@ -309,20 +381,16 @@ def _silent(stage: str, done: int, total: int) -> None:
 @contextmanager
 def _set_up() -> Iterator[None]:
     """The numerical libraries as an entry point sets them up, for the length of a block."""
-    import jax
     import scipy.linalg  # noqa: F401 - compiled functions call its BLAS, which must be there to be limited
     from threadpoolctl import threadpool_limits
 
-    # The setting of JAX is for every thread: chains may run in several.
-    float64 = jax.config.jax_enable_x64
     cores = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else None
-    runtime.configure(one_core=True)
+    runtime.keep_to_one_core()
     try:
         # Loaded before this process kept to one core, BLAS has a thread on each, and chains were measured to
         # take three times as long.
         with threadpool_limits(1):
             yield
     finally:
-        jax.config.update("jax_enable_x64", float64)
         if cores is not None:
             os.sched_setaffinity(0, cores)

@@ -2,8 +2,16 @@
 
 from __future__ import annotations
 
+import difflib
+import tomllib
+from collections.abc import Callable
 from importlib.resources import files
 from pathlib import Path
+from typing import Any
+
+from bayestissue.errors import InputError, Problem
+
+Serves = Callable[[dict[str, Any]], bool]
 
 
 def shared(*parts: str) -> Path:
@@ -20,3 +28,39 @@ def shared(*parts: str) -> Path:
         if path.exists():
             return path
     raise FileNotFoundError(f"{'/'.join(parts)} does not come with this installation")
+
+
+def model_file(model: str | Path, serves: Serves) -> Path:
+    """The model file that a name or a path stands for.
+
+    The name of a model that comes with the program, such as ``"impact"``, means that one, also where a file
+    or folder of that name lies in the working folder; ``"./impact"`` is the path of the latter.
+
+    Args:
+        model: the name as text, or a path.
+        serves: whether the content of a model file is for the command that asks.
+
+    Raises:
+        InputError: there is neither such a model nor such a file; the right names are listed, the nearest
+            first.
+    """
+    names = _models(serves)
+    if isinstance(model, str) and model in names:
+        return shared("models", f"{model}.toml")
+    path = Path(model)
+    if path.is_file():
+        return path
+    near = difflib.get_close_matches(path.stem.lower(), names, n=len(names), cutoff=0.5)
+    listed = ", ".join([*near, *(name for name in names if name not in near)])
+    found = "a folder" if path.is_dir() else "no such model or file"
+    remedy = f"Write {near[0]} for the one of that name." if near else "Check the spelling."
+    if path.stem in names:
+        remedy = f"Write {path.stem} for the one that comes with the program, or check the path."
+    raise InputError(
+        Problem(str(model), f"a model file, or a model of the program: {listed}", remedy, value=found)
+    )
+
+
+def _models(serves: Serves) -> list[str]:
+    paths = sorted(shared("models").glob("*.toml"))
+    return [path.stem for path in paths if serves(tomllib.loads(path.read_text(encoding="utf-8")))]

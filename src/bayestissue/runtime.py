@@ -5,9 +5,15 @@ from __future__ import annotations
 import hashlib
 import os
 import platform
-from collections.abc import Iterable
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from functools import wraps
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
+
+from bayestissue import stopping
 
 LIBRARIES = ("bayestissue", "numpy", "scipy", "jax", "numpyro", "arviz", "pandas", "xarray")
 
@@ -25,17 +31,67 @@ CORES = _allowed()
 
 
 def configure(*, one_core: bool = False) -> None:
-    """Use float64; must be called before JAX computes anything.
+    """Use float64 in the whole process, perhaps by `keep_to_one_core`; for a process of the program's own.
 
-    With ``one_core`` this process keeps to one of its cores. A compiled chain hands its many small pieces
-    from thread to thread; on one core that costs nothing, and across cores that other work wants too it was
-    measured to take eight times as long.
+    Must be called before JAX computes anything.
     """
     if one_core:
-        _bind(CORES[os.getpid() % len(CORES)] if CORES else None)
+        keep_to_one_core()
     import jax
 
     jax.config.update("jax_enable_x64", True)
+
+
+def keep_to_one_core() -> None:
+    """Let this process keep to one of its cores.
+
+    A compiled chain hands its many small pieces from thread to thread; on one core that costs nothing, and
+    across cores that other work wants too it was measured to take eight times as long.
+    """
+    _bind(CORES[os.getpid() % len(CORES)] if CORES else None)
+
+
+def in_float64[**Arguments, Result](function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """``function``, computed in float64 whatever JAX is set to; the setting is as it was afterwards.
+
+    Other threads keep theirs meanwhile. Where JAX is set to float32, arrays are returned as NumPy's: the next
+    operation would round JAX's own to float32. Within `jax.jit`, `jax.grad` or `jax.vmap` a function is only
+    put down, and worked off later, with the caller's setting: there the call is refused if that is float32,
+    in which K and C have hardly a digit left.
+
+    Raises:
+        TypeError: called within such a transformation while JAX is set to float32.
+    """
+
+    @wraps(function)
+    def computed(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        import jax
+
+        if jax.config.jax_enable_x64:
+            return function(*args, **kwargs)
+        _refuse_traced(function.__name__, jax.tree.leaves((args, kwargs)))
+        with jax.enable_x64(True):
+            return jax.tree.map(_outside, function(*args, **kwargs))
+
+    return computed
+
+
+def _outside(leaf: object) -> object:
+    import jax
+    import numpy as np
+
+    return np.asarray(leaf) if isinstance(leaf, jax.Array) and not isinstance(leaf, jax.core.Tracer) else leaf
+
+
+def _refuse_traced(name: str, arguments: list[object]) -> None:
+    import jax
+
+    if any(isinstance(argument, jax.core.Tracer) for argument in arguments):
+        raise TypeError(
+            f"{name} was called within jax.jit, jax.grad, jax.vmap or the like while JAX is set to float32; "
+            "expected float64. Put the call of the transformed function into a block "
+            '"with jax.enable_x64(True):", or begin with jax.config.update("jax_enable_x64", True).'
+        )
 
 
 def keep_compiled() -> None:
@@ -51,7 +107,13 @@ def keep_compiled() -> None:
     folder = Path(os.environ.get(_FOLDER) or user_cache_path("bayestissue") / f"compiled-{kind}")
     try:
         folder.mkdir(parents=True, exist_ok=True)
+        usable = os.access(folder, os.W_OK)
     except OSError:
+        usable = False
+    # Such an entry that can't be written or read is compiled anew, which is no one's concern.
+    warnings.filterwarnings("ignore", "Error (writing|reading) persistent compilation cache entry")
+    if not usable:
+        os.environ.pop(_FOLDER, None)
         return
     os.environ[_FOLDER] = str(folder)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
@@ -94,6 +156,16 @@ def settle(places: str, allowed: tuple[int, ...]) -> None:
     configure()
 
 
+@contextmanager
+def worker_pool(workers: int, told: Path) -> Iterator[Any]:
+    """A loky executor of processes set up by `settle`; they end with the block. ``told`` is a new folder."""
+    pool = stopping.begin_workers(os.getpid, workers, initializer=settle, initargs=(str(told), CORES))
+    try:
+        yield pool
+    finally:
+        stopping.end_workers(pool)
+
+
 def _bind(core: int | None) -> None:
     if core is not None and hasattr(os, "sched_setaffinity"):
         os.sched_setaffinity(0, {core})
@@ -113,5 +185,6 @@ def content_hash(paths: Iterable[Path]) -> str:
     """SHA-256 over the names and contents of ``paths``, whatever folder they lie in."""
     digest = hashlib.sha256()
     for path in sorted(paths, key=lambda path: path.name):
-        digest.update(path.name.encode() + b"\0" + hashlib.sha256(path.read_bytes()).digest())
+        with path.open("rb") as file:
+            digest.update(path.name.encode() + b"\0" + hashlib.file_digest(file, "sha256").digest())
     return digest.hexdigest()

@@ -14,6 +14,8 @@ from bayestissue.errors import InputError, Problem
 if TYPE_CHECKING:
     from pydantic import BaseModel
 
+_LARGEST = 10_000_000
+
 
 def read_toml(path: Path) -> dict[str, Any]:
     """The content of a TOML file.
@@ -28,9 +30,13 @@ def read_text(path: Path, file: str) -> str:
     """The text of a file, which messages call ``file``.
 
     Raises:
-        InputError: the file can't be read, or is not UTF-8 (with the row of the first wrong byte).
+        InputError: the file can't be read, is far too large, or is not UTF-8 (with the row of the first wrong
+            byte).
     """
     try:
+        if path.exists() and not (path.is_file() and path.stat().st_size < _LARGEST):
+            expected, found = f"a file of settings below {_LARGEST / 1e6:g} MB", "a folder, a device or more"
+            raise InputError(Problem(file, expected, "Check the path.", value=found))
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         problem = Problem(

@@ -15,8 +15,8 @@ from bayestissue.simulation import Simulation, simulate
 from page_reader import Reader
 
 FILES = [
-    "campaigns.parquet", "causes.csv", "confusion.csv", "observed.csv", "predictive.csv", "reliability.csv",
-    "report.html", "run.json",
+    ".bayestissue.json", "campaigns.parquet", "causes.csv", "confusion.csv", "observed.csv", "predictive.csv",
+    "reliability.csv", "report.html", "run.json",
 ]  # fmt: skip
 
 

@@ -83,7 +83,7 @@ def test_the_weights_imply_k_and_c(out):
     assert set(table["data"]) == {"displacement"}
     own = pd.read_csv(out / "posteriors.csv", keep_default_na=False)
     best = own[own["run"] == "arma"].set_index(["variable", "label"])
-    for key in (("K_secant_typical", ""), ("C_equivalent_of_subject", "s2")):
+    for key in (("K_secant_of_impacts", ""), ("C_equivalent_of_subject", "s2")):
         # All weight but a thousandth is that of one run; draws of 1 % are told to a hundredth of that.
         assert_allclose(table.loc[(SCHEMES[0], *key), "median"], best.loc[key, "median"], rtol=1e-3)
 
@@ -119,7 +119,7 @@ def test_json_prints_all_tables(runs):
 def test_the_console_shows_both_tables_and_quiet_shows_nothing(runs):
     words = [str(runs["a2"]), str(runs["impact"])]
     said = CliRunner().invoke(app, ["compare", *words]).output
-    for part in (*SCHEMES, "not comparable", "K_new (N/m)"):
+    for part in (*SCHEMES, "not comparable", "K of a new impact on a new person at the reference mass (N/m)"):
         assert part in said
     assert "what the weights imply" not in said
     words = [str(runs["a2"]), str(runs["arma"])]
@@ -165,5 +165,5 @@ def test_a_run_without_densities_is_named(runs, tmp_path):
 
 def test_a_full_folder_is_refused(runs, tmp_path):
     (tmp_path / "kept").write_text("kept")
-    with pytest.raises(InputError, match="--overwrite"):
+    with pytest.raises(InputError, match="a folder that is not empty"):
         compared(runs["a2"], runs["arma"], out=tmp_path)

@@ -48,7 +48,12 @@ def bayestissue(monkeypatch: pytest.MonkeyPatch, *arguments: str | Path) -> int:
 def test_writes_a_whole_run(dataset: Path, tmp_path: Path, monkeypatch, capsys) -> None:
     out = tmp_path / "run"
     assert bayestissue(monkeypatch, "estimate", dataset, "--out", out, "--json") == 0
-    assert sorted(path.name for path in out.iterdir()) == ["estimates.csv", "report.html", "run.json"]
+    assert sorted(path.name for path in out.iterdir()) == [
+        ".bayestissue.json",
+        "estimates.csv",
+        "report.html",
+        "run.json",
+    ]
     table = pd.read_csv(out / "estimates.csv")
     # noise of a thousandth of the peak
     np.testing.assert_allclose(table["K_N_per_m"], 3000, rtol=0.01)
@@ -87,6 +92,8 @@ def test_varies_a_signal_choice(dataset: Path, tmp_path: Path, monkeypatch, caps
     [
         (["--vary", "mass"], "window"),
         (["--model", "nowhere.toml"], "nowhere.toml"),
+        (["--model", "impct"], "Write impact for the one of that name"),
+        (["--model", "elsewhere/exact.toml"], "Write exact for the one that comes with the program"),
     ],
 )
 def test_wrong_choices_end_with_status_2_and_nothing_written(
@@ -116,6 +123,24 @@ def test_bad_impacts_are_skipped_on_request_and_listed(
     left_out = pd.read_csv(out / "left_out.csv")
     assert left_out["column"].tolist() == ["mass_kg"]
     assert left_out["row"].tolist() == [3]
+
+
+def test_impacts_of_too_few_samples_have_rows_without_numbers(
+    dataset: Path, tmp_path: Path, monkeypatch, capsys
+) -> None:
+    """All of them: up to their peak, at so low a rate, there are five and seven samples."""
+    impacts, traces = pd.read_csv(dataset / "impacts.csv")[:2], pd.read_csv(dataset / "traces.csv.gz")
+    few = traces[traces["impact"].isin(impacts["impact"])].groupby("impact").nth(slice(3, None, 30))
+    coarse = tmp_path / "coarse"
+    settings = {"name": "coarse", "signal": {"quantity": "deceleration", "unit": "m/s^2"}}
+    write_dataset(coarse, settings=settings, impacts=impacts, traces=few)
+    out = tmp_path / "run"
+    assert bayestissue(monkeypatch, "estimate", coarse, "--out", out) == 0
+    table = pd.read_csv(out / "estimates.csv")
+    assert (table["n_samples"] < 8).all()
+    assert table["flags"].str.contains("fewer than 8 samples in the window").all()
+    assert table.filter(regex="^[KC]_|_se$|phi|theta").isna().all(axis=None)
+    assert "2 impacts, 2 flagged" in capsys.readouterr().out
 
 
 def test_a_folder_that_is_not_empty_is_not_replaced(dataset: Path, tmp_path: Path, monkeypatch) -> None:

@@ -96,7 +96,8 @@ def test_a_trial_effect_is_refused_where_each_trial_has_one_impact(refused, tmp_
 def test_the_exponent_of_a_mass_that_never_varies_is_refused(refused, tmp_path: Path) -> None:
     constant = {name: printed(name).assign(mass_kg="0.5") for name in ("estimates", "averages")}
     folder = published_with(tmp_path / "tables", **constant)
-    said = refused("", "--published", str(folder))
+    formula = "'log(mass_kg) + (1|subject) + (1|trial)'"
+    said = refused(f"[formula]\nK = {formula}\nC = {formula}\n", "--published", str(folder))
     assert "formula.K" in said
     assert "formula.C" in said
     assert "mass that varies" in said
@@ -105,7 +106,8 @@ def test_the_exponent_of_a_mass_that_never_varies_is_refused(refused, tmp_path: 
 def test_a_full_result_folder_is_refused_before_anything_else(refused, tmp_path: Path) -> None:
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "kept.csv").write_text("kept")
-    assert "--overwrite" in refused("")
+    assert "a folder that is not empty" in refused("")
+    assert "which alone --overwrite replaces" in refused("", "--overwrite")
     assert (tmp_path / "run" / "kept.csv").read_text() == "kept"
 
 

@@ -9,8 +9,13 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from dataset_bench import SAMPLES, Lab, Outcome
+
+from bayestissue.dataset import read_dataset
+from bayestissue.errors import has_control_characters
 
 Spoil = Callable[[Lab], object]
 
@@ -101,6 +106,33 @@ def _and(*steps: Spoil) -> Spoil:
 def _displacement(lab: Lab) -> None:
     lab.replace("dataset.toml", '"deceleration"', '"displacement"')
     lab.replace("dataset.toml", '"m/s^2"', '"mm"')
+
+
+def _sinking(scale: float) -> Spoil:
+    """Displacements of 16 mm and a declared velocity, so many times too large."""
+
+    def spoil(lab: Lab) -> None:
+        lab.replace("dataset.toml", '"deceleration"', '"displacement"')
+        lab.replace("dataset.toml", '"m/s^2"', '"m"')
+        for impact in "abcd":
+            lab.samples(impact, lambda t, v: np.copyto(v, scale * np.sin(60 * np.maximum(t, 0)) / 60))
+
+    return spoil
+
+
+def _names_as(convert: Callable[[str], object]) -> Spoil:
+    def spoil(lab: Lab) -> None:
+        table = pd.read_csv(lab.path("traces.csv"))
+        lab.path("traces.csv").unlink()
+        names = pa.array([convert(name) for name in table["impact"]])
+        table = pa.table({"impact": names, "time_s": table["time_s"], "value": table["value"]})
+        pq.write_table(table, lab.path("traces.parquet"))
+
+    return spoil
+
+
+def _encoded(encoding: str) -> Spoil:
+    return lambda lab: lab.path("traces.csv").write_bytes(lab.text("traces.csv").encode(encoding))
 
 
 T, I, D = "traces.csv", "impacts.csv", "dataset.toml"  # noqa: E741
@@ -324,6 +356,80 @@ CASES = [
         "into the tissue",
         "signal.scale",
     ),
+    # what no impact can have been, with what was probably meant
+    case("percent typed", _toml("0.01", "5"), D, "row 9", "relative_mass_sd", "below 0.5", "5 %", "is 0.05"),
+    case("gain all unknown", _toml("relative_mass_sd = 0.01", "relative_gain_sd = 1e300"), D, "a fraction"),
+    case(
+        "velocity sd in mm/s",
+        _toml("0.005", "5"),
+        D,
+        "uncertainty.velocity_sd_m_s",
+        "median 1.05 m/s",
+        "0.005",
+    ),
+    case(
+        "offset sd of another unit",
+        _toml("velocity_sd_m_s = 0.005", "offset_sd = 1e4"),
+        D,
+        "uncertainty.offset_sd",
+        "median",
+        "Write it in m/s^2, whatever signal.unit is.",
+    ),
+    case("mass in no unit", _cell(3, "mass_kg", "1e308"), I, "row 3", "from 1e-05 to 10000", "Is it in kg?"),
+    case("velocity in mm/s", _cell(3, "velocity_m_s", "1100"), I, "row 3", "to 1000", "Is it in m/s?"),
+    case("covariate that overflows", _cell(3, "skinfold_mm", "-1e308"), I, "row 3", "below 1e+30"),
+    case(
+        "milliseconds as seconds",
+        lambda lab: [lab.samples(name, lambda t, v: np.copyto(t, 1e3 * t)) for name in "abcd"],
+        *(T, "column time_s", "impact a", 'found "one every 0.1 s"', "signal.time_unit"),
+    ),
+    case(
+        "seconds as milliseconds",
+        _toml('unit = "m/s^2"', 'unit = "m/s^2"\ntime_unit = "ms"'),
+        *(T, "column time_s", "impact a", "at least 0.0001 s", "signal.time_unit"),
+    ),
+    case("metres as millimetres", _sinking(1e3), T, "impact a", "below 1 m", "signal.unit"),
+    case("millimetres as metres", _sinking(1e-3), T, "impact a", "at a speed like the 1 m/s", "signal.unit"),
+    # text that is none, or not what it seems
+    case("header in capitals", lambda lab: lab.replace(T, "value", "VALUE"), T, 'Rename "VALUE" to "value"'),
+    case(
+        "impacts in capitals",
+        lambda lab: lab.replace(I, "mass_kg", "Mass_KG"),
+        I,
+        'Rename "Mass_KG" to "mass_kg"',
+    ),
+    case("UTF-16", _encoded("utf-16"), T, "UTF-8", "row 1"),
+    case("UTF-16 without a mark", _encoded("utf-16-le"), T, "UTF-8", "a byte that is 0"),
+    case(
+        "a byte that is 0", lambda lab: lab.replace(I, "s2", "s\0"), I, "row 4", "UTF-8", "a byte that is 0"
+    ),
+    case("digits of another script", _cell(3, "mass_kg", "\u0663"), I, "row 3", "mass_kg", "\u0663"),
+    case("wide digits", _sample(500, "value", "\uff11"), T, "row 500", "column value", "\uff11"),
+    case("decimal comma in quotes", _cell(3, "mass_kg", '"0,8"'), I, "row 3", "mass_kg", "0,8"),
+    case("value twice", lambda lab: lab.replace(T, "time_s", "value"), T, "row 1"),
+    case(
+        "a hundred thousand columns",
+        lambda lab: lab.replace(T, "value", "value," + ",".join(map(str, range(100_000)))),
+        *(T, "row 1", "first line of column names"),
+    ),
+    case(
+        "escape in a name", _cell(3, "impact", "\x1b[31mb"), I, "row 3", "impact", "\\u001b[31mb", "control"
+    ),
+    case("escape of one byte", _cell(3, "subject", "s\x9b2J"), I, "row 3", "subject", "s\\u009b2J"),
+    case("writing turned round", _cell(3, "trial", "x\u202ey"), I, "row 3", "trial", "x\\u202ey"),
+    case("escape in a column", lambda lab: lab.replace(I, "sex", "se\x07x"), I, "row 1", "se\\u0007x"),
+    case("escape in the title", _toml("bench", "b\\u001b[2J"), D, "row 1", "name", "\\u001b[2J", "one line"),
+    case("a blank title", _toml('"bench"', '" "'), D, "row 1", "column name", "a name on one line"),
+    *(
+        case(f"names as {kind}", _names_as(convert), "traces.parquet", "column impact", kind, "as text")
+        for kind, convert in (
+            ("binary", lambda name: name.encode() + b"\xff"),
+            ("list", lambda name: [name]),
+            ("struct", lambda name: {"name": name}),
+            ("double", lambda name: 1.5),
+        )
+    ),
+    case("a name of two lines", lambda lab: lab.replace(I, "s2", '"s\n2"'), I, "subject", "s\\u000a2"),
     # a file per impact
     case("trace missing", _trace_column("nowhere.csv"), "nowhere.csv", "impact a", "no such file"),
     case("trace not named", _trace_column(""), I, "row 2", "column trace", "impact a", "an empty cell"),
@@ -348,6 +454,15 @@ CASES = [
         "sub.csv",
         "readable",
         "impact a",
+    ),
+    case(
+        "trace is a link to elsewhere",
+        _and(
+            _trace_column("link.csv"),
+            lambda lab: lab.folder.with_name("away.csv").write_bytes(lab.path("b.csv").read_bytes()),
+            lambda lab: lab.path("link.csv").symlink_to(lab.folder.with_name("away.csv")),
+        ),
+        *(I, "row 2", "column trace", "link.csv", "inside the dataset's folder"),
     ),
     case(
         "no time anywhere",
@@ -388,6 +503,7 @@ def test_refused_with_its_place_and_nothing_written(
     assert "nothing was written" in outcome.err
     for words in malformed.says:
         assert words in outcome.err
+    assert not has_control_characters(outcome.out + outcome.err.replace("\n", ""))
     assert outcome.out == ""
     assert sorted(path.name for path in tmp_path.rglob("*")) == before
 
@@ -425,3 +541,14 @@ def test_estimate_refuses_alike(name: str, lab: Lab, tmp_path: Path, command: Ca
     out = tmp_path / "estimates"
     assert command("estimate", lab.folder, "--out", out) == command("check", lab.folder)
     assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["./a.csv", "a.csv", "nowhere/../a.csv"])
+def test_a_path_inside_the_folder_may_take_a_way_round(name: str, lab: Lab) -> None:
+    _trace_column("a.csv")(lab)
+    plain = read_dataset(lab.folder)
+    impacts = pd.read_csv(lab.path("impacts.csv"))
+    impacts.loc[0, "trace"] = name
+    impacts.to_csv(lab.path("impacts.csv"), index=False)
+    found = read_dataset(lab.folder)
+    np.testing.assert_array_equal(found.traces[0].value, plain.traces[0].value)

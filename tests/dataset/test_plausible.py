@@ -92,6 +92,18 @@ def test_sound_recordings_pass(blows: list[Blow]) -> None:
     assert refused(blows, lambda b: b.x, quantity="displacement") == 0
 
 
+def left_again(impact: Blow) -> np.ndarray:
+    """The displacement up to its peak, and then out three times as far as it went in."""
+    top = int(impact.x.argmax())
+    way_out = np.linspace(impact.x[top], -3 * impact.x[top], impact.x.size - top)
+    return np.concatenate([impact.x[:top], way_out])
+
+
+def test_an_impactor_may_leave_farther_than_it_came(blows: list[Blow]) -> None:
+    assert refused(blows, left_again, quantity="displacement") == 0
+    assert refused(blows, lambda b: -left_again(b), quantity="displacement") == COUNT
+
+
 def test_a_wrong_sign_never_passes(blows: list[Blow]) -> None:
     assert refused(blows, lambda b: -b.deceleration) == COUNT
     assert refused(blows, lambda b: b.deceleration, quantity="acceleration") == COUNT

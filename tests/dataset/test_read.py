@@ -181,6 +181,13 @@ def test_json_lists_what_the_table_shows(lab: Lab, command: Callable[..., Outcom
     assert [row["impact"] for row in shown["quality"]] == list(NAMES)
 
 
+def test_what_is_warned_of_is_not_called_fine(lab: Lab, command: Callable[..., Outcome]) -> None:
+    lab.cell("impacts.csv", 2, "mass_kg", "500")
+    shown = json.loads(command("check", lab.folder, "--json").out)
+    assert shown["warnings"]
+    assert shown["verdict"] == "no errors, 1 warning"
+
+
 def test_errors_as_json(lab: Lab, command: Callable[..., Outcome]) -> None:
     lab.cell("impacts.csv", 2, "mass_kg", "0")
     outcome = command("check", lab.folder, "--json")
@@ -191,7 +198,12 @@ def test_errors_as_json(lab: Lab, command: Callable[..., Outcome]) -> None:
 def test_check_writes_quality_figures(lab: Lab, command: Callable[..., Outcome], tmp_path: Path) -> None:
     out = tmp_path / "quality"
     assert command("check", lab.folder, "--out", out).status == 0
-    assert {path.name for path in out.iterdir()} == {"quality.csv", "problems.csv", "check.html"}
+    assert {path.name for path in out.iterdir()} == {
+        ".bayestissue.json",
+        "quality.csv",
+        "problems.csv",
+        "check.html",
+    }
     quality = pd.read_csv(out / "quality.csv")
     # Noise of 0.05 m/s² from 50 quiet samples: its standard error is 10 %, so 40 % is four of them.
     np.testing.assert_allclose(quality["noise_sd_m_s2"], 0.05, rtol=0.4)

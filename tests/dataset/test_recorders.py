@@ -175,6 +175,30 @@ def _lvm_blocks(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     path.write_text(text + "\n" + text[text.index("Channels") :])
 
 
+def _tdms_half(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    _tdms(path, time, value)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def _tdms_without_an_end(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    _tdms(path, time, value)
+    path.write_bytes(path.read_bytes()[:-8])
+
+
+def _mat73_elsewhere(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    away = path.with_suffix(".away")
+    with h5py.File(away, "w") as file:
+        file["value"] = value
+    away.with_suffix(".raw").write_bytes(value.tobytes())
+    with h5py.File(path, "w") as file:
+        file["linked"] = h5py.ExternalLink(str(away), "value")
+        raw = [(str(away.with_suffix(".raw")), 0, value.nbytes)]
+        file.create_dataset("value", value.shape, value.dtype, external=raw)
+        layout = h5py.VirtualLayout(value.shape, value.dtype)
+        layout[:] = h5py.VirtualSource(str(away), "value", value.shape)
+        file.create_virtual_dataset("virtual", layout)
+
+
 def files_instead(lab: Lab, suffix: str, write: Writer, **columns: object) -> None:
     """Put one file per impact in the place of the long table."""
     impacts, traces = tables()
@@ -212,6 +236,35 @@ def test_sampling_rate_stands_in_for_times(lab: Lab) -> None:
     np.testing.assert_array_equal(dataset.traces[0].time_s, np.arange(dataset.traces[0].value.size) / RATE)
 
 
+def test_a_waveform_without_an_offset_begins_at_zero(lab: Lab) -> None:
+    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+        with TdmsWriter(path) as writer:
+            writer.write_segment([ChannelObject("g", "a/'b'", value, properties={"wf_increment": 1 / RATE})])
+
+    files_instead(lab, ".tdms", write)
+    for trace in read_dataset(lab.folder).traces:
+        np.testing.assert_array_equal(trace.time_s, np.arange(trace.value.size) * (1 / RATE))
+
+
+@pytest.mark.parametrize(
+    "clock",
+    [
+        {"wf_increment": "x"},
+        {"wf_increment": 1e-4, "wf_start_offset": "y"},
+        {"wf_increment": -1e-4},
+        {"wf_increment": np.nan},
+    ],
+)
+def test_a_waveform_whose_clock_is_no_number_has_no_times(clock: dict, lab: Lab) -> None:
+    def write(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+        with TdmsWriter(path) as writer:
+            writer.write_segment([ChannelObject("g", "value", value, properties=clock)])
+
+    files_instead(lab, ".tdms", write)
+    with pytest.raises(InputError, match="no times"):
+        read_dataset(lab.folder)
+
+
 def test_sampling_rate_must_agree_with_the_clock(lab: Lab) -> None:
     files_instead(lab, ".tdms", _tdms, sampling_rate_hz=1.02 * RATE)
     with pytest.raises(InputError, match="10000 Hz") as refused:
@@ -243,10 +296,16 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (_lvm_short, ".lvm", "400 rows"),
         (_lvm_spectrum, ".lvm", "time along X"),
         (_lvm_blocks, ".lvm", "one block of data"),
+        (_tdms_half, ".tdms", "an end that is missing"),
+        (_tdms_without_an_end, ".tdms", "an end that is missing"),
         (lambda p, t, v: savemat(p, {"time_s": t[:-1], "value": v}), ".mat", "as many samples"),
         (lambda p, t, v: savemat(p, {"who": "nobody"}), ".mat", "no channels of numbers"),
+        (_mat73_elsewhere, ".mat", "no channels of numbers"),
     ],
-    ids=["no-such-channel", "rows-missing", "spectrum", "two-blocks", "unequal-channels", "no-numbers"],
+    ids=[
+        *("no-such-channel", "rows-missing", "spectrum", "two-blocks", "half", "no-last-sample"),
+        *("unequal-channels", "no-numbers", "numbers-in-other-files"),
+    ],
 )
 def test_unfit_recordings_are_refused(write: Writer, suffix: str, says: str, lab: Lab) -> None:
     files_instead(lab, suffix, write)

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from element_values import MASS, VALUES, VELOCITY, hertz, solved
+from scipy.linalg import expm
 
 from bayestissue.elements import comparables, element, element_names, impact, linear, solver
 from bayestissue.elements.element import complete
@@ -232,3 +233,29 @@ def test_wrong_names_are_told() -> None:
         element("voigt")
     with pytest.raises(KeyError, match="maxwell has the parameters"):
         impact("maxwell", {"K": 1.0}, MASS, VELOCITY, TIME)
+
+
+@pytest.mark.parametrize("absurd", [1e12, 1e300, np.inf, np.nan])
+def test_an_absurd_impact_is_no_concern_of_the_others(absurd):
+    """Of the exponentials of several matrices each is what it is alone."""
+    sound = np.array([[[0.0, 1.0], [-2.0, -0.3]], [[0.0, 1.0], [-40.0, -5.0]]])
+    other = np.array([[[0.0, 1.0], [-absurd, -absurd]]])
+    alone = np.stack([np.asarray(linear.exponential(jnp.asarray(matrix))) for matrix in sound])
+    among = np.asarray(linear.exponential(jnp.asarray(np.concatenate([sound, other]))))[:2]
+    # Sums of a dozen products in another order.
+    np.testing.assert_allclose(among, alone, rtol=1e-14)
+    np.testing.assert_allclose(alone, [expm(matrix) for matrix in sound], rtol=1e-12)
+
+
+@pytest.mark.parametrize("name", element_names())
+def test_an_absurd_impact_leaves_the_others_their_motion(name):
+    made = element(name)
+    parameters = {key: np.full(3, value) for key, value in VALUES[name].items()}
+    first = next(iter(parameters))
+    parameters[first] = np.array([1.0, 1e200, 1.0]) * parameters[first]
+    grid = linear.even_grid if made.linear else solver.even_grid
+    times = MASS, VELOCITY, np.full(3, 5e-5), np.full(3, 1e-3)
+    among = np.asarray(grid(made, complete(made, parameters, None), *times, 20))[:, [0, 2]]
+    sound = {key: value[[0, 2]] for key, value in parameters.items()}
+    alone = np.asarray(grid(made, complete(made, sound, None), *(part[[0, 2]] for part in times), 20))
+    np.testing.assert_allclose(among, alone, rtol=1e-9, atol=1e-12 * np.abs(alone).max())

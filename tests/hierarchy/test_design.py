@@ -7,6 +7,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.formula import left_out_words
 from bayestissue.hierarchy.specification import Formulas
 
 PLAIN = "log(mass_kg) + (1|subject) + (1|trial)"
@@ -126,3 +127,111 @@ def test_both_formulas_problems_are_reported_at_once() -> None:
     with pytest.raises(InputError) as caught:
         build_design(Formulas(K="a", C="b"), rows(), reference_mass_kg=None, source="m.toml")
     assert [problem.column for problem in caught.value.problems] == ["formula.K", "formula.C"]
+
+
+def adapted(table: pd.DataFrame) -> tuple[str | None, dict[str, str]]:
+    """The formula that nobody wrote, and what it lacks of the default one by reason."""
+    design = build_design(Formulas(), table, reference_mass_kg=None, source="m.toml")
+    assert design.formulas.K == design.formulas.C
+    left_out = design.terms_left_out()
+    assert all(each["of"] == ["K", "C"] for each in left_out)
+    # What is left can be written out.
+    build_design(design.formulas, table, reference_mass_kg=None, source="m.toml")
+    return design.formulas.K, {each["term"]: each["reason"] for each in left_out}
+
+
+@pytest.mark.parametrize(
+    ("table", "formula", "reasons"),
+    [
+        (rows(), PLAIN, {}),
+        (
+            rows().assign(mass_kg=0.5),
+            "(1|subject) + (1|trial)",
+            {"log(mass_kg)": "the mass is 0.5 kg in every impact"},
+        ),
+        (
+            rows().assign(subject="s"),
+            "log(mass_kg) + (1|trial)",
+            {"(1|subject)": "there is one subject only"},
+        ),
+        (rows().assign(trial="t"), "log(mass_kg) + (1|subject)", {"(1|trial)": "there is one trial only"}),
+        (
+            rows(people=1),
+            "log(mass_kg)",
+            {"(1|subject)": "one subject only", "(1|trial)": "with one impact of each trial"},
+        ),
+        (
+            rows(trials=2, people=1).assign(subject=["a", "b"]),
+            "log(mass_kg)",
+            {"(1|subject)": "with one impact of each subject", "(1|trial)": "with one impact of each trial"},
+        ),
+        (
+            rows(people=2).assign(subject=np.repeat(["a", "b", "c", "d"], 2)),
+            "log(mass_kg) + (1|subject)",
+            {"(1|trial)": "every person has one condition"},
+        ),
+        (
+            rows(trials=1, people=1),
+            "1",
+            {"log(mass_kg)": "in every impact", "(1|subject)": "one subject", "(1|trial)": "one trial"},
+        ),
+    ],
+)
+def test_a_formula_left_out_is_what_the_rows_can_tell(table, formula, reasons) -> None:
+    found, left_out = adapted(table)
+    assert found == formula
+    assert set(left_out) == set(reasons)
+    for term, words in reasons.items():
+        assert words in left_out[term]
+
+
+def test_names_shared_by_people_and_conditions_confuse_nothing() -> None:
+    table = rows(people=4).assign(subject=lambda t: [f"{i}" for i in np.tile(np.arange(4), 4)])
+    assert adapted(table)[0] == PLAIN
+
+
+def test_a_mass_that_differs_by_rounding_alone_has_no_exponent() -> None:
+    table = rows().assign(mass_kg=lambda t: 0.5 * (1 + 1e-12 * np.arange(len(t))))
+    assert adapted(table)[0] == "(1|subject) + (1|trial)"
+
+
+def test_one_of_the_formulas_may_be_left_out() -> None:
+    table = rows().assign(mass_kg=0.5)
+    design = build_design(Formulas(K="(1|subject)"), table, reference_mass_kg=None, source="m.toml")
+    assert design.formulas == Formulas(K="(1|subject)", C="(1|subject) + (1|trial)")
+    assert [each["of"] for each in design.terms_left_out()] == [["C"]]
+    assert left_out_words(design.terms_left_out()).startswith(
+        "Left out of the formula: log(mass_kg) of log C"
+    )
+
+
+def test_all_that_is_wrong_with_a_formula_is_said_at_once_with_one_that_works() -> None:
+    table = rows(people=1).assign(mass_kg=0.5, room="a")
+    said = refusal("log(mass_kg) + energy_J + room + width + {2 * energy_J} + (1|subject) + (1|trial)", table)
+    for words in (
+        "a mass that varies",
+        "covariates that vary",
+        "no column width",
+        "more than one subject",
+        "several impacts for at least one trial",
+        "no combination of each other",
+        'Write "energy_J" instead',
+    ):
+        assert words in said
+
+
+@pytest.mark.parametrize(
+    ("formula", "works"),
+    [
+        ("0 + log(mass_kg)", "log(mass_kg)"),
+        ("log(mass_kg", PLAIN),
+        ("exp(mass_kg) + energy_J", "energy_J"),
+        ("log(mass_kg) + subject", "log(mass_kg)"),
+        ("energy_J + velocity_m_s + log(mass_kg) + (1|trial)", "energy_J + velocity_m_s + (1|trial)"),
+        ("`skin fold` + mass_kg + {2 * mass_kg}", "`skin fold` + mass_kg"),
+    ],
+)
+def test_the_formula_that_works_does(formula: str, works: str) -> None:
+    table = rows().assign(**{"skin fold": np.arange(12.0)})
+    assert f'Write "{works}" instead' in refusal(formula, table)
+    build_design(Formulas(K=works, C=works), table, reference_mass_kg=None, source="m.toml")

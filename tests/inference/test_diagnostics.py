@@ -3,10 +3,19 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue.inference.diagnostics import diagnose, verdict_in_words
+from bayestissue.inference.diagnostics import (
+    CONTRADICTED,
+    NO_INTERVAL,
+    diagnose,
+    headline,
+    noted,
+    verdict_in_words,
+    warnings,
+)
 from bayestissue.inference.summary import summarise
 
 CHAINS, DRAWS = 4, 1000
@@ -88,3 +97,35 @@ def test_an_energy_that_diffuses_slowly_fails() -> None:
     energy = tree["sample_stats"].dataset["energy"].to_numpy()
     energy[1] = np.cumsum(energy[1])
     assert failed(tree) == ["energy fraction of missing information"]
+
+
+def contradicted(impacts: list[str], of: int) -> dict[str, Any]:
+    return {"measuring_chain": {"passed": False, "words": "The chain.", "impacts": impacts, "of": of}}
+
+
+def test_a_contradicted_chain_comes_first_and_the_sampler_s_verdict_does_not_stand_alone() -> None:
+    form = {"model_form": {"structured": True, "words": "The form."}}
+    found = diagnosed(run()) | contradicted(["a"], 2) | form
+    assert found["passed"]
+    assert warnings(found) == ["The chain.", "The form."]
+    assert verdict_in_words(found).endswith("no divergences. WARNING: The chain. WARNING: The form.")
+    assert headline(found) == "The sampler passed, but the traces contradict the measuring chain."
+    assert headline(diagnosed(run()) | {"measuring_chain": {"passed": None}}) == "Diagnostics passed."
+
+
+def test_no_element_at_all_is_said_before_anything_but_a_failed_sampler() -> None:
+    form = {"model_form": {"structured": True, "undescribed": True, "words": "None."}}
+    found = diagnosed(run()) | contradicted(["a"], 2) | form
+    assert "No element of this program describes these traces" in headline(found)
+    assert headline(found | {"passed": False}).startswith("DIAGNOSTICS FAILED")
+
+
+def test_rows_of_the_summary_say_where_an_interval_is_none() -> None:
+    table = pd.DataFrame({"variable": ["K", "K", "intercept_K"], "label": ["a", "b", ""]})
+    assert noted(table, {})["note"].tolist() == ["", "", ""]
+    assert noted(table, contradicted(["b"], 2))["note"].tolist() == ["", CONTRADICTED, ""]
+    assert noted(table, contradicted(["a", "b"], 2))["note"].tolist() == [CONTRADICTED] * 3
+    some = {"model_form": {"undescribed": False, "undescribed_impacts": ["a"]}}
+    assert noted(table, some)["note"].tolist() == [NO_INTERVAL, "", ""]
+    every = {"model_form": {"undescribed": True, "undescribed_impacts": []}}
+    assert noted(table, every)["note"].tolist() == [NO_INTERVAL] * 3

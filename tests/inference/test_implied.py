@@ -63,7 +63,7 @@ def test_all_weight_on_one_run_gives_its_own_figures() -> None:
     # Each geometric mean of three log-normal draws of 1 %.
     middle = 1000 * np.prod([0.9, 1.0, 1.2]) ** (1 / 3)
     se = 0.01 / np.sqrt(3)
-    row = by_name.loc[("K_secant_typical", "")]
+    row = by_name.loc[("K_secant_of_impacts", "")]
     assert_allclose(row["median"], middle, rtol=4 * 1.25 * se / np.sqrt(DRAWS))
     width = 2 * 1.645 * se * middle
     # A 5 % quantile's standard error is 2.11 standard deviations over the root of the draws.
@@ -79,7 +79,7 @@ def test_what_means_the_same_is_mixed_and_not_the_elements_own_k() -> None:
     side = run("side", {"K": 1000.0, "C": 20.0})
     series = run("series", {"K": 5000.0, "K_secant": 1100.0, "C": 90.0, "C_equivalent": 21.0}, "maxwell")
     table = implied([side, series], weights(side=0.5, series=0.5)).set_index(["variable", "label"])
-    row = table.loc[("K_secant_typical", "")]
+    row = table.loc[("K_secant_of_impacts", "")]
     middle = np.prod([0.9, 1.0, 1.2]) ** (1 / 3)
     assert 1000 * middle < row["median"] < 1100 * middle
     # Half of the draws of each lie beyond the other's.
@@ -89,8 +89,8 @@ def test_what_means_the_same_is_mixed_and_not_the_elements_own_k() -> None:
 def test_nothing_is_told_where_runs_that_weigh_lack_it() -> None:
     whole, bare = run("whole", {"K": 1000.0, "C": 20.0}), run("bare", {"C": 30.0})
     names = set(implied([whole, bare], weights(whole=0.6, bare=0.4))["variable"])
-    assert names == {"C_equivalent_typical", "C_equivalent_of_subject"}
-    assert "K_secant_typical" in set(implied([whole, bare], weights(whole=0.999, bare=0.001))["variable"])
+    assert names == {"C_equivalent_of_impacts", "C_equivalent_of_subject"}
+    assert "K_secant_of_impacts" in set(implied([whole, bare], weights(whole=0.999, bare=0.001))["variable"])
 
 
 def test_runs_without_weights_imply_nothing() -> None:
@@ -104,7 +104,7 @@ def test_people_are_the_means_of_their_own_impacts(dimension: str) -> None:
     values = np.array([100.0, 300.0, 400.0])
     posterior = xr.Dataset({"K": (("chain", dimension, "impact"), np.tile(values, (2, 3, 1)))})
     found = comparable_draws(posterior, PEOPLE)
-    assert found["K_secant_typical"].dims == ("chain", dimension)
-    assert_allclose(found["K_secant_typical"], np.prod(values) ** (1 / 3))
+    assert found["K_secant_of_impacts"].dims == ("chain", dimension)
+    assert_allclose(found["K_secant_of_impacts"], np.prod(values) ** (1 / 3))
     assert_allclose(found["K_secant_of_subject"].sel(subject="s0"), 200.0)
     assert_allclose(found["K_secant_of_subject"].sel(subject="s1"), 300.0)

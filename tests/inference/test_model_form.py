@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue.inference.model_form import LIMIT, model_form, pooled_score, with_discrepancy
+from bayestissue.inference.model_form import LIMIT, model_form, pooled_score, with_chain, with_discrepancy
 
 
 def traces(seed: int, swing: float) -> tuple[np.ndarray, np.ndarray]:
@@ -66,3 +66,33 @@ def test_the_words_of_a_fit_with_a_discrepancy_keep_the_first_fit_s_score() -> N
     ):
         assert part in found["words"], part
     assert "too narrow" not in found["words"]
+
+
+def test_a_discrepancy_beyond_the_limit_leaves_no_interval() -> None:
+    small, large = tree(0.0), tree(0.0)
+    large["posterior"].dataset["discrepancy"].to_numpy()[:] *= 5
+    first = model_form(tree(1.0), "deceleration")
+    assert not with_discrepancy(first, small)["undescribed"]
+    found = with_discrepancy(first, large)
+    assert found["undescribed"]
+    assert len(found["undescribed_impacts"]) == 30
+    assert "No element of this program describes these traces" in found["words"]
+    # No interval in the words either.
+    assert "known to" not in found["words"]
+
+
+def test_single_impacts_beyond_the_limit_are_named() -> None:
+    made = tree(0.0)
+    made["posterior"].dataset["discrepancy"].to_numpy()[..., 3] = 0.4
+    found = with_discrepancy(model_form(tree(1.0), "deceleration"), made)
+    assert (found["undescribed"], found["undescribed_impacts"]) == (False, ["i3"])
+
+
+def test_structure_that_a_measuring_chain_explains_is_not_called_another_law() -> None:
+    form = with_discrepancy(model_form(tree(1.0), "deceleration"), tree(0.0))
+    chain = {"passed": False, "error": "velocity and gain", "structure_left": 0.4}
+    words = with_chain(form, chain)["words"]
+    assert "wrong measuring chain explains it" in words
+    assert "another law than" not in words
+    assert "Mend the measuring chain first" in words
+    assert with_chain(form, {"passed": None}) == form

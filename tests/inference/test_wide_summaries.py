@@ -8,6 +8,7 @@ import pytest
 
 from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.inference import wide_summaries
+from bayestissue.inference.trace_summaries import _MOST_GAIN as MOST_GAIN
 from bayestissue.inference.wide_summaries import _nearest, _parabola
 
 
@@ -67,3 +68,21 @@ def test_a_trace_of_which_the_points_tell_too_little_keeps_its_summary(
     np.testing.assert_allclose(found.precision[0], np.eye(3), atol=1e-6)
     for new, before in zip(found, old, strict=True):
         np.testing.assert_array_equal(new[1], before[1])
+
+
+def test_a_sloping_likelihood_that_opens_upwards_promises_no_more_than_is_believable() -> None:
+    """Along the first of three axes; level there, a summary would promise the more the further away."""
+    u = np.random.default_rng(4).standard_normal((400, 1, 3))
+    value = 3.0 * u[..., 0] + 0.2 * u[..., 0] ** 2 - 2.0 * u[..., 1] ** 2 - 0.5 * u[..., 2] ** 2
+    centre, slope, precision, level = _nearest(u, value, np.ones((400, 1)))
+    # The slope is met where the points are; the tolerance is that of their mean, times the bend.
+    np.testing.assert_allclose(slope[0], [3.0, 0.0, 0.0], atol=5 * 4 / 400**0.5)
+    most = slope[0] @ np.linalg.solve(precision[0], slope[0]) / 2
+    assert most < 1.1 * MOST_GAIN
+    held = Summaries(*map(jnp.asarray, (centre, slope, precision, level)))
+    far = np.zeros((3, 1, 3))
+    far[:, 0, 0] = 10.0, 1000.0, 100_000.0
+    gain = (np.asarray(held.log_summary(list(np.moveaxis(far, -1, 0)))) - level)[:, 0]
+    assert (gain <= most).all()
+    assert (gain[1:] < 0).all()
+    np.testing.assert_allclose(np.diag(precision[0])[1:], [4.0, 1.0], rtol=0.1)

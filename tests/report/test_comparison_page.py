@@ -59,20 +59,30 @@ def test_it_says_what_predicts_best_what_cannot_be_compared_and_what_failed(html
 def test_it_says_what_the_weights_imply(html):
     text = plain(html)
     assert re.search(
-        r"Weighted by how well each impact is predicted: K = [\d ]+ N/m \([\d ]+to [\d ]+\) and C = ", text
+        r"Of these impacts together \(geometric mean\), weighted by how well each impact is predicted: "
+        r"secant K = [\d ]+ N/m \([\d ]+to [\d ]+\) and equivalent C = ",
+        text,
     )
-    assert "Weighted by how well each subject is predicted" in text
+    assert "weighted by how well each subject is predicted" in text
 
 
 def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path):
     out = made(tmp_path, impact={"likelihood": "impact"}, other={"likelihood": "impact", "worse": 1.0})
     about = json.loads((out / "run.json").read_text(encoding="utf-8"))
     about["runs"][1]["model"]["element"] = "maxwell"
+    # With its mark the run would be refused as changed.
+    (out / ".bayestissue.json").unlink()
     (out / "run.json").write_text(json.dumps(about), encoding="utf-8")
     text = plain(write_report(out).read_text(encoding="utf-8"))
     assert "whose K and C are different things" in text
-    assert "New person, new impact" not in text
-    assert "secant stiffness K (N/m)" in text
+    assert "interval of a new impact on a new person" not in text
+    assert "secant K of these impacts together (geometric mean) (N/m)" in text
+
+
+def test_an_interval_stands_beside_what_it_is_of(html):
+    text = plain(html[: html.index("<nav")])
+    assert "In grey the 90&nbsp;% interval of a new impact on a new person." in text
+    assert "A typical person: K" in text
 
 
 def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_depth(tmp_path):
@@ -110,6 +120,7 @@ def test_what_lacks_is_named(tmp_path):
     (out / "posteriors.csv").unlink()
     with pytest.raises(InputError, match=r"posteriors\.csv"):
         write_report(out)
+    (out / ".bayestissue.json").unlink()
     (out / "run.json").write_text('{"kind": "comparison"}')
     with pytest.raises(InputError, match="runs"):
         write_report(out)

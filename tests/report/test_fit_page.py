@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 from bayestissue.errors import InputError
+from bayestissue.inference.diagnostics import headline
 from bayestissue.report import write_report
 from make_fit_run import make_fit_run
 from page_reader import Reader
@@ -190,3 +191,45 @@ def test_a_warning_of_the_model_form_has_a_colour_of_its_own(tmp_path):
     about["verdict"]["warned"] = True
     path.write_text(json.dumps(about), encoding="utf-8")
     assert '<p class="verdict warned" role="status">Diagnostics passed.' in page_of(folder)
+
+
+def with_diagnostics(folder, **entries):
+    """The run with more in its diagnostics, and the headline that follows."""
+    for name in ("diagnostics", "run"):
+        path = folder / f"{name}.json"
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if name == "diagnostics":
+            content = diagnostics = content | entries
+        else:
+            content["verdict"] |= {"headline": headline(diagnostics), "warned": True}
+        path.write_text(json.dumps(content), encoding="utf-8")
+    return folder
+
+
+def test_a_contradicted_chain_stands_on_the_first_screen(tmp_path):
+    chain = {"passed": False, "words": "They ask for a velocity 11 % higher.", "impacts": [], "of": 12}
+    html = page_of(with_diagnostics(make_fit_run(tmp_path / "run"), measuring_chain=chain))
+    first = plain(first_screen(html))
+    assert "The sampler passed, but the traces contradict the measuring chain." in first
+    assert "rest on declared errors that the traces contradict" in first
+    assert "Diagnostics passed." not in first
+    assert "They ask for a velocity 11 % higher. A wrong mass does not show" in plain(html)
+
+
+def test_a_chain_that_is_as_declared_is_said_below(tmp_path):
+    html = page_of(
+        with_diagnostics(make_fit_run(tmp_path / "run"), measuring_chain={"passed": True, "of": 12})
+    )
+    assert "What the 12 traces by themselves ask of velocity, gain and offset is as large as" in plain(html)
+
+
+def test_no_interval_is_printed_of_traces_that_no_element_describes(tmp_path):
+    form = {"structured": True, "undescribed": True, "words": "No element of this program does."}
+    html = page_of(with_diagnostics(make_fit_run(tmp_path / "run"), model_form=form))
+    first = first_screen(html)
+    assert "No element of this program describes these traces" in first
+    assert re.search(r"<s>\d{4} N/m</s>", first)
+    assert " to " not in plain(re.search(r"K <s>.*?</p>", first).group())
+    assert "How sure is that?" not in first
+    # Twelve impacts, of each K and C.
+    assert html.count('<td class="number">not an interval</td>') == 24

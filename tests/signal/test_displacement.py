@@ -67,7 +67,7 @@ def test_the_offset_of_the_quiet_part_is_removed():
 def test_no_offset_is_claimed_where_nothing_was_recorded_before_contact():
     made = displacements(record([TYPICAL], 1e4, before=0.0, noise=0.005))
     assert made.offset[0] == 0
-    assert "no quiet part before contact: no offset was removed" in made.flags[0]
+    assert "no quiet part before contact: no offset was removed" in made.notes[0]
 
 
 @pytest.mark.parametrize("share", [0.25, 0.5, 1.0])

@@ -6,10 +6,8 @@ its batches with it, and they are computed again by others.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +16,7 @@ import pandas as pd
 from bayestissue import runtime
 from bayestissue.causes.batches import Batch, run_batch
 from bayestissue.errors import InputError, Problem
-from bayestissue.results import whole_file
+from bayestissue.results import scratch, whole_file
 
 Progress = Callable[[int, int], None]
 # Workers that die this often without a batch done between are no accident.
@@ -78,7 +76,7 @@ def _in_workers(batches: Sequence[Batch], jobs: int) -> Iterator[tuple[Batch, pd
 
     left, deaths = {batch.name: batch for batch in batches}, 0
     while left:
-        with _pool(min(jobs, len(left))) as pool:
+        with scratch() as places, runtime.worker_pool(min(jobs, len(left)), places) as pool:
             futures = {pool.submit(run_batch, batch): batch for batch in left.values()}
             try:
                 for future in as_completed(futures):
@@ -90,18 +88,6 @@ def _in_workers(batches: Sequence[Batch], jobs: int) -> Iterator[tuple[Batch, pd
                 deaths += 1
                 if deaths == _DEATHS:
                     raise RuntimeError(f"workers died {deaths} times without a batch done") from death
-
-
-@contextmanager
-def _pool(workers: int) -> Iterator[Any]:
-    from loky import ProcessPoolExecutor
-
-    with tempfile.TemporaryDirectory() as places:
-        pool = ProcessPoolExecutor(workers, initializer=runtime.settle, initargs=(places, runtime.CORES))
-        try:
-            yield pool
-        finally:
-            pool.shutdown(wait=True, kill_workers=True)
 
 
 def _on_dask(batches: Sequence[Batch], address: str) -> Iterator[tuple[Batch, pd.DataFrame]]:

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shutil
 import time
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from bayestissue import resources, results, runtime
-from bayestissue.errors import InputError
 
 if TYPE_CHECKING:
     from bayestissue.causes.subject import Subject
@@ -27,7 +23,7 @@ def run(
     target: str,
     *,
     out: Path,
-    model: Path | None,
+    model: str | Path | None,
     only: tuple[str, ...],
     campaigns: int | None,
     method: Method,
@@ -64,32 +60,34 @@ def run(
         InputError: the dataset, the specification, the scheduler or ``out`` are not usable.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
-    results.require_free(out, overwrite=overwrite)
-    jobs = runtime.cores() if jobs is None else jobs
-    runtime.configure(one_core=jobs == 1 and scheduler is None)
-    import pandas as pd
+    inputs = (model,) if target == "published" else (Path(target), model)
+    with results.claim(out, overwrite=overwrite, command="causes", inputs=inputs) as place:
+        jobs = runtime.cores() if jobs is None else jobs
+        runtime.configure(one_core=jobs == 1 and scheduler is None)
+        import pandas as pd
 
-    from bayestissue.causes.batches import batches
-    from bayestissue.causes.schedule import run_batches
-    from bayestissue.causes.specification import chosen, read_causes, require_several
-    from bayestissue.causes.subject import subject
-    from bayestissue.causes.verdict import judge
-    from bayestissue.commands.console import Stages
-    from bayestissue.report import write_report
+        from bayestissue.causes.batches import batches
+        from bayestissue.causes.schedule import run_batches
+        from bayestissue.causes.specification import chosen, read_causes, require_several
+        from bayestissue.causes.subject import subject
+        from bayestissue.causes.verdict import judge
+        from bayestissue.commands.console import Stages, echo
+        from bayestissue.report import draw_page
 
-    model = model or resources.shared("models", "causes.toml")
-    specification = chosen(read_causes(model), only, str(model))
-    if campaigns is not None:
-        sizes = specification.campaigns.model_copy(update={"each": campaigns})
-        specification = specification.model_copy(update={"campaigns": sizes})
-    what = subject(target, method=method, skip_bad=skip_bad)
-    specification = what.applicable(specification)
-    require_several(specification, str(model))
-    work = batches(what.setting, specification, seed)
-    job = [what.input_hash, method, specification.model_dump_json(), seed, runtime.versions()]
-    kept = results.unfinished(out, hashlib.sha256(json.dumps(job).encode()).hexdigest())
-    with Stages(quiet=quiet) as say:
-        try:
+        model = resources.model_file(
+            "causes" if model is None else model, lambda content: "causes" in content
+        )
+        specification = chosen(read_causes(model), only, str(model))
+        if campaigns is not None:
+            sizes = specification.campaigns.model_copy(update={"each": campaigns})
+            specification = specification.model_copy(update={"campaigns": sizes})
+        what = subject(target, method=method, skip_bad=skip_bad)
+        specification = what.applicable(specification)
+        require_several(specification, str(model))
+        work = batches(what.setting, specification, seed)
+        job = [what.input_hash, method, specification.model_dump_json(), seed, runtime.versions()]
+        fingerprint = hashlib.sha256(json.dumps(job).encode()).hexdigest()
+        with Stages(quiet=quiet) as say, place.unfinished(fingerprint) as kept:
             tables = run_batches(
                 work,
                 jobs=jobs,
@@ -97,45 +95,36 @@ def run(
                 kept=kept,
                 progress=lambda done, total: say("simulating campaigns", done, total),
             )
-        except InputError:
-            if not any(kept.glob("*.parquet")):
-                shutil.rmtree(kept)
-            raise
-        except KeyboardInterrupt:
-            if not quiet:
-                typer.echo("interrupted; run the same command again to go on from here", err=True)
-            raise
-        say("comparing the causes", 0, 1)
-        simulated = pd.concat(tables, ignore_index=True)
-        verdict = judge(simulated, what.observed, specification, level_known=what.level_known, seed=seed)
-        with results.whole_folder(out, overwrite=overwrite) as folder:
-            say("writing the results", 0, 1)
-            for name in _TABLES:
-                getattr(verdict, name).to_csv(folder / f"{name}.csv", index=False)
-            simulated.insert(1, "seed", seed)
-            simulated.to_parquet(folder / "campaigns.parquet", index=False)
-            about = {
-                "program": "bayestissue",
-                "command": "causes",
-                "kind": "causes",
-                "subject": what.about,
-                "versions": runtime.versions(),
-                "model": specification.model_dump(mode="json", exclude_none=True),
-                "seed": seed,
-                "input_hash": what.input_hash,
-                "campaigns": len(simulated),
-                "log_score": verdict.log_score,
-                "computed_by": _by(jobs, scheduler),
-                "started": started.isoformat(timespec="seconds"),
-                "wall_time_s": round(time.perf_counter() - clock, 1),
-            }
-            results.write_json(about, folder / "run.json")
-            write_report(folder)
-    shutil.rmtree(kept, ignore_errors=True)
-    if as_json:
-        typer.echo(verdict.causes.to_json(orient="records", force_ascii=False))
-    elif not quiet:
-        _print(verdict, what, out)
+            say("comparing the causes", 0, 1)
+            simulated = pd.concat(tables, ignore_index=True)
+            verdict = judge(simulated, what.observed, specification, level_known=what.level_known, seed=seed)
+            with place.folder() as folder:
+                say("writing the results", 0, 1)
+                for name in _TABLES:
+                    getattr(verdict, name).to_csv(folder / f"{name}.csv", index=False)
+                simulated.insert(1, "seed", seed)
+                simulated.to_parquet(folder / "campaigns.parquet", index=False)
+                about = {
+                    "program": "bayestissue",
+                    "command": "causes",
+                    "kind": "causes",
+                    "subject": what.about,
+                    "versions": runtime.versions(),
+                    "model": specification.model_dump(mode="json", exclude_none=True),
+                    "seed": seed,
+                    "input_hash": what.input_hash,
+                    "campaigns": len(simulated),
+                    "log_score": verdict.log_score,
+                    "computed_by": _by(jobs, scheduler),
+                    "started": started.isoformat(timespec="seconds"),
+                    "wall_time_s": round(time.perf_counter() - clock, 1),
+                }
+                results.write_json(about, folder / "run.json")
+        draw_page(place.path)
+        if as_json:
+            echo(verdict.causes.to_json(orient="records", force_ascii=False))
+        elif not quiet:
+            _print(verdict, what, place.path)
 
 
 def _by(jobs: int, scheduler: str | None) -> str:
@@ -147,20 +136,21 @@ def _by(jobs: int, scheduler: str | None) -> str:
 def _print(verdict: Verdict, what: Subject, out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
+
+    from bayestissue.commands.console import plain
 
     console = Console(highlight=False)
-    shown = Table(title=Text(f"{what.title}: could this cause have made the numbers?"), title_justify="left")
+    shown = Table(title=plain(f"{what.title}: could this cause have made the numbers?"), title_justify="left")
     for heading in ("cause", "p", "posterior", "±", "verdict"):
         shown.add_column(heading, justify="left" if heading in ("cause", "verdict") else "right")
     for row in verdict.causes.to_dict("records"):
         small = "<" if row["p_joint"] <= row["smallest_p"] else ""
         shown.add_row(
-            Text(row["title"]),
+            plain(row["title"]),
             f"{small}{row['p_joint']:.2g}",
             f"{row['probability']:.3f}",
             f"{row['probability_error']:.3f}",
-            row["verdict"],
+            plain(row["verdict"]),
         )
     console.print(shown)
-    console.print(Text(f"wrote {out / 'causes.csv'} and {out / 'report.html'}"), soft_wrap=True)
+    console.print(plain(f"wrote {out / 'causes.csv'} and {out / 'report.html'}"), soft_wrap=True)

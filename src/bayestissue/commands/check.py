@@ -7,16 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import typer
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
 
+from bayestissue.commands.console import echo, plain
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import Problem
+from bayestissue.inference.point_notes import said_once
 from bayestissue.report.check_page import check_page, kinds, quality_table
-from bayestissue.results import require_free, whole_folder
+from bayestissue.report.writing import after_results
+from bayestissue.results import Place, claim, whole_file
 from bayestissue.signal import Displacements, displacements
+from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.quality import inspect
+
+_NAMED = 10
 
 
 def run(
@@ -30,65 +35,103 @@ def run(
     Raises:
         InputError: something is wrong with the dataset, or ``out`` is not free.
     """
-    if out is not None:
-        require_free(out, overwrite=overwrite)
+    if out is None:
+        _check(dataset, None, skip_bad=skip_bad, quiet=quiet, as_json=as_json)
+        return
+    with claim(out, overwrite=overwrite, command="check", inputs=(dataset,)) as place:
+        _check(dataset, place, skip_bad=skip_bad, quiet=quiet, as_json=as_json)
+
+
+def _check(dataset: Path, place: Place | None, *, skip_bad: bool, quiet: bool, as_json: bool) -> None:
     data = read_dataset(dataset, skip_bad=skip_bad)
     signal = displacements(data)
-    quality = quality_table(data, signal)
+    warnings = [*data.warnings, *_raised(data, signal)]
+    quality = quality_table(data, signal, warnings)
+    if place is not None:
+        _write(place, data, signal, quality, warnings)
     if as_json:
-        typer.echo(json.dumps(_plain(data, signal, quality), default=str, ensure_ascii=False))
+        content = _plain(data, signal, quality, warnings)
+        echo(json.dumps(content, default=str, ensure_ascii=False))
     elif not quiet:
-        _print(data, signal, quality)
-    if out is not None:
-        _write(out, overwrite, data, signal, quality)
-        if not quiet and not as_json:
-            typer.echo(f"wrote {out / 'check.html'}")
+        _print(data, signal, quality, warnings)
+    if place is not None and not quiet and not as_json:
+        echo(f"wrote {place.path / 'check.html'}")
 
 
-def _verdict(data: Dataset) -> str:
+def _verdict(data: Dataset, signal: Displacements, warnings: list[Problem]) -> str:
     left_out = len({problem.impact for problem in data.left_out})
-    return f"fine without the {left_out} impacts left out" if left_out else "fine"
+    warned = len(kinds(warnings))
+    fine = f"no errors, {warned} warning{'s' if warned > 1 else ''}" if warned else "fine"
+    fine += f" without the {left_out} impacts left out" if left_out else ""
+    short = int((signal.n_samples < FEWEST_SAMPLES).sum())
+    if not short:
+        return fine
+    return f"{fine}, and {short} of {len(data.impacts)} impacts too short to be fitted (see the warnings)"
 
 
-def _plain(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> dict[str, Any]:
+def _plain(
+    data: Dataset, signal: Displacements, quality: pd.DataFrame, warnings: list[Problem]
+) -> dict[str, Any]:
     return {
         "dataset": data.name,
-        "verdict": _verdict(data),
+        "verdict": _verdict(data, signal, warnings),
         "impacts": len(data.impacts),
         "input_hash": data.input_hash,
         "left_out": [problem.as_dict() for problem in data.left_out],
-        "warnings": [problem.as_dict() for problem in _warnings(data, signal)],
+        "warnings": [problem.as_dict() for problem in warnings],
+        "notes": _notes(data, signal),
         "quality": json.loads(quality.to_json(orient="records")),
     }
 
 
-def _warnings(data: Dataset, signal: Displacements) -> list[Problem]:
-    raised = [
+def _raised(data: Dataset, signal: Displacements) -> list[Problem]:
+    """What the signal chain and the detectors of spoilt recordings say: the flags of `estimate`."""
+    names = data.impacts["impact"]
+    chain = [
         Problem("recording", "a recording that the default signal chain can use", f"{flag}.", impact=impact)
-        for impact, flags in zip(data.impacts["impact"], signal.flags, strict=True)
+        for impact, flags in zip(names, signal.flags, strict=True)
         for flag in flags
     ]
-    return [*data.warnings, *raised]
+    spoilt = [
+        Problem("recording", finding.kind.expected, finding.advice, value=said, impact=impact)
+        for finding in inspect(data)
+        for impact, said in zip(names, finding.said, strict=True)
+        if said
+    ]
+    return [*chain, *spoilt]
 
 
-def _print(data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
+def _notes(data: Dataset, signal: Displacements) -> list[str]:
+    impacts = data.impacts
+    one_mass = impacts["mass_kg"].min() == impacts["mass_kg"].max()
+    masses = ["the mass never varies: these data have no mass exponent"] if one_mass else []
+    return [*masses, *said_once("; ".join(notes) for notes in signal.notes)]
+
+
+def _print(data: Dataset, signal: Displacements, quality: pd.DataFrame, warnings: list[Problem]) -> None:
     console = Console(highlight=False)
-    table = Table(title=Text(f"{data.name}: {_verdict(data)}"), show_header=False, title_justify="left")
+    table = Table(
+        title=plain(f"{data.name}: {_verdict(data, signal, warnings)}"),
+        show_header=False,
+        title_justify="left",
+    )
     for name, words in _summary(data, quality):
-        table.add_row(name, Text(words))
+        table.add_row(name, plain(words))
+    for words in _notes(data, signal):
+        table.add_row("note", plain(words))
     console.print(table)
-    for heading, problems in (("Left out", data.left_out), ("Warnings", _warnings(data, signal))):
+    for heading, problems in (("Left out", data.left_out), ("Warnings", warnings)):
         if problems:
-            console.print(Text(f"{heading}:", style="bold"))
+            console.print(plain(f"{heading}:", style="bold"))
             for some in kinds(problems):
-                more = f" The same in {len(some) - 1} more impacts." if len(some) > 1 else ""
-                console.print(Text(f"  {some[0]}{more}"), soft_wrap=True)
+                more = f" The same in {_names(some[1:])}." if len(some) > 1 else ""
+                console.print(plain(f"  {some[0]}{more}"), soft_wrap=True)
 
 
 def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:
     impacts = data.impacts
     noise = quality["noise_to_peak"]
-    rows = [
+    return [
         (
             "impacts",
             f"{len(impacts)}; subjects: {impacts['subject'].nunique()}, trials: {impacts['trial'].nunique()}",
@@ -102,9 +145,13 @@ def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:
         ("samples until the peak", _range(quality["samples_in_window"], "")),
         ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
     ]
-    if impacts["mass_kg"].min() == impacts["mass_kg"].max():
-        rows.append(("note", "the mass never varies: these data have no mass exponent"))
-    return rows
+
+
+def _names(problems: list[Problem]) -> str:
+    """The impacts, up to ten by name."""
+    names = list(dict.fromkeys(problem.impact for problem in problems if problem.impact))
+    more = f" and {len(names) - _NAMED} more impacts" if len(names) > _NAMED else ""
+    return f"{', '.join(names[:_NAMED])}{more}" if names else f"{len(problems)} more places"
 
 
 def _range(values: pd.Series, unit: str) -> str:
@@ -114,13 +161,18 @@ def _range(values: pd.Series, unit: str) -> str:
     return f"{low:.6g}{unit}" if low == high else f"{low:.6g} to {high:.6g}{unit}"
 
 
-def _write(out: Path, overwrite: bool, data: Dataset, signal: Displacements, quality: pd.DataFrame) -> None:
-    warnings = _warnings(data, signal)
+def _write(
+    place: Place, data: Dataset, signal: Displacements, quality: pd.DataFrame, warnings: list[Problem]
+) -> None:
     lists = [("left out", problem) for problem in data.left_out] + [("warning", p) for p in warnings]
     columns = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy"]
     problems = pd.DataFrame([{"severity": s, **p.as_dict()} for s, p in lists], columns=columns)
-    with whole_folder(out, overwrite=overwrite) as staging:
+    with place.folder() as staging:
         quality.to_csv(staging / "quality.csv", index=False)
         problems.astype({"row": "Int64"}).to_csv(staging / "problems.csv", index=False)
-        page = check_page(data, signal, quality, verdict=_verdict(data), warnings=warnings)
-        (staging / "check.html").write_text(page, encoding="utf-8")
+    with (
+        after_results(place.path, "the same command with --overwrite repeats it"),
+        whole_file(place.path / "check.html") as staging,
+    ):
+        page = check_page(data, signal, quality, verdict=_verdict(data, signal, warnings), warnings=warnings)
+        staging.write_text(page, encoding="utf-8")

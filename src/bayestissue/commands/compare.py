@@ -8,8 +8,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-import typer
-
 from bayestissue import results, runtime
 from bayestissue.errors import InputError, Problem
 
@@ -40,21 +38,36 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
             data, or ``out`` is not free.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
-    if out is not None:
-        results.require_free(out, overwrite=overwrite)
     _require_distinct(runs)
+    if out is None:
+        _compare(runs, None, started, clock, quiet=quiet, as_json=as_json)
+        return
+    with results.claim(out, overwrite=overwrite, command="compare", inputs=runs) as place:
+        _compare(runs, place, started, clock, quiet=quiet, as_json=as_json)
+
+
+def _compare(
+    runs: list[Path],
+    place: results.Place | None,
+    started: datetime,
+    clock: float,
+    *,
+    quiet: bool,
+    as_json: bool,
+) -> None:
     runtime.configure()
     from bayestissue.commands.compared import print_comparison
+    from bayestissue.commands.console import echo
     from bayestissue.inference.implied import implied
     from bayestissue.inference.runs import compare_runs, side_by_side
-    from bayestissue.report import write_report
+    from bayestissue.report import draw_page
 
     abouts = _abouts(runs)
     found = _finished(runs, abouts)
     comparison, posteriors = compare_runs(found), side_by_side(found)
     of_weights = implied(found, comparison)
-    if out is not None:
-        with results.whole_folder(out, overwrite=overwrite) as folder:
+    if place is not None:
+        with place.folder() as folder:
             comparison.to_csv(folder / "comparison.csv", index=False)
             posteriors.to_csv(folder / "posteriors.csv", index=False)
             of_weights.to_csv(folder / "implied.csv", index=False)
@@ -72,14 +85,14 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
                 "wall_time_s": round(time.perf_counter() - clock, 1),
             }
             results.write_json(about, folder / "run.json")
-            write_report(folder)
+        draw_page(place.path)
     if as_json:
         tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
-        typer.echo(json.dumps(_plain(tables), ensure_ascii=False))
+        echo(json.dumps(_plain(tables), ensure_ascii=False))
     elif not quiet:
         print_comparison(comparison, posteriors, of_weights)
-        if out is not None:
-            typer.echo(f"wrote {out / 'report.html'}")
+        if place is not None:
+            echo(f"wrote {place.path / 'report.html'}")
 
 
 def _told(run: FinishedRun, path: Path, about: dict[str, Any]) -> dict[str, Any]:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import pandas as pd
 from rich.console import Console
 from rich.table import Table
-from rich.text import Text
+
+from bayestissue.commands.console import plain
+from bayestissue.inference.meanings import told
 
 _DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
 _HEADINGS = {"elpd_difference": "off the best", "se_difference": "its se"}
@@ -19,42 +20,43 @@ _PEOPLE = 12
 def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weights: pd.DataFrame) -> None:
     """Print the three tables; see `bayestissue.inference.runs` and `bayestissue.inference.implied`."""
     console = Console(highlight=False)
-    told = ["data"] if len(comparison["data"].unique()) > 1 else []
+    kinds = ["data"] if len(comparison["data"].unique()) > 1 else []
     for scheme, rows in comparison.groupby("scheme", sort=False):
-        table = _table(str(scheme), ["run", *told], list(_DIGITS))
+        table = _table(str(scheme), ["run", *kinds], list(_DIGITS))
         for row in rows.to_dict("records"):
             numbers = [f"{row[k]:.{d}f}" if pd.notna(row[k]) else "" for k, d in _DIGITS.items()]
-            table.add_row(Text(row["model"]), *(row[name] for name in told), *numbers)
+            table.add_row(plain(row["model"]), *(plain(row[name]) for name in kinds), *numbers)
         console.print(table)
         for row in rows[rows["warning"] != ""].to_dict("records"):
-            console.print(Text(f"  {row['model']}: {row['warning']}"), soft_wrap=True)
+            console.print(plain(f"  {row['model']}: {row['warning']}"), soft_wrap=True)
     people = posteriors[posteriors["label"] != ""]
     few = people["label"].nunique() <= _PEOPLE
-    table = _table("posteriors", ["quantity", "run"], ["median", "5 %", "95 %"])
-    for row in (posteriors if few else posteriors[posteriors["label"] == ""]).to_dict("records"):
-        table.add_row(_quantity(row), Text(row["run"]), *_numbers(row))
-    console.print(table)
+    shown = posteriors if few else posteriors[posteriors["label"] == ""]
+    _print_intervals(console, "posteriors", shown, shown["run"])
     if len(of_weights):
-        table = _table("what the weights imply", ["quantity", "weights"], ["median", "5 %", "95 %"])
-        for row in of_weights[of_weights["label"] == ""].to_dict("records"):
-            table.add_row(_quantity(row), Text(f"{row['scheme']}, {row['data']}"), *_numbers(row))
-        console.print(table)
+        shown = of_weights[of_weights["label"] == ""]
+        weights = [f"{scheme}, {data}" for scheme, data in zip(shown["scheme"], shown["data"], strict=True)]
+        _print_intervals(console, "what the weights imply", shown, weights)
     if not few:
         count = people["label"].nunique()
         console.print(f"  K and C of the {count} people: --json prints them, --out writes posteriors.csv")
 
 
-def _quantity(row: Mapping[Any, Any]) -> str:
-    unit = "" if row["unit"] == "1" else f" ({row['unit']})"
-    return f"{row['variable']} {row['label']}".strip() + unit
-
-
-def _numbers(row: Mapping[Any, Any]) -> list[str]:
-    return [f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high")]
+def _print_intervals(console: Console, title: str, table: pd.DataFrame, names: Iterable[str]) -> None:
+    """Each quantity with what its intervals are of, and under it a line for each of ``names``."""
+    console.print(plain(f"{title}: median and 90 % interval", style="italic"))
+    rows = table.assign(name=list(names))
+    for (variable, of, label, unit), own in rows.groupby(["variable", "of", "label", "unit"], sort=False):
+        heading = told(str(variable), str(of), str(label)) + ("" if unit == "1" else f" ({unit})")
+        console.print(plain(heading), soft_wrap=True)
+        width = own["name"].str.len().max()
+        for row in own.to_dict("records"):
+            median, low, high = (f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high"))
+            console.print(plain(f"  {row['name']:{width}}  {median}, {low} to {high}"), soft_wrap=True)
 
 
 def _table(title: str, words: list[str], numbers: list[str]) -> Table:
-    table = Table(title=Text(title), title_justify="left")
+    table = Table(title=plain(title), title_justify="left")
     for name in (*words, *numbers):
         table.add_column(_HEADINGS.get(name, name), justify="right" if name in numbers else "left")
     return table

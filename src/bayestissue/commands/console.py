@@ -1,4 +1,4 @@
-"""What a long command says while it works."""
+"""What commands say: safely, whoever wrote the names in it, and while a long one works."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import sys
 import time
 from types import TracebackType
 
+import typer
 from rich.console import Console
 from rich.progress import (
     BarColumn,
@@ -16,6 +17,19 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.text import Text
+
+from bayestissue.errors import printable
+
+
+def echo(text: str) -> None:
+    """Print lines that may hold names of any origin: the terminal obeys none of them."""
+    typer.echo(printable(text, lines=True))
+
+
+def plain(text: str, style: str = "") -> Text:
+    """The same for a table or a line that rich prints, which then reads no markup in it either."""
+    return Text(printable(text, lines=True), style=style)
 
 
 class Stages:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import json
 from datetime import UTC, datetime
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
-import typer
-
-from bayestissue.results import require_free, whole_folder
+from bayestissue.resources import model_file
+from bayestissue.results import claim, write_json
 from bayestissue.runtime import configure, versions
 
 if TYPE_CHECKING:
@@ -28,7 +26,7 @@ def run(
     *,
     out: Path,
     method: Method,
-    model: Path | None,
+    model: str | Path | None,
     vary: tuple[str, ...],
     skip_bad: bool,
     overwrite: bool,
@@ -44,34 +42,36 @@ def run(
         InputError: the dataset, the model file or a choice is wrong, or ``out`` is not free.
     """
     started, clock = datetime.now(UTC), perf_counter()
-    require_free(out, overwrite=overwrite)
-    configure()
-    from bayestissue.dataset import read_dataset
-    from bayestissue.inference.estimates import default_options, estimate
-    from bayestissue.report.writing import write_report
-    from bayestissue.signal import alternatives, read_signal_options
+    with claim(out, overwrite=overwrite, command="estimate", inputs=(dataset, model)) as place:
+        configure()
+        from bayestissue.commands.console import echo
+        from bayestissue.dataset import read_dataset
+        from bayestissue.inference.estimates import default_options, estimate
+        from bayestissue.report.writing import draw_page
+        from bayestissue.signal import alternatives, read_signal_options
 
-    options = read_signal_options(model) if model else default_options(method)
-    choices = {choice: alternatives(choice, options) for choice in vary}
-    data = read_dataset(dataset, skip_bad=skip_bad)
-    table = estimate(data, method=method, options=options)
-    varied = _varied(data, method, choices) if choices else None
-    centring = _centring() if method == "dds" else None
-    with whole_folder(out, overwrite=overwrite) as staging:
-        table.to_csv(staging / "estimates.csv", index=False)
-        if varied is not None:
-            varied.to_csv(staging / "vary.csv", index=False)
-        if centring is not None:
-            centring.to_csv(staging / "centring.csv", index=False)
-        if data.left_out:
-            _left_out(data).to_csv(staging / "left_out.csv", index=False)
-        about = _about(data, method, options, model, started, perf_counter() - clock)
-        (staging / "run.json").write_text(json.dumps(about, indent=2, ensure_ascii=False), encoding="utf-8")
-        write_report(staging)
-    if as_json:
-        typer.echo(table.to_json(orient="records", force_ascii=False))
-    elif not quiet:
-        _print(data, table, varied, out)
+        file = None if model is None else model_file(model, lambda content: "signal" in content)
+        options = read_signal_options(file) if file else default_options(method)
+        choices = {choice: alternatives(choice, options) for choice in vary}
+        data = read_dataset(dataset, skip_bad=skip_bad)
+        table = estimate(data, method=method, options=options)
+        varied = _varied(data, method, choices) if choices else None
+        centring = _centring() if method == "dds" else None
+        with place.folder() as staging:
+            table.to_csv(staging / "estimates.csv", index=False)
+            if varied is not None:
+                varied.to_csv(staging / "vary.csv", index=False)
+            if centring is not None:
+                centring.to_csv(staging / "centring.csv", index=False)
+            if data.left_out:
+                _left_out(data).to_csv(staging / "left_out.csv", index=False)
+            about = _about(data, method, options, file, started, perf_counter() - clock)
+            write_json(about, staging / "run.json")
+        draw_page(place.path)
+        if as_json:
+            echo(table.to_json(orient="records", force_ascii=False))
+        elif not quiet:
+            _print(data, table, varied, place.path)
 
 
 def _centring() -> pd.DataFrame:
@@ -86,14 +86,15 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
     import pandas as pd
 
     from bayestissue.errors import InputError
-    from bayestissue.inference.estimates import estimate
+    from bayestissue.inference.estimates import estimates_table
+    from bayestissue.signal import displacements
 
     rows: list[dict[str, Any]] = []
     for choice, options in choices.items():
         for option in options:
             row: dict[str, Any] = {"choice": choice, "value": str(getattr(option, choice))}
             try:
-                table = estimate(data, method=method, options=option)
+                table = estimates_table(data, displacements(data, option), method)
             except InputError as error:
                 rows.append({**row, "note": "; ".join(str(problem) for problem in error.problems[:1])})
                 continue
@@ -138,34 +139,42 @@ def _about(
 def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
+
+    from bayestissue.commands.console import plain
+    from bayestissue.inference.point_notes import said_once
 
     console = Console(highlight=False)
     flagged = int((table["flags"] != "").sum())
-    shown = Table(title=Text(f"{data.name}: {len(table)} impacts, {flagged} flagged"), title_justify="left")
-    for heading in ("", "median", "5 %", "95 %"):
-        shown.add_column(heading, justify="right" if heading else "left")
+    shown = Table(title=plain(f"{data.name}: {len(table)} impacts, {flagged} flagged"), title_justify="left")
+    for heading in ("these impacts", "median", "5 % below", "95 % below"):
+        shown.add_column(heading, justify="left" if heading == "these impacts" else "right")
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
         low, median, high = table[name].quantile([0.05, 0.5, 0.95])
         shown.add_row(words, *(f"{value:.4g}" for value in (median, low, high)))
     console.print(shown)
+    for sentence in said_once(table["notes"]):
+        console.print(plain(sentence), soft_wrap=True)
     if varied is not None:
         console.print(_vary_table(varied))
     if data.left_out:
         count = len({problem.impact for problem in data.left_out})
         console.print(f"{count} impacts left out: see left_out.csv")
-    console.print(Text(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}"), soft_wrap=True)
+    console.print(plain(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}"), soft_wrap=True)
 
 
 def _vary_table(varied: pd.DataFrame) -> Any:
     from rich.table import Table
 
-    shown = Table(title="K and C against each choice: median (5 to 95 %)", title_justify="left")
+    from bayestissue.commands.console import plain
+
+    shown = Table(
+        title="K and C against each choice: the median impact (nine in ten impacts)", title_justify="left"
+    )
     for heading in ("choice", "value", "impacts", "K (N/m)", "C (N s/m)"):
         shown.add_column(heading)
     for row in varied.to_dict("records"):
         if row["note"]:
-            shown.add_row(row["choice"], row["value"], "", row["note"], "")
+            shown.add_row(row["choice"], row["value"], "", plain(row["note"]), "")
             continue
         levels = (
             f"{row[f'{name}_median']:.4g} ({row[f'{name}_5']:.4g} to {row[f'{name}_95']:.4g})"

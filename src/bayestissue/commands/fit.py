@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import json
-import shutil
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-import typer
 
 from bayestissue import results, runtime
 from bayestissue.inference.second_core import SecondCore
@@ -15,13 +13,14 @@ from bayestissue.inference.second_core import SecondCore
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.specification import ModelSpecification
+    from bayestissue.hierarchy.trace_data import Prepared
 
 
 def run(
     dataset: Path,
     *,
     out: Path,
-    model: Path | None,
+    model: str | Path | None,
     seed: int,
     skip_bad: bool,
     overwrite: bool,
@@ -35,32 +34,69 @@ def run(
     Raises:
         InputError: the dataset, the model file or ``out`` are not usable; before any sampling.
     """
-    results.require_free(out, overwrite=overwrite)
     runtime.configure(one_core=True)
-    with SecondCore() as core:
+    with (
+        results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as place,
+        SecondCore() as core,
+    ):
         core.start()
-        from bayestissue.commands.console import Stages
+        from bayestissue.commands.console import Stages, echo
         from bayestissue.dataset import read_dataset
         from bayestissue.fitting import fit_prepared, resolve, write_run
         from bayestissue.hierarchy.trace_data import prepare
+        from bayestissue.inference.diagnostics import headline
+        from bayestissue.report import draw_page
 
         specification, source = resolve("arma" if model is None else model)
         data = read_dataset(dataset, skip_bad=skip_bad)
+        if skip_bad:
+            data = _without_short(data, specification, source)
         prepared = prepare(data, specification, source=source)
-        kept = results.unfinished(out, _fingerprint(data, specification, seed))
-        with Stages(quiet=quiet) as say:
-            try:
-                fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept, core=core)
-            except KeyboardInterrupt:
-                if not quiet:
-                    typer.echo("interrupted; run the same command again to go on from here", err=True)
-                raise
-            with results.whole_folder(out, overwrite=overwrite) as folder:
-                write_run(fit, folder, say)
-        shutil.rmtree(kept, ignore_errors=True)
         if not quiet:
-            typer.echo(f"{fit.verdict}\nwrote {out / 'report.html'}")
+            _say_what_is_told(prepared)
+        job = _fingerprint(data, specification, seed)
+        with Stages(quiet=quiet) as say:
+            with place.unfinished(job) as kept:
+                fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept, core=core)
+                with place.folder() as folder:
+                    write_run(fit, folder, say)
+            say("writing the report", 0, 1)
+            draw_page(place.path)
+        if not quiet:
+            echo(f"{headline(fit.diagnostics)} {fit.verdict}\nwrote {place.path / 'report.html'}")
         return bool(fit.diagnostics["passed"])
+
+
+def _without_short(data: Dataset, specification: ModelSpecification, source: str) -> Dataset:
+    """The dataset less the impacts of too few samples, which are told as left out; all of them stay."""
+    import numpy as np
+
+    from bayestissue.hierarchy.trace_data import too_short
+    from bayestissue.signal import displacements
+
+    problems = too_short(data, displacements(data, specification.signal), source)
+    short = {problem.impact for problem in problems}
+    keep = np.flatnonzero(~data.impacts["impact"].isin(short))
+    if not problems or not len(keep):
+        return data
+    return replace(
+        data,
+        impacts=data.impacts.iloc[keep].reset_index(drop=True),
+        traces=[data.traces[i] for i in keep],
+        left_out=(*data.left_out, *problems),
+    )
+
+
+def _say_what_is_told(prepared: Prepared) -> None:
+    """What these data can't tell, before the work begins."""
+    from bayestissue.commands.console import echo
+    from bayestissue.hierarchy.formula import left_out_words
+    from bayestissue.inference.meanings import ONE_IMPACT
+
+    if words := left_out_words(prepared.design.terms_left_out()):
+        echo(words)
+    if len(prepared.impacts) == 1:
+        echo(ONE_IMPACT)
 
 
 def _fingerprint(data: Dataset, specification: ModelSpecification, seed: int) -> str:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
+from bayestissue.commands.console import echo
 from bayestissue.report import write_report
 
 
@@ -17,4 +16,4 @@ def run(run: Path, *, quiet: bool) -> None:
     """
     path = write_report(run)
     if not quiet:
-        typer.echo(f"wrote {path}")
+        echo(f"wrote {path}")

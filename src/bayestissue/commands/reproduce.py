@@ -9,8 +9,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import typer
-
 from bayestissue import resources, results, runtime
 
 if TYPE_CHECKING:
@@ -20,7 +18,7 @@ if TYPE_CHECKING:
 def run(
     out: Path,
     *,
-    model: Path | None,
+    model: str | Path | None,
     published: Path | None,
     seed: int,
     overwrite: bool,
@@ -31,58 +29,62 @@ def run(
     Raises:
         InputError: the model file, the published tables or ``out`` are not usable; before any sampling.
     """
-    results.require_free(out, overwrite=overwrite)
-    runtime.configure()
-    from bayestissue.commands.console import Stages
-    from bayestissue.dataset.published import read_published
-    from bayestissue.hierarchy.published import published_design, published_observations
-    from bayestissue.hierarchy.specification import read_specification
-    from bayestissue.inference.diagnostics import verdict_in_words
-    from bayestissue.inference.published import analyse, competing_designs
-    from bayestissue.report import write_report
-    from bayestissue.reproduction import reproduce_published
-    from bayestissue.reproduction.audit import audit_published
+    inputs = (model, published)
+    with results.claim(out, overwrite=overwrite, command="reproduce", inputs=inputs) as place:
+        runtime.configure()
+        from bayestissue.commands.console import Stages, echo
+        from bayestissue.dataset.published import read_published
+        from bayestissue.hierarchy.published import published_design, published_observations
+        from bayestissue.hierarchy.specification import read_specification
+        from bayestissue.inference.diagnostics import verdict_in_words
+        from bayestissue.inference.published import analyse, competing_designs
+        from bayestissue.report import draw_page
+        from bayestissue.reproduction import reproduce_published
+        from bayestissue.reproduction.audit import audit_published
 
-    started, clock = datetime.now(UTC), time.perf_counter()
-    model = model or resources.shared("models", "published.toml")
-    specification = read_specification(model)
-    tables = read_published(published)
-    observations = published_observations(tables)
-    design = published_design(observations, specification, source=str(model))
-    competing = competing_designs(observations, specification, str(model))
-    with results.whole_folder(out, overwrite=overwrite) as folder, Stages(quiet=quiet) as say:
-        say("recomputing what was published", 0, 1)
-        _write(reproduce_published(tables), folder / "reproduction.csv")
-        say("auditing the publication", 0, 1)
-        _write(audit_published(tables), folder / "audit.csv")
-        analysis = analyse(observations, design, competing, specification, seed, say)
-        say("writing the results", 0, 1)
-        analysis.tree.to_netcdf(folder / "posterior.nc", engine="h5netcdf")
-        if published is not None:
-            # The report draws these tables; without them it would draw the thesis's own.
-            shutil.copytree(tables.folder, folder / "published", ignore=_all_but(tables.paths))
-        for name in ("summary", "hypotheses", "comparison", "sensitivity", "predictive_checks"):
-            _write(getattr(analysis, name), folder / f"{name}.csv")
-        results.write_json(analysis.diagnostics, folder / "diagnostics.json")
-        words = verdict_in_words(analysis.diagnostics)
-        provenance = {
-            "program": "bayestissue",
-            "command": "reproduce",
-            "kind": "published",
-            "versions": runtime.versions(),
-            "model": specification.model_dump(mode="json") | {"reference_mass_kg": design.reference_mass_kg},
-            "seed": seed,
-            "input_hash": runtime.content_hash([*tables.paths, model]),
-            "started": started.isoformat(timespec="seconds"),
-            "wall_time_s": round(time.perf_counter() - clock, 1),
-            "verdict": {"passed": analysis.diagnostics["passed"], "words": words},
-        }
-        results.write_json(provenance, folder / "run.json")
-        say("writing the report", 0, 1)
-        write_report(folder)
-    if not quiet:
-        typer.echo(f"{words}\nwrote {out / 'report.html'}")
-    return bool(analysis.diagnostics["passed"])
+        started, clock = datetime.now(UTC), time.perf_counter()
+        model = resources.model_file(
+            "published" if model is None else model,
+            lambda content: content.get("likelihood") == "published-estimates",
+        )
+        specification = read_specification(model)
+        tables = read_published(published)
+        observations = published_observations(tables)
+        design = published_design(observations, specification, source=str(model))
+        competing = competing_designs(observations, specification, str(model))
+        with Stages(quiet=quiet) as say, place.folder() as folder:
+            say("recomputing what was published", 0, 1)
+            _write(reproduce_published(tables), folder / "reproduction.csv")
+            say("auditing the publication", 0, 1)
+            _write(audit_published(tables), folder / "audit.csv")
+            analysis = analyse(observations, design, competing, specification, seed, say)
+            say("writing the results", 0, 1)
+            results.write_tree(analysis.tree, folder / "posterior.nc")
+            if published is not None:
+                # The report draws these tables; without them it would draw the thesis's own.
+                shutil.copytree(tables.folder, folder / "published", ignore=_all_but(tables.paths))
+            for name in ("summary", "hypotheses", "comparison", "sensitivity", "predictive_checks"):
+                _write(getattr(analysis, name), folder / f"{name}.csv")
+            results.write_json(analysis.diagnostics, folder / "diagnostics.json")
+            words = verdict_in_words(analysis.diagnostics)
+            provenance = {
+                "program": "bayestissue",
+                "command": "reproduce",
+                "kind": "published",
+                "versions": runtime.versions(),
+                "model": specification.model_dump(mode="json") | design.resolved(),
+                "terms_left_out": design.terms_left_out(),
+                "seed": seed,
+                "input_hash": runtime.content_hash([*tables.paths, model]),
+                "started": started.isoformat(timespec="seconds"),
+                "wall_time_s": round(time.perf_counter() - clock, 1),
+                "verdict": {"passed": analysis.diagnostics["passed"], "words": words},
+            }
+            results.write_json(provenance, folder / "run.json")
+        draw_page(place.path)
+        if not quiet:
+            echo(f"{words}\nwrote {place.path / 'report.html'}")
+        return bool(analysis.diagnostics["passed"])
 
 
 def _all_but(paths: Iterable[Path]) -> Callable[[str, list[str]], list[str]]:

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import typer
-
-from bayestissue.results import require_free, whole_folder
+from bayestissue.commands.console import echo
+from bayestissue.results import claim
 from bayestissue.runtime import configure
 
 
@@ -19,20 +18,20 @@ def run(specification: Path, *, out: Path, seed: int | None, overwrite: bool, qu
     Raises:
         InputError: the specification is wrong, or ``out`` is not free.
     """
-    require_free(out, overwrite=overwrite)
-    configure()
-    from bayestissue.simulation import read_simulation, simulate, write_campaign
+    with claim(out, overwrite=overwrite, command="simulate", inputs=(specification,)) as place:
+        configure()
+        from bayestissue.simulation import read_simulation, simulate, write_campaign
 
-    simulation = read_simulation(specification)
-    if seed is not None:
-        simulation = simulation.model_copy(update={"seed": seed})
-    campaign = simulate(simulation)
-    with whole_folder(out, overwrite=overwrite) as staging:
-        write_campaign(staging, campaign, simulation)
-        _write_specification(staging / "truth.toml", specification, simulation.seed)
-    if not quiet:
-        impacts, samples = len(campaign.impacts), len(campaign.value)
-        typer.echo(f"wrote {out}: {impacts} impacts, {samples} samples, seed {simulation.seed}")
+        simulation = read_simulation(specification)
+        if seed is not None:
+            simulation = simulation.model_copy(update={"seed": seed})
+        campaign = simulate(simulation)
+        with place.folder() as staging:
+            write_campaign(staging, campaign, simulation)
+            _write_specification(staging / "truth.toml", specification, simulation.seed)
+        if not quiet:
+            impacts, samples = len(campaign.impacts), len(campaign.value)
+            echo(f"wrote {place.path}: {impacts} impacts, {samples} samples, seed {simulation.seed}")
 
 
 def _write_specification(path: Path, specification: Path, seed: int) -> None:

@@ -8,8 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayestissue.dataset.motion import motion
-from bayestissue.dataset.plausible import MIN_SAMPLES, movement_problems, movement_warnings
+from bayestissue.dataset.plausible import MIN_SAMPLES, clock_problems, movement_problems, movement_warnings
 from bayestissue.dataset.recordings import Recordings
+from bayestissue.dataset.twice import same_recordings
 from bayestissue.errors import Problem
 
 EVEN_WITHIN = 0.1
@@ -29,8 +30,8 @@ def check_recordings(recordings: Recordings) -> Findings:
 
     Errors: samples that are no numbers; fewer than 8 of them; time that stands still, runs back, or strays
     from even spacing by more than a tenth of a step; a stated sampling rate more than 1 % off; and what
-    `movement_problems` finds. An impact with an error of one of these kinds is not looked at for the next:
-    it would only raise a false alarm.
+    `clock_problems` and `movement_problems` find. An impact with an error of one of these kinds is not looked
+    at for the next: it would only raise a false alarm.
     """
     problems: list[Problem] = []
     with np.errstate(all="ignore"):
@@ -41,7 +42,7 @@ def check_recordings(recordings: Recordings) -> Findings:
             return Findings(problems, [])
         moving = motion(recordings.samples, recordings.quantity)
         problems += movement_problems(recordings, moving)
-        return Findings(problems, movement_warnings(recordings, moving))
+        return Findings(problems, [*same_recordings(recordings), *movement_warnings(recordings, moving)])
 
 
 def _numbers(recordings: Recordings) -> list[Problem]:
@@ -49,7 +50,9 @@ def _numbers(recordings: Recordings) -> list[Problem]:
 
 
 def _times(recordings: Recordings) -> list[Problem]:
-    return [*_time(recordings), *_rate(recordings)] if recordings.name.size else []
+    if not recordings.name.size:
+        return []
+    return [*_time(recordings), *_rate(recordings), *clock_problems(recordings)]
 
 
 def _not_numbers(recordings: Recordings) -> Iterator[Problem]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import re
 from collections import Counter
 from dataclasses import dataclass
@@ -12,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.files import read_bytes, require_utf8
-from bayestissue.dataset.tables import column_problems
-from bayestissue.errors import InputError, Problem
+from bayestissue.dataset.impact_cells import FILE, control_characters, read_cells
+from bayestissue.dataset.twice import alike_names
+from bayestissue.errors import Problem
 
-FILE = "impacts.csv"
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz")
 _TEXT = ("impact", "subject", "trial")
 _POSITIVE = {
@@ -26,6 +23,16 @@ _POSITIVE = {
     "energy_J": "the energy in J, a number above 0",
     "diameter_m": "the impactor's diameter in m, a number above 0",
 }
+# No impact on tissue lies outside, and no slip of a unit by a thousand lies far inside.
+_POSSIBLE = {
+    "mass_kg": (1e-5, 1e4, "kg"),
+    "velocity_m_s": (1e-4, 1e3, "m/s"),
+    "sampling_rate_hz": (1.0, 1e9, "Hz"),
+    "energy_J": (1e-9, 1e7, "J"),
+    "diameter_m": (1e-5, 10.0, "m"),
+}
+# A model squares what it is given.
+_LARGEST_COVARIATE = 1e30
 _MAY_BE_EMPTY = ("sampling_rate_hz", "energy_J", "diameter_m")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
@@ -57,8 +64,8 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    cells, rows = _cells(path, needs_velocity)
-    problems = _name_problems(cells, rows)
+    cells, rows = read_cells(path, [*_TEXT, "mass_kg", *(["velocity_m_s"] if needs_velocity else [])])
+    problems = [*_name_problems(cells, rows), *control_characters(cells, rows)]
     warnings: list[Problem] = []
     columns: dict[str, object] = {}
     for name in cells.columns:
@@ -72,65 +79,11 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
         else:
             columns[name], odd = _covariate(name, texts, rows, cells["impact"])
             warnings += odd
+            problems += _too_large(name, texts, rows, cells["impact"])
     columns.setdefault("velocity_m_s", np.full(len(rows), np.nan))
     table = pd.DataFrame(columns)
-    return ImpactTable(table, rows, problems, warnings + _unlikely(table, rows))
-
-
-def _cells(path: Path, needs_velocity: bool) -> tuple[pd.DataFrame, np.ndarray]:
-    data = read_bytes(path, FILE, "Write one: a header and one row per impact; data/README.md shows how.")
-    require_utf8(data, FILE)
-    reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
-    records: list[list[str]] = []
-    lines: list[int] = []
-    try:
-        for record in reader:
-            cells = [cell.strip() for cell in record]
-            if any(cells):
-                records.append(cells)
-                lines.append(reader.line_num)
-    except csv.Error as error:
-        raise InputError(
-            Problem(
-                FILE,
-                "cells separated by commas",
-                "Mend the quotes in this row.",
-                reader.line_num,
-                value=str(error),
-            )
-        ) from None
-    names, *body = records
-    wanted = [*_TEXT, "mass_kg", *(["velocity_m_s"] if needs_velocity else [])]
-    problems = column_problems(FILE, names, wanted)
-    problems += [p for p in column_problems(FILE, names, ()) if p.column not in wanted]
-    if "" in names:
-        problems.append(
-            Problem(
-                FILE,
-                "a name over every column",
-                "Name the column or remove it.",
-                row=1,
-                value=", ".join(names),
-            )
-        )
-    problems += [
-        Problem(
-            FILE,
-            f"{len(names)} cells as in the header",
-            "Put one cell under every column name; decimals need a point, not a comma.",
-            row=line,
-            value=f"{len(cells)} cells: {','.join(cells)}",
-        )
-        for line, cells in zip(lines[1:], body, strict=True)
-        if len(cells) != len(names)
-    ]
-    if not body:
-        problems.append(
-            Problem(FILE, "one row per impact", "Add the impacts.", value="no rows below the header")
-        )
-    if problems:
-        raise InputError(problems)
-    return pd.DataFrame(body, columns=names, dtype=str), np.array(lines[1:])
+    warnings += [*_unlikely(table, rows), *alike_names(table, rows, FILE)]
+    return ImpactTable(table, rows, problems, warnings)
 
 
 def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
@@ -167,6 +120,21 @@ def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
     return problems
 
 
+def _too_large(name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series) -> list[Problem]:
+    return [
+        Problem(
+            FILE,
+            f"a number below {_LARGEST_COVARIATE:g}",
+            "Correct the cell, or leave it empty.",
+            row=int(rows[index]),
+            column=name,
+            value=texts[index],
+            impact=impacts[index] or None,
+        )
+        for index in np.flatnonzero(np.abs(_numbers(texts)) >= _LARGEST_COVARIATE)
+    ]
+
+
 def _numbers(texts: list[str]) -> np.ndarray:
     return np.array([float(text) if _NUMBER.fullmatch(text) else np.nan for text in texts])
 
@@ -175,11 +143,13 @@ def _positive(
     name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series, *, optional: bool
 ) -> tuple[np.ndarray, list[Problem]]:
     values = _numbers(texts)
-    good = np.isfinite(values) & (values > 0)
+    low, high, unit = _POSSIBLE[name]
+    good = (low <= values) & (values <= high)
     problems = [
         Problem(
             FILE,
-            _POSITIVE[name],
+            f"{_POSITIVE[name]}{f' and from {low:g} to {high:g}' if values[index] > 0 else ''}",
+            f"{f'Is it in {unit}? ' if values[index] > 0 else ''}"
             "Correct the cell, or take the impact out of the dataset.",
             row=int(rows[index]),
             column=name,

@@ -15,19 +15,24 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from bayestissue.dataset.files import require_small
+
+_CHUNK = 1 << 20
 _ITEM_BYTES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 _MATRIX, _COMPRESSED = 14, 15
 _NUMERIC_CLASSES = range(6, 16)
 _OPAQUE = 17
 
 
-def numeric_variables(data: bytes) -> dict[str, np.ndarray]:
+def numeric_variables(data: bytes, label: str = "a .mat file") -> dict[str, np.ndarray]:
     """The real numeric arrays of a MATLAB 5 file, by name.
 
     Args:
         data: the whole file.
+        label: what to call it in a message.
 
     Raises:
+        InputError: its variables are too large once they are unpacked.
         ValueError: the file is damaged, or is no MATLAB 5 file.
     """
     from scipy.io import loadmat
@@ -35,7 +40,13 @@ def numeric_variables(data: bytes) -> dict[str, np.ndarray]:
     order = {b"IM": "<", b"MI": ">"}.get(data[126:128])
     if order is None:
         raise ValueError("neither a MATLAB 5 nor a MATLAB 7.3 file")
-    names = [name for kind, body in _elements(data[128:], order) for name in _numeric_name(kind, body, order)]
+    names: list[str] = []
+    size = 0
+    for kind, body in _elements(data[128:], order):
+        if kind == _COMPRESSED:
+            size = _counted(body, size, label)
+            ((kind, body),) = _elements(zlib.decompress(body), order)
+        names += _numeric_name(kind, body, order)
     content = loadmat(io.BytesIO(data), squeeze_me=True, variable_names=names)
     return {name: np.asarray(content[name]) for name in names}
 
@@ -61,9 +72,16 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
         at += 8 + step
 
 
+def _counted(body: bytes, size: int, label: str) -> int:
+    """``size`` and that of a packed variable, counted before any of it is kept: it takes no memory."""
+    unpacking, rest = zlib.decompressobj(), body
+    while chunk := unpacking.decompress(rest, _CHUNK):
+        size, rest = size + len(chunk), unpacking.unconsumed_tail
+        require_small(size, label, known=False)
+    return size
+
+
 def _numeric_name(kind: int, body: bytes, order: str) -> Iterator[str]:
-    if kind == _COMPRESSED:
-        ((kind, body),) = _elements(zlib.decompress(body), order)
     if kind != _MATRIX:
         raise ValueError(f"an element of type {kind} where a variable should be")
     parts = _elements(body, order)

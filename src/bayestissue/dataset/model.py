@@ -11,6 +11,7 @@ import pandas as pd
 from jaxtyping import Float64
 
 from bayestissue.errors import Problem
+from bayestissue.outline import Rows, as_html, as_text, counted, short, span
 
 Quantity = Literal["deceleration", "acceleration", "displacement"]
 
@@ -26,6 +27,9 @@ class Trace:
 
     time_s: Float64[np.ndarray, " sample"]
     value: Float64[np.ndarray, " sample"]
+
+    def __repr__(self) -> str:
+        return f"Trace of {counted(len(self.time_s), 'sample')}, {span(self.time_s, 's')}"
 
 
 @dataclass(frozen=True)
@@ -73,3 +77,27 @@ class Dataset:
     left_out: tuple[Problem, ...]
     folder: Path
     input_hash: str
+
+    def __repr__(self) -> str:
+        return as_text(*self._outline())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._outline())
+
+    def _outline(self) -> tuple[str, Rows]:
+        people, trials = (self.impacts[name].nunique() for name in ("subject", "trial"))
+        count = [len(trace.time_s) for trace in self.traces]
+        steps = [(trace.time_s[-1] - trace.time_s[0]) / (len(trace.time_s) - 1) for trace in self.traces]
+        left_out = len({problem.impact for problem in self.left_out})
+        said = [counted(len(self.warnings), "warning")] if self.warnings else []
+        said += [f"{counted(left_out, 'impact')} left out"] if left_out else []
+        rows = [
+            ("impacts", f"{len(self.impacts)}; subjects: {people}, trials: {trials}"),
+            (
+                "recorded",
+                f"{self.quantity}, {span(count, 'samples each')}, {span(1 / np.array(steps), 'Hz')}",
+            ),
+            ("mass", span(self.impacts["mass_kg"], "kg")),
+            ("velocity", span(self.impacts["velocity_m_s"], "m/s")),
+        ]
+        return f"Dataset {short(self.name)}", [*rows, *([("look at", ", ".join(said))] if said else [])]

@@ -11,6 +11,9 @@ from jaxtyping import Float64, Int
 from bayestissue.dataset.model import Quantity
 from bayestissue.dataset.samples import Samples
 
+# A recording has begun to go somewhere where it is this share of its farthest way from where it began.
+_BEGINS = 0.1
+
 
 @dataclass(frozen=True, eq=False)
 class Motion:
@@ -19,7 +22,8 @@ class Motion:
     Attributes:
         low, high: the least and greatest recorded value.
         peak: where the greatest displacement stands, or the greatest deceleration.
-        extreme: the value farthest from the first one, less that first one.
+        extreme: the value farthest from the first one on the side to which the recording first goes, less
+            that first one. An impactor that has left the tissue may go farther than it came in.
         pulse: how many samples exceed a tenth of the greatest deceleration; all, for displacements.
         duration: of those samples, s.
         loss, gain: the greatest speed lost (gained) between any two moments, m/s; 0 for displacements.
@@ -51,7 +55,8 @@ def motion(samples: Samples, quantity: Quantity) -> Motion:
     slowing = -samples.value if quantity == "acceleration" else samples.value
     greatest = np.maximum.reduceat(slowing, begin)
     away = samples.value - samples.value[begin][owner]
-    farthest = np.maximum.reduceat(np.abs(away), begin)
+    begins = _first_at(np.abs(away) >= _BEGINS * np.maximum.reduceat(np.abs(away), begin)[owner], begin)
+    side = np.where(away[begins] < 0, -1.0, 1.0)
     interval = (samples.time[end - 1] - samples.time[begin]) / (samples.count - 1)
     loss = gain = pulse_loss = np.zeros(begin.size)
     pulse = samples.count
@@ -69,7 +74,7 @@ def motion(samples: Samples, quantity: Quantity) -> Motion:
         low=np.minimum.reduceat(samples.value, begin),
         high=np.maximum.reduceat(samples.value, begin),
         peak=_first_at(slowing == greatest[owner], begin),
-        extreme=away[_first_at(np.abs(away) == farthest[owner], begin)],
+        extreme=side * np.maximum.reduceat(side[owner] * away, begin),
         pulse=pulse,
         duration=pulse * interval,
         loss=loss,

@@ -13,6 +13,37 @@ from bayestissue.errors import Problem
 MIN_SAMPLES = 8
 FLAT_SAMPLES = 4
 FALL_WITHIN = 0.05
+# An impact on tissue lasts some hundredths of a second: longer steps hold no eight samples of it.
+LONGEST_STEP_S = 0.02
+SHORTEST_S = 1e-4
+DEEPEST_M = 1.0
+# Mean speed from a twentieth of the greatest displacement to the greatest, over that at contact.
+_MEAN_SPEED = (0.03, 3.0)
+
+
+def clock_problems(recordings: Recordings) -> Iterator[Problem]:
+    """Recordings that are too slow or too short for an impact: their unit of time is wrong."""
+    samples = recordings.samples
+    begin, end = samples.start[:-1], samples.start[1:]
+    lasts = samples.time[end - 1] - samples.time[begin]
+    step = lasts / (samples.count - 1)
+    remedy = "Check signal.time_unit in dataset.toml, and sampling_rate_hz."
+    for which in np.flatnonzero(step > LONGEST_STEP_S):
+        yield recordings.problem(
+            which,
+            f"a sample at least every {LONGEST_STEP_S:g} s, for an impact lasts some hundredths",
+            remedy,
+            value=f"one every {step[which]:.4g} s",
+            column=samples.time_column,
+        )
+    for which in np.flatnonzero((lasts > 0) & (lasts < SHORTEST_S)):
+        yield recordings.problem(
+            which,
+            f"a recording of at least {SHORTEST_S:g} s",
+            remedy,
+            value=f"one of {lasts[which]:.4g} s",
+            column=samples.time_column,
+        )
 
 
 def movement_problems(recordings: Recordings, moving: Motion) -> list[Problem]:
@@ -23,11 +54,12 @@ def movement_problems(recordings: Recordings, moving: Motion) -> list[Problem]:
     also: an impactor that gains speed (the sign is wrong), one that loses more than three times the speed it
     came with (a unit is wrong), and a recording that ends before it has lost that speed, 5 %, one sample and
     three standard deviations of gain, velocity and offset allowed for. For displacements: one that goes down
-    where it should go into the tissue.
+    where it should go into the tissue, deeper than a metre, or at quite another speed than that at contact.
     """
     problems = [*_dead(recordings, moving), *_coarse(recordings, moving), *_clipped(recordings, moving)]
-    particular = _wrong_way if recordings.quantity == "displacement" else _speeds
-    return [*problems, *particular(recordings, moving)]
+    if recordings.quantity == "displacement":
+        return [*problems, *_wrong_way(recordings, moving), *_depths(recordings, moving)]
+    return [*problems, *_speeds(recordings, moving)]
 
 
 def movement_warnings(recordings: Recordings, moving: Motion) -> list[Problem]:
@@ -82,6 +114,31 @@ def _wrong_way(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
         )
 
 
+def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    samples, velocity = recordings.samples, recordings.velocity
+    for which in np.flatnonzero(moving.extreme > DEEPEST_M):
+        yield recordings.problem(
+            which,
+            f"a displacement below {DEEPEST_M:g} m",
+            "Check signal.unit and signal.scale in dataset.toml.",
+            value=f"{moving.extreme[which]:.4g} m",
+        )
+    for which in np.flatnonzero((moving.extreme > 0) & (moving.extreme <= DEEPEST_M) & (velocity > 0)):
+        mine = slice(samples.start[which], moving.peak[which] + 1)
+        away = samples.value[mine] - samples.value[mine.start]
+        shallow = int(np.flatnonzero(away <= FALL_WITHIN * away[-1])[-1])
+        lasts = samples.time[moving.peak[which]] - samples.time[mine][shallow]
+        speed = (away[-1] - away[shallow]) / lasts
+        low, high = _MEAN_SPEED
+        if not low < speed / velocity[which] < high:
+            yield recordings.problem(
+                which,
+                f"a displacement that grows at a speed like the {velocity[which]:.4g} m/s at contact",
+                "Check signal.unit, signal.time_unit and signal.scale, and the velocity in impacts.csv.",
+                value=f"{speed:.4g} m/s on average",
+            )
+
+
 def _still_sinking(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     for which in np.flatnonzero((moving.extreme > 0) & (moving.peak >= recordings.samples.start[1:] - 2)):
         yield recordings.problem(
@@ -112,14 +169,14 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
         yield recordings.problem(
             which,
             f"a recording until zero velocity: the speed must fall by {velocity[which]:.4g} m/s",
-            "Export a longer recording; check signal.unit, signal.scale and the velocity too.",
+            "Export a longer recording; check signal.unit, time_unit, scale and the velocity too.",
             value=f"a speed that falls by {moving.loss[which]:.4g} m/s",
         )
     for which in np.flatnonzero(absurd):
         yield recordings.problem(
             which,
             f"a speed that falls by no more than twice the {velocity[which]:.4g} m/s at contact",
-            "Check signal.unit, signal.scale and the velocity in impacts.csv.",
+            "Check signal.unit, time_unit and scale, and the velocity in impacts.csv.",
             value=f"a speed that falls by {moving.pulse_loss[which]:.4g} m/s",
         )
 

@@ -15,6 +15,7 @@ from bayestissue.dataset.recordings import Recordings
 from bayestissue.dataset.samples import Reading, Samples
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Settings, read_settings
+from bayestissue.dataset.stated import stated_problems
 from bayestissue.dataset.trace_files import read_files
 from bayestissue.errors import InputError, Problem
 from bayestissue.runtime import content_hash
@@ -51,8 +52,10 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
         reading = _long(folder, table, settings, problems)
     problems += reading.problems
     uncertainty = settings.uncertainty.values()
-    findings = check_recordings(Recordings.of(reading.samples, table.table, signal.quantity, uncertainty))
+    recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty)
+    findings = check_recordings(recordings)
     problems += findings.problems
+    problems += stated_problems(recordings.without(problems))
     _refuse(problems, skip_bad, table)
     bad = {problem.impact for problem in problems}
     keep = ~table.table["impact"].isin(list(bad)).to_numpy()

@@ -13,10 +13,11 @@ from typing import Any
 import numpy as np
 from jaxtyping import Float64
 
-from bayestissue.dataset.files import read_bytes
-from bayestissue.dataset.mat5 import numeric_variables
+from bayestissue.dataset import mat5, mat73
+from bayestissue.dataset.files import read_bytes, require_small
+from bayestissue.dataset.headers import header
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, Numbers, header, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, Numbers, read_table
 from bayestissue.errors import InputError, Problem
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
@@ -73,13 +74,16 @@ def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
                 value=path.name,
             )
         )
-    data = read_bytes(path, label, REMEDY)
+    # Lines that are taken apart one by one take many times their size.
+    data = read_bytes(path, label, REMEDY, share=0.1 if suffix == ".lvm" else 1.0)
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            channels, first_row = _READERS[suffix](data)
+            channels, first_row = _READERS[suffix](data, label)
     except _UnfitError as error:
         raise InputError(Problem(label, error.expected, error.remedy, value=error.found)) from None
+    except InputError:
+        raise
     except Exception as error:
         # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
         found = (str(error).splitlines() or [""])[0] or type(error).__name__
@@ -148,7 +152,7 @@ def _pick(channels: dict[str, _Channel], first_row: int, label: str, signal: Sig
     )
 
 
-def _lvm(data: bytes) -> tuple[dict[str, _Channel], int]:
+def _lvm(data: bytes, label: str) -> tuple[dict[str, _Channel], int]:
     import lvm_read
 
     try:
@@ -196,30 +200,44 @@ def _regular(segment: dict[str, Any], channel: int, samples: int) -> np.ndarray 
     return start + steps[channel] * np.arange(samples)
 
 
-def _tdms(data: bytes) -> tuple[dict[str, _Channel], int]:
+def _tdms(data: bytes, label: str) -> tuple[dict[str, _Channel], int]:
     from nptdms import TdmsFile
 
     # Damaged names would be logged one by one; what is wrong is said once, by whoever called.
     logging.getLogger("nptdms").setLevel(logging.ERROR)
-    found = [channel for group in TdmsFile.read(io.BytesIO(data)).groups() for channel in group.channels()]
+    file = TdmsFile.open(io.BytesIO(data))
+    if file.file_status.incomplete_final_segment:
+        raise _UnfitError(
+            "a whole .tdms file", "Copy or export the recording anew.", "an end that is missing"
+        )
+    found = [channel for group in file.groups() for channel in group.channels()]
+    require_small(sum(8 * len(channel) for channel in found), label)
     names = [channel.name for channel in found]
     channels: dict[str, _Channel] = {}
     for channel in found:
         values = np.asarray(channel[:])
         if values.dtype.kind not in "fiu":
             continue
-        clock = channel.time_track() if channel.properties.get("wf_increment", 0) > 0 else None
+        clock = _waveform_clock(channel.properties, len(values))
         # The same name in two groups says nothing: such channels need their group's name before theirs.
         name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
         channels[name] = _Channel(values.astype(np.float64), clock)
     return channels, 1
 
 
-def _mat(data: bytes) -> tuple[dict[str, _Channel], int]:
+def _waveform_clock(properties: dict[str, Any], samples: int) -> np.ndarray | None:
+    step, start = properties.get("wf_increment"), properties.get("wf_start_offset", 0.0)
+    if not isinstance(step, (int, float)) or not isinstance(start, (int, float)) or not step > 0:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        return start + step * np.arange(samples)
+
+
+def _mat(data: bytes, label: str) -> tuple[dict[str, _Channel], int]:
     if data[512:520] == b"\x89HDF\r\n\x1a\n" or data[:8] == b"\x89HDF\r\n\x1a\n":
-        content = _mat_hdf5(data)
+        content = mat73.numeric_variables(data, label)
     else:
-        content = numeric_variables(data)
+        content = mat5.numeric_variables(data, label)
     return {
         name: _Channel(np.ravel(values).astype(np.float64))
         for name, values in content.items()
@@ -229,18 +247,7 @@ def _mat(data: bytes) -> tuple[dict[str, _Channel], int]:
     }, 1
 
 
-def _mat_hdf5(data: bytes) -> dict[str, np.ndarray]:
-    import h5py
-
-    with h5py.File(io.BytesIO(data), "r") as file:
-        return {
-            name: np.asarray(item)
-            for name, item in file.items()
-            if isinstance(item, h5py.Dataset) and item.attrs.get("MATLAB_class", b"double") != b"char"
-        }
-
-
-_READERS: dict[str, Callable[[bytes], tuple[dict[str, _Channel], int]]] = {
+_READERS: dict[str, Callable[[bytes, str], tuple[dict[str, _Channel], int]]] = {
     ".lvm": _lvm,
     ".tdms": _tdms,
     ".mat": _mat,

@@ -9,10 +9,14 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
 from bayestissue.dataset.model import Quantity, Uncertainty
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.settings import checked, parse_toml, read_text, row_of
 
 FILE = "dataset.toml"
+
+
+# With half of a quantity as its standard deviation, none of it at all lies within two of them.
+_MOST_RELATIVE = 0.5
 
 
 def _not_zero(value: float) -> float:
@@ -21,9 +25,23 @@ def _not_zero(value: float) -> float:
     return value
 
 
+def _plain(value: str) -> str:
+    if has_control_characters(value) or not value.strip():
+        raise ValueError("a name on one line, without control characters")
+    return value
+
+
+def _fraction(value: float) -> float:
+    if value >= _MOST_RELATIVE:
+        meant = f"; {value:g} %, if that is meant, is {value / 100:g}" if value < 100 * _MOST_RELATIVE else ""
+        raise ValueError(f"a fraction below {_MOST_RELATIVE:g}{meant}")
+    return value
+
+
 Name = Annotated[str, Field(min_length=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
+Fraction = Annotated[Spread, AfterValidator(_fraction)]
 
 
 class _Table(BaseModel):
@@ -52,9 +70,9 @@ class SignalSettings(_Table):
 class UncertaintySettings(_Table):
     """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units."""
 
-    relative_mass_sd: Spread = Field(default=0.0, description="a fraction of the mass, 0 or more")
+    relative_mass_sd: Fraction = Field(default=0.0, description="a fraction of the mass, 0 to 0.5")
     velocity_sd_m_s: Spread = Field(default=0.0, description="a number of m/s, 0 or more")
-    relative_gain_sd: Spread = Field(default=0.0, description="a fraction of the gain, 0 or more")
+    relative_gain_sd: Fraction = Field(default=0.0, description="a fraction of the gain, 0 to 0.5")
     offset_sd: Spread = Field(default=0.0, description="a number of SI units of the quantity, 0 or more")
 
     def values(self) -> Uncertainty:
@@ -65,7 +83,7 @@ class UncertaintySettings(_Table):
 class Settings(_Table):
     """The whole of ``dataset.toml``."""
 
-    name: Name = Field(description="a name, as text")
+    name: Annotated[Name, AfterValidator(_plain)] = Field(description="a name, as text")
     description: str = Field(default="", description="free text")
     licence: str = Field(default="", description="free text")
     source: str = Field(default="", description="free text")

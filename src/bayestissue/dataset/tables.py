@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import difflib
 import io
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -17,7 +14,8 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from jaxtyping import Float64, Int
 
-from bayestissue.dataset.files import read_bytes, require_utf8
+from bayestissue.dataset.files import read_bytes, require_small
+from bayestissue.dataset.headers import column_problems, header
 from bayestissue.errors import InputError, Problem
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".parquet")
@@ -50,50 +48,6 @@ class Labels:
     names: tuple[str, ...]
 
 
-def column_problems(label: str, names: Sequence[str], wanted: Sequence[str]) -> list[Problem]:
-    """What is wrong with a header: columns that are missing or stand there twice.
-
-    Args:
-        label: what to call the file.
-        names: the columns that it has.
-        wanted: the columns that it must have.
-    """
-    problems = []
-    for name in [name for name in wanted if name not in names]:
-        near = difflib.get_close_matches(name.lower(), [n.lower() for n in names], n=1)
-        hint = f'Rename "{near[0]}" to "{name}".' if near else f'Add a column "{name}".'
-        if len(names) == 1 and ";" in names[0]:
-            hint = "Save the file with commas between the cells and points in the numbers."
-        problems.append(
-            Problem(label, f'a column "{name}"', hint, row=1, value=", ".join(names) or "no column names")
-        )
-    twice = [name for name, count in Counter(names).items() if count > 1 and (name in wanted or not wanted)]
-    problems += [
-        Problem(
-            label,
-            "every column name once",
-            "Remove or rename one of the two.",
-            row=1,
-            column=name,
-            value=name,
-        )
-        for name in twice
-    ]
-    return problems
-
-
-def header(data: bytes, label: str) -> list[str]:
-    """The column names of a CSV file, without the spaces around them.
-
-    Raises:
-        InputError: the text is not UTF-8.
-    """
-    require_utf8(data, label)
-    end = data.find(b"\n")
-    first = data[: end if end >= 0 else None].removeprefix(b"\xef\xbb\xbf").split(b"\r", 1)[0]
-    return [name.strip() for name in next(csv.reader([first.decode()]), [])]
-
-
 def read_table(
     path: Path, label: str, *, numbers: Sequence[str], labels: Sequence[str] = (), remedy: str
 ) -> tuple[dict[str, Numbers], dict[str, Labels]]:
@@ -111,7 +65,7 @@ def read_table(
     """
     data = read_bytes(path, label, remedy)
     if path.suffix == ".parquet":
-        table = _parquet(data, label, [*labels, *numbers])
+        table = _parquet(data, label, numbers, labels)
         if unfit := [name for name in numbers if not _numeric(table[name].type)]:
             raise InputError(
                 Problem(
@@ -133,6 +87,7 @@ def _csv(
     names = header(data, label)
     if problems := column_problems(label, names, [*labels, *numbers]):
         raise InputError(problems)
+    require_small(8 * data.count(b"\n") * len([*labels, *numbers]), label)
     name_type = pa.dictionary(pa.int32(), pa.string())
     types: dict[str, pa.DataType] = dict.fromkeys(labels, name_type) | dict.fromkeys(numbers, pa.float64())
     try:
@@ -149,9 +104,7 @@ def _as_text(data: bytes, label: str, names: list[str], types: dict[str, pa.Data
         return _parse(data, label, names, types)
     except pa.ArrowInvalid as error:
         remedy = "Export the file anew."
-        raise InputError(
-            Problem(label, "a header and rows of cells", remedy, value=_first_line(error))
-        ) from error
+        raise InputError(Problem(label, "a header and rows of cells", remedy, value=_words(error))) from error
 
 
 def _parse(data: bytes, label: str, names: list[str], types: dict[str, pa.DataType]) -> pa.Table:
@@ -200,11 +153,16 @@ def _sifted(cells: pa.Array) -> Numbers:
     return Numbers(values, {int(index): cells[int(index)].as_py() or "" for index in bad})
 
 
-def _parquet(data: bytes, label: str, wanted: list[str]) -> pa.Table:
+def _parquet(data: bytes, label: str, numbers: Sequence[str], labels: Sequence[str]) -> pa.Table:
+    wanted = [*labels, *numbers]
     try:
-        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True)
-        if problems := column_problems(label, file.schema_arrow.names, wanted):
+        schema = pq.read_schema(pa.BufferReader(data))
+        if problems := [*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)]:
             raise InputError(problems)
+        # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
+        once = [name for name in labels if _is_text(schema.field(name).type)]
+        file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True, read_dictionary=once)
+        require_small(_read_size(file.metadata, wanted), label)
         table = file.read(columns=wanted)
         table.validate(full=True)
     except InputError:
@@ -212,12 +170,36 @@ def _parquet(data: bytes, label: str, wanted: list[str]) -> pa.Table:
     except Exception as error:
         # A damaged file can fail anywhere in the decoder, with whatever that part raises.
         raise InputError(
-            Problem(label, "a whole Parquet file", "Copy or export the file anew.", value=_first_line(error))
+            Problem(label, "a whole Parquet file", "Copy or export the file anew.", value=_words(error))
         ) from error
     return table
 
 
-def _first_line(error: Exception) -> str:
+def _is_text(kind: pa.DataType) -> bool:
+    return pa.types.is_string(kind) or pa.types.is_large_string(kind)
+
+
+def _no_names(label: str, schema: pa.Schema, labels: Sequence[str]) -> list[Problem]:
+    """Columns of names that hold something else than text or whole numbers."""
+    found = {name: schema.field(name).type for name in labels if schema.names.count(name) == 1}
+    kinds = {n: kind.value_type if pa.types.is_dictionary(kind) else kind for n, kind in found.items()}
+    return [
+        Problem(label, "names, as text", "Store the column as text.", column=name, value=str(found[name]))
+        for name, kind in kinds.items()
+        if not (_is_text(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind))
+    ]
+
+
+def _read_size(about: pq.FileMetaData, wanted: list[str]) -> int:
+    """Bytes that the columns take: of each the pages unpacked, and at least 8 for every row."""
+    pages = 0
+    for group in (about.row_group(number) for number in range(about.num_row_groups)):
+        columns = (group.column(number) for number in range(group.num_columns))
+        pages += sum(c.total_uncompressed_size for c in columns if c.path_in_schema in wanted)
+    return max(pages, 8 * about.num_rows * len(wanted))
+
+
+def _words(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
+from bayestissue.dataset.files import require_small
 from bayestissue.dataset.recorders import REMEDY, Recording, read_recording
 from bayestissue.dataset.samples import Reading, Samples, in_seconds, in_si
 from bayestissue.dataset.settings import SignalSettings
@@ -26,6 +27,7 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
     problems, recordings, files, kept = [], [], [], []
     rates = impacts.get("sampling_rate_hz", pd.Series(np.nan, index=impacts.index)).to_numpy()
     taken: dict[Path, str] = {}
+    size = 0
     for index, (impact, name) in enumerate(zip(impacts["impact"], impacts["trace"], strict=True)):
         try:
             path = _inside(folder, name, int(rows[index]), taken)
@@ -34,6 +36,8 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
         except InputError as error:
             problems += [replace(problem, impact=impact or None) for problem in error.problems]
             continue
+        size += time.nbytes + recording.value.nbytes
+        require_small(size, "the recordings together")
         taken[path] = name
         recordings.append((time, recording))
         files.append(name)
@@ -55,7 +59,7 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
             for i, text in (r.text or {}).items()
         },
     )
-    return Reading(samples, problems, [folder / name for name in files])
+    return Reading(samples, problems, list(taken))
 
 
 def _inside(folder: Path, name: str, row: int, taken: dict[Path, str]) -> Path:

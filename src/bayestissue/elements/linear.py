@@ -44,18 +44,22 @@ def transition(
 def exponential(matrix: Float[Array, "*batch state state"]) -> Float[Array, "*batch state state"]:
     """Exp of matrices: Taylor's polynomial of matrices halved until it is exact, then squared as often.
 
+    Each as often as it needs: one that is beyond all bounds, or not finite, is no concern of the others.
     `jax.scipy.linalg.expm` compiles each of its many orders and tells the same to all digits, but with its
     derivatives took most of a minute to compile.
     """
-    size = jnp.abs(jax.lax.stop_gradient(matrix)).sum(-1).max()
-    halvings = jnp.clip(jnp.ceil(jnp.log2(jnp.maximum(size, 1e-30))) + 1, 0, _HALVINGS)
-    small = matrix * 2.0**-halvings
+    size = jnp.abs(jax.lax.stop_gradient(matrix)).sum(-1).max(-1)[..., None, None]
+    size = jnp.where(jnp.isfinite(size), jnp.maximum(size, 1e-30), 1.0)
+    halvings = jnp.clip(jnp.ceil(jnp.log2(size)) + 1, 0, _HALVINGS)
+    small = matrix * jnp.ldexp(jnp.ones(()), -halvings.astype(int))
     unit = jnp.eye(matrix.shape[-1])
     # Horner's scheme: 1 + A (1 + A / 2 (1 + A / 3 (...))), as a loop that is compiled once.
     found = jax.lax.fori_loop(
         0, _ORDER, lambda k, total: unit + small @ total / (_ORDER - k), jnp.broadcast_to(unit, matrix.shape)
     )
-    return jax.lax.fori_loop(0, halvings.astype(int), lambda _, root: root @ root, found)
+    return jax.lax.fori_loop(
+        0, halvings.max().astype(int), lambda k, root: jnp.where(k < halvings, root @ root, root), found
+    )
 
 
 def even_grid(

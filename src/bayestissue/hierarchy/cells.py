@@ -17,8 +17,8 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.conditional import Summaries
-from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.population import Locations, PopulationDesign
 
 # As many places as this times the cells are laid out, if that lets all people share their columns.

@@ -7,8 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from bayestissue.hierarchy.design import GROUPS, Design
+from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formula import GROUPS
 
 Draws = Mapping[str, np.ndarray]
 

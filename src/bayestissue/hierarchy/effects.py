@@ -11,7 +11,8 @@ import numpyro.distributions as dist
 from jaxtyping import Array, Float
 from numpyro.infer.reparam import LocScaleReparam
 
-from bayestissue.hierarchy.design import GROUPS, Design
+from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.priors import Priors
 
 RESPONSES = ("K", "C")

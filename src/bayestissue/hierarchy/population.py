@@ -15,8 +15,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.design import GROUPS, Design, ResponseDesign
+from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.priors import Priors
 
 MassError = Literal["impact", "subject"]

@@ -14,8 +14,6 @@ from bayestissue.settings import checked, parse_toml, read_text
 from bayestissue.signal import SignalOptions
 
 SIDE_BY_SIDE = "kelvin_voigt"
-DEFAULT_FORMULA = "log(mass_kg) + (1|subject) + (1|trial)"
-
 
 Likelihood = Literal["published-estimates", "arma", "a2", "impact"]
 Discrepancy = Literal["automatic", "none", "always"]
@@ -28,10 +26,13 @@ class _Table(BaseModel):
 
 
 class Formulas(_Table):
-    """Right-hand sides for log K and log C, in the notation of R and formulae."""
+    """Right-hand sides for log K and log C, in the notation of R and formulae.
 
-    K: str = DEFAULT_FORMULA
-    C: str = DEFAULT_FORMULA
+    One left out is `bayestissue.hierarchy.formula.DEFAULT_FORMULA` less what the data can't tell.
+    """
+
+    K: str | None = None
+    C: str | None = None
 
 
 class PracticalEquivalence(_Table):

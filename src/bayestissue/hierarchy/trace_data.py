@@ -87,22 +87,25 @@ def prepare(dataset: MeasuredImpacts, specification: ModelSpecification, *, sour
         if problems:
             raise InputError(problems)
     signal = displacements(dataset, specification.signal)
-    short = np.flatnonzero(signal.n_samples < FEWEST_SAMPLES)
-    if len(short):
-        raise InputError(
-            [
-                Problem(
-                    source,
-                    f"at least {FEWEST_SAMPLES} samples between contact and the end of the window",
-                    "Record faster, widen signal.window in the model, or leave the impact out (--skip-bad).",
-                    column="signal.window",
-                    impact=str(dataset.impacts["impact"].iloc[i]),
-                    value=int(signal.n_samples[i]),
-                )
-                for i in short
-            ]
-        )
+    problems = too_short(dataset, signal, source)
+    if problems:
+        raise InputError(problems)
     return assemble(dataset, specification, design, signal)
+
+
+def too_short(dataset: RecordedImpacts, signal: Displacements, source: str) -> list[Problem]:
+    """Impacts of too few samples for any fit, a problem each; ``source`` is the model file's name."""
+    return [
+        Problem(
+            source,
+            f"at least {FEWEST_SAMPLES} samples between contact and the end of the window",
+            "Record faster, widen signal.window in the model, or leave the impact out (--skip-bad).",
+            column="signal.window",
+            impact=str(dataset.impacts["impact"].iloc[i]),
+            value=int(signal.n_samples[i]),
+        )
+        for i in np.flatnonzero(signal.n_samples < FEWEST_SAMPLES)
+    ]
 
 
 def assemble(
@@ -185,16 +188,24 @@ def _unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, sourc
 
 def _without_people(design: Design, source: str) -> list[Problem]:
     """Formulas that leave no room for an error that all impacts of a person share."""
-    return [
-        Problem(
-            source,
-            '"(1|subject)" in it, since mass_error = "subject" gives each person an error of its own',
-            'Add "+ (1|subject)", or set mass_error = "impact".',
-            column=f"formula.{response}",
+    problems = []
+    for response, part in design.responses.items():
+        if "subject" in part.groups:
+            continue
+        left_out = [fault for fault in design.left_out.get(response, ()) if fault.term == "(1|subject)"]
+        remedy = 'Add "+ (1|subject)", or set mass_error = "impact".'
+        if left_out:
+            remedy = f'Set mass_error = "impact": {left_out[0].reason}.'
+        problems.append(
+            Problem(
+                source,
+                '"(1|subject)" in it, since mass_error = "subject" gives each person an error of its own',
+                remedy,
+                column=f"formula.{response}",
+                value=getattr(design.formulas, response),
+            )
         )
-        for response, part in design.responses.items()
-        if "subject" not in part.groups
-    ]
+    return problems
 
 
 def _record(

@@ -6,7 +6,6 @@ chain's whole state can be written down; a later run reads them and continues wi
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import wait as wait_for
 from dataclasses import dataclass, replace
@@ -25,7 +24,7 @@ from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.compiling import CHAINS, Helper, compiled_quickly
 from bayestissue.inference.sampling import STATISTICS, Draws, Progress, silent
-from bayestissue.results import whole_file
+from bayestissue.results import scratch, whole_file
 
 SEGMENT = 100
 Arrays = dict[str, np.ndarray]
@@ -174,26 +173,18 @@ def _in_processes(
     A compiled call hands its pieces from thread to thread. Bound to one core it keeps them; two calls on
     two free cores wake each other's threads and were measured to take eight times as long a step.
     """
-    from loky import ProcessPoolExecutor
-
     chains = job.settings.chains
     workers = min(runtime.cores(), chains)
     job = replace(job, arguments=jax.device_get(job.arguments))
-    with tempfile.TemporaryDirectory() as told:
-        counts = [Path(told) / f"{number}" for number in range(chains)]
-        pool = ProcessPoolExecutor(workers, initializer=runtime.settle, initargs=(told, runtime.CORES))
-        try:
-            futures = [
-                pool.submit(_worker, job, number, checkpoints, counts[number]) for number in range(chains)
-            ]
-            while wait_for(futures, timeout=0.5).not_done:
-                progress(sum(int(count.read_text() or 0) for count in counts if count.is_file()), total)
-                if any(future.done() and future.exception() for future in futures):
-                    break
-            parts = [future.result() for future in futures]
-        finally:
-            # What a worker has not finished is lost; what it has is in the checkpoints.
-            pool.shutdown(wait=True, kill_workers=True)
+    # What a worker has not finished at the end is lost; what it has is in the checkpoints.
+    with scratch() as told, runtime.worker_pool(workers, told) as pool:
+        counts = [told / f"{number}" for number in range(chains)]
+        futures = [pool.submit(_worker, job, number, checkpoints, counts[number]) for number in range(chains)]
+        while wait_for(futures, timeout=0.5).not_done:
+            progress(sum(int(count.read_text() or 0) for count in counts if count.is_file()), total)
+            if any(future.done() and future.exception() for future in futures):
+                break
+        parts = [future.result() for future in futures]
     progress(total, total)
     return parts
 

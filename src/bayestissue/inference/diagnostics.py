@@ -13,6 +13,9 @@ import xarray as xr
 R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 BFMI_LIMIT = 0.3
+# Notes of a summary's rows.
+NO_INTERVAL = "not an interval: no element describes these traces"
+CONTRADICTED = "the traces contradict the measuring chain"
 
 
 @dataclass(frozen=True)
@@ -106,10 +109,46 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
     }
 
 
+def warnings(diagnostics: dict[str, Any]) -> list[str]:
+    """What the model or its data leave in doubt, whatever the sampler did; the measuring chain first."""
+    chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
+    doubted = bool(form.get("structured") or form.get("undescribed"))
+    doubts = ((chain, chain.get("passed") is False), (form, doubted))
+    return [entry["words"] for entry, raised in doubts if raised]
+
+
+def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
+    """The summary with a column ``note``: why a row's interval is none, empty where it is one.
+
+    Rows are marked by impact, and every row where all impacts are concerned.
+    """
+    chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
+    every, label = np.ones(len(summary), bool), summary["label"].astype(str)
+    note = np.full(len(summary), "", dtype=object)
+    if chain.get("passed") is False:
+        whole = len(chain["impacts"]) == chain["of"]
+        note[every if whole else label.isin(chain["impacts"])] = CONTRADICTED
+    note[every if form.get("undescribed") else label.isin(form.get("undescribed_impacts", []))] = NO_INTERVAL
+    return summary.assign(note=note)
+
+
+def headline(diagnostics: dict[str, Any]) -> str:
+    """The verdict in one short sentence, for whoever reads no further."""
+    chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
+    if not diagnostics["passed"]:
+        return "DIAGNOSTICS FAILED: do not use these numbers."
+    if form.get("undescribed"):
+        return "No element of this program describes these traces: there are no intervals of K and C."
+    if chain.get("passed") is False:
+        return "The sampler passed, but the traces contradict the measuring chain."
+    if form.get("structured"):
+        return "The sampler passed, but the traces obey another law than the model's."
+    return "Diagnostics passed."
+
+
 def verdict_in_words(diagnostics: dict[str, Any]) -> str:
     """Whether the run can be trusted, in a sentence; and where the model can't, in another."""
-    form = diagnostics.get("model_form", {})
-    warning = f" WARNING: {form['words']}" if form.get("structured") else ""
+    warning = "".join(f" WARNING: {words}" for words in warnings(diagnostics))
     failed = [check["name"] for check in diagnostics["checks"] if not check["passed"]]
     if not failed:
         worst = diagnostics["worst"]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,15 +10,27 @@ import pandas as pd
 from scipy.special import stdtrit
 
 from bayestissue.inference.point import Column, Method, PointFit, fit_points
+from bayestissue.inference.point_notes import (
+    ANOTHER_PEAK,
+    ARCCOS,
+    AT_A_LIMIT,
+    NO_OSCILLATOR,
+    NOISELESS,
+    NOT_POSITIVE,
+    NOT_WHITE,
+    THETA1,
+)
 from bayestissue.signal import Displacements, SignalOptions, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.quality import Finding, inspect, raised
+from bayestissue.signal.quality.kinds import DRIFT, HUM
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
 
 # Past these a trace of one loading tells K and C apart no more: one of the two forces rules alone.
 ZETA_LIMITS = (0.005, 5.0)
-NOT_WHITE = 0.01
+WHITE_BY_CHANCE = 0.01
 # The displacement that K and C imply and the one recorded differ by a few per cent at worst if both hold.
 PEAK_DISAGREES = 0.2
 THICKNESS = "tissue_thickness_m"
@@ -44,20 +56,31 @@ def estimate(
 
     Returns:
         One row per impact with the columns of `estimates.csv`: the ARMA(2,1) coefficients, omega_n, zeta,
-        K and C, and flags, joined by "; "; then the standard errors and 90 % intervals (`interval`) of K
-        and C, from the trace and the dataset's relative standard deviation of the mass alone.
+        K and C, and ``flags``, what is wrong with the impact, joined by "; "; then the standard errors and
+        90 % intervals (`interval`) of K and C, from the trace and the dataset's relative standard deviation
+        of the mass alone; and last ``notes``, what is not wrong with the impact but a property of the method
+        or of how it was recorded (see `bayestissue.inference.point_notes`).
 
     Raises:
         InputError: the options ask for what the recordings can't give.
     """
-    signal = displacements(dataset, options or default_options(method))
-    return estimates_table(dataset, signal, method)
+    options = options or default_options(method)
+    signal = displacements(dataset, options)
+    return estimates_table(dataset, signal, method, inspect(dataset, options))
 
 
-def estimates_table(dataset: Dataset, signal: Displacements, method: Method) -> pd.DataFrame:
+def estimates_table(
+    dataset: Dataset, signal: Displacements, method: Method, found: Sequence[Finding] = ()
+) -> pd.DataFrame:
     """The table of `estimate` for displacements that are at hand.
 
     Impacts of fewer than eight samples have a row without numbers.
+
+    Args:
+        dataset: the recordings.
+        signal: what was made of them.
+        method: see `estimate`.
+        found: what `bayestissue.signal.quality.inspect` found; flagged.
     """
     long_enough = signal.n_samples >= FEWEST_SAMPLES
     fit = fit_points(
@@ -69,12 +92,15 @@ def estimates_table(dataset: Dataset, signal: Displacements, method: Method) -> 
     )
     whole = PointFit(*(_spread(column, long_enough) for column in fit))
     mass_sd = dataset.uncertainty.relative_mass_sd
-    K_se, C_se = (
-        np.hypot(whole.K_se, whole.K_signed * mass_sd),
-        np.hypot(whole.C_se, whole.C_signed * mass_sd),
-    )
-    K_low, K_high = interval(whole.K_signed, K_se, signal.n_samples)
-    C_low, C_high = interval(whole.C_signed, C_se, signal.n_samples)
+    # Where no oscillator has the coefficients C may be infinite.
+    with np.errstate(invalid="ignore"):
+        K_se = np.hypot(whole.K_se, whole.K_signed * mass_sd)
+        C_se = np.hypot(whole.C_se, whole.C_signed * mass_sd)
+    # An impact without an estimate has no interval either.
+    has = np.isfinite(whole.K)
+    K_low, K_high = interval(np.where(has, whole.K_signed, np.nan), K_se, signal.n_samples)
+    C_low, C_high = interval(np.where(has, whole.C_signed, np.nan), C_se, signal.n_samples)
+    flags, notes = _flags(dataset, signal, whole, found, method)
     table = dataset.impacts[["impact", "subject", "trial", "mass_kg"]].assign(
         velocity_m_s=signal.velocity,
         n_samples=signal.n_samples,
@@ -89,7 +115,7 @@ def estimates_table(dataset: Dataset, signal: Displacements, method: Method) -> 
         C_N_s_per_m=whole.C,
         peak_displacement_m=signal.peak_displacement,
         time_to_peak_s=signal.time_to_peak,
-        flags=["; ".join(row) for row in _flags(dataset, signal, whole)],
+        flags=["; ".join(row) for row in flags],
         K_se_N_per_m=K_se,
         K_low_N_per_m=K_low,
         K_high_N_per_m=K_high,
@@ -101,6 +127,7 @@ def estimates_table(dataset: Dataset, signal: Displacements, method: Method) -> 
         theta1_se=whole.theta1_se,
         log_likelihood=whole.log_likelihood,
         whiteness_p=whole.whiteness_p,
+        notes=["; ".join(row) for row in notes],
     )
     return table.reset_index(drop=True)
 
@@ -111,7 +138,8 @@ def interval(
     """The interval that should hold the truth with this probability, by Student's t with n - 5 degrees.
 
     K and C are all but linear in phi1 and phi2, in which the residuals are exactly linear: so the interval
-    is laid symmetrically around the estimate, also one below zero, and what lies below zero is cut off.
+    is laid symmetrically around the estimate, also one below zero, and what lies below zero is cut off. Where
+    nothing is left above zero there is no interval.
 
     Args:
         estimate: `PointFit.K_signed` or `PointFit.C_signed`.
@@ -120,10 +148,11 @@ def interval(
         probability: of holding the truth, when the noise is as the fit assumes.
 
     Returns:
-        Lower and upper end, NaN where there is no standard error.
+        Lower and upper end, NaN where there is no interval or no standard error.
     """
     reach = stdtrit(np.maximum(n_samples - 5, 1), (1 + probability) / 2) * error
-    return np.maximum(estimate - reach, 0), np.maximum(estimate + reach, 0)
+    high = np.where(estimate + reach > 0, estimate + reach, np.nan)
+    return np.where(np.isfinite(high), np.maximum(estimate - reach, 0), np.nan), high
 
 
 def _spread(column: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -132,25 +161,40 @@ def _spread(column: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return whole
 
 
-def _flags(dataset: Dataset, signal: Displacements, fit: PointFit) -> Iterator[list[str]]:
+def _flags(
+    dataset: Dataset, signal: Displacements, fit: PointFit, found: Sequence[Finding], method: Method
+) -> tuple[list[list[str]], list[list[str]]]:
+    """What is wrong with each impact, and what is only the method's or the recording's way."""
     with np.errstate(invalid="ignore", divide="ignore"):
         implied = fit.unit_peak * signal.velocity
-        raised = {
-            "no oscillator has these coefficients": np.isfinite(fit.phi1) & np.isnan(fit.K),
-            "K or C is not positive": (fit.K <= 0) | (fit.C <= 0),
-            "zeta at a limit": (fit.zeta < ZETA_LIMITS[0]) | (fit.zeta > ZETA_LIMITS[1]),
-            "theta1 at its limit": fit.theta1_at_limit & ~fit.noiseless,
-            "theta1 asks for another value of arccos": (fit.branch > 0) & ~fit.noiseless,
-            "no noise beyond rounding: no standard errors": fit.noiseless,
-            "residuals are not white": fit.whiteness_p < NOT_WHITE,
-            "K and C imply another peak displacement than recorded": np.abs(
-                implied / signal.peak_displacement - 1
-            )
-            > PEAK_DISAGREES,
+        another_peak = np.abs(implied / signal.peak_displacement - 1) > PEAK_DISAGREES
+        wrong = {
+            NO_OSCILLATOR: np.isfinite(fit.phi1) & np.isnan(fit.K),
+            NOT_POSITIVE: (fit.K <= 0) | (fit.C <= 0),
+            AT_A_LIMIT: (fit.zeta < ZETA_LIMITS[0]) | (fit.zeta > ZETA_LIMITS[1]),
             "deeper than the tissue is thick": _too_deep(dataset, signal),
         }
-    for i, recorded in enumerate(signal.flags):
-        yield [*recorded, *(words for words, where in raised.items() if where[i])]
+        noted = {
+            THETA1: fit.theta1_at_limit & ~fit.noiseless,
+            ARCCOS: (fit.branch > 0) & ~fit.noiseless,
+            NOISELESS: fit.noiseless,
+            NOT_WHITE: fit.whiteness_p < WHITE_BY_CHANCE,
+        }
+    # Centred deviations have another K and C by their nature.
+    (noted if method == "dds" else wrong)[ANOTHER_PEAK] = another_peak
+    spoilt = raised(found, len(another_peak))
+    flags = [[*a, *b, *c] for a, b, c in zip(spoilt, signal.flags, _by_row(wrong), strict=True)]
+    # No quiet part is found where hum or drift stand in it: that is named instead.
+    notes = [
+        [*(n for n in a if not {HUM.flag, DRIFT.flag} & set(named)), *b]
+        for a, b, named in zip(signal.notes, _by_row(noted), spoilt, strict=True)
+    ]
+    return flags, notes
+
+
+def _by_row(words: dict[str, np.ndarray]) -> list[list[str]]:
+    rows = zip(*(column.astype(bool).tolist() for column in words.values()), strict=True)
+    return [[text for text, up in zip(words, row, strict=True) if up] for row in rows]
 
 
 def _too_deep(dataset: Dataset, signal: Displacements) -> np.ndarray:

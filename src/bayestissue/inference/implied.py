@@ -9,22 +9,35 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.inference.meanings import meaning
+
 if TYPE_CHECKING:
     from bayestissue.inference.runs import FinishedRun
 
 # By what it is called: the draws of an impact that it is made of. On a spring and damper side by side the
 # secant stiffness is K itself, and C is the equivalent damping.
-TYPICAL = {"K_secant_typical": ("K_secant", "K"), "C_equivalent_typical": ("C_equivalent", "C")}
+OF_IMPACTS = {"K_secant_of_impacts": ("K_secant", "K"), "C_equivalent_of_impacts": ("C_equivalent", "C")}
 OF_PEOPLE = {"K_secant_of_subject": ("K_secant", "K"), "C_equivalent_of_subject": ("C_equivalent", "C")}
-UNITS = {name: "N/m" if name.startswith("K") else "N s/m" for name in (*TYPICAL, *OF_PEOPLE)}
-IMPLIED_COLUMNS = ["scheme", "data", "variable", "label", "unit", "runs", "median", "eti90_low", "eti90_high"]
+UNITS = {name: "N/m" if name.startswith("K") else "N s/m" for name in (*OF_IMPACTS, *OF_PEOPLE)}
+IMPLIED_COLUMNS = [
+    "scheme",
+    "data",
+    "variable",
+    "label",
+    "of",
+    "unit",
+    "runs",
+    "median",
+    "eti90_low",
+    "eti90_high",
+]
 _SCHEMES = ("leave one impact out", "leave one subject out")
 # What all runs together that lack a quantity may weigh for it still to be told.
 _LEAST_WEIGHT = 0.005
 
 
 def comparable_draws(posterior: xr.Dataset, people: np.ndarray) -> dict[str, xr.DataArray]:
-    """Stiffness and damping that mean the same for every element, typical and of each person.
+    """Stiffness and damping that mean the same for every element, of these impacts and of each person's.
 
     The geometric means over all recorded impacts, and over each person's own, of the secant stiffness and
     of the equivalent damping: for K, exp((1/n) sum_i log K_secant,i), by draw.
@@ -38,7 +51,7 @@ def comparable_draws(posterior: xr.Dataset, people: np.ndarray) -> dict[str, xr.
         By name, [chain, draw] or [chain, draw, subject].
     """
     found = {}
-    for name, sources in {**TYPICAL, **OF_PEOPLE}.items():
+    for name, sources in {**OF_IMPACTS, **OF_PEOPLE}.items():
         source = next((each for each in sources if each in posterior), None)
         if source is None or "impact" not in posterior[source].dims:
             continue
@@ -80,6 +93,7 @@ def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFra
                         scheme=str(scheme),
                         data=str(data),
                         variable=name,
+                        of=meaning(name).of,
                         unit=unit,
                         runs=sum(weight >= 0.01 for weight in weights.values()),
                     )

@@ -9,22 +9,19 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.inference.element_draws import element_attributes
+from bayestissue.inference.meanings import meaning
 from bayestissue.inference.sampling import Draws
 
 STIFFNESS, DAMPING = "N/m", "N s/m"
 _UNITS = {"K": STIFFNESS, "C": DAMPING}
 _MEANINGS = {
-    "{q}": "{name} of the impact",
-    "{q}_cell": "{name} of a person in a condition",
-    "{q}_subject": "{name} of a person at the reference mass",
-    "{q}_trial": "{name} of a typical person in a condition",
-    "{q}_new": "{name} of a new impact on a new person at the reference mass",
     "{q}_observed": "published {name} of the impact",
     "{q}_average": "published average of {name} over the people of a condition",
     "{q}_sd": "published standard deviation of {name} over the people of a condition",
     "linear_intercept_{q}": "constant of the straight line of the conditions' mean {name} against mass",
 }
 _NAMES = {"K": "stiffness K", "C": "damping C"}
+_OF = ("cell", "subject", "trial", "new")
 
 
 _TRACE_ATTRIBUTES = {
@@ -71,12 +68,16 @@ _TRACE_ATTRIBUTES = {
 
 def _attributes() -> dict[str, dict[str, str]]:
     table = {
-        pattern.format(q=q): {"unit": _UNITS[q], "long_name": meaning.format(name=_NAMES[q])}
+        pattern.format(q=q): {"unit": _UNITS[q], "long_name": words.format(name=_NAMES[q])}
         for q in _UNITS
-        for pattern, meaning in _MEANINGS.items()
+        for pattern, words in _MEANINGS.items()
     }
     for q, unit in _UNITS.items():
         name = _NAMES[q]
+        table |= {
+            variable: {"unit": unit, "long_name": f"{name} of {meaning(variable).of}"}
+            for variable in (q, f"{q}_typical_person", *(f"{q}_{of}" for of in _OF))
+        }
         table |= {
             f"linear_slope_{q}": {
                 "unit": f"{unit} / kg",
@@ -103,6 +104,15 @@ def _attributes() -> dict[str, dict[str, str]]:
 
 
 ATTRIBUTES = _attributes()
+
+
+def of_one_person(draws: xr.Dataset) -> None:
+    """Say of "this person" what is said of a typical or a new one where there are several."""
+    for q in _UNITS:
+        for variable in (f"{q}_{of}" for of in _OF):
+            if variable in draws:
+                told = f"{_NAMES[q]} of {meaning(variable, people=1).of}"
+                draws[variable].attrs["long_name"] = told
 
 
 def labelled(

@@ -12,7 +12,7 @@ from jaxtyping import Float, Int
 from bayestissue.hierarchy.cell_solution import locations_of, solve
 from bayestissue.hierarchy.cell_sums import CellSums
 from bayestissue.hierarchy.cells import Cells, expected_by_place
-from bayestissue.hierarchy.design import GROUPS
+from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.many_correction import PopulationDraws, anchors_of, told_of_rows

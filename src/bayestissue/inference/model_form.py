@@ -14,10 +14,13 @@ LIMIT = 4.0
 # fitted by a linear one showed at 74 standard errors, and at 12 less a cubic.
 _SMOOTH = 3
 _LAGS = 6
+# Of a discrepancy's rms over the trace's peak: beyond it the element describes nothing of the force.
+MOST_DISCREPANCY = 0.2
+UNDESCRIBED = "No element of this program describes these traces"
 _ANOTHER_LAW = "the traces obey another law than the model's"
 _REMEDY = (
     "Fit the other elements of models/ (or, where the recorder is known for it, "
-    'noise = "autoregressive") and compare.'
+    'noise = "autoregressive") and compare. A recorder that saturates bends traces too: check its range.'
 )
 
 
@@ -77,7 +80,54 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
         f"{_REMEDY}"
     )
     left = model_form(tree, "deceleration")["score"]
-    return first | {"discrepancy": size, "left": left, "words": words}
+    found = described(tree)
+    if found["undescribed"]:
+        words = f"{_said(first['score'])}. {found['words']}"
+    return first | found | {"left": left, "words": words}
+
+
+def described(tree: xr.DataTree) -> dict[str, Any]:
+    """Whether the element describes the traces of a fit with a discrepancy at all.
+
+    Where the smooth force that is added beside the element has an rms above `MOST_DISCREPANCY` of the peak,
+    what is left of K and C is that force's and not the tissue's: clipped and saturated records are such.
+
+    Returns:
+        ``discrepancy``, its rms as a fraction of the trace's peak (median impact), ``undescribed``, whether
+        that is beyond the limit, ``undescribed_impacts``, which are so by themselves, and ``words``.
+    """
+    draws = tree["posterior"].dataset["discrepancy"]
+    own = draws.median([name for name in draws.dims if name != "impact"])
+    size, beyond = float(draws.median()), own.to_numpy() > MOST_DISCREPANCY
+    names = [str(name) for name in np.asarray(own["impact"])[beyond]]
+    words = (
+        f"{UNDESCRIBED}: the smooth force that has to be added beside the element is {100 * size:.2g} % of "
+        "the peak (rms, median impact). What is printed of K and C is no estimate of the tissue's, and has "
+        "no interval. Check whether the recorder was clipped or saturated, the unit, the sign and the window."
+    )
+    return {
+        "discrepancy": size,
+        "undescribed": size > MOST_DISCREPANCY,
+        "undescribed_impacts": names,
+        "words": words,
+    }
+
+
+def with_chain(form: dict[str, Any], chain: dict[str, Any]) -> dict[str, Any]:
+    """What was said of the form, where another measuring chain would leave no structure: that comes first.
+
+    Args:
+        form: as `model_form` or `with_discrepancy` has it.
+        chain: as `bayestissue.inference.measuring_chain.judge` has it.
+    """
+    if not form.get("structured") or chain.get("passed") is not False:
+        return form
+    explained = (
+        f"with the measuring chain as the traces have it ({chain['error']}) {chain['structure_left']:.1f}. "
+        "So a wrong measuring chain explains it, and no other law is needed"
+    )
+    words = form["words"].replace(_ANOTHER_LAW, explained).replace(_REMEDY, "Mend the measuring chain first.")
+    return form | {"words": words}
 
 
 def _said(score: float) -> str:

@@ -26,6 +26,7 @@ Method = Literal["exact", "dds"]
 Column = Float[np.ndarray, " impact"]
 BATCH = 256
 _FEW = 500
+_TYPES: dict[str, type] = {"branch": int, "noiseless": bool, "theta1_at_limit": bool}
 
 
 class PointFit(NamedTuple):
@@ -110,7 +111,7 @@ def fit_points(
     if n_samples.min(initial=8) < 8:
         raise ValueError("an ARMA(2,1) with standard errors needs at least eight samples")
     if len(x) == 0:
-        return PointFit(*(np.empty(0) for _ in PointFit._fields))
+        return PointFit(*(np.empty(0, _TYPES.get(name, float)) for name in PointFit._fields))
     x = np.pad(x, ((0, 0), (0, _width(x.shape[1]) - x.shape[1])))
     parts, compiled = [], _fit_few if len(x) < _FEW and not repeated else _fit_batch
     for rows in _batches(len(x)):

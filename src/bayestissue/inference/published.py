@@ -17,8 +17,9 @@ from numpyro.infer import Predictive
 from scipy.special import logsumexp
 
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.design import GROUPS, Design
+from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES, cholesky_factor, design_arrays
+from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.published import (
     PublishedObservations,
     log_density_of_averages,

@@ -20,6 +20,7 @@ from scipy.special import logsumexp
 from bayestissue.hierarchy.conditional import Summaries, prior_times
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
+from bayestissue.inference.pareto import below_greatest
 from bayestissue.inference.trace_densities import log_likelihoods
 from bayestissue.inference.trace_moments import log_summary
 from bayestissue.inference.trace_profile import Profile
@@ -119,9 +120,11 @@ def compare_over(
         moved = np.concatenate([normals.given(whole, standard[some, :free], some), whole], axis=-1)
         u = centre + moved[..., back]
         complete = u if profile is None else np.concatenate([u, lasts[some, :, None]], axis=-1)
-        found = log_likelihoods(model, data, complete) - log_summary(summaries, complete)
-        found = found - of_last[some]
-        return u, np.where(np.isfinite(found), found, -np.inf)
+        density = log_likelihoods(model, data, complete)
+        summary = log_summary(summaries, complete) + of_last[some]
+        # Neither infinity less another, where the summary fails as well, is a ratio.
+        has = np.isfinite(density) & np.isfinite(summary)
+        return u, np.where(has, density - np.where(has, summary, 0.0), -np.inf)
 
     u, log_ratio = ratio(references, slice(None))
     log_density = normals.log_density((u - centre)[..., order], free)
@@ -131,8 +134,9 @@ def compare_over(
     def table(number: int) -> Table:
         step = reaches * (np.arange(tables) == number)
         values = np.stack([logsumexp(ratio(references + node * step, few)[1], axis=0) for node in nodes])
-        # Where no point has any likelihood the polynomial must not be torn by minus infinity.
-        values = np.maximum(values - values.max(0), _LEAST_RATIO)
+        # Where no point has any likelihood the polynomial must not be torn by minus infinity. Where none has
+        # it all along, the table is level, and the points' own ratios say so.
+        values = np.maximum(below_greatest(values), _LEAST_RATIO)
         # The points have their ratios at the reference, which is the middle node.
         values = values - values[_NODES // 2]
         return Table(references[:, number], reaches[:, number], _chebyshev() @ values)  # type: ignore[arg-type]

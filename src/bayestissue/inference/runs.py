@@ -15,13 +15,15 @@ from bayestissue.inference.comparison import by_importance
 from bayestissue.inference.element_draws import element_attributes
 from bayestissue.inference.implied import UNITS, comparable_draws
 from bayestissue.inference.labels import ATTRIBUTES
+from bayestissue.inference.meanings import meaning
 from bayestissue.inference.secant_exponents import EXPONENTS as OF_SECANTS
 from bayestissue.inference.trace_scores import SCHEMES, densities_of
 
 COMPARISON_COLUMNS = [SCORES[0], "data", *SCORES[1:]]
-POSTERIOR_COLUMNS = ["variable", "label", "unit", "run", "median", "eti90_low", "eti90_high"]
+POSTERIOR_COLUMNS = ["variable", "label", "of", "unit", "run", "median", "eti90_low", "eti90_high"]
 EXPONENTS = ("mass_exponent_K", *OF_SECANTS, "mass_exponent_C")
-COMPARED = (*EXPONENTS, *UNITS, "K_new", "C_new", "K_subject", "C_subject")
+_TYPICAL = {"K_typical_person": "intercept_K", "C_typical_person": "intercept_C"}
+COMPARED = (*EXPONENTS, *UNITS, *_TYPICAL, "K_new", "C_new", "K_subject", "C_subject")
 _ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
 # Far above rounding, far below any recorder's resolution.
 _SAME = 1e-9
@@ -88,6 +90,8 @@ def compare_runs(runs: Sequence[FinishedRun]) -> pd.DataFrame:
                 apart = f"densities of other numbers than those of {', '.join(others)}: not comparable"
                 table["warning"] = [f"{said}; {apart}" if said else apart for said in table["warning"]]
             parts.append(table)
+    if not parts:
+        return pd.DataFrame(columns=COMPARISON_COLUMNS)
     return pd.concat(parts, ignore_index=True)[COMPARISON_COLUMNS]
 
 
@@ -129,9 +133,10 @@ def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     """Median and 90 % interval of what every run estimates, whatever its likelihood is a density of.
 
     Mass exponents, of K also that at a common depth where K depends on depth; the secant stiffness and
-    equivalent damping of the recorded impacts, which mean the same for every element; and K and C of a new
-    impact on a new person and of every person, at the run's own reference mass. A run whose model lacks a
-    quantity has no row for it.
+    equivalent damping of the recorded impacts, which mean the same for every element; and K and C of a
+    typical person, of a new impact on a new person and of every person, at the run's own reference mass.
+    ``of`` says what an interval is of: that of these impacts together is narrow however much people differ. A
+    run whose model lacks a quantity has no row for it.
 
     Returns:
         `POSTERIOR_COLUMNS`, the rows of one quantity together.
@@ -148,6 +153,8 @@ def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
 def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
     posterior = run.tree["posterior"].dataset
     own = {name: posterior[name] for name in COMPARED if name in posterior}
+    own |= {name: np.exp(posterior[log]) for name, log in _TYPICAL.items() if log in posterior}
+    people = len(np.unique(run.people))
     tables = []
     for name, array in {**comparable_draws(posterior, run.people), **own}.items():
         each = "subject" in array.dims
@@ -157,8 +164,9 @@ def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
         )
         labels = array["subject"].astype(str).to_numpy().tolist() if each else [""]
         unit = UNITS.get(name) or (ATTRIBUTES | element_attributes())[name]["unit"]
+        of = meaning(name, people=people).of
         table = pd.DataFrame(
             {"label": labels, "median": median, "eti90_low": low, "eti90_high": high, "variable": name}
         )
-        tables.append(table.assign(unit=unit, run=run.name))
+        tables.append(table.assign(of=of, unit=unit, run=run.name))
     return tables

@@ -12,7 +12,7 @@ from concurrent.futures import Future
 from functools import partial
 from typing import Any
 
-from bayestissue import runtime
+from bayestissue import runtime, stopping
 
 
 class SecondCore:
@@ -25,15 +25,14 @@ class SecondCore:
         """Let the process begin, where there is a second core and a folder for what is compiled."""
         if self._pool is not None or not runtime.compiled_folder() or runtime.cores() < 2:
             return
-        from loky import ProcessPoolExecutor
-
         own = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else set()
         others = tuple(core for core in runtime.CORES if core not in own) or runtime.CORES
         # Compiled functions that are kept would pass for a leak of memory, and the worker be replaced.
         kept = {"LOKY_MAX_MEMORY_LEAK_SIZE": "1e18"}
         core = others[0] if others else None
-        self._pool = ProcessPoolExecutor(1, initializer=runtime.settle_on, initargs=(core,), env=kept)
-        self._pool.submit(_ready)
+        self._pool = stopping.begin_workers(
+            _ready, 1, initializer=runtime.settle_on, initargs=(core,), env=kept
+        )
 
     def pool(self) -> Any:
         """The process; None without a second core or a folder for what is compiled, or on an accelerator."""
@@ -54,7 +53,7 @@ class SecondCore:
 
     def __exit__(self, *_: object) -> None:
         if self._pool is not None:
-            self._pool.shutdown(wait=True, kill_workers=True)
+            stopping.end_workers(self._pool)
 
 
 def submitted(pool: Any, function: Callable[..., Any], *arguments: Any) -> Future:

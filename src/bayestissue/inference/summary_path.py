@@ -33,7 +33,7 @@ from bayestissue.inference.compiling import (
 )
 from bayestissue.inference.coordinates import Coordinates
 from bayestissue.inference.diagnostics import Check
-from bayestissue.inference.pareto import pareto_smoothed
+from bayestissue.inference.pareto import below_greatest, pareto_smoothed
 from bayestissue.inference.ratios import Ratios, compare_over, corrections
 from bayestissue.inference.sampling import Draws, Progress, silent
 from bayestissue.inference.trace_densities import log_likelihoods
@@ -86,9 +86,10 @@ class Correction:
         """
         if self.ratios is None:
             return 1.0
-        log_ratio = np.asarray(self.ratios.log_ratio)
-        weight = np.exp(log_ratio - log_ratio.max(0))
-        return float(np.median(weight.sum(0) ** 2 / np.square(weight).sum(0)) / len(weight))
+        weight = np.exp(below_greatest(np.asarray(self.ratios.log_ratio)))
+        # An impact without any likelihood at the points leaves nothing of them.
+        square = np.maximum(np.square(weight).sum(0), np.finfo(float).tiny)
+        return float(np.median(weight.sum(0) ** 2 / square) / len(weight))
 
     @property
     def trusted(self) -> bool:
@@ -329,9 +330,10 @@ _over = compiled_quickly()(Profile.over)
 
 
 def _relative_variance(log_weight: Array) -> float:
-    """Of weights along a first axis: the mean of variance over mean squared."""
-    weight = np.exp(np.asarray(log_weight - log_weight.max(0)))
-    return float(np.mean(weight.var(0) / weight.mean(0) ** 2))
+    """Of weights along a first axis: the mean of variance over mean squared; infinite where one has none."""
+    weight = np.exp(below_greatest(np.asarray(log_weight)))
+    mean = weight.mean(0)
+    return float(np.mean(weight.var(0) / mean**2)) if (mean > 0).all() else np.inf
 
 
 def _begun(prepared: Prepared, summarised: Summarised, chains: int, rng: np.random.Generator) -> Start:
@@ -355,8 +357,12 @@ def spreads_of(model: TraceModel) -> Callable[..., None]:
 
 
 def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.ndarray:
-    """Indices of so many draws of each chain, as often as their weights say (systematic resampling)."""
+    """Indices of so many draws of each chain, as often as their weights say (systematic resampling).
+
+    A chain without any weight stays as it is: R-hat tells that it is elsewhere.
+    """
     chains, length = weight.shape
+    weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
     share = weight / weight.sum(axis=1, keepdims=True)
     chosen = []
     for chain in range(chains):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import wait
 from pathlib import Path
@@ -15,7 +14,7 @@ from jaxtyping import Int
 from bayestissue import runtime
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.sampling import Progress, silent
-from bayestissue.results import whole_file
+from bayestissue.results import scratch, whole_file
 
 BLOCK = 512
 # With fewer blocks a second process takes longer to begin than it saves.
@@ -68,27 +67,21 @@ def _of_block(function: OfBlock, part: TraceData, rows: Rows) -> Any:
 
 
 def _in_processes(data: TraceData, function: OfBlock, rows: list[Rows], progress: Progress) -> list[Any]:
-    from loky import ProcessPoolExecutor
-
     workers, blocks = min(runtime.cores(), len(rows)), len(rows)
     shares = [part.tolist() for part in np.array_split(np.arange(blocks), workers)]
-    with tempfile.TemporaryDirectory() as told:
-        counts = [Path(told) / f"{number}" for number in range(workers)]
-        pool = ProcessPoolExecutor(workers, initializer=runtime.settle, initargs=(told, runtime.CORES))
-        try:
-            futures = []
-            for share, path in zip(shares, counts, strict=True):
-                own = [rows[number] for number in share]
-                first = int(own[0][0])
-                part = impacts_of(data, np.arange(first, int(own[-1][-1]) + 1))
-                futures.append(pool.submit(_share, function, part, own, first, path))
-            while wait(futures, timeout=0.5).not_done:
-                progress(sum(int(path.read_text() or 0) for path in counts if path.is_file()), blocks)
-                if any(future.done() and future.exception() for future in futures):
-                    break
-            parts = [part for future in futures for part in future.result()]
-        finally:
-            pool.shutdown(wait=True, kill_workers=True)
+    with scratch() as told, runtime.worker_pool(workers, told) as pool:
+        counts = [told / f"{number}" for number in range(workers)]
+        futures = []
+        for share, path in zip(shares, counts, strict=True):
+            own = [rows[number] for number in share]
+            first = int(own[0][0])
+            part = impacts_of(data, np.arange(first, int(own[-1][-1]) + 1))
+            futures.append(pool.submit(_share, function, part, own, first, path))
+        while wait(futures, timeout=0.5).not_done:
+            progress(sum(int(path.read_text() or 0) for path in counts if path.is_file()), blocks)
+            if any(future.done() and future.exception() for future in futures):
+                break
+        parts = [part for future in futures for part in future.result()]
     progress(blocks, blocks)
     return parts
 

@@ -13,8 +13,8 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.conditional import Summaries
-from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.population import SharedError, Spread, of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution

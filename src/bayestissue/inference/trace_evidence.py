@@ -16,8 +16,8 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.conditional import Summaries
-from bayestissue.hierarchy.design import GROUPS
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls

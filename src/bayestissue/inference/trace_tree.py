@@ -12,12 +12,12 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.design import GROUPS
+from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.compiling import compiled_quickly
 from bayestissue.inference.element_draws import per_impact
-from bayestissue.inference.labels import labelled, labelled_statistics
+from bayestissue.inference.labels import labelled, labelled_statistics, of_one_person
 from bayestissue.inference.many_kept import some_impacts, some_of
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.secant_exponents import EXPONENTS, mass_exponents_of_secants
@@ -79,6 +79,9 @@ def posterior_tree(
         "constant_data": every(_constants(whole), sampled=False),
         **_prior_groups(prepared, put, seed, rng),
     }
+    if len(whole.design.subjects) == 1:
+        for name in ("posterior", "prior"):
+            of_one_person(groups[name])
     return xr.DataTree.from_dict(groups)
 
 
@@ -119,13 +122,14 @@ def _quantities(
     values |= derived.people_and_conditions(design, sites)
     values |= {name: impacts[name] for name in PER_IMPACT if name in impacts}
     if "chain_error" in impacts:
-        names = _error_names(prepared)
+        names = error_names(prepared)
         known = np.asarray(prepared.data.record.error_sd).any(axis=0)
         values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(names) if known[i]}
     return values | derived.new_impact(design, sites, rng)
 
 
-def _error_names(prepared: Prepared) -> tuple[str, ...]:
+def error_names(prepared: Prepared) -> tuple[str, ...]:
+    """What the columns of the record's errors are called in the posterior."""
     record = prepared.data.record
     if isinstance(record, ElementRecord):
         return ERRORS["element"]
@@ -159,7 +163,7 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
         "first_sample_s": first,
         "impact_subject": impacts["subject"].astype(str).to_numpy(),
         "impact_trial": impacts["trial"].astype(str).to_numpy(),
-        **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(_error_names(prepared))},
+        **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(error_names(prepared))},
     }
 
 

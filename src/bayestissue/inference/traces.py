@@ -26,7 +26,7 @@ from bayestissue.inference.interval_sources import interval_sources
 from bayestissue.inference.labels import statistics_of_transitions
 from bayestissue.inference.many_draws import MANY, many_draws
 from bayestissue.inference.many_summaries import summarise_many
-from bayestissue.inference.model_form import model_form
+from bayestissue.inference.model_form import described, model_form
 from bayestissue.inference.sampling import Draws
 from bayestissue.inference.secant_population import of_secant
 from bayestissue.inference.second_core import SecondCore
@@ -191,4 +191,8 @@ def _form(prepared: Prepared, tree: xr.DataTree) -> dict[str, Any]:
     """What the residuals say of the model, where it is one of the recorded deceleration."""
     if prepared.model.kind != "impact":
         return {}
-    return {"model_form": model_form(tree, "deceleration")}
+    form = model_form(tree, "deceleration")
+    if not prepared.model.discrepancy:
+        return {"model_form": form}
+    found = described(tree)
+    return {"model_form": form | found | {"words": found["words"] if found["undescribed"] else form["words"]}}

@@ -18,7 +18,7 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.trace_densities import log_likelihoods
 from bayestissue.inference.trace_expectation import Expectations
 from bayestissue.inference.trace_moments import log_summary, normals
-from bayestissue.inference.trace_summaries import Anchor
+from bayestissue.inference.trace_summaries import Anchor, least_bend
 
 # Draws of each impact's parameters under every one of the population.
 _EACH = 4
@@ -41,8 +41,9 @@ def regressed(
     """The parabola nearest to each log likelihood over the posterior.
 
     Points are drawn by the old summaries and weighted by likelihood over summary, those of one draw of the
-    population among themselves. Along an axis where the parabola would open upwards it is made level. Where
-    the points tell too little of a trace its old summary stays.
+    population among themselves. Along an axis where the parabola would open upwards it is made level,
+    but for the bend that its slope needs (`least_bend`). Where the points tell too little of a trace its old
+    summary stays.
 
     Args:
         model: the model.
@@ -76,7 +77,9 @@ def _nearest(
     inverse = np.linalg.inv(root)
     level, slope, bend = _parabola(np.einsum("iab,pib->pia", inverse, u - mean), value, weight)
     values, axes = np.linalg.eigh(bend)
-    bend = np.einsum("iab,ib,icb->iac", axes, np.maximum(values, _LEAST_PRECISION), axes)
+    # Level and yet sloping, a summary would promise the more the further away, and draw all draws there.
+    least = np.maximum(least_bend(np.einsum("iab,ia->ib", axes, slope)), _LEAST_PRECISION)
+    bend = np.einsum("iab,ib,icb->iac", axes, np.maximum(values, least), axes)
     precision = np.einsum("iba,ibc,icd->iad", inverse, bend, inverse, optimize=True)
     return mean, np.einsum("iba,ib->ia", inverse, slope), precision, level
 

@@ -13,7 +13,7 @@ from markupsafe import Markup
 from bayestissue.dataset import Dataset
 from bayestissue.errors import Problem
 from bayestissue.report.page import figure, render_page
-from bayestissue.report.style import FAINT, MUTED, PALETTE, new_figure, style
+from bayestissue.report.style import FAINT, MUTED, PALETTE, new_figure, shown, style
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.signal import Displacements
 
@@ -22,7 +22,7 @@ _ROWS, _COLUMNS = 4, 3
 _UNITS = {"deceleration": "m_s2", "acceleration": "m_s2", "displacement": "m"}
 
 
-def quality_table(dataset: Dataset, signal: Displacements) -> pd.DataFrame:
+def quality_table(dataset: Dataset, signal: Displacements, warnings: Sequence[Problem]) -> pd.DataFrame:
     """How good each recording is, one row per impact.
 
     Columns: ``impact``, ``subject``, ``trial``; ``n_samples`` recorded and ``sampling_rate_hz``; ``offset``
@@ -35,13 +35,14 @@ def quality_table(dataset: Dataset, signal: Displacements) -> pd.DataFrame:
     Args:
         dataset: the recordings.
         signal: what the default signal chain made of them, in the same order.
+        warnings: what looks odd.
     """
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     highest = [sign * trace.value for trace in dataset.traces]
     peak = np.array([values.max() for values in highest]) - signal.offset
     unit = _UNITS[dataset.quantity]
     said = dict.fromkeys(dataset.impacts["impact"], 0)
-    for problem in dataset.warnings:
+    for problem in warnings:
         if problem.impact in said:
             said[problem.impact] += 1
     impacts = dataset.impacts
@@ -60,7 +61,7 @@ def quality_table(dataset: Dataset, signal: Displacements) -> pd.DataFrame:
             "time_to_peak_s": signal.time_to_peak,
             "peak_displacement_m": signal.peak_displacement,
             "samples_in_window": signal.n_samples,
-            "warnings": [n + len(flags) for n, flags in zip(said.values(), signal.flags, strict=True)],
+            "warnings": list(said.values()),
         }
     )
 
@@ -106,7 +107,7 @@ def _sheet(dataset: Dataset, signal: Displacements, which: np.ndarray) -> Markup
         fig, axes = new_figure((9.6, 0.5 + 1.75 * rows), rows, _COLUMNS, squeeze=False)
         for ax, index in zip(axes.flat, which, strict=False):
             _panel(ax, dataset, signal, int(index))
-            ax.set_title(f"{names[index]}", fontsize=8)
+            ax.set_title(shown(names[index]), fontsize=8)
         for ax in axes.flat[len(which) :]:
             ax.remove()
         handles, labels = axes[0, 0].get_legend_handles_labels()

@@ -9,20 +9,17 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
+from bayestissue.inference.meanings import told
 from bayestissue.report.page import figure
 from bayestissue.report.posterior_figures import NAMES
-from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, REFERENCE, log_ticks, new_figure, style
+from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, REFERENCE, log_ticks, new_figure, shown, style
 from bayestissue.report.wording import UNITS
 
 _MARKS = "osD^vP*"
 MOST_PEOPLE = 30
-_LONGEST = 32
-_SECOND = {True: "a new impact on a new person", False: "the recorded impacts"}
-_KIND = {True: {"K": "", "C": ""}, False: {"K": "secant ", "C": "equivalent "}}
-_AT = {"mass_exponent_K_common_depth": " at the common depth"}
 _COMPARABLE = {
-    "K": ("K_secant_typical", "K_secant_of_subject"),
-    "C": ("C_equivalent_typical", "C_equivalent_of_subject"),
+    "K": ("K_secant_of_impacts", "K_secant_of_subject"),
+    "C": ("C_equivalent_of_impacts", "C_equivalent_of_subject"),
 }
 
 
@@ -46,7 +43,7 @@ def comparison_figure(table: pd.DataFrame, scheme: str) -> Markup:
             title=scheme,
             xlabel="expected log predictive density off the best (nats)",
             yticks=height,
-            yticklabels=[_short(name) for name in rows["model"]],
+            yticklabels=[shown(name) for name in rows["model"]],
         )
         axes.grid(visible=False, axis="y")
         return figure(
@@ -56,23 +53,19 @@ def comparison_figure(table: pd.DataFrame, scheme: str) -> Markup:
         )
 
 
-def _short(name: str) -> str:
-    return name if len(name) <= _LONGEST else f"{name[: _LONGEST // 2 - 1]}…{name[-_LONGEST // 2 :]}"
-
-
 def side_by_side_figure(
     posteriors: pd.DataFrame, runs: Sequence[str], quantity: str, *, alike: bool = True
 ) -> Markup:
-    """The mass exponent, a new person's K (or C) and those of the people: a colour and a mark a run.
+    """The mass exponent, K (or C) of a typical, a new and each person: a colour and a mark a run.
 
     Where the runs are not ``alike`` in their element, what means the same in all stands for K (or C): the
     secant stiffness (the equivalent damping) of the recorded impacts, and of each person's own.
     """
-    shown = _parts(posteriors, quantity, alike)
-    heights = [1.1 + 0.16 * len(runs) * rows["label"].nunique() for _, rows in shown]
+    parts = _parts(posteriors, quantity, alike)
+    heights = [1.1 + 0.16 * len(runs) * rows["label"].nunique() for _, rows in parts]
     with style():
-        fig, panels = new_figure((4.8, sum(heights)), rows=len(shown), squeeze=False, height_ratios=heights)
-        for axes, (variable, rows) in zip(panels[:, 0], shown, strict=True):
+        fig, panels = new_figure((4.8, sum(heights)), rows=len(parts), squeeze=False, height_ratios=heights)
+        for axes, (variable, rows) in zip(panels[:, 0], parts, strict=True):
             _draw(axes, rows, runs)
             exponent = variable.startswith("mass_exponent")
             for value in (0, 1) if exponent else ():
@@ -80,23 +73,22 @@ def side_by_side_figure(
             if not exponent:
                 axes.set_xscale("log")
                 log_ticks(axes.xaxis, rows[["eti90_low", "eti90_high"]].to_numpy().ravel())
-            axes.set_xlabel(
-                f"mass exponent of {quantity}{_AT.get(variable, '')} (no unit)"
-                if exponent
-                else f"{_KIND[alike][quantity]}{NAMES[quantity]} ({UNITS[quantity]})"
-            )
+            unit = "no unit" if exponent else UNITS[quantity]
+            axes.set_xlabel(f"{told(variable, rows['of'].iloc[0])} ({unit})")
         handles, labels = panels[-1, 0].get_legend_handles_labels()
         fig.legend(handles, labels, loc="outside upper left", ncols=3)
         return figure(
             fig,
-            f"{NAMES[quantity]} by run: the mass exponent, {_SECOND[alike]}, and each person; "
+            f"{NAMES[quantity]} by run: "
+            f"{'; '.join(told(variable, rows['of'].iloc[0]) for variable, rows in parts)}; "
             "posterior median and 90 % interval, a colour and a mark for each run.",
         )
 
 
 def _parts(posteriors: pd.DataFrame, quantity: str, alike: bool) -> list[tuple[str, pd.DataFrame]]:
     parts = []
-    own = (f"{quantity}_new", f"{quantity}_subject") if alike else _COMPARABLE[quantity]
+    own = tuple(f"{quantity}_{of}" for of in ("typical_person", "new", "subject"))
+    own = own if alike else _COMPARABLE[quantity]
     for variable in (f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth", *own):
         rows = posteriors[posteriors["variable"] == variable]
         rows = rows[rows["label"].isin(rows["label"].drop_duplicates()[:MOST_PEOPLE])]
@@ -113,9 +105,10 @@ def _draw(axes: Axes, rows: pd.DataFrame, runs: Sequence[str]) -> None:
         colour = PALETTE[place % len(PALETTE)]
         axes.hlines(height, own["eti90_low"], own["eti90_high"], color=colour, lw=1.4)
         mark = _MARKS[place % len(_MARKS)]
-        axes.plot(own["median"], height, mark, ms=4, mfc="white", color=colour, label=_short(run))
+        axes.plot(own["median"], height, mark, ms=4, mfc="white", color=colour, label=shown(run))
     middle = -np.arange(len(labels)) - 0.35 * (len(runs) - 1) / len(runs)
-    axes.set(yticks=middle, yticklabels=[label or "all" if len(labels) > 1 else "" for label in labels])
+    names = [shown(label) or "all" if len(labels) > 1 else "" for label in labels]
+    axes.set(yticks=middle, yticklabels=names)
     axes.set_ylim(-len(labels) + 0.1, 0.4)
     axes.grid(visible=False, axis="y")
     if labels == [""]:

@@ -10,9 +10,9 @@ import pandas as pd
 from bayestissue.errors import InputError, Problem
 from bayestissue.report.comparison_figures import MOST_PEOPLE, comparison_figure, side_by_side_figure
 from bayestissue.report.comparison_weights import (
-    TYPICAL,
-    WORDS,
+    OF_IMPACTS,
     implied_table,
+    quantity,
     same_element,
     weighted_words,
 )
@@ -29,10 +29,12 @@ _TABLES = (
         ("scheme", "data", "model", "warning"),
         ("elpd", "se", "elpd_difference", "se_difference", "p_effective", "weight"),
     ),
-    TableFile("posteriors", ("variable", "label", "unit", "run"), ("median", "eti90_low", "eti90_high")),
+    TableFile(
+        "posteriors", ("variable", "label", "of", "unit", "run"), ("median", "eti90_low", "eti90_high")
+    ),
     TableFile(
         "implied",
-        ("scheme", "data", "variable", "label", "unit"),
+        ("scheme", "data", "variable", "label", "of", "unit"),
         ("runs", "median", "eti90_low", "eti90_high"),
     ),
 )
@@ -64,7 +66,7 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
     comparison, posteriors, implied = (tables[name] for name in ("comparison", "posteriors", "implied"))
     names = [str(run["name"]) for run in runs]
     alike = same_element(runs)
-    shown = {q: f"{q}_new" if alike else typical for q, typical in TYPICAL.items()}
+    shown = {q: f"{q}_new" if alike else together for q, together in OF_IMPACTS.items()}
     return render_page(
         "comparison.html",
         title=f"Fits of {about.get('dataset') or 'one dataset'} beside each other",
@@ -80,6 +82,9 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
         exponents={q: exponent_rows(posteriors, names, q) for q in ("K", "C")},
         alike=alike,
         new={q: quantity_rows(posteriors, names, variable) for q, variable in shown.items()},
+        new_of=of_words(posteriors, shown["K"]),
+        people_typical={q: quantity_rows(posteriors, names, f"{q}_typical_person") for q in shown},
+        typical_of=of_words(posteriors, "K_typical_person"),
         weighted=weighted_words(implied),
         implied_table=implied_table(implied),
         masses=reference_masses(runs),
@@ -142,6 +147,12 @@ def accuracy_figures(comparison: pd.DataFrame) -> list[Any]:
         for _, rows in _comparable(comparison)
         for scheme in rows["scheme"].drop_duplicates()
     ]
+
+
+def of_words(posteriors: pd.DataFrame, variable: str) -> str:
+    """What the intervals of a variable are of, the mass left out; empty if there are none."""
+    of = posteriors.loc[posteriors["variable"] == variable, "of"]
+    return str(of.iloc[0]).removesuffix(" at the reference mass") if len(of) else ""
 
 
 def quantity_rows(posteriors: pd.DataFrame, runs: list[str], variable: str) -> list[dict[str, str]]:
@@ -226,7 +237,7 @@ def posteriors_table(posteriors: pd.DataFrame) -> Table:
     rows = [
         Row(
             (
-                f"{WORDS.get(row['variable'], row['variable'])} {row['label']}".strip(),
+                quantity(row),
                 row["run"],
                 significant(row["median"]),
                 interval(row["eti90_low"], row["eti90_high"]),

@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import pandas as pd
 
-from bayestissue.report.posterior import SECANTS
+from bayestissue.inference.meanings import meaning, told
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import interval, listed, significant
 
-TYPICAL = {"K": "K_secant_typical", "C": "C_equivalent_typical"}
-WORDS = {
-    "mass_exponent_K": "mass exponent of K",
-    "mass_exponent_C": "mass exponent of C",
-    **{f"mass_exponent_{name}": f"mass exponent of {words}" for name, words in SECANTS.items()},
-    "K_new": "K, new impact on a new person",
-    "C_new": "C, new impact on a new person",
-    "K_subject": "K of",
-    "C_subject": "C of",
-    "K_secant_typical": "K (secant) of the recorded impacts",
-    "C_equivalent_typical": "C (equivalent) of the recorded impacts",
-    "K_secant_of_subject": "K (secant) of the impacts of",
-    "C_equivalent_of_subject": "C (equivalent) of the impacts of",
-}
+OF_IMPACTS = {"K": "K_secant_of_impacts", "C": "C_equivalent_of_impacts"}
 
 
 def same_element(runs: list[dict[str, Any]]) -> bool:
     """Whether K and C are the same things in all runs: those of one mechanical element."""
     return len({run["model"].get("element", "kelvin_voigt") for run in runs}) == 1
+
+
+def quantity(row: Mapping[Any, Any]) -> str:
+    """What a row of `posteriors.csv` or `implied.csv` has the interval of."""
+    return told(row["variable"], row["of"], row["label"])
 
 
 def weighted_words(implied: pd.DataFrame) -> list[str]:
@@ -37,16 +30,19 @@ def weighted_words(implied: pd.DataFrame) -> list[str]:
     many = len(implied["data"].unique()) > 1
     for (scheme, data), rows in implied.groupby(["scheme", "data"], sort=False):
         by_name = rows[rows["label"] == ""].set_index("variable").to_dict("index")
-        told = [
-            f"{q} = {significant(row['median'])} {row['unit']} "
+        parts = [
+            f"{meaning(name).what} = {significant(row['median'])} {row['unit']} "
             f"({interval(row['eti90_low'], row['eti90_high'])})"
-            for q, name in TYPICAL.items()
+            for q, name in OF_IMPACTS.items()
             if (row := by_name.get(name)) is not None
         ]
         several = f", densities of {data}" if many else ""
         kind = str(scheme).removeprefix("leave one ").removesuffix(" out")
-        if told:
-            sentences.append(f"Weighted by how well each {kind} is predicted{several}: {listed(told)}.")
+        if parts:
+            sentences.append(
+                f"Of {meaning(OF_IMPACTS['K']).of}, weighted by how well each {kind} is predicted{several}: "
+                f"{listed(parts)}."
+            )
     return sentences
 
 
@@ -55,7 +51,7 @@ def implied_table(implied: pd.DataFrame) -> Table:
     rows = [
         Row(
             (
-                f"{WORDS.get(row['variable'], row['variable'])} {row['label']}".strip(),
+                quantity(row),
                 row["scheme"].removeprefix("leave one ").removesuffix(" out"),
                 row["data"],
                 significant(row["median"]),

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayestissue.inference.point_notes import said_once
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.run_folder import TableFile, read_tables, require_files
 from bayestissue.report.settings import settings_table
@@ -34,12 +35,12 @@ _HEADINGS = {
     "C_se_N_s_per_m": "standard error",
 }
 _FURTHER_HEADINGS = {
-    "K_N_per_m_median": "K (N/m), median",
-    "K_N_per_m_5": "K, 5 %",
-    "K_N_per_m_95": "K, 95 %",
-    "C_N_s_per_m_median": "C (N s/m), median",
-    "C_N_s_per_m_5": "C, 5 %",
-    "C_N_s_per_m_95": "C, 95 %",
+    "K_N_per_m_median": "K (N/m), median impact",
+    "K_N_per_m_5": "K, 5 % of impacts below",
+    "K_N_per_m_95": "K, 95 % of impacts below",
+    "C_N_s_per_m_median": "C (N s/m), median impact",
+    "C_N_s_per_m_5": "C, 5 % of impacts below",
+    "C_N_s_per_m_95": "C, 95 % of impacts below",
 }
 _SHOWN = 300
 _MANY_POINTS = 1000
@@ -85,6 +86,7 @@ def estimates_page(folder: Path, about: dict[str, Any]) -> str:
         levels=[_level(table, name) for name in _QUANTITIES],
         flagged=int((table["flags"] != "").sum()),
         flags=flag_counts(table),
+        notes=said_once(table["notes"]) if "notes" in table else [],
         total=len(table),
         trend=mass_trend(table),
         plots=[estimate_figure(table, name) for name in _QUANTITIES]

@@ -9,7 +9,7 @@ from bayestissue.report.settings import plain
 from bayestissue.report.tables import Row, Table, columns
 
 _MEANINGS = {
-    "intercept": "log of the typical person's value at the reference mass",
+    "intercept": "log of a typical person's value at the reference mass",
     "mass_exponent": "slope of the log on log mass",
     "covariate": "change of the log for one standard deviation of another covariate",
     "sd_subject": "spread between people, log scale",

@@ -24,7 +24,6 @@ Quantity = Literal["K", "C"]
 QUANTITIES: tuple[Quantity, ...] = ("K", "C")
 # Of these K there is a mass exponent where K depends on depth.
 COMMON_DEPTH, OWN_DEPTH = "K_common_depth", "K_secant"
-SECANTS = {COMMON_DEPTH: "K at the common depth", OWN_DEPTH: "K at each impact's greatest depth"}
 FIXED, CONSTANT = "fixed stiffness", "constant natural frequency"
 # Above this a hypothesis is spoken of as what the data say; below one minus this, as what they rule out.
 SURE = 0.9

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
+from bayestissue.inference.meanings import SECANTS
 from bayestissue.report.page import figure
-from bayestissue.report.posterior import SECANTS, PosteriorRun
-from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, new_figure, style
+from bayestissue.report.posterior import PosteriorRun
+from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, new_figure, shown, style
 
 NAMES = {"K": "stiffness K", "C": "damping C"}
 
@@ -53,7 +54,10 @@ def effects_figure(run: PosteriorRun, quantity: str, level: str) -> Markup:
         axes.plot(median, height, "o", ms=5, mfc="white", color=POSTERIOR)
         axes.axvline(0, color=REFERENCE, ls="--", lw=1)
         axes.set(
-            xlabel=f"{quantity} off the typical {kind} (%)", yticks=height, yticklabels=labels, ylabel=kind
+            xlabel=f"{quantity} off the typical {kind} (%)",
+            yticks=height,
+            yticklabels=[shown(each) for each in labels],
+            ylabel=kind,
         )
         axes.grid(visible=False, axis="y")
         return figure(

@@ -11,6 +11,7 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.errors import InputError, Problem
+from bayestissue.results import damaged
 
 _AGAIN = (
     "Give the folder of a finished run, or make it anew with `bayestissue fit` or `bayestissue reproduce`."
@@ -31,7 +32,8 @@ def read_about(folder: Path) -> dict[str, Any]:
     """The content of ``run.json``, which every finished run holds.
 
     Raises:
-        InputError: the folder or the file is missing, or it isn't the JSON object that a run writes.
+        InputError: the folder or the file is missing, it isn't the JSON object that a run writes, or a file
+            of the run has another size than it was written with.
     """
     path = folder / "run.json"
     if not path.is_file():
@@ -43,6 +45,16 @@ def read_about(folder: Path) -> dict[str, Any]:
                 value="no such file",
             )
         )
+    if problems := [
+        Problem(
+            str(folder / name),
+            expected=f"{size} bytes, as they were written",
+            remedy=_AGAIN,
+            value=f"{found} bytes",
+        )
+        for name, (size, found) in damaged(folder).items()
+    ]:
+        raise InputError(problems)
     about = read_json(path)
     if not isinstance(about.get("kind"), str):
         raise InputError(

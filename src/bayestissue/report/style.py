@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -9,7 +11,7 @@ from typing import Any
 import matplotlib as mpl
 from matplotlib.figure import Figure
 from matplotlib.rcsetup import cycler
-from matplotlib.ticker import LogFormatterSciNotation, LogLocator, NullLocator
+from matplotlib.ticker import LogLocator, NullFormatter, NullLocator
 
 INK = "#1f2328"
 MUTED = "#6a737d"
@@ -24,6 +26,14 @@ POSTERIOR, PUBLISHED, REFERENCE = PALETTE[0], PALETTE[3], INK
 PANEL = (4.8, 3.5)
 
 _FEW_FOLD, _MANY_FOLD = 8, 1e5
+_LONGEST = 28
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# Of no concern: the reader's browser draws the text of a page, with fonts of its own.
+_OF_TEXT = (
+    "Glyph .* missing from",
+    "Matplotlib currently does not support",
+    "constrained_layout not applied",
+)
 
 _RC: dict[str, Any] = {
     "axes.edgecolor": MUTED,
@@ -52,6 +62,8 @@ _RC: dict[str, Any] = {
     "svg.fonttype": "none",
     # Element names are hashes; a fixed salt makes the same figure the same bytes.
     "svg.hashsalt": "bayestissue",
+    # Names come from the data: what stands between two dollars in them is no formula.
+    "text.parse_math": False,
     "xtick.color": MUTED,
     "xtick.labelcolor": INK,
     "ytick.color": MUTED,
@@ -62,10 +74,34 @@ _RC: dict[str, Any] = {
 @contextmanager
 def style() -> Iterator[None]:
     """Matplotlib's settings for the length of a block; what was set before comes back after it."""
-    with mpl.rc_context():
+    with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
         mpl.rcParams.update(_RC)
+        for message in _OF_TEXT:
+            warnings.filterwarnings("ignore", message)
         yield
+
+
+def shown(name: str) -> str:
+    """A name from the data as a label: the middle of a long one is left out."""
+    name = " ".join(name.split())
+    if len(name) > _LONGEST:
+        name = f"{name[: _LONGEST // 2 - 1]}…{name[-_LONGEST // 2 :]}"
+    # A legend leaves out what begins with an underscore; a space of no width goes before it.
+    return f"\u200b{name}" if name.startswith("_") else name
+
+
+def label_in_powers(axis: Any) -> None:
+    """Label a logarithmic ``axis`` at powers of ten, as plain text."""
+    axis.set_major_formatter(power_of_ten)
+    axis.set_minor_formatter(NullFormatter())
+
+
+def power_of_ten(value: float, _: int | None = None) -> str:
+    """A number on a logarithmic axis, such as 10⁻³ or 2·10⁵."""
+    exponent = math.floor(math.log10(value) + 1e-9)
+    power, factor = f"10{str(exponent).translate(_RAISED)}", f"{value / 10.0**exponent:.3g}"
+    return power if factor == "1" else f"{factor}·{power}"
 
 
 def log_ticks(axis: Any, values: Any) -> None:
@@ -75,7 +111,7 @@ def log_ticks(axis: Any, values: Any) -> None:
     axis.set_major_locator(
         LogLocator(subs=tuple(range(1, 10)) if span < _FEW_FOLD else (1, 2, 5), numticks=50)
     )
-    axis.set_major_formatter("{x:g}" if span < _MANY_FOLD else LogFormatterSciNotation())
+    axis.set_major_formatter("{x:g}" if span < _MANY_FOLD else power_of_ten)
     axis.set_minor_locator(NullLocator())
 
 

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
-from bayestissue.errors import InputError, Problem
+from bayestissue import stopping
+from bayestissue.errors import InputError, PartialResultError, Problem
 from bayestissue.report.run_folder import read_about
 from bayestissue.results import whole_file
 
@@ -25,6 +28,37 @@ def write_report(run_dir: Path) -> Path:
     with whole_file(path) as staging:
         staging.write_text(html, encoding="utf-8")
     return path
+
+
+def draw_page(run_dir: Path) -> Path:
+    """`write_report` of results that stand already, and that a page that fails must not put in doubt.
+
+    Raises:
+        PartialResultError: the page could not be drawn; the results are written.
+    """
+    with after_results(run_dir, f"`bayestissue report {run_dir}` draws the page"):
+        return write_report(run_dir)
+
+
+@contextmanager
+def after_results(folder: Path, again: str) -> Iterator[None]:
+    """A block that adds to results that stand; ``again`` says how it is repeated if it fails or is stopped.
+
+    Raises:
+        PartialResultError: whatever failed in the block, in one line.
+    """
+    with stopping.explained(lambda: f"the results are in {folder}; {again}"):
+        try:
+            yield
+        except Exception as error:
+            what = " ".join(f"{type(error).__name__}: {error}".split())
+            raise PartialResultError(
+                f"the results are in {folder}, but their page could not be drawn ({_short(what)}); {again}"
+            ) from error
+
+
+def _short(text: str, width: int = 300) -> str:
+    return text if len(text) <= width else f"{text[: width - 1]}…"
 
 
 def _page(run_dir: Path, about: dict) -> str:

@@ -16,7 +16,7 @@ from bayestissue.reproduction.conditions import (
     rounding_norm,
     within_sum_of_squares,
 )
-from bayestissue.reproduction.covariates import NEVER_TABULATED, covariate
+from bayestissue.reproduction.covariates import NEVER_TABULATED, NEVER_VARIES, covariate
 
 ALL_IMPACTS: dict[str, Quantity] = {"5.12": "K", "5.13": "C"}
 _LOST_TABLE = "the body of Table 5.13 is lost"
@@ -35,6 +35,8 @@ def correlation_of_averages(name: str, table: pd.DataFrame) -> Recomputed:
             None,
             note=f"{NEVER_TABULATED}; over the same ten people their averages can't differ between trials",
         )
+    if np.ptp(x) == 0:
+        return Recomputed(None, note=NEVER_VARIES)
     y = table["average"].to_numpy()
     norm = float(np.linalg.norm(y - y.mean()))
     error = float(np.linalg.norm(table["average_rounding"]))
@@ -53,6 +55,8 @@ def correlation_of_impacts(name: str, table: pd.DataFrame) -> Recomputed:
         return Recomputed(None, note=NEVER_TABULATED)
     n, y = table["impacts"].to_numpy(float), table["average"].to_numpy()
     deviation = x - np.average(x, weights=n)
+    if np.ptp(x) == 0:
+        return Recomputed(None, note=NEVER_VARIES)
     total = between_sum_of_squares(table) + within_sum_of_squares(table)
     r = float((n * deviation * (y - np.average(y, weights=n))).sum())
     r /= float(np.sqrt((n * deviation**2).sum() * total))

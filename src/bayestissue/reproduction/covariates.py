@@ -10,6 +10,7 @@ import pandas as pd
 _FACTORS = {"energy": "energy_J", "velocity": "velocity_m_s", "mass": "mass_kg"}
 
 NEVER_TABULATED = "skin fold and muscle thickness were never tabulated"
+NEVER_VARIES = "a covariate that never varies correlates with nothing"
 
 
 def factors(name: str) -> tuple[str, ...]:

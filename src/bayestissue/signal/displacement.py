@@ -32,6 +32,7 @@ from bayestissue.signal.window import Stop, samples_in, zero_velocity
 # Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
 _BLOCK = 1_000_000
 FEWEST_SAMPLES = 8
+NO_OFFSET = "no quiet part before contact: no offset was removed"
 # Samples before contact that are kept, at the most.
 BEFORE = 60
 
@@ -82,7 +83,8 @@ class Displacements:
         n_before: [impact], how many of these there are.
         reach_s: [impact], for how long before the first sample a force that rises from 0 may have acted
             without showing, s; 0 where contact was given.
-        flags: per impact, what a reader should know about it.
+        flags: per impact, what is wrong with it.
+        notes: per impact, what is not wrong, but should be known.
     """
 
     x: Rows
@@ -108,6 +110,7 @@ class Displacements:
     n_before: Index
     reach_s: Column
     flags: list[list[str]]
+    notes: list[list[str]]
 
 
 def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None) -> Displacements:
@@ -180,13 +183,13 @@ def _integrated(
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * time - second
     stop = zero_velocity(d, v, x, inside, dt)
+    notes = {NO_OFFSET: options.remove_offset & ~onset.quiet}
     flags = {
-        "no quiet part before contact: no offset was removed": options.remove_offset & ~onset.quiet,
         "velocity does not reach zero": ~stop.reached,
         "contact as chosen is more than 1 ms from where the trace shows it": onset.doubtful,
     }
     return _windowed(
-        part, x, v, d, stop, flags, mass, velocity, start, offset, offset_sd, onset.noise_sd,
+        part, x, v, d, stop, flags, notes, mass, velocity, start, offset, offset_sd, onset.noise_sd,
         _before(recordings, onset, offset), options,
     )  # fmt: skip
 
@@ -228,7 +231,7 @@ def _recorded(
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
     start = Start(since_contact, sd, since_contact, sd, np.zeros(len(sd), bool), x[:, 0], v[:, 0])
     return _windowed(
-        part, x, v, d, stop, flags, mass, velocity, start, at_contact, np.full_like(sd, np.nan), noise,
+        part, x, v, d, stop, flags, {}, mass, velocity, start, at_contact, np.full_like(sd, np.nan), noise,
         _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd)), options,
     )  # fmt: skip
 
@@ -240,6 +243,7 @@ def _windowed(
     deceleration: Rows,
     stop: Stop,
     flags: dict[str, Mask],
+    notes: dict[str, Mask],
     mass: Column,
     velocity: Column,
     start: Start,
@@ -257,7 +261,6 @@ def _windowed(
         equilibrium = x.sum(axis=1) / np.maximum(n, 1)
         x = np.where(used, x - equilibrium[:, None], 0)
     flags = {**flags, f"fewer than {FEWEST_SAMPLES} samples in the window": n < FEWEST_SAMPLES}
-    raised = np.stack(list(flags.values()), axis=1)
     return Displacements(
         x=x,
         v=v,
@@ -281,14 +284,22 @@ def _windowed(
         before=before.value,
         n_before=before.n,
         reach_s=before.reach,
-        flags=[[text for text, up in zip(flags, row, strict=True) if up] for row in raised.tolist()],
+        flags=_raised(flags, len(n)),
+        notes=_raised(notes, len(n)),
     )
+
+
+def _raised(words: dict[str, Mask], count: int) -> list[list[str]]:
+    return [[text for text, up in words.items() if up[row]] for row in range(count)]
 
 
 def _joined(blocks: list[Displacements]) -> Displacements:
     if len(blocks) == 1:
         return blocks[0]
-    joined: dict[str, Any] = {"flags": [row for block in blocks for row in block.flags]}
+    joined: dict[str, Any] = {
+        "flags": [row for block in blocks for row in block.flags],
+        "notes": [row for block in blocks for row in block.notes],
+    }
     for field in fields(Displacements):
         if field.name in joined:
             continue

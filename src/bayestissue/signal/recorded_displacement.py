@@ -31,7 +31,9 @@ def contact_sample(recordings: Recordings, options: SignalOptions) -> tuple[Inde
     top = np.argmax(x, axis=1)
     level = options.threshold * x.max(axis=1) if options.contact == "threshold" else np.zeros(len(x))
     until_peak = np.arange(x.shape[1]) <= top[:, None]
-    first = last_where((x < level[:, None]) & until_peak) + 1
+    # A rest of exact zeros, as a coarse recorder writes it, is before contact; its last zero may be contact.
+    still = np.pad((x[:, :-1] == level[:, None]) & (x[:, 1:] == level[:, None]), ((0, 0), (0, 1)))
+    first = last_where(((x < level[:, None]) | still) & until_peak) + 1
     above, below = at(recordings.value, first), at(recordings.value, first - 1)
     rise = np.where(above > below, above - below, 1)
     return first, np.where(first > 0, (above - level) / rise, 0) * recordings.dt

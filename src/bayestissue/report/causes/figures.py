@@ -9,12 +9,21 @@ from matplotlib.ticker import LogLocator, NullLocator
 from bayestissue.causes.statistics import LEVEL, WORDS
 from bayestissue.report.causes.run import CausesRun
 from bayestissue.report.page import figure
-from bayestissue.report.style import POSTERIOR, PUBLISHED, REFERENCE, log_ticks, new_figure, style
+from bayestissue.report.style import (
+    POSTERIOR,
+    PUBLISHED,
+    REFERENCE,
+    label_in_powers,
+    log_ticks,
+    new_figure,
+    shown,
+    style,
+)
 
 
 def short(name: str) -> str:
     """A cause's name in the specification as a label."""
-    return name.replace("_", " ")
+    return shown(name.replace("_", " "))
 
 
 def predictive_figure(run: CausesRun, statistic: str) -> Markup:
@@ -36,6 +45,7 @@ def predictive_figure(run: CausesRun, statistic: str) -> Markup:
             # Decades: there are too many of them for anything between.
             axes.xaxis.set_major_locator(LogLocator(numticks=6))
             axes.xaxis.set_minor_locator(NullLocator())
+            label_in_powers(axes.xaxis)
         axes.grid(visible=False, axis="y")
         return figure(
             fig,

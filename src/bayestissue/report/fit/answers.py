@@ -19,13 +19,37 @@ from bayestissue.report.posterior import (
     OWN_DEPTH,
     QUANTITIES,
     SURE,
+    Spread,
     exponent,
     hypothesis_probability,
 )
-from bayestissue.report.wording import likelihood_words, listed, relative, significant
+from bayestissue.report.wording import UNITS, likelihood_words, listed, relative, significant
 
 # A slope of the point estimates this far off zero is spoken of, if its interval excludes zero too.
 _WORTH_A_WORD = 0.1
+
+
+def of_whom(run: FitRun) -> dict[str, str]:
+    """Who the intervals are of, in words: a "typical" and a "new" one, and who stands in a "condition"."""
+    if run.people == 1:
+        return {"typical": "this person", "new": "new impact", "new_impact": "A new impact on this person"}
+    return {
+        "typical": "typical person",
+        "new": "new person",
+        "new_impact": "A new impact on a new person",
+    }
+
+
+def the_only_impact(run: FitRun) -> list[dict[str, str]]:
+    """Of a single impact its K and C, value and interval as text; empty where there are several."""
+    if len(run.impacts) > 1:
+        return []
+    ends = ["median", "eti90_low", "eti90_high"]
+    found = {quantity: Spread(*run.of_impacts(quantity)[ends].to_numpy()[0]) for quantity in QUANTITIES}
+    return [
+        {"quantity": quantity, "unit": UNITS[quantity], "value": each.value, "range": each.range}
+        for quantity, each in found.items()
+    ]
 
 
 def impact_sureness(run: FitRun, quantity: str) -> str:

@@ -18,6 +18,7 @@ METHODS = {"exact": "estimates_exact", "dds": "estimates_dds"}
 MOST_ROWS = 300
 _MOST_DRAWN = 1000
 _MASS_MUST_VARY = 1.01
+_NONE = "not an interval"
 
 
 def side_by_side(run: FitRun, quantity: str) -> pd.DataFrame:
@@ -109,6 +110,13 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
     return ApparentExponent(float(fitted.params[0]), Spread(float(fitted.params[1]), float(low), float(high)))
 
 
+def no_interval(run: FitRun) -> list[bool]:
+    """Of each impact: whether no element describes its trace, so that its interval is none."""
+    form = run.diagnostics.get("model_form", {})
+    alone = set(form.get("undescribed_impacts", []))
+    return [run.undescribed or name in alone for name in run.impacts]
+
+
 def estimates_table(run: FitRun) -> Table:
     """Posterior beside the point estimates and, where known, the truth, of the first 300 impacts."""
     tables = {quantity: side_by_side(run, quantity)[:MOST_ROWS] for quantity in QUANTITIES}
@@ -128,7 +136,8 @@ def estimates_table(run: FitRun) -> Table:
             f"{quantity} exact",
             f"{quantity} dds",
         ]
-        cells += [[one.value for one in spreads], [one.range for one in spreads]]
+        ranges = [_NONE if none else one.range for one, none in zip(spreads, no_interval(run), strict=False)]
+        cells += [[one.value for one in spreads], ranges]
         cells += [[significant(value, 4) for value in table[method]] for method in METHODS]
         if known:
             titles.append(f"true {quantity}")

@@ -7,6 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from bayestissue.hierarchy.formula import left_out_words
+from bayestissue.inference.meanings import ONE_IMPACT
 from bayestissue.report import model_words, posterior, posterior_tables, remarks
 from bayestissue.report.fit import answers, depth, estimates, predictions, sources, tables, words
 from bayestissue.report.fit.estimate_figures import estimates_figure
@@ -17,6 +19,7 @@ from bayestissue.report.page import render_page
 from bayestissue.report.posterior_figures import exponent_figure
 from bayestissue.report.settings import settings_table
 from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.wording import counted
 
 _CONTENTS = (
     ("estimates", "Impacts"),
@@ -60,15 +63,24 @@ def fit_page(folder: Path, about: dict[str, Any]) -> str:
 
 
 def _subtitle(run: FitRun) -> str:
-    counts = (len(run.impacts), len(run.labels("subject")), len(run.labels("trial")))
-    name = run.about.get("model", {}).get("name", "")
-    return f"{counts[0]} impacts, {counts[1]} people, {counts[2]} conditions; model “{name}”"
+    counts = (
+        counted(len(run.impacts), "impact", "impacts"),
+        counted(run.people, "person", "people"),
+        counted(len(run.labels("trial")), "condition", "conditions"),
+    )
+    return f"{', '.join(counts)}; model “{run.about.get('model', {}).get('name', '')}”"
 
 
 def _first_screen(run: FitRun) -> dict[str, Any]:
     return {
+        "undescribed": words.undescribed_words(run),
+        "contradicted": run.chain.get("passed", True) is False,
         "reference_mass": f"{run.reference_mass:.3g}",
         "levels": posterior.level_rows(run),
+        "alone": answers.the_only_impact(run),
+        "one_impact": ONE_IMPACT,
+        "of": answers.of_whom(run),
+        "terms_left_out": left_out_words(run.about.get("terms_left_out", [])),
         "method": answers.method_sentence(run),
         "sureness": [
             {**row, "one": answers.impact_sureness(run, row["quantity"])} for row in posterior.sureness(run)
@@ -141,6 +153,7 @@ def _checks(run: FitRun) -> dict[str, Any]:
         "sources_words": sources.sources_words(run),
         "sources_table": sources.sources_table(run),
         "declared": tables.declared_words(run),
+        "chain_words": words.chain_words(run),
         "chain_table": tables.chain_table(run),
         "left_out_summary": tables.left_out_summary(run),
         "left_out_table": tables.left_out_table(run),

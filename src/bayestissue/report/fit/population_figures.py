@@ -19,6 +19,7 @@ from bayestissue.report.style import (
     REFERENCE,
     log_ticks,
     new_figure,
+    shown,
     style,
 )
 from bayestissue.report.wording import UNITS
@@ -48,7 +49,7 @@ def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
         axes.set(
             xlabel=f"{NAMES[quantity]} ({UNITS[quantity]})",
             yticks=height,
-            yticklabels=[names[place] for place in order],
+            yticklabels=[shown(names[place]) for place in order],
             ylabel=GROUPS[level],
             ylim=(-0.6, order.size - 0.4),
         )
@@ -77,6 +78,7 @@ def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
     ratio = np.log(grid / run.reference_mass)
     table = shown_rows(side_by_side(run, quantity).assign(mass=mass))
     apparent = apparent_exponent(run, quantity)
+    who = "this person" if run.people == 1 else "typical person"
     level = float(np.median(np.exp(run.draws(f"intercept_{quantity}"))))
     with style():
         fig, axes = new_figure((4.8, 4.2))
@@ -92,14 +94,14 @@ def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
         low, median, high = np.percentile(drawn, [5, 50, 95], axis=0)
         axes.errorbar(
             at, median, [median - low, high - median], fmt="s", ms=4.5, mfc="white", lw=1.2, color=POSTERIOR,
-            label="condition, typical person, 90 %",
+            label=f"condition, {who}, 90 %",
         )  # fmt: skip
         if run.has(f"mass_exponent_{quantity}"):
             slope = run.draws(f"mass_exponent_{quantity}")[:, None] * ratio
             curve = np.exp(run.draws(f"intercept_{quantity}")[:, None] + slope)
             low, middle, high = np.percentile(curve, [5, 50, 95], axis=0)
             axes.fill_between(grid, low, high, color=POSTERIOR, alpha=0.2, lw=0)
-            axes.plot(grid, middle, color=POSTERIOR, label="posterior, 90 % band")
+            axes.plot(grid, middle, color=POSTERIOR, label=f"{who}, 90 % band")
         axes.plot(grid, level + 0 * grid, color=REFERENCE, ls="--", lw=1, label="exponent 0")
         axes.plot(
             grid, level * grid / run.reference_mass, color=REFERENCE, ls=":", lw=1.2, label="exponent 1"
@@ -121,7 +123,7 @@ def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
 
 
 def _conditions(run: FitRun, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-    """Geometric mean mass of each condition and the draws of its typical K or C, [draw, trial]."""
+    """Geometric mean mass of each condition, and draws of a typical person's K or C in it, [draw, trial]."""
     frame = pd.DataFrame(
         {"trial": run.constant("impact_trial").astype(str), "log_mass": np.log(run.constant("mass_kg"))}
     )

@@ -10,7 +10,16 @@ from markupsafe import Markup
 from bayestissue.report.fit.predictions import STRUCTURED, Residuals
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
-from bayestissue.report.style import MUTED, POSTERIOR, PUBLISHED, REFERENCE, new_figure, style
+from bayestissue.report.style import (
+    MUTED,
+    POSTERIOR,
+    PUBLISHED,
+    REFERENCE,
+    label_in_powers,
+    new_figure,
+    shown,
+    style,
+)
 
 _COLUMNS = 3
 _SCALES = {"deceleration": ("m/s²", 1.0), "displacement": ("mm", 1e3)}
@@ -37,7 +46,8 @@ def traces_figure(run: FitRun, which: list[int]) -> Markup:
             above, below = axes[2 * row, column], axes[2 * row + 1, column]
             _panel(above, below, time[at], measured[at], bands[:, at])
             name, of = run.impacts[index], run.constant("impact_subject")[index]
-            above.set_title(f"{name} ({of}, {run.constant('mass_kg')[index]:.3g} kg)", fontsize=8)
+            title = f"{shown(name)} ({shown(str(of))}, {run.constant('mass_kg')[index]:.3g} kg)"
+            above.set_title(title, fontsize=8)
             below.set_xlabel("time since contact (ms)" if row == rows - 1 else "", fontsize=8)
             if column == 0:
                 above.set_ylabel(f"{run.shown}\n({unit})", fontsize=8)
@@ -108,6 +118,8 @@ def whiteness_figure(whole: np.ndarray, one_step: np.ndarray) -> Markup:
         ends = np.array([1e-3, 1])
         axes.loglog(ends, ends, color=REFERENCE, ls="--", lw=1, label="white")
         axes.axhline(STRUCTURED, color=MUTED, lw=0.8)
+        for axis in (axes.xaxis, axes.yaxis):
+            label_in_powers(axis)
         axes.set(xlabel="p expected of white residuals", ylabel="p found (Ljung-Box, 10 lags)")
         fig.legend(loc="outside upper left", ncols=2)
         return figure(

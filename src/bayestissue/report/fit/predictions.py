@@ -8,6 +8,7 @@ from functools import cached_property
 import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
+from scipy.special import chdtrc
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from bayestissue.report.fit.run import FitRun
@@ -15,6 +16,7 @@ from bayestissue.report.fit.run import FitRun
 PANELS = 9
 LAGS = 10
 STRUCTURED = 0.01
+OTHER_NOISE = 0.01
 _FEWEST = 2 * LAGS
 _MOST_TESTED = 250
 
@@ -54,6 +56,23 @@ class Residuals:
         measured = _lag_one(self.measured, self.used)
         inside = (low <= measured) & (measured <= high)
         return pd.DataFrame({"measured": measured, "low": low, "high": high, "inside": inside})
+
+    @cached_property
+    def other_noise_p(self) -> float:
+        """The p-value of the recorded noise being the model's, by the ranks of ``lag_one`` over all impacts.
+
+        The rank of a measured value among its replicates is uniform where the model made both. Doubled to
+        the nearer end it is each impact's p-value, and -2 times the sum of their logs is chi-squared with
+        twice as many degrees of freedom as there are impacts (Fisher), whatever their number. The replicates
+        come from draws that have seen the measured trace, which draws the ranks to the middle: chance raises
+        the alarm no more often than stated.
+        """
+        replicated, measured = _lag_one(self.replicated, self.used), _lag_one(self.measured, self.used)
+        draws = len(replicated)
+        above = (replicated > measured).sum(axis=0)
+        nearer = np.minimum(above, draws - above)
+        p = np.minimum(2 * (nearer + 1) / (draws + 1), 1.0)[np.isfinite(measured)]
+        return float(chdtrc(2 * p.size, -2 * np.log(p).sum())) if p.size else 1.0
 
     @cached_property
     def whiteness_p(self) -> Float[np.ndarray, " impact"]:

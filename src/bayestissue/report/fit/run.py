@@ -97,6 +97,11 @@ class FitRun:
         return [str(label) for label in self.groups["constant_data"]["impact"].to_numpy()]
 
     @property
+    def people(self) -> int:
+        """How many people there are: of one, nothing is said of a typical or a new person."""
+        return len(self.labels("subject"))
+
+    @property
     def predicted(self) -> np.ndarray:
         """The rows of `impacts` that have predicted traces: all, or some where impacts are many."""
         names = self.groups["posterior_predictive"]["impact"].to_numpy().astype(str)
@@ -114,6 +119,16 @@ class FitRun:
         """The mass in kg at which people are reported."""
         given = self.about.get("model", {}).get("reference_mass_kg")
         return float(np.exp(np.log(self.constant("mass_kg")).mean()) if given is None else given)
+
+    @property
+    def undescribed(self) -> bool:
+        """Whether no element describes the traces, so that no interval of K or C is one."""
+        return bool(self.diagnostics.get("model_form", {}).get("undescribed", False))
+
+    @property
+    def chain(self) -> dict[str, Any]:
+        """What the traces say of their measuring chain; empty where they were not asked."""
+        return dict(self.diagnostics.get("measuring_chain", {}))
 
     @property
     def likelihood(self) -> str:

@@ -13,6 +13,7 @@ from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import listed, percent, relative
 
 _LEVELS = {"impact": "impact", "typical person": "typical person", "new person": "new person"}
+_LEVELS_OF_ONE_PERSON = {"impact": "impact", "typical person": "this person", "new person": "new impact"}
 # In the order of the page, as the run names them and as the page does.
 _NAMES = {
     "noise": "noise of the recorder",
@@ -47,8 +48,9 @@ def sources_table(run: FitRun) -> Table | None:
     if (found := run.interval_sources) is None:
         return None
     cells = {(row["source"], row["level"], row["quantity"]): row for row in found.to_dict("records")}
-    kept = [(level, q) for level in _LEVELS for q in _QUANTITIES if (_ALL, level, q) in cells]
-    titles = [f"{q}, {_LEVELS[level]}" for level, q in kept]
+    levels = _levels(run)
+    kept = [(level, q) for level in levels for q in _QUANTITIES if (_ALL, level, q) in cells]
+    titles = [f"{q}, {levels[level]}" for level, q in kept]
     present = set(found["source"])
     rows = [
         Row((told, *(_cell(cells.get((name, *place))) for place in kept)))
@@ -59,6 +61,13 @@ def sources_table(run: FitRun) -> Table | None:
         rows.append(Row((_NAMES["element"], *("taken as true" for _ in kept))))
     rows.append(Row(("all together", *(_half(cells[(_ALL, *place)]["sd"]) for place in kept))))
     return Table(columns("source", *titles, number=titles), rows)
+
+
+def _levels(run: FitRun) -> dict[str, str]:
+    """Levels that these data tell something of, in words: of one impact, that impact alone."""
+    if len(run.impacts) == 1:
+        return {"impact": _LEVELS["impact"]}
+    return _LEVELS_OF_ONE_PERSON if run.people == 1 else _LEVELS
 
 
 def _cell(row: Mapping[Any, Any] | None) -> str:
@@ -76,15 +85,17 @@ def sources_words(run: FitRun) -> list[str]:
     """What makes most of the interval of an impact and a new person, and what the fit takes for granted."""
     if (found := run.interval_sources) is None:
         return []
+    levels = _levels(run)
     said = [
-        f"Of the 90 % interval of {told}: {'; '.join(_most(found, level, q) for q in _QUANTITIES)}."
-        for level, told in (("impact", "a recorded impact"), ("new person", "a new person"))
+        f"Of the 90 % interval of a {told}: {'; '.join(_most(found, level, q) for q in _QUANTITIES)}."
+        for level, told in (("impact", "recorded impact"), ("new person", levels.get("new person")))
+        if told
     ]
     if "element" not in set(found["source"]):
         said.append(
             "The element is taken as true: no part of these intervals stands for another law of the tissue."
         )
-    return [*said, _window_words(found), *_doubt(found)]
+    return [*said, _window_words(found), *_doubt(found, levels)]
 
 
 def _most(found: pd.DataFrame, level: str, quantity: str) -> str:
@@ -110,11 +121,11 @@ def _window_words(found: pd.DataFrame) -> str:
     )
 
 
-def _doubt(found: pd.DataFrame) -> list[str]:
-    drawn = found[found["source"] == _DRAWN]
+def _doubt(found: pd.DataFrame, levels: Mapping[str, str]) -> list[str]:
+    drawn = found[(found["source"] == _DRAWN) & found["level"].isin(levels)]
     off = drawn[~drawn["share"].between(*_NEAR)]
     told = [
-        f"{row['quantity']} of {_LEVELS[row['level']]} ({row['share']:.2g} times)"
+        f"{row['quantity']} of {levels[row['level']]} ({row['share']:.2g} times)"
         for row in off.to_dict("records")
     ]
     if not told:

@@ -8,7 +8,7 @@ from markupsafe import Markup
 from bayestissue.report.page import figure
 from bayestissue.report.posterior_figures import NAMES
 from bayestissue.report.published.run import PublishedRun
-from bayestissue.report.style import POSTERIOR, PUBLISHED, REFERENCE, new_figure, style
+from bayestissue.report.style import POSTERIOR, PUBLISHED, REFERENCE, new_figure, shown, style
 
 
 def inside_share(run: PublishedRun, quantity: str) -> tuple[int, int]:
@@ -56,7 +56,7 @@ def predictive_figure(run: PublishedRun, quantity: str) -> Markup:
             xlabel="condition (the thesis's trial number)",
             ylabel=f"{quantity} off the predicted median (%)",
             xticks=positions,
-            xticklabels=[trials[trial] for trial in present],
+            xticklabels=[shown(trials[trial]) for trial in present],
         )
         axes.grid(visible=False, axis="x")
         fig.legend(loc="outside upper left", ncols=3)

@@ -76,7 +76,7 @@ def _typical_band(axes: Any, run: PublishedRun, quantity: str, grid: np.ndarray)
 
 
 def deviations(run: PublishedRun, quantity: str) -> tuple[np.ndarray, np.ndarray]:
-    """Published and posterior K (or C) of each impact as ratio to its condition's typical value, less one.
+    """Published and posterior K (or C) of each impact over a typical person's in its condition, less one.
 
     Returns:
         The published deviation [impact] and the posterior's 5 %, 50 % and 95 % points [point, impact].
@@ -94,7 +94,7 @@ def kept_share(run: PublishedRun, quantity: str) -> float:
 
 
 def shrinkage_figure(run: PublishedRun, quantity: str) -> Markup:
-    """Posterior over published deviation from the condition's typical value, one point an impact, in %."""
+    """Posterior over published deviation from a typical person's in the condition, in %, by impact."""
     published, (low, median, high) = (100 * part for part in deviations(run, quantity))
     with style():
         fig, axes = new_figure()
@@ -113,13 +113,13 @@ def shrinkage_figure(run: PublishedRun, quantity: str) -> Markup:
         axes.plot(ends, ends, color=REFERENCE, ls="--", lw=1.2, label="taken at its word")
         axes.axhline(0, color=MUTED, lw=0.8)
         axes.set(
-            xlabel=f"published {quantity}, off the condition's typical value (%)",
+            xlabel=f"published {quantity}, off a typical person's in the condition (%)",
             ylabel=f"posterior {quantity}, off the same (%)",
         )
         fig.legend(loc="outside upper left", ncols=2)
         return figure(
             fig,
-            f"Posterior deviation of {NAMES[quantity]} from its condition's typical value, with 90 % "
+            f"Posterior deviation of {NAMES[quantity]} from a typical person's in its condition, with 90 % "
             "intervals, over the published deviation of the same impact. Points on the dashed line keep the "
             "published value; points on the level line give it up.",
         )

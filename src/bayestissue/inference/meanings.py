@@ -1,0 +1,88 @@
+"""What an interval of K or C is of: one impact, these impacts, one person, a typical person, a new person.
+
+The one table of these words; labels, tables, figures and pages take them from here.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+QUANTITIES = ("K", "C")
+# "These impacts" are those recorded, each person counting as often as hit. "A typical person" is the median
+# of the population that the people are drawn from; "a new person" is one more of that population, so that
+# the interval holds how people, conditions and impacts differ.
+_OF = {
+    "{q}": "an impact",
+    "{q}_cell": "a person in a condition",
+    "{q}_subject": "a person at the reference mass",
+    "{q}_trial": "a typical person in a condition, at the condition's mass",
+    "{q}_typical_person": "a typical person at the reference mass",
+    "{q}_new": "a new impact on a new person at the reference mass",
+}
+_OF_ONE_PERSON = {
+    "{q}_trial": "this person in a condition, at the condition's mass",
+    "{q}_typical_person": "this person at the reference mass",
+    "{q}_new": "a new impact on this person at the reference mass",
+}
+# Secant stiffness and equivalent damping mean the same for every element.
+_COMPARABLE = {"K": ("K_secant", "secant K"), "C": ("C_equivalent", "equivalent C")}
+# Of these K there is a mass exponent where K depends on depth.
+SECANTS = {"K_common_depth": "K at the common depth", "K_secant": "K at each impact's greatest depth"}
+_OF_IMPACTS = {
+    "{name}_of_impacts": "these impacts together (geometric mean)",
+    "{name}_of_subject": "a person's own impacts (geometric mean)",
+}
+ONE_IMPACT = (
+    "One impact tells nothing of how impacts differ. Its own K and C come from its trace; what is said of "
+    "its person or of a new impact comes from the priors."
+)
+
+
+class Meaning(NamedTuple):
+    """Of a variable: ``what`` it is, and what its interval is ``of``."""
+
+    what: str
+    of: str
+
+    def __str__(self) -> str:
+        return f"{self.what} of {self.of}" if self.of else self.what
+
+
+def meaning(variable: str, *, people: int = 2) -> Meaning:
+    """What the interval of a variable is of, in words.
+
+    Args:
+        variable: by the name that it has in ``posterior.nc`` or in a table.
+        people: how many the data have; of one, nothing is said of a new or a typical person.
+    """
+    return (_of_one_person if people == 1 else _of_several)[variable]
+
+
+def told(variable: str, of: str = "", label: str = "") -> str:
+    """A variable with what its interval is of, such as "K of person s3 at the reference mass".
+
+    Args:
+        variable: by its name; one that this table lacks keeps it.
+        of: as a table's own column has it; else as `meaning` has it.
+        label: the name of the person, where it is one's.
+    """
+    known = _of_several.get(variable, Meaning(variable, ""))
+    found = Meaning(known.what, of or known.of)
+    if not label:
+        return str(found)
+    return str(found._replace(of=found.of.replace("a person", f"person {label}", 1) or label))
+
+
+def _table(of: dict[str, str]) -> dict[str, Meaning]:
+    own = {pattern.format(q=q): Meaning(q, words) for q in QUANTITIES for pattern, words in of.items()}
+    comparable = {
+        pattern.format(name=name): Meaning(what, words)
+        for name, what in _COMPARABLE.values()
+        for pattern, words in _OF_IMPACTS.items()
+    }
+    powers = {q: q for q in QUANTITIES} | SECANTS
+    exponents = {f"mass_exponent_{q}": Meaning(f"mass exponent of {what}", "") for q, what in powers.items()}
+    return own | comparable | exponents
+
+
+_of_several, _of_one_person = _table(_OF), _table(_OF | _OF_ONE_PERSON)

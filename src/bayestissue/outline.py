@@ -1,0 +1,49 @@
+"""A few lines on a large object: for a console, and for a notebook."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from html import escape
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from bayestissue.errors import printable
+
+Rows = Sequence[tuple[str, str]]
+
+
+def as_text(title: str, rows: Rows) -> str:
+    """The title, and under it a line for each row; nothing in it steers the terminal."""
+    width = max((len(name) for name, _ in rows), default=0)
+    return "\n".join([printable(title), *(f"  {name:{width}}  {printable(words)}" for name, words in rows)])
+
+
+def as_html(title: str, rows: Rows) -> str:
+    """The same as a table, every text of the user's escaped."""
+    cells = "".join(
+        f'<tr><th style="text-align:left">{escape(name)}</th>'
+        f'<td style="text-align:left">{escape(printable(words))}</td></tr>'
+        for name, words in rows
+    )
+    return f"<div><strong>{escape(printable(title))}</strong><table>{cells}</table></div>"
+
+
+def short(text: str, most: int = 60) -> str:
+    """Text cut to so many characters."""
+    return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
+def span(values: ArrayLike, unit: str) -> str:
+    """The least and the greatest of some values, which may be missing, with their unit."""
+    known = np.asarray(values, float)
+    known = known[np.isfinite(known)]
+    if not known.size:
+        return "not stated"
+    low, high = (f"{value:.0f}" if value >= 1000 else f"{value:.4g}" for value in (known.min(), known.max()))
+    return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
+
+
+def counted(count: int, name: str) -> str:
+    """A count with its noun."""
+    return f"{count} {name}" if count == 1 else f"{count} {name}s"

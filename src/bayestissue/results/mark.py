@@ -1,0 +1,118 @@
+"""The mark in every folder that this program writes: what it wrote there, and so what it may replace.
+
+A result folder holds ``.bayestissue.json``: the command, and the name and size of every file. Of a dataset,
+which `simulate` alone writes, it has a hash of the contents too. Results of earlier versions have no mark;
+their ``run.json`` and the names of their files tell them.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from bayestissue import runtime
+
+MARK = ".bayestissue.json"
+# Pages are drawn, and drawn anew, after the mark was written.
+_PAGES = frozenset({"report.html", "check.html"})
+_DATASET = "dataset.toml"
+# What file managers leave in any folder, and a page that a killed process had not finished.
+_LITTER = re.compile(r"\.DS_Store|Thumbs\.db|desktop\.ini|\..+\.partial-\w+(\.html)?")
+_EARLIER = frozenset(
+    f"{name}.csv"
+    for name in (  # noqa: SIM905 - names are easier read so
+        "audit causes centring comparison confusion cross_validation estimates estimates_dds estimates_exact "
+        "hypotheses implied interval_sources left_out observed posteriors predictive predictive_checks "
+        "reliability reproduction sensitivity summary truth vary"
+    ).split()
+) | {"campaigns.parquet", "diagnostics.json", "posterior.nc", "report.html", "run.json"}
+
+
+def write_mark(folder: Path, command: str) -> None:
+    """Mark a folder as written by a command, with all that is in it now."""
+    files = {name: (folder / name).stat().st_size for name in _files(folder)}
+    content: dict[str, Any] = {"program": "bayestissue", "command": command, "files": files}
+    if _DATASET in files:
+        content["content_hash"] = _content_hash(folder, files)
+    (folder / MARK).write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+
+
+def is_result(folder: Path) -> bool:
+    """Whether this program wrote the folder, as results and not as a dataset."""
+    return _written(folder) is not None and not (folder / _DATASET).exists()
+
+
+def foreign(folder: Path) -> list[str]:
+    """What in a folder is not this program's own, as names; empty if all of it may be replaced."""
+    written = _written(folder)
+    if written is None:
+        dataset = (folder / _DATASET).exists()
+        return ["a dataset" if dataset else "nothing that says that bayestissue wrote it"]
+    found = [name for name in _entries(folder, written) if name not in written]
+    mark = _read(folder / MARK)
+    if "content_hash" in mark and not found:
+        files = [name for name in mark["files"] if (folder / name).is_file()]
+        if len(files) < len(mark["files"]) or mark["content_hash"] != _content_hash(folder, files):
+            return ["a dataset that was changed since it was written"]
+    if (folder / _DATASET).exists() and "content_hash" not in mark:
+        return ["a dataset"]
+    return found
+
+
+def damaged(folder: Path) -> dict[str, tuple[int, int]]:
+    """Files that have another size than was written: that size, and the one now."""
+    sizes = {name: (folder / name).stat().st_size for name in _files(folder)}
+    written = _read(folder / MARK).get("files", {})
+    return {
+        name: (size, sizes[name])
+        for name, size in written.items()
+        if name not in _PAGES and sizes.get(name, size) != size
+    }
+
+
+def _written(folder: Path) -> frozenset[str] | None:
+    """The files that this program wrote there, None if it wrote none."""
+    mark = _read(folder / MARK)
+    if mark.get("program") == "bayestissue" and isinstance(mark.get("files"), dict):
+        return frozenset(mark["files"]) | _PAGES | {MARK}
+    about = _read(folder / "run.json")
+    if str(about.get("program", "")).split(" ")[0] == "bayestissue" and "command" in about:
+        return _EARLIER
+    return None
+
+
+def _entries(folder: Path, written: frozenset[str]) -> Iterator[str]:
+    """Everything in the folder that is no litter; of folders in it those alone that hold nothing of ours."""
+    parents = {str(parent) for name in written for parent in Path(name).parents}
+    for path in sorted(folder.iterdir()):
+        name = path.name
+        if path.is_symlink():
+            yield f"{name} (a link)"
+        elif not path.is_dir():
+            if not _LITTER.fullmatch(name):
+                yield name
+        elif name in parents:
+            own = frozenset(each.removeprefix(f"{name}/") for each in written if each.startswith(f"{name}/"))
+            yield from (f"{name}/{each}" for each in _entries(path, own))
+        else:
+            yield f"{name}/"
+
+
+def _files(folder: Path) -> list[str]:
+    paths = (path for path in sorted(folder.rglob("*")) if path.is_file() and path.name != MARK)
+    return [path.relative_to(folder).as_posix() for path in paths]
+
+
+def _content_hash(folder: Path, files: Any) -> str:
+    return runtime.content_hash([folder / name for name in files])
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return content if isinstance(content, dict) else {}

@@ -1,0 +1,189 @@
+"""Where results go: a folder that one command at a time writes, whole, and without losing what was there."""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+from bayestissue import stopping
+from bayestissue.errors import InputError, PartialResultError, printable
+from bayestissue.results.lock import locked, making_parents
+from bayestissue.results.mark import write_mark
+from bayestissue.results.refusals import require_free, require_place
+from bayestissue.results.staging import passing
+
+GO_ON = "run the same command again to go on from here"
+
+
+class Place:
+    """A claimed place for results; see `claim`.
+
+    Attributes:
+        path: where the results go, as the user named it; beside that if the name was taken meanwhile.
+    """
+
+    def __init__(self, path: Path, out: Path, command: str, *, overwrite: bool) -> None:
+        self.path = path
+        self.remark = ""
+        self._out, self._command, self._overwrite = out, command, overwrite
+
+    @contextmanager
+    def folder(self) -> Iterator[Path]:
+        """A staging folder that takes the place when the block ends, and vanishes if it fails.
+
+        It lies beside the place, so that the last step is a rename on one file system. Where something else
+        has taken the place meanwhile, the results stay beside it, and the command ends with a remark.
+        """
+        staging = _sibling(self._out, "partial")
+        with passing(staging):
+            staging.mkdir(mode=0o700)
+            try:
+                yield staging
+                write_mark(staging, self._command)
+            except OSError as error:
+                # A write that fails does not say where.
+                error.filename = error.filename or str(self.path)
+                raise
+            staging.chmod(0o755)
+            self._put(staging)
+
+    @contextmanager
+    def unfinished(self, job: str) -> Iterator[Path]:
+        """A folder beside the place for the finished parts of a ``job``, gone when the block ends well.
+
+        Where it does not, parts stay for the next run of the same job. Those of other jobs are discarded.
+
+        Args:
+            job: a fingerprint of everything that the parts depend on, by which their folder is named.
+        """
+        every = _hidden(self._out, "unfinished")
+        folder = every / job[:32]
+        for other in every.iterdir() if every.is_dir() else ():
+            if other != folder:
+                shutil.rmtree(other) if other.is_dir() else other.unlink()
+        with stopping.explained(lambda: _kept_words(every)):
+            try:
+                folder.mkdir(parents=True, exist_ok=True)
+                yield folder
+            except BaseException as error:
+                if words := _kept_words(every):
+                    error.add_note(words)
+                raise
+            shutil.rmtree(every, ignore_errors=True)
+
+    def _put(self, staging: Path) -> None:
+        try:
+            require_free(self._out, overwrite=self._overwrite)
+            _replace(staging, self._out)
+        except (InputError, OSError) as error:
+            taken = self._out
+            self._out = _free_beside(taken)
+            staging.rename(self._out)
+            self.path = self._out
+            why = error if isinstance(error, OSError) else "it was taken while this command ran"
+            self.remark = f"{taken} could not be replaced ({why}); the results are in {self._out}"
+
+
+@contextmanager
+def claim(
+    out: Path, *, overwrite: bool = False, command: str, inputs: Sequence[str | Path | None] = ()
+) -> Iterator[Place]:
+    """The place ``out`` for one command's results, refused to all others until the block ends.
+
+    Results that an earlier command was replacing when it was killed are put back first.
+
+    Args:
+        out: a folder that is new or empty; with ``overwrite``, also one that this program wrote.
+        overwrite: replace what ``out`` holds, if all of that is this program's own.
+        command: what writes the results.
+        inputs: files and folders that the command reads; nothing that holds one is replaced.
+
+    Raises:
+        InputError: ``out`` would lose something, can't be made, or another command is writing it.
+        PartialResultError: the results could not take their place, and are beside it.
+    """
+    given, out = Path(out), require_place(out, inputs)
+    with making_parents(out), locked(_hidden(out, "lock"), out):
+        _recover(out)
+        require_free(out, overwrite=overwrite)
+        place = Place(given, out, command, overwrite=overwrite)
+        yield place
+    if place.remark:
+        raise PartialResultError(place.remark)
+
+
+def _replace(staging: Path, out: Path) -> None:
+    """Give ``staging`` the name ``out``; the results that had it step aside first, and back if that fails."""
+    with stopping.whole_step():
+        retired = _sibling(out, "replaced") if out.exists() else None
+        if retired is not None:
+            out.rename(retired)
+        try:
+            staging.rename(out)
+        except BaseException:
+            if retired is not None:
+                retired.rename(out)
+            raise
+        if retired is None:
+            return
+        # No longer the only copy of anything, and so no longer put back by a later run.
+        remains = _sibling(out, "partial")
+        with suppress(OSError):
+            retired.rename(remains)
+    shutil.rmtree(remains, ignore_errors=True)
+
+
+def _recover(out: Path) -> None:
+    """Clear away what a killed command left beside ``out``, and put back what it was about to replace."""
+    for path in _siblings(out, "partial"):
+        shutil.rmtree(path, ignore_errors=True)
+    replaced = sorted(_siblings(out, "replaced"), key=lambda path: path.stat().st_mtime)
+    if replaced and not out.exists():
+        replaced.pop().rename(out)
+        _tell(f"{out}: a command was ended while it replaced these results; they are back in their place")
+    for path in replaced:
+        _tell(f"{path}: earlier results of {out.name}, kept; delete them if you do not want them")
+
+
+def _tell(words: str) -> None:
+    print(printable(words, lines=True), file=sys.stderr)  # noqa: T201
+
+
+def _kept_words(folder: Path) -> str:
+    """What to say of the finished parts in ``folder``; without any it is removed."""
+    parts = False
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            if ".partial-" in name:
+                (Path(parent) / name).unlink(missing_ok=True)
+            else:
+                parts = True
+    if not parts:
+        shutil.rmtree(folder, ignore_errors=True)
+    return GO_ON if parts else ""
+
+
+def _hidden(out: Path, kind: str) -> Path:
+    return out.parent / f".{out.name}.{kind}"
+
+
+def _sibling(out: Path, kind: str) -> Path:
+    return _hidden(out, f"{kind}-{secrets.token_hex(4)}")
+
+
+def _siblings(out: Path, kind: str) -> list[Path]:
+    pattern = re.compile(rf"\.{re.escape(out.name)}\.{kind}-[0-9a-f]{{8}}")
+    return [path for path in out.parent.iterdir() if pattern.fullmatch(path.name)]
+
+
+def _free_beside(out: Path) -> Path:
+    number = 2
+    while (free := out.with_name(f"{out.name}-{number}")).exists():
+        number += 1
+    return free

@@ -1,0 +1,132 @@
+"""Whether any tissue pushes back like this: force laws fitted to the motion that the recording gives."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import fdtrc
+
+from bayestissue.signal.traces import Column, Mask, Rows
+
+type Law = Float[np.ndarray, "impact sample term"]
+ALARMS = 3e-3
+# What the laws below leave over of the elements' own noise-free traces, as a fraction of the peak.
+MISFIT = 0.0015
+_TERMS = 4
+# A limit that explains the trace leaves at most so many times the noise's sum of squares.
+_WELL = 4.0
+# The sensor's limits tried, as multiples of the greatest recorded value.
+LIMITS = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
+
+
+def motion(d: Rows, dt: Column, x: Column, v: Column) -> tuple[Rows, Rows]:
+    """Displacement and velocity from the state at the first sample and the deceleration, by trapezoids."""
+    lost = _integral(d, dt)
+    time = np.arange(d.shape[1]) * dt[:, None]
+    return x[:, None] + v[:, None] * time - _integral(lost, dt), v[:, None] - lost
+
+
+def _integral(y: Rows, dt: Column) -> Rows:
+    steps = np.cumsum((y[:, 1:] + y[:, :-1]) / 2 * dt[:, None], axis=1)
+    return np.concatenate([np.zeros((len(y), 1)), steps], axis=1)
+
+
+def laws(x: Rows, v: Rows, used: Mask, dt: Column) -> Iterator[Law]:
+    """Terms of force laws that together come near every element of this program.
+
+    A damper beside a spring that stiffens evenly or steeply; a spring and damper in series, alone or beside a
+    spring (the force is linear in x, v, 1 and the integral of x); Hertz's contact with losses.
+    """
+    deepest = np.maximum(np.where(used, x, 0).max(axis=1), 1e-12)[:, None]
+    fastest = np.maximum(np.where(used, np.abs(v), 0).max(axis=1), 1e-12)[:, None]
+    s, u = np.clip(x / deepest, -0.3, 1.5), np.clip(v / fastest, -2, 2)
+    positive, one = np.maximum(s, 0), np.ones_like(s)
+    held = _integral(np.where(used, s, 0), 1 / np.maximum(used.sum(axis=1), 1) + 0 * dt)
+    root = np.sqrt(positive)
+    yield np.stack([u, s, positive**2, positive**6], axis=-1)
+    yield np.stack([u, s, one, held], axis=-1)
+    yield np.stack([positive * root, positive * root * u, s, u], axis=-1)
+
+
+def any_law(x: Rows, v: Rows, used: Mask, dt: Column) -> Law:
+    """Terms of a law with all of these at once."""
+    first, second, third = laws(x, v, used, dt)
+    product = first[..., :1] * first[..., 1:2]
+    return np.concatenate([first, second[..., 2:], third[..., :2], product], axis=-1)
+
+
+def left_over(law: Law, d: Rows, used: Mask) -> Float[np.ndarray, "impact sample"]:
+    """What least squares leave of d; 0 outside ``used``."""
+    terms = np.where(used[..., None], law, 0.0)
+    target = np.where(used, d, 0.0)
+    gram = np.einsum("isk,isl->ikl", terms, terms)
+    scale = np.sqrt(np.maximum(np.einsum("ikk->ik", gram), 1e-300))
+    gram = gram / scale[:, :, None] / scale[:, None, :] + 1e-10 * np.eye(law.shape[-1])
+    moment = np.einsum("isk,is->ik", terms, target) / scale
+    weights = np.linalg.solve(gram, moment[..., None])[..., 0] / scale
+    return target - np.einsum("isk,ik->is", terms, weights)
+
+
+def no_law(
+    d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column, freedom: Column, peak: Column
+) -> Mask:
+    """Where what the widest law leaves over is more than noise and the laws' own misfit."""
+    law = any_law(*motion(d, dt, x, v), used, dt)
+    samples = used.sum(axis=1)
+    count = np.maximum(samples - law.shape[-1], 1)
+    rest = left_over(law, d, used)
+    variance = sd**2 + (MISFIT * peak) ** 2
+    wide = fdtrc(count, freedom, (rest**2).sum(axis=1) / count / variance) < ALARMS / 2
+    # A step's own share, at the sample where it is greatest; less is left of a step than itself.
+    sums, place = np.cumsum(rest[:, ::-1], axis=1)[:, ::-1], np.arange(d.shape[1])
+    after = np.maximum(samples[:, None] - place, 1)
+    share = sums**2 / (after * (1 - after / np.maximum(samples, 1)[:, None]) + 1)
+    step = fdtrc(1, freedom, np.where(used, share, 0).max(axis=1) / variance) < ALARMS / 2 / np.maximum(
+        samples, 1
+    )
+    return (wide | step) & (samples >= 2 * law.shape[-1])
+
+
+def saturation(d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column) -> Column:
+    """The limit L of a sensor that gives L tanh(d / L), where this explains what no law does; else NaN.
+
+    The laws are fitted to L artanh(d / L), integrated anew, and their residuals counted in recorded units. A
+    limit is found where it leaves less over than the best law without one, by the F test of one further
+    parameter at each of seven values.
+
+    Returns:
+        L as a multiple of the greatest recorded value; 0 where it leaves more than noise over, so that a
+        limit is nearer to what happened than any law is, but not it.
+    """
+    found = np.full(len(d), np.nan)
+    peak, count = np.where(used, d, 0).max(axis=1), used.sum(axis=1)
+    plain = _best(d, used, dt, x, v, np.ones_like(d))
+    floor = (sd**2 + (MISFIT * peak) ** 2) * np.maximum(count - _TERMS, 1)
+    # A further parameter can't gain much where the laws leave noise alone.
+    rows = np.flatnonzero((count >= 12) & (plain > 0.8 * floor) & (peak > 0))
+    if not rows.size:
+        return found
+    d, used, dt, x, v, peak = (values[rows] for values in (d, used, dt, x, v, peak))
+    plain, count, floor = plain[rows], count[rows], floor[rows]
+    limits, best = np.ones(rows.size), plain.copy()
+    for factor in LIMITS:
+        limit = (factor * peak)[:, None]
+        z = np.clip(d / limit, -0.99, 0.99)
+        square = _best(np.arctanh(z) * limit, used, dt, x, v, 1 - z**2)
+        limits, best = np.where(square < best, factor, limits), np.minimum(best, square)
+    freedom = np.maximum(count - _TERMS - 1, 1)
+    gain = (plain - best) / np.maximum(best, floor) * freedom
+    sure = fdtrc(1, freedom, gain) < ALARMS
+    found[rows[sure]] = np.where(best < _WELL * floor, limits, 0.0)[sure]
+    return found
+
+
+def _best(d: Rows, used: Mask, dt: Column, x: Column, v: Column, weight: Rows) -> Column:
+    xs, vs = motion(d, dt, x, v)
+    squares = [
+        (left_over(law * weight[..., None], d * weight, used) ** 2).sum(axis=1)
+        for law in laws(xs, vs, used, dt)
+    ]
+    return np.min(squares, axis=0)

@@ -1,0 +1,122 @@
+"""A recording as the detectors see it: where the pulse is, what is at rest, and how large the noise is."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from bayestissue.signal.traces import (
+    Column,
+    Index,
+    Mask,
+    Recordings,
+    Rows,
+    at,
+    first_where,
+    last_where,
+    noise_sd,
+)
+
+# The running median that finds the pulse forgets spikes of up to three samples.
+_MEDIAN = 7
+# Where a pulse that rises as sin^(3/2) passes a fifth of its peak, 0.3 of the way from there to the peak has
+# gone by since contact; a force that only fades takes longer to end than it took to rise.
+_LOW, _FOOT, _TAIL = 0.2, 0.5, 0.6
+# The share of third differences that the noise estimate, a median of correlated values, is worth.
+_WORTH = 0.3
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Decelerations (or displacements) of all impacts, with what is known before any tissue is assumed.
+
+    Attributes:
+        value: [impact, sample], as recorded, its offset included.
+        inside: [impact, sample], where there is a sample.
+        dt: [impact], s.
+        peak: [impact], the greatest value above the median of the rest before contact, or above 0.
+        top: [impact], where it is.
+        sd: [impact], standard deviation of the noise, that of rounding to the recorder's steps included.
+        step: [impact], the recorder's step.
+        before, after: [impact, sample], the samples surely at rest before contact and after it.
+    """
+
+    value: Rows
+    inside: Mask
+    dt: Column
+    peak: Column
+    top: Index
+    sd: Column
+    step: Column
+    before: Mask
+    after: Mask
+
+    @property
+    def freedom(self) -> Column:
+        """Degrees of freedom of ``sd``, about."""
+        return np.maximum(_WORTH * self.inside.sum(axis=1), 1)
+
+    @property
+    def rest(self) -> Mask:
+        """Both rests."""
+        return self.before | self.after
+
+    @classmethod
+    def of(cls, recordings: Recordings) -> Recorded:
+        """Find pulse and rests by a running median, whatever the noise and whatever stands beside it."""
+        value, inside = recordings.value, recordings.inside
+        smooth = np.where(inside, _running_median(value, recordings.n), -np.inf)
+        top = np.argmax(smooth, axis=1)
+        place = np.arange(value.shape[1])
+        level = _quiet_level(value, smooth, top)
+        peak = at(smooth, top) - level
+        low = smooth <= (level + _LOW * peak)[:, None]
+        rises = last_where(low & (place < top[:, None]))
+        falls = first_where(low & (place > top[:, None]), recordings.n)
+        foot = rises - np.ceil(_FOOT * (top - rises)).astype(int) - 2
+        tail = falls + np.ceil(_TAIL * (falls - top)).astype(int) + 2
+        step = _step(value, inside)
+        sd = np.hypot(noise_sd(recordings), np.where(np.isfinite(step), step, 0) / np.sqrt(12))
+        return cls(
+            value,
+            inside,
+            recordings.dt,
+            peak,
+            top,
+            np.maximum(sd, 1e-6 * np.abs(peak) + 1e-300),
+            step,
+            inside & (place <= foot[:, None]),
+            inside & (place >= tail[:, None]),
+        )
+
+
+def _quiet_level(value: Rows, smooth: Rows, top: Index) -> Column:
+    # Twice: the level at rest tells where the rest ends.
+    level = np.zeros(len(value))
+    place = np.arange(value.shape[1])
+    for _ in range(2):
+        half = level + 0.5 * (at(smooth, top) - level)
+        rises = last_where((smooth <= half[:, None]) & (place < top[:, None]))
+        end = rises - (top - rises) - 2
+        early = np.where(place <= end[:, None], value, np.nan)
+        known = end >= 4
+        early[~known] = 0.0
+        level = np.where(known, np.nanmedian(early, axis=1), 0.0)
+    return level
+
+
+def _running_median(value: Rows, n: Index) -> Rows:
+    half = _MEDIAN // 2
+    place = np.clip(np.arange(value.shape[1]) + np.arange(-half, half + 1)[:, None], 0, None)
+    return np.median(
+        [np.take_along_axis(value, np.minimum(row, n[:, None] - 1), axis=1) for row in place], axis=0
+    )
+
+
+def _step(value: Rows, inside: Mask) -> Column:
+    ordered = np.sort(np.where(inside, value, np.inf), axis=1)
+    span = np.where(inside, value, -np.inf).max(axis=1) - ordered[:, 0]
+    with np.errstate(invalid="ignore"):
+        gaps = np.diff(ordered, axis=1)
+        return np.where(gaps > 1e-9 * span[:, None], gaps, np.inf).min(axis=1, initial=np.inf)

@@ -1,0 +1,185 @@
+"""Sound recordings of very different impacts: what no check may call spoilt."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from bayestissue.dataset.model import Dataset, Quantity, Trace, Uncertainty
+from bayestissue.simulation.campaign import simulate
+from bayestissue.simulation.contact import leaves
+from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
+
+FINE_HZ = 20_000.0
+REST_S = 0.04
+RATES_HZ = (1000.0, 2000.0, 5000.0, 10_000.0)
+TISSUES: dict[str, dict[str, object]] = {
+    "kelvin_voigt": {"K_N_per_m": 4000.0, "C_N_s_per_m": 30.0},
+    "maxwell": {"K_N_per_m": 4000.0, "C_N_s_per_m": 120.0},
+    "standard_linear": {"K_N_per_m": 2500.0, "C_N_s_per_m": 30.0, "parameters": {"arm_ratio": 2.0}},
+    "stiffening": {"K_N_per_m": 2500.0, "C_N_s_per_m": 25.0, "parameters": {"stiffening_depth_m": 0.02}},
+    "hunt_crossley": {"K_N_per_m": 3000.0, "C_N_s_per_m": 60.0},
+    "wall": {"K_N_per_m": 2500.0, "C_N_s_per_m": 25.0, "parameters": {"thickness_m": 0.04}},
+}
+
+
+@dataclass(frozen=True)
+class Impact:
+    """The noise-free motion of one impact on a fine grid, at rest for 40 ms before and after.
+
+    Attributes:
+        element: what was met.
+        mass, velocity: kg, and m/s at contact.
+        contact, to_peak, leaves: when contact is on this grid's clock, and the time from it to zero velocity
+            and until the tissue no longer pushes, s.
+        deceleration, displacement: [sample] at `FINE_HZ`, m/s² and m.
+    """
+
+    element: str
+    mass: float
+    velocity: float
+    contact: float
+    to_peak: float
+    leaves: float
+    deceleration: Float[np.ndarray, " sample"]
+    displacement: Float[np.ndarray, " sample"]
+
+
+@dataclass(frozen=True)
+class Chain:
+    """How one impact is recorded.
+
+    Attributes:
+        every: of the fine grid's samples one in so many is taken, the first one at ``phase``.
+        phase: 0 to ``every`` - 1.
+        noise: standard deviation of the sensor's white noise, as a fraction of the peak.
+        before: from the first sample to contact, s.
+        after: the recording ends so long after contact, s.
+        levels: steps of the recorder between 0 and the peak.
+        seed: of the noise.
+    """
+
+    every: int
+    phase: int
+    noise: float
+    before: float
+    after: float
+    levels: int
+    seed: int
+
+    @property
+    def dt(self) -> float:
+        """Sampling interval, s."""
+        return self.every / FINE_HZ
+
+
+def impacts(count: int, seed: int = 0, elements: Sequence[str] = tuple(TISSUES)) -> list[Impact]:
+    """Different impacts, 5 to 60 ms from contact to zero velocity, shuffled.
+
+    Needs float64 (`bayestissue.runtime.configure`).
+
+    Args:
+        count: how many.
+        seed: of the tissues, masses and velocities.
+        elements: "kelvin_voigt" gets what is left when each other one has a tenth.
+    """
+    rng = np.random.default_rng([seed, 1])
+    made: list[Impact] = []
+    for number, element in enumerate(elements):
+        others = sum(each != "kelvin_voigt" for each in elements)
+        share = count - others * (count // 10) if element == "kelvin_voigt" else count // 10
+        made += _of_element(element, share, rng, seed + number) if share else []
+    return [made[place] for place in rng.permutation(len(made))]
+
+
+def _of_element(element: str, count: int, rng: np.random.Generator, seed: int) -> list[Impact]:
+    # Half as many again, since those that are too fast or too slow for the recorder are not used.
+    drawn = count + count // 2 + 4
+    conditions = tuple(
+        Condition(trial=f"t{number}", mass_kg=mass, velocity_m_s=velocity)
+        for number, (mass, velocity) in enumerate(
+            zip(10 ** rng.uniform(-0.4, 0.4, drawn), rng.uniform(0.6, 2.5, drawn), strict=True)
+        )
+    )
+    tissue = {"sd_impact_K": 0.5, "sd_impact_C": 0.4, "element": element, **TISSUES[element]}
+    rest = {"before_contact_s": REST_S, "after_contact_s": REST_S, "sampling_rate_hz": FINE_HZ}
+    campaign = simulate(
+        Simulation(
+            name=element,
+            seed=seed,
+            design=Design(conditions=conditions, subjects=1),
+            tissue=Tissue.model_validate(tissue),
+            recording=Recording.model_validate(rest),
+        )
+    )
+    truth, ends = campaign.truth, np.cumsum(campaign.n_samples)[:-1]
+    found = [
+        Impact(element, mass, velocity, contact, to_peak, until, d, _displacement(d, contact, velocity))
+        for mass, velocity, contact, to_peak, until, d in zip(
+            truth["mass_kg"],
+            truth["velocity_m_s"],
+            truth["contact_time_s"],
+            truth["time_to_peak_s"],
+            leaves(truth),
+            np.split(campaign.value, ends),
+            strict=True,
+        )
+        if 0.005 < to_peak < 0.06
+    ]
+    return found[:count]
+
+
+def _displacement(d: np.ndarray, contact: float, velocity: float) -> np.ndarray:
+    since = np.maximum(np.arange(d.size) / FINE_HZ - contact, 0)
+    lost = np.cumsum(d) / FINE_HZ
+    return velocity * since - np.cumsum(lost) / FINE_HZ
+
+
+def chain(impact: Impact, rng: np.random.Generator) -> Chain:
+    """A sound way to record an impact: 1 to 10 kHz, at least 15 samples until zero velocity, any length.
+
+    One in three has no quiet part: at most four samples stand before contact.
+    """
+    possible = [rate for rate in RATES_HZ if rate * impact.to_peak >= 15] or [RATES_HZ[-1]]
+    every = round(FINE_HZ / rng.choice(possible))
+    after = rng.choice([impact.to_peak * rng.uniform(1.1, 1.7), impact.leaves + rng.uniform(0.002, REST_S)])
+    few = rng.uniform(1, 4) * every / FINE_HZ
+    return Chain(
+        every=every,
+        phase=int(rng.integers(every)),
+        noise=float(10 ** rng.uniform(-3, -1.7)),
+        before=float(rng.choice([few, rng.uniform(0.006, 0.9 * REST_S), rng.uniform(0.006, 0.9 * REST_S)])),
+        after=float(after),
+        levels=int(2 ** rng.integers(9, 15) / rng.uniform(1.2, 4)),
+        seed=int(rng.integers(2**31)),
+    )
+
+
+def dataset(impacts: list[Impact], traces: list[Trace], quantity: Quantity = "deceleration") -> Dataset:
+    """The recordings as a dataset that no check has seen."""
+    table = pd.DataFrame(
+        {
+            "impact": [f"i{number}" for number in range(len(impacts))],
+            "subject": "s",
+            "trial": [each.element for each in impacts],
+            "mass_kg": [each.mass for each in impacts],
+            "velocity_m_s": [each.velocity for each in impacts],
+        }
+    )
+    return Dataset(
+        name="simulated",
+        description="",
+        impacts=table,
+        traces=traces,
+        quantity=quantity,
+        uncertainty=Uncertainty(),
+        warnings=(),
+        left_out=(),
+        folder=Path(),
+        input_hash="",
+    )

@@ -1,0 +1,100 @@
+"""No name of any origin steers the terminal, and none is read as markup."""
+
+from __future__ import annotations
+
+import json
+import re
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from bayestissue import cli
+from bayestissue.commands import causes, compared, estimate
+from bayestissue.commands.console import echo, plain
+from bayestissue.errors import InputError, Problem, has_control_characters, printable
+
+BAD = "[/red]a\x1b]0;title\x07b\x9b2Jc\u202ed\x00"
+SHOWN = "[/red]a\\u001b]0;title\\u0007b\\u009b2Jc\\u202ed\\u0000"
+COMMANDS = Path(cli.__file__).parent / "commands"
+
+
+def tame(text: str) -> bool:
+    return not has_control_characters(text.replace("\n", ""))
+
+
+@pytest.fixture(autouse=True)
+def wide(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "400")
+
+
+def test_control_characters_are_shown_as_json_has_them() -> None:
+    assert printable(BAD) == SHOWN
+    assert printable("a\tb\n\u00b5é漢") == "a\\u0009b\\u000a\u00b5é漢"
+    assert printable("a\tb\n", lines=True) == "a\tb\n"
+    told = {"name": BAD, "other": "µ"}
+    assert json.loads(printable(json.dumps(told, ensure_ascii=False))) == told
+
+
+def test_a_problem_shows_every_part_of_it(capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
+    problem = Problem(BAD, BAD, BAD, row=2, column=BAD, value=BAD, impact=BAD)
+    assert str(problem).count(SHOWN) == 6
+    assert tame(str(InputError([problem, problem])))
+    for argv in (["bayestissue"], ["bayestissue", "--json"]):
+        monkeypatch.setattr(sys, "argv", argv)
+        with pytest.raises(SystemExit):
+            cli._leave(2, cli._problems(InputError(problem)), BAD)
+        assert tame(capsys.readouterr().err)
+
+
+def test_what_is_printed_is_tame(capsys: pytest.CaptureFixture[str]) -> None:
+    echo(BAD)
+    Console().print(plain(BAD))
+    written = capsys.readouterr().out
+    assert written == f"{SHOWN}\n{SHOWN}\n"
+
+
+def test_the_tables_of_all_commands_are_tame(capsys: pytest.CaptureFixture[str]) -> None:
+    names = pd.DataFrame(
+        {
+            "scheme": [BAD], "data": [BAD], "model": [BAD], "elpd": 1.0, "elpd_difference": 0.0,
+            "se_difference": 0.0, "weight": 1.0, "warning": [BAD],
+        }
+    )  # fmt: skip
+    people = pd.DataFrame(
+        {"variable": ["K"], "label": [BAD], "of": "impact", "unit": ["N/m"], "run": [BAD], "median": 1.0}
+    )
+    people = people.assign(eti90_low=1.0, eti90_high=1.0)
+    implied = people.assign(scheme=BAD, data=BAD, label="")
+    compared.print_comparison(pd.concat([names, names.assign(data="x")]), people, implied)
+    data = SimpleNamespace(name=BAD, left_out=(Problem(BAD, BAD, BAD, impact=BAD),))
+    table = pd.DataFrame({"K_N_per_m": [1.0], "C_N_s_per_m": 1.0, "zeta": 1.0, "flags": BAD, "notes": BAD})
+    varied = pd.DataFrame({"choice": ["window"], "value": ["peak"], "note": [BAD]})
+    estimate._print(data, table, varied, Path(BAD.replace("\0", "")))
+    row = {"title": BAD, "p_joint": 0.1, "smallest_p": 0.0, "probability": 0.5, "probability_error": 0.1}
+    verdict = SimpleNamespace(causes=pd.DataFrame([row | {"verdict": BAD}]))
+    causes._print(verdict, SimpleNamespace(title=BAD), Path("x"))
+    written = capsys.readouterr().out
+    assert tame(written)
+    assert written.count(SHOWN[:40]) >= 12
+
+
+def test_no_command_prints_by_another_way() -> None:
+    """What is printed with a name in it goes through `echo` or `plain`; a constant text may not."""
+    for path in COMMANDS.glob("*.py"):
+        if path.name == "console.py":
+            continue
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r"typer\.echo\((?!\s*\")|[^a-z]Text\(|[^.\w]print\(", text), path.name
+
+
+def test_a_dataset_folder_of_an_evil_name(tmp_path: Path, monkeypatch, capsys) -> None:
+    folder = tmp_path / BAD.replace("\0", "").replace("/", "")
+    folder.mkdir()
+    monkeypatch.setattr(sys, "argv", ["bayestissue", "check", str(folder)])
+    with pytest.raises(SystemExit):
+        cli.main()
+    assert tame(capsys.readouterr().err)

@@ -1,0 +1,184 @@
+"""What the world does to a command: one line, a documented status, and nothing lost or left behind."""
+
+from __future__ import annotations
+
+import errno
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from bayestissue import cli
+from bayestissue.report import comparison_page
+from bayestissue.results import write_tree
+from make_scored_run import make_scored_run
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
+    folder = tmp_path_factory.mktemp("runs")
+    return [make_scored_run(folder / name, likelihood="a2") for name in ("one", "other")]
+
+
+@pytest.fixture
+def bayestissue(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    def call(*arguments: str | Path) -> tuple[int, str]:
+        """Status and standard error of a command in this process."""
+        monkeypatch.setattr(sys, "argv", ["bayestissue", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stop:
+            cli.main()
+        return int(stop.value.code or 0), capsys.readouterr().err
+
+    return call
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+def test_the_input_of_a_command_is_never_replaced(bayestissue, runs) -> None:
+    before = contents(runs[0])
+    for out in (runs[0], runs[0].parent):
+        status, said = bayestissue("compare", *runs, "--out", out, "--overwrite")
+        assert (status, "what this command reads" in said) == (2, True)
+    assert contents(runs[0]) == before
+
+
+def test_a_page_that_fails_leaves_the_results_and_can_be_drawn_again(
+    bayestissue, runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = tmp_path / "comparison"
+
+    def fails(*_: object) -> None:
+        raise ValueError("ParseFatalException:\n$x_{1$\n ^")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(comparison_page, "comparison_page", fails)
+        status, said = bayestissue("compare", *runs, "--out", out)
+    assert status == 4
+    assert said == (
+        f"the results are in {out}, but their page could not be drawn (ValueError: ParseFatalException: "
+        f"$x_{{1$ ^); `bayestissue report {out}` draws the page\n"
+    )
+    assert {path.name for path in out.iterdir()} >= {"comparison.csv", "posteriors.csv", "run.json"}
+    assert not (out / "report.html").exists()
+    assert bayestissue("report", out) == (0, "")
+    assert (out / "report.html").exists()
+    assert bayestissue("compare", *runs, "--out", out, "--overwrite", "--quiet") == (0, "")
+
+
+def test_a_full_disk_is_one_line_and_leaves_nothing(
+    bayestissue, runs, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object, **__: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    out = tmp_path / "deep" / "comparison"
+    monkeypatch.setattr(pd.DataFrame, "to_csv", full)
+    assert bayestissue("compare", *runs, "--out", out) == (
+        5,
+        f"could not go on: {out}: No space left on device\n",
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_tree_that_has_no_room_is_refused_before_it_is_written(tmp_path: Path) -> None:
+    """In a process of its own, which may write no file above a megabyte."""
+    program = (
+        "import resource, sys, numpy as np, xarray as xr\n"
+        "from pathlib import Path\n"
+        "from bayestissue.results import write_tree\n"
+        "resource.setrlimit(resource.RLIMIT_FSIZE, (1_000_000, 1_000_000))\n"
+        "write_tree(xr.DataTree(xr.Dataset({'K': ('draw', np.zeros(200_000))})), Path(sys.argv[1]))\n"
+    )
+    path = tmp_path / "posterior.nc"
+    ended = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, "-c", program, str(path)], capture_output=True, text=True, check=False
+    )
+    assert ended.returncode == 1
+    assert ended.stderr.splitlines()[-1].startswith("OSError: [Errno 27] File too large")
+    assert list(tmp_path.iterdir()) == []
+    write_tree(xr.DataTree(xr.Dataset({"K": ("draw", np.zeros(9))})), path)
+    assert path.is_file()
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full here")
+def test_an_output_that_takes_nothing_is_one_line(tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "bayestissue", "check", "data/example", "--json"]
+    with Path("/dev/full").open("w") as full:
+        ended = subprocess.run(  # noqa: S603 - our own program
+            command, cwd=ROOT, stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert (ended.returncode, ended.stderr) == (
+        5,
+        "could not go on: standard output: No space left on device\n",
+    )
+
+
+def test_whoever_has_seen_enough_gets_no_complaint() -> None:
+    command = [sys.executable, "-m", "bayestissue", "check", "data/example", "--json"]
+    started = subprocess.Popen(  # noqa: S603 - our own program
+        command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    assert started.stdout is not None
+    started.stdout.close()
+    assert started.stderr is not None
+    with started.stderr as stream:
+        assert stream.read() == ""
+    assert started.wait() == 1
+
+
+def test_half_a_file_is_named(bayestissue, runs, tmp_path: Path) -> None:
+    out = tmp_path / "comparison"
+    assert bayestissue("compare", *runs, "--out", out, "--quiet") == (0, "")
+    for name in ("comparison.csv", "run.json"):
+        whole = (out / name).read_bytes()
+        for half in (b"", whole[: len(whole) // 2]):
+            (out / name).write_bytes(half)
+            status, said = bayestissue("report", out)
+            assert status == 2
+            assert f"{out / name}: found" in said
+            assert f"expected {len(whole)} bytes, as they were written" in said
+        (out / name).write_bytes(whole)
+
+
+def test_half_a_posterior_is_named(bayestissue, runs, tmp_path: Path) -> None:
+    spoilt = make_scored_run(tmp_path / "spoilt", likelihood="a2")
+    whole = (spoilt / "posterior.nc").read_bytes()
+    (spoilt / "posterior.nc").write_bytes(whole[: len(whole) // 2])
+    for command in (["report", spoilt], ["compare", runs[0], spoilt]):
+        status, said = bayestissue(*command)
+        assert status == 2
+        assert str(spoilt / "posterior.nc") in said
+        assert len(said.splitlines()) == 2
+
+
+def test_a_cache_that_cannot_be_made_is_done_without(tmp_path: Path) -> None:
+    """A file stands where the folder of compiled functions should be."""
+    (tmp_path / "file").write_text("")
+    program = (
+        "from bayestissue import runtime\nruntime.keep_compiled()\nruntime.configure()\n"
+        "import jax, jax.numpy as jnp\n"
+        "print(jax.jit(lambda x: 2 * x)(jnp.ones(3)).sum(), runtime.compiled_folder())\n"
+    )
+    ended = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, "-W", "error", "-c", program],
+        env={"JAX_COMPILATION_CACHE_DIR": str(tmp_path / "file" / "below"), "PYTHONPATH": ":".join(sys.path)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ended.stdout, ended.stderr) == ("6.0 None\n", "")
+
+
+def test_every_problem_of_json_is_json(bayestissue, tmp_path: Path) -> None:
+    status, said = bayestissue("check", tmp_path / "nowhere", "--json")
+    assert status == 2
+    assert json.loads(said)["problems"]

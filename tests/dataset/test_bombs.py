@@ -1,0 +1,147 @@
+"""Small files that would unpack to more than any memory holds: refused, and without taking that memory."""
+
+from __future__ import annotations
+
+import gzip
+import os
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from dataset_bench import Lab
+from scipy.io import savemat
+
+from bayestissue.dataset import read_dataset
+from bayestissue.dataset.files import LIMIT
+from bayestissue.errors import InputError
+
+LIMIT_MB = 5
+UNPACKED = 40_000_000
+
+
+def _packed(path: Path, line: bytes, first: bytes = b"") -> None:
+    with gzip.open(path, "wb", 9) as file:
+        file.write(first)
+        for _ in range(40):
+            file.write(line * (UNPACKED // 40 // len(line)))
+
+
+def _table(name: str, write: Callable[[Path], object]) -> Callable[[Lab], None]:
+    def put(lab: Lab) -> None:
+        lab.path("traces.csv").unlink()
+        write(lab.path(name))
+
+    return put
+
+
+def _file(name: str, write: Callable[[Path], object]) -> Callable[[Lab], None]:
+    def put(lab: Lab) -> None:
+        _table(name, write)(lab)
+        rows = lab.text("impacts.csv").splitlines()
+        named = [f"{rows[0]},trace", f"{rows[1]},{name}"]
+        lab.path("impacts.csv").write_text("\n".join(named))
+
+    return put
+
+
+def _parquet(path: Path) -> None:
+    rows = UNPACKED // 20
+    zeros, name = pa.array(np.zeros(rows)), pa.array(["a"] * rows).dictionary_encode()
+    pq.write_table(pa.table({"impact": name, "time_s": zeros, "value": zeros}), path, compression="zstd")
+
+
+def _long_names(path: Path) -> None:
+    names = pa.DictionaryArray.from_arrays(pa.array(np.zeros(100_000, np.int32)), pa.array(["x" * 5000]))
+    zeros = pa.array(np.zeros(len(names)))
+    pq.write_table(pa.table({"impact": names, "time_s": zeros, "value": zeros}), path)
+
+
+def _mat5(path: Path) -> None:
+    savemat(path, {"value": np.zeros(UNPACKED // 8)}, do_compression=True)
+
+
+def _mat73(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file.create_dataset("value", data=np.zeros(UNPACKED // 8), compression="gzip")
+
+
+def _sparse(path: Path) -> None:
+    with path.open("wb") as file:
+        file.truncate(UNPACKED)
+
+
+BOMBS: dict[str, Callable[[Lab], None]] = {
+    "packed zeros": _table("traces.csv.gz", lambda path: _packed(path, b"\0")),
+    "packed rows": _table("traces.csv.gz", lambda path: _packed(path, b"a,0,0\n", b"impact,time_s,value\n")),
+    "packed rows of nothing": _table(
+        "traces.csv.gz", lambda p: _packed(p, b",,\n", b"impact,time_s,value\n")
+    ),
+    "a sparse file": _table("traces.csv", _sparse),
+    "a packed file of one impact": _file("a.csv.gz", lambda path: _packed(path, b"0,0\n", b"time_s,value\n")),
+    "parquet": _table("traces.parquet", _parquet),
+    "parquet of one impact": _file("a.parquet", _parquet),
+    "mat 5": _file("a.mat", _mat5),
+    "mat 7.3": _file("a.mat", _mat73),
+}
+
+
+@pytest.mark.parametrize("name", BOMBS)
+def test_refused_before_it_takes_the_memory(name: str, lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    BOMBS[name](lab)
+    monkeypatch.setenv(LIMIT, str(LIMIT_MB))
+    arrow = pa.total_allocated_bytes()
+    tracemalloc.start()
+    try:
+        with pytest.raises(InputError) as refused:
+            read_dataset(lab.folder)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 2 * LIMIT_MB * 1e6
+    assert pa.total_allocated_bytes() - arrow < LIMIT_MB * 1e6
+    told = str(refused.value)
+    assert (f"at most {LIMIT_MB} MB" in told and LIMIT in told) or "first line of column names" in told
+
+
+def test_rows_that_would_take_more_than_their_text(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    lab.path("traces.csv").write_text("impact,time_s,value\n" + ",,\n" * 300_000)
+    monkeypatch.setenv(LIMIT, "5")
+    with pytest.raises(InputError, match="at most 5 MB"):
+        read_dataset(lab.folder)
+
+
+def test_a_long_name_in_many_rows_is_kept_once(lab: Lab) -> None:
+    _table("traces.parquet", _long_names)(lab)
+    arrow = pa.default_memory_pool()
+    before = arrow.max_memory()
+    with pytest.raises(InputError, match="no samples"):
+        read_dataset(lab.folder)
+    assert arrow.max_memory() - before < 50e6
+
+
+def test_the_limit_is_a_setting(lab: Lab, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(LIMIT, "0.01")
+    with pytest.raises(
+        InputError, match=rf"traces.csv: found \"0.0.* MB\"; expected at most 0.01 MB.*{LIMIT}"
+    ):
+        read_dataset(lab.folder)
+    for wrong in ("much", "-1", "0", "nan"):
+        monkeypatch.setenv(LIMIT, wrong)
+        with pytest.raises(InputError, match=f'{LIMIT}: found "{wrong}"; expected a number'):
+            read_dataset(lab.folder)
+    monkeypatch.setenv(LIMIT, " ")
+    assert len(read_dataset(lab.folder).traces) == 4
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no named pipes here")
+@pytest.mark.parametrize("name", ["dataset.toml", "impacts.csv", "traces.csv"])
+def test_a_pipe_is_not_waited_for(name: str, lab: Lab) -> None:
+    lab.path(name).unlink()
+    os.mkfifo(lab.path(name))
+    with pytest.raises(InputError, match=r"regular file|file of settings"):
+        read_dataset(lab.folder)

@@ -1,0 +1,167 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bayestissue.dataset import Dataset
+from bayestissue.dataset.model import Trace
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.inference.measuring_chain import AMPLITUDE, OFFSET, freed, judge
+from bayestissue.simulation import Simulation, simulate
+
+MASSES_AND_VELOCITIES = [(0.4, 1.2), (0.7, 1.2), (1.0, 1.0), (1.3, 0.9)]
+# In standard errors.
+FAR = 4.0
+
+
+def simulated(**tissue: object) -> Dataset:
+    """Three people in four conditions, errors of the measuring chain as large as declared."""
+    conditions = [
+        {"trial": f"t{i}", "mass_kg": mass, "velocity_m_s": velocity}
+        for i, (mass, velocity) in enumerate(MASSES_AND_VELOCITIES)
+    ]
+    content = {
+        "name": "chain",
+        "seed": 4,
+        "design": {"subjects": 3, "conditions": conditions},
+        "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2, "sd_impact_K": 0.05}
+        | tissue,
+        "recording": {
+            "sampling_rate_hz": 2000.0,
+            "noise_relative_to_peak": 0.005,
+            "offset_sd_m_s2": 0.2,
+            "relative_gain_sd": 0.005,
+            "velocity_sd_m_s": 0.005,
+            "relative_mass_sd": 0.002,
+        },
+    }
+    return simulate(Simulation.model_validate(content)).dataset("chain")
+
+
+class Prepare:
+    """Prepared data of one likelihood, with one model, so that it is compiled once."""
+
+    def __init__(self, likelihood: str) -> None:
+        self._specification = ModelSpecification.model_validate({"name": "m", "likelihood": likelihood})
+        self._model = None
+
+    def __call__(self, dataset: Dataset) -> Prepared:
+        made = prepare(dataset, self._specification, source="the model")
+        self._model = self._model or made.model
+        return replace(made, model=self._model)
+
+
+_PREPARE = {likelihood: Prepare(likelihood) for likelihood in ("impact", "arma")}
+
+
+@pytest.fixture(scope="module", params=list(_PREPARE))
+def prepared(request: pytest.FixtureRequest) -> Prepare:
+    return _PREPARE[request.param]
+
+
+@pytest.fixture(scope="module")
+def impact() -> Prepare:
+    return _PREPARE["impact"]
+
+
+@pytest.fixture(scope="module")
+def good() -> Dataset:
+    return simulated()
+
+
+def with_column(dataset: Dataset, name: str, factor: object) -> Dataset:
+    return replace(dataset, impacts=dataset.impacts.assign(**{name: dataset.impacts[name] * factor}))
+
+
+def test_a_right_chain_raises_no_alarm(prepared: Prepare, good: Dataset) -> None:
+    assert judge(prepared(good)) == {"passed": True, "of": 12}
+
+
+def test_a_velocity_a_tenth_too_low_in_all_impacts_is_named(prepared: Prepare, good: Dataset) -> None:
+    found = judge(prepared(with_column(good, "velocity_m_s", 1 / 1.1)))
+    assert found["passed"] is False
+    assert (found["error"], found["kind"], found["common"]) == (AMPLITUDE, "all", True)
+    assert found["relative"] == pytest.approx(0.1, abs=0.02)
+    assert found["declared_sds"] > 8
+    # Too low a velocity makes tissue too stiff.
+    assert found["change_K"] < -0.1
+    for part in ("all 12 impacts", "higher than stated", "common factor", "Check the velocity"):
+        assert part in found["words"], part
+
+
+def test_the_error_that_was_made_is_found_to_its_standard_error(impact: Prepare, good: Dataset) -> None:
+    stated = impact(with_column(good, "velocity_m_s", 1 / 1.1))
+    found = freed(stated, AMPLITUDE)
+    made = found.error - stated.signal.velocity * 0.1
+    assert np.abs(made / found.expected_sd).mean() < 1 + FAR / np.sqrt(12)
+
+
+def test_one_wrong_velocity_of_twelve_is_named(impact: Prepare, good: Dataset) -> None:
+    factor = np.where(np.arange(12) == 7, 1.1, 1.0)
+    found = judge(impact(with_column(good, "velocity_m_s", factor)))
+    assert found["passed"] is False
+    assert (found["kind"], found["impacts"]) == ("impact", [good.impacts["impact"].iloc[7]])
+    assert "1 of 12 impacts" in found["words"]
+    assert "lower than stated" in found["words"]
+
+
+def test_a_condition_s_wrong_velocity_is_named(impact: Prepare, good: Dataset) -> None:
+    factor = np.where(good.impacts["trial"] == "t2", 1.06, 1.0)
+    found = judge(impact(with_column(good, "velocity_m_s", factor)))
+    assert (found["passed"], found["kind"], found["groups"]) == (False, "trial", ["t2"])
+    assert "impacts of trial t2 (3 of 12)" in found["words"]
+
+
+def test_a_gain_five_percent_off_is_named(impact: Prepare, good: Dataset) -> None:
+    traces = [Trace(trace.time_s, 1.05 * trace.value) for trace in good.traces]
+    found = judge(impact(replace(good, traces=traces)))
+    assert (found["passed"], found["error"], found["kind"]) == (False, AMPLITUDE, "all")
+    assert found["relative"] == pytest.approx(0.05, abs=0.02)
+    assert "reads" in found["words"]
+
+
+def test_a_zero_that_moves_at_contact_is_named(impact: Prepare, good: Dataset) -> None:
+    traces = []
+    for trace in good.traces:
+        begun = np.argmax(trace.value > 0.1 * trace.value.max())
+        traces.append(Trace(trace.time_s, trace.value + 1.5 * (np.arange(trace.value.size) >= begun - 1)))
+    found = judge(impact(replace(good, traces=traces)))
+    # Velocity and zero do much the same to a trace until its peak, and both are named.
+    assert found["passed"] is False
+    assert OFFSET in {found["error"], *found["alike"]}
+    assert "a zero of the recorder off by" in found["words"]
+
+
+def test_a_wrong_mass_does_not_show(impact: Prepare, good: Dataset) -> None:
+    assert judge(impact(with_column(good, "mass_kg", 1.1)))["passed"] is True
+
+
+def test_an_undeclared_error_is_one_without_a_standard_deviation(impact: Prepare, good: Dataset) -> None:
+    bare = replace(good, uncertainty=replace(good.uncertainty, velocity_sd_m_s=0.0, relative_gain_sd=0.0))
+    found = judge(impact(with_column(bare, "velocity_m_s", 1.1)))
+    assert (found["passed"], found["declared_sds"]) == (False, None)
+    assert "no error was declared" in found["words"]
+
+
+def test_another_law_is_not_blamed_on_the_chain(impact: Prepare) -> None:
+    tissue = {"element": "standard_linear", "K_N_per_m": 2000.0, "parameters": {"arm_ratio": 2.0}}
+    found = judge(impact(simulated(**tissue)))
+    assert found["passed"] is None
+    assert "can't be told" in found["words"]
+
+
+@pytest.mark.parametrize(
+    "made",
+    [
+        {"likelihood": "arma", "signal": {"equilibrium": "sample-mean"}},
+        {"likelihood": "impact", "element": "standard_linear"},
+        {"likelihood": "impact", "noise": "autoregressive"},
+    ],
+    ids=["from their own mean", "another element", "autoregressive noise"],
+)
+def test_what_has_no_known_rate_of_false_alarms_is_not_asked(good: Dataset, made: dict) -> None:
+    specification = ModelSpecification.model_validate({"name": "m", **made})
+    assert judge(prepare(good, specification, source="the model")) == {}

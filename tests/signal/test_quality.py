@@ -1,0 +1,136 @@
+"""Single detectors on impacts in closed form: what they find, and how often noise alone sets them off."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+from impacts_bench import Impact, Lab, Recorded, record
+from scipy.stats import binom
+
+from bayestissue.signal import SignalOptions
+from bayestissue.signal.quality import inspect, raised
+from bayestissue.signal.quality.recorded import Recorded as Seen
+from bayestissue.signal.quality.rest import slope, wave
+from bayestissue.signal.traces import stack
+
+TYPICAL = Impact(67.0, 0.28)
+COUNT = 5
+
+
+def spoilt(change: Callable[[np.ndarray, np.ndarray], np.ndarray], before: float = 0.03, **how: float) -> Lab:
+    """Impacts at 10 kHz with 0.5 % of noise, changed as functions of time since contact and of the peak."""
+    lab = record([TYPICAL] * COUNT, 1e4, before=before, after=0.03, noise=0.0, **how)
+    random = np.random.default_rng(1)
+    traces = []
+    for trace in lab.traces:
+        peak = trace.value.max()
+        value = change(trace.time_s, trace.value / peak) + 0.005 * random.standard_normal(trace.value.size)
+        traces.append(Recorded(trace.time_s, peak * value))
+    return replace(lab, traces=traces)
+
+
+def flags(lab: Lab, options: SignalOptions | None = None) -> list[list[str]]:
+    return raised(inspect(lab, options), COUNT)
+
+
+def found(lab: Lab, words: str) -> list[str]:
+    """What is said where the flag begins with these words."""
+    return [said for each in inspect(lab) if each.kind.flag.startswith(words) for said in each.said]
+
+
+def test_a_sound_recording_is_left_alone():
+    assert flags(spoilt(lambda t, d: d)) == [[]] * COUNT
+
+
+def test_a_plateau_with_noise_on_it_is_found():
+    for row in flags(spoilt(lambda t, d: np.minimum(d, 0.7))):
+        assert row in (
+            ["no force of depth and velocity gives this trace"],
+            ["flatter at the top than any tissue makes it: saturated or cut off"],
+        )
+
+
+def test_a_soft_saturation_is_found():
+    said = found(spoilt(lambda t, d: 0.7 * np.tanh(d / 0.7)), "flatter at the top")
+    assert len(said) == COUNT
+    assert all(said)
+
+
+@pytest.mark.parametrize("late", [0.001, 0.002, 0.004])
+def test_a_recording_that_begins_after_contact_is_found(late):
+    lab = spoilt(lambda t, d: d, before=-late)
+    assert flags(lab) == [["begins above zero: after contact, or with an offset"]] * COUNT
+    # Unless time 0 is said to be contact.
+    assert flags(lab, SignalOptions(contact="time-zero")) == [[]] * COUNT
+
+
+def test_an_isolated_spike_before_contact_is_found_where_it_is():
+    def spiked(t: np.ndarray, d: np.ndarray) -> np.ndarray:
+        return d + 0.5 * (np.arange(d.size) == 150)
+
+    assert found(spoilt(spiked), "a spike") == ["one at sample 151"] * COUNT
+
+
+def test_a_zero_that_moves_during_the_impact_is_found():
+    said = found(spoilt(lambda t, d: d + 0.05 * (t > 0.02)), "the zero after contact")
+    sizes = [float(each.removeprefix("a difference of ").split("%")[0]) for each in said]
+    # Means of some 200 samples of 0.5 % each.
+    assert sizes == pytest.approx([5.0] * COUNT, abs=5 * 0.5 * np.sqrt(2 / 200))
+
+
+@pytest.mark.parametrize("hertz", [50, 60])
+def test_hum_is_called_hum_with_its_frequency(hertz):
+    said = found(spoilt(lambda t, d: d + 0.05 * np.sin(2 * np.pi * hertz * t + 1)), "hum")
+    assert [float(each.removeprefix("a wave of ").removesuffix(" Hz")) for each in said] == pytest.approx(
+        [hertz] * COUNT, abs=5
+    )
+
+
+def test_drift_is_called_drift():
+    assert flags(spoilt(lambda t, d: d + 5 * t)) == [["drift while nothing is touched"]] * COUNT
+
+
+def test_samples_that_repeat_are_found():
+    lab = spoilt(lambda t, d: d)
+    held = [Recorded(t.time_s, t.value[np.arange(t.value.size) // 4 * 4]) for t in lab.traces]
+    assert all("samples that repeat the one before" in row for row in flags(replace(lab, traces=held)))
+
+
+@dataclass
+class Depths(Lab):
+    quantity: str = "displacement"
+
+
+def depths(first: float) -> Depths:
+    time = np.arange(400) * 1e-3 / 10
+    x = 0.02 * np.sin(np.pi / 2 * time / time[-1] * 1.2)
+    begin = int(np.argmax(x >= first * 0.02))
+    lab = record([TYPICAL] * COUNT, 1e4)
+    return Depths(lab.impacts, [Recorded(time[begin:], x[begin:])] * COUNT)
+
+
+def test_a_displacement_whose_first_sample_is_deep_is_found():
+    assert all("contact came before the recording" in row[0] for row in flags(depths(0.1)))
+    assert flags(depths(0.0)) == [[]] * COUNT
+
+
+@pytest.mark.parametrize("length", [20, 100, 300])
+def test_noise_alone_passes_for_a_wave_or_a_line_as_rarely_as_stated(length):
+    count, level = 4000, 0.01
+    values = np.random.default_rng(length).standard_normal((count, length))
+    size = np.full(count, length)
+    for p in (wave(values, size)[1], slope(values, size, np.zeros(count))[1]):
+        low, high = binom.ppf([0.0005, 0.9995], count, level)
+        assert low <= (p < level).sum() <= high
+
+
+def test_the_pulse_is_found_beside_a_spike_above_it():
+    lab = spoilt(lambda t, d: d + 2.0 * (np.arange(d.size) == 100))
+    seen = Seen.of(stack(lab.traces))
+    highest = TYPICAL.deceleration(np.linspace(0, TYPICAL.time_to_peak, 1000)).max()
+    # Five standard deviations of the noise.
+    assert seen.peak == pytest.approx([highest] * COUNT, rel=0.025)
+    assert (seen.before.sum(axis=1) > 200).all()

@@ -1,0 +1,200 @@
+"""What `import bayestissue as bt` offers: right digits whatever JAX was set to, and names that pickle."""
+
+from __future__ import annotations
+
+import json
+import os
+import pickle
+import subprocess
+import sys
+import threading
+from io import StringIO
+from pathlib import Path
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayestissue as bt
+from bayestissue import cli, fitting
+from bayestissue.dataset import write_dataset
+from bayestissue.resources import shared
+
+# 1 - phi1 - phi2 is 4e-5 here: rounding errors of 1e-16 come out 1e5 times larger, and in a fit more so.
+ROUNDING = 1e-9
+SERIES = np.cumsum(np.cumsum(np.random.default_rng(1).normal(size=40)))
+CALLS = """
+import json, sys
+import bayestissue as bt
+import jax, numpy as np
+
+found = {"before": jax.config.jax_enable_x64}
+for state in ("as it was", "on"):
+    if state == "on":
+        jax.config.update("jax_enable_x64", True)
+    phi1, phi2, theta1 = bt.to_discrete(60.0, 0.2, 1e-4)
+    omega_n, zeta = bt.to_continuous(phi1, phi2, theta1, 1e-4)
+    density = bt.arma21_log_likelihood(np.array(json.loads(sys.argv[2])), 1.9, -0.95, 0.3, 1.0)
+    told = {
+        "differences": [float(2 - phi1), float(1 - phi1 - phi2)],
+        "there_and_back": [float(omega_n), float(zeta)],
+        "spring_damper": [float(value) for value in bt.spring_damper(60.0, 0.2, 0.1)],
+        "likelihood": float(density),
+        "dtypes": sorted({str(value.dtype) for value in (phi1, phi2, theta1, omega_n, zeta)}),
+    }
+    table = bt.estimate(bt.read_dataset(sys.argv[1]))
+    told["estimates"] = table.to_csv(index=False)
+    told["after"] = jax.config.jax_enable_x64
+    found[state] = told
+print(json.dumps(found))
+"""
+
+
+def read(table: Path | StringIO) -> pd.DataFrame:
+    return pd.read_csv(table, converters={"flags": str, "notes": str})
+
+
+@pytest.fixture(scope="module")
+def some_impacts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Four impacts of the example, of which several had no likelihood in float32."""
+    example = shared("data", "example")
+    impacts = pd.read_csv(example / "impacts.csv").iloc[[0, 3, 6, 8]]
+    traces = pd.read_csv(example / "traces.csv.gz")
+    folder = tmp_path_factory.mktemp("some") / "impacts"
+    write_dataset(
+        folder,
+        settings={"name": "some", "signal": {"quantity": "deceleration", "unit": "m/s^2"}},
+        impacts=impacts,
+        traces=traces[traces["impact"].isin(impacts["impact"])],
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def in_a_fresh_interpreter(some_impacts: Path) -> dict:
+    environment = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"}
+    command = [sys.executable, "-c", CALLS, str(some_impacts), json.dumps(SERIES.tolist())]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)  # noqa: S603
+    assert done.stderr == ""
+    return json.loads(done.stdout)
+
+
+@pytest.fixture(scope="module")
+def from_the_command(some_impacts: Path, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    out = tmp_path_factory.mktemp("command") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["bayestissue", "estimate", str(some_impacts), "--out", str(out), "-q"])
+        with pytest.raises(SystemExit, match="0"):
+            cli.main()
+    return read(out / "estimates.csv")
+
+
+@pytest.mark.parametrize("state", ["as it was", "on"])
+def test_every_function_answers_in_float64(in_a_fresh_interpreter, state):
+    told = in_a_fresh_interpreter[state]
+    assert told["dtypes"] == ["float64"]
+    # With w = 60 * 1e-4: expansions of 2 - phi1 and of 1 - phi1 - phi2, their next terms of w^3 bounded.
+    w = 60e-4
+    assert told["differences"] == pytest.approx([0.4 * w, w**2], abs=2 * w**2)
+    assert told["there_and_back"] == pytest.approx([60.0, 0.2], rel=ROUNDING)
+    assert told["spring_damper"] == pytest.approx([360.0, 2.4], rel=1e-15)
+    with jax.enable_x64(True):
+        expected = float(bt.arma21_log_likelihood(SERIES, 1.9, -0.95, 0.3, 1.0))
+    assert told["likelihood"] == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize("state", ["as it was", "on"])
+def test_python_and_the_command_agree(in_a_fresh_interpreter, from_the_command, state):
+    table = read(StringIO(in_a_fresh_interpreter[state]["estimates"]))
+    assert list(table.columns) == list(from_the_command.columns)
+    for name in table:
+        told, expected = table[name], from_the_command[name]
+        if expected.dtype.kind in "fi":
+            np.testing.assert_allclose(told.to_numpy(float), expected.to_numpy(float), ROUNDING, err_msg=name)
+        else:
+            assert told.tolist() == expected.tolist(), name
+    assert np.isfinite(table["log_likelihood"].to_numpy(float)).all()
+
+
+def test_the_callers_setting_is_as_it_was(in_a_fresh_interpreter):
+    assert in_a_fresh_interpreter["before"] is False
+    assert in_a_fresh_interpreter["as it was"]["after"] is False
+    assert in_a_fresh_interpreter["on"]["after"] is True
+
+
+FIT = """
+import sys
+import bayestissue as bt
+import jax
+
+fit = bt.fit(bt.read_dataset(sys.argv[1]), sys.argv[2], seed=3)
+fit.summary.to_csv(sys.argv[3], index=False)
+assert not jax.config.jax_enable_x64
+assert {str(values.dtype) for values in fit.posterior["posterior"].data_vars.values()} == {"float64"}
+"""
+
+
+@pytest.mark.long
+def test_a_fit_in_a_fresh_interpreter_is_that_of_the_command(some_impacts: Path, tmp_path: Path):
+    model = tmp_path / "few.toml"
+    lines = ['name = "few"', 'likelihood = "a2"', "[formula]", 'K = "1"', 'C = "1"']
+    model.write_text("\n".join([*lines, "[sampler]", "chains = 2", "warmup = 100", "draws = 200"]))
+    environment = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"}
+    out = tmp_path / "run"
+    alone = [sys.executable, "-c", FIT, str(some_impacts), str(model), str(tmp_path / "summary.csv")]
+    command = [sys.executable, "-m", "bayestissue", "fit", str(some_impacts), "--model", str(model)]
+    for arguments in (alone, [*command, "--out", str(out), "--seed", "3", "--quiet"]):
+        # So few draws of so few impacts need not pass their diagnostics.
+        done = subprocess.run(arguments, capture_output=True, text=True, check=False, env=environment)  # noqa: S603
+        assert done.returncode in (0, 3), done.stderr
+    told, expected = pd.read_csv(tmp_path / "summary.csv"), pd.read_csv(out / "summary.csv")
+    assert told["variable"].tolist() == expected["variable"].tolist()
+    # The same draws, but for rounding errors that chains multiply: far below float32's, which lead elsewhere.
+    np.testing.assert_allclose(told["mean"], expected["mean"], rtol=1e-6)
+
+
+def test_a_transformation_in_float32_is_refused_and_in_float64_is_right():
+    def there_and_back(w):
+        return bt.to_continuous(*bt.to_discrete(w, 0.2, 1e-4), 1e-4)[0]
+
+    with jax.enable_x64(False):
+        for transformed in (jax.jit, jax.grad, jax.vmap):
+            with pytest.raises(TypeError, match=r"to_discrete.*float32; expected float64.*enable_x64"):
+                transformed(there_and_back)(jnp.full(3, 60.0) if transformed is jax.vmap else 60.0)
+        with jax.enable_x64(True):
+            slope = jax.jit(jax.value_and_grad(there_and_back))(60.0)
+            many = jax.vmap(lambda w: bt.spring_damper(w, 0.2, 0.1)[0])(jnp.array([60.0, 70.0]))
+        assert not jax.config.jax_enable_x64
+    assert np.asarray(slope) == pytest.approx([60.0, 1.0], rel=ROUNDING)
+    assert np.asarray(many) == pytest.approx([360.0, 490.0], rel=1e-15)
+
+
+def test_a_fit_is_in_float64_and_other_threads_keep_their_setting(some_impacts, monkeypatch):
+    seen = {}
+
+    def prepare(*_, **__):
+        seen["here"] = jnp.zeros(1).dtype
+        other = threading.Thread(target=lambda: seen.update(there=jax.config.jax_enable_x64))
+        other.start()
+        other.join()
+        raise bt.InputError(())
+
+    monkeypatch.setattr(fitting, "prepare", prepare)
+    dataset = bt.read_dataset(some_impacts)
+    jax.config.update("jax_enable_x64", False)
+    try:
+        with pytest.raises(bt.InputError):
+            bt.fit(dataset, "impact")
+        assert not jax.config.jax_enable_x64
+    finally:
+        jax.config.update("jax_enable_x64", True)
+    assert seen == {"here": np.float64, "there": False}
+
+
+@pytest.mark.parametrize("name", bt.__all__)
+def test_public_names_are_listed_and_pickled_under_their_name(name):
+    assert name in dir(bt)
+    assert getattr(bt, name).__doc__
+    assert pickle.loads(pickle.dumps(getattr(bt, name))) is getattr(bt, name)  # noqa: S301 - made here
