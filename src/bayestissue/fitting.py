@@ -25,6 +25,7 @@ from bayestissue.inference.compiling import Result
 from bayestissue.inference.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.inference.many_draws import MANY
 from bayestissue.inference.measuring_chain import judge
+from bayestissue.inference.point_notes import flagged_recordings
 from bayestissue.inference.second_core import SecondCore
 from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
 from bayestissue.outline import Rows, as_html, as_text, short, span
@@ -224,6 +225,8 @@ def fit_prepared(
             analysis = _with_chain(analysis, plain)
         analysis = _with_notes(analysis)
         points = estimates()
+        if flagged := flagged_recordings(points["exact"]["impact"], points["exact"]["flags"]):
+            analysis = replace(analysis, diagnostics=analysis.diagnostics | {"recordings": flagged})
     wall_time_s = time.perf_counter() - clock
     return Fit(dataset, specification, prepared, analysis, points, seed, started, wall_time_s)
 

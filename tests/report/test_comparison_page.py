@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 
 import pandas as pd
 import pytest
@@ -54,6 +55,18 @@ def test_it_says_what_predicts_best_what_cannot_be_compared_and_what_failed(html
     assert "different numbers: “arma” and “a2” of displacement; “impact” of deceleration" in text
     assert "K: not in this model (impact)" in text
     assert re.search(r"K = 2\d{3} N/m [\d ]+to [\d ]+ \(a2\)", text)
+
+
+def test_what_a_run_was_warned_of_is_said_first(folder, tmp_path):
+    about = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    for run in about["runs"]:
+        run["verdict"] = {"passed": True, "words": "", "warned": run["name"] == "a2", "headline": "Not so."}
+    whole = shutil.copytree(folder, tmp_path / "warned")
+    (whole / ".bayestissue.json").unlink()
+    (whole / "run.json").write_text(json.dumps(about), encoding="utf-8")
+    text = plain(write_report(whole).read_text(encoding="utf-8"))
+    assert "The sampler passed in every run, but 1 of them is warned of. a2: Not so." in text
+    assert "Diagnostics passed in every run" not in text
 
 
 def test_it_says_what_the_weights_imply(html):

@@ -149,6 +149,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
 def verdict_in_words(diagnostics: dict[str, Any]) -> str:
     """Whether the run can be trusted, in a sentence; and where the model can't, in another."""
     warning = "".join(f" WARNING: {words}" for words in warnings(diagnostics))
+    if recordings := diagnostics.get("recordings"):
+        warning += f" {recordings['words']}"
     failed = [check["name"] for check in diagnostics["checks"] if not check["passed"]]
     if not failed:
         worst = diagnostics["worst"]

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from bayestissue.signal.displacement import NO_OFFSET
 
@@ -18,6 +19,7 @@ NOT_POSITIVE = "K or C is not positive"
 AT_A_LIMIT = "zeta at a limit"
 FAILED = (NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, ANOTHER_PEAK)
 
+_NAMED = 5
 _INTEGRATED = (
     "White noise of an accelerometer, integrated twice, is not the noise that an ARMA(2,1) assumes: so it is "
     "at any high sampling rate. K and C hold; their standard errors and intervals here are too small. For "
@@ -34,6 +36,33 @@ _MEANING = {
     NO_OFFSET: "K and C carry the recorder's offset: 1 % of the peak changes K by some 3 %. Record some "
     "milliseconds before contact, or state uncertainty.offset_sd and fit.",
 }
+
+
+def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str, Any]:
+    """Recordings that the checks of single impacts name, for a fit's diagnostics; empty where none is.
+
+    What the point fit alone came to no answer at is left out: a fit has other ways.
+
+    Args:
+        impacts: their names.
+        flags: of each, joined by "; ", as in the column ``flags`` of `estimates.csv`.
+    """
+    own = {
+        impact: [flag for flag in text.split("; ") if flag and flag not in FAILED]
+        for impact, text in zip(impacts, flags, strict=True)
+    }
+    named = {impact: found for impact, found in own.items() if found}
+    if not named:
+        return {}
+    counts = Counter(flag for found in named.values() for flag in found)
+    commonest = ", ".join(f"{flag} ({count})" for flag, count in counts.most_common(3))
+    more = f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
+    which = ", ".join(list(named)[:_NAMED]) + more
+    words = (
+        f"NOTE: of {len(own)} recordings {len(named)} {'is' if len(named) == 1 else 'are'} flagged: "
+        f"{commonest}; {which}. Their K and C may be wrong. `bayestissue check` says what to do."
+    )
+    return {"flagged": named, "of": len(own), "words": words}
 
 
 def said_once(notes: Iterable[str]) -> list[str]:

@@ -75,6 +75,11 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
         about=about,
         versions=about.get("versions", {}),
         failed=[str(run["name"]) for run in runs if not (run.get("verdict") or {}).get("passed")],
+        warned=[
+            (str(run["name"]), run["verdict"]["headline"])
+            for run in runs
+            if (run.get("verdict") or {}).get("warned")
+        ],
         best=best_of_each_data(comparison),
         unsure=unsure_words(comparison),
         apart=apart_words(comparison),

@@ -1,0 +1,26 @@
+"""What a fit says of recordings that the checks of single impacts name."""
+
+from __future__ import annotations
+
+from bayestissue.inference.diagnostics import headline, verdict_in_words
+from bayestissue.inference.point_notes import AT_A_LIMIT, flagged_recordings
+
+SOUND = {
+    "passed": True,
+    "checks": [],
+    "worst": {"r_hat": {"value": 1.0}, "ess_bulk": {"value": 900.0}, "ess_tail": {"value": 800.0}},
+}
+
+
+def test_sound_recordings_and_failed_point_fits_are_not_spoken_of() -> None:
+    assert flagged_recordings(["a", "b"], ["", AT_A_LIMIT]) == {}
+
+
+def test_flagged_recordings_are_named_in_the_verdict() -> None:
+    flags = ["a spike", "", f"{AT_A_LIMIT}; a spike; hum", *["hum"] * 6]
+    found = flagged_recordings(list("abcdefghi"), flags)
+    assert found["flagged"]["c"] == ["a spike", "hum"]
+    words = verdict_in_words(SOUND | {"recordings": found})
+    assert "of 9 recordings 8 are flagged: hum (7), a spike (2); a, c, d, e, f and 3 more" in words
+    # One in a hundred sound recordings is flagged too: the headline is of the fit.
+    assert headline(SOUND | {"recordings": found}) == "Diagnostics passed."
