@@ -22,7 +22,6 @@ import numpy as np
 import pandas as pd
 
 from bayestissue import runtime
-from bayestissue.inference.point_notes import FAILED
 from bayestissue.simulation import sound
 from bayestissue.simulation.spoiling import KINDS
 from bayestissue.simulation.spoilt import judged, sound_ones, spoilt_ones
@@ -40,18 +39,13 @@ def line(kind: str, found: pd.DataFrame) -> dict[str, object]:
         "kind": kind,
         "impacts": len(found),
         "flagged": int(flagged.sum()),
-        "estimate_failed": int(found.loc[flagged, "flags"].map(only_the_estimate).sum()),
+        "no_answer": int(found["no_answer"].sum()),
         "off": int(off.sum()),
         "off_and_flagged": int((off & flagged).sum()),
         "K_off_median": float(found["K_off"].median()),
         "C_off_median": float(found["C_off"].median()),
         "commonest_flag": named.most_common(1)[0][0] if named else "",
     }
-
-
-def only_the_estimate(flags: str) -> bool:
-    """Whether flags say only that the point fit came to no answer, and nothing of the recording."""
-    return set(flags.split("; ")) <= set(FAILED)
 
 
 def table(rows: pd.DataFrame) -> str:
@@ -82,10 +76,9 @@ def statement(rows: pd.DataFrame) -> str:
         .nsmallest(3, "share")
     )
     weakest = ", ".join(f"{row.kind} {row.share:.0%}" for row in least.itertuples())
-    left_alone = ", ".join(
+    left_alone = "; ".join(
         f"of {row.impacts} sound {row.kind.removeprefix('sound, ')}s {row.flagged / row.impacts:.1%} are "
-        "flagged"
-        f" ({row.estimate_failed / row.impacts:.1%} only because the ARMA(2,1) fit came to no answer)"
+        f"flagged, and {row.no_answer / row.impacts:.1%} get no answer from the ARMA(2,1) fit of `estimate`"
         for row in good.itertuples()
     )
     return (

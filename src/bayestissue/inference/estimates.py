@@ -14,6 +14,7 @@ from bayestissue.inference.point_notes import (
     ANOTHER_PEAK,
     ARCCOS,
     AT_A_LIMIT,
+    NO_ANSWER,
     NO_OSCILLATOR,
     NOISELESS,
     NOT_POSITIVE,
@@ -168,12 +169,12 @@ def _flags(
     with np.errstate(invalid="ignore", divide="ignore"):
         implied = fit.unit_peak * signal.velocity
         another_peak = np.abs(implied / signal.peak_displacement - 1) > PEAK_DISAGREES
-        wrong = {
+        failed = {
             NO_OSCILLATOR: np.isfinite(fit.phi1) & np.isnan(fit.K),
             NOT_POSITIVE: (fit.K <= 0) | (fit.C <= 0),
             AT_A_LIMIT: (fit.zeta < ZETA_LIMITS[0]) | (fit.zeta > ZETA_LIMITS[1]),
-            "deeper than the tissue is thick": _too_deep(dataset, signal),
         }
+        wrong = {"deeper than the tissue is thick": _too_deep(dataset, signal)}
         noted = {
             THETA1: fit.theta1_at_limit & ~fit.noiseless,
             ARCCOS: (fit.branch > 0) & ~fit.noiseless,
@@ -181,7 +182,12 @@ def _flags(
             NOT_WHITE: fit.whiteness_p < WHITE_BY_CHANCE,
         }
     # Centred deviations have another K and C by their nature.
-    (noted if method == "dds" else wrong)[ANOTHER_PEAK] = another_peak
+    (noted if method == "dds" else failed)[ANOTHER_PEAK] = another_peak
+    if dataset.quantity == "displacement":
+        # It happens to a third of sound ones: the method's way with a position sensor's noise.
+        noted[NO_ANSWER] = np.any(list(failed.values()), axis=0)
+    else:
+        wrong |= failed
     spoilt = raised(found, len(another_peak))
     flags = [[*a, *b, *c] for a, b, c in zip(spoilt, signal.flags, _by_row(wrong), strict=True)]
     # No quiet part is found where hum or drift stand in it: that is named instead.

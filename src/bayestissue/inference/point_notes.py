@@ -18,6 +18,8 @@ NO_OSCILLATOR = "no oscillator has these coefficients"
 NOT_POSITIVE = "K or C is not positive"
 AT_A_LIMIT = "zeta at a limit"
 FAILED = (NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, ANOTHER_PEAK)
+# The same of a displacement, where sound recordings come to it too.
+NO_ANSWER = "the fit came to no answer"
 
 _NAMED = 5
 _INTEGRATED = (
@@ -31,6 +33,8 @@ _MEANING = {
     ARCCOS: "theta1 is then not that of a sampled A(2). K and C are those of the main value, the only one "
     "possible before the impactor turns back.",
     NOISELESS: "K and C hold, and have no standard errors.",
+    NO_ANSWER: "White noise of a position sensor is not the noise that an ARMA(2,1) assumes, and drives its "
+    "fit to where no tissue is. K and C of these impacts are no estimates: leave them out.",
     ANOTHER_PEAK: "Deviations from the sample mean make K and C too large by their nature: see centring.csv. "
     'method "exact" measures from the rest position.',
     NO_OFFSET: "K and C carry the recorder's offset: 1 % of the peak changes K by some 3 %. Record some "

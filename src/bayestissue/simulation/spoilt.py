@@ -12,6 +12,7 @@ from bayestissue.dataset.model import Dataset, Quantity, Trace
 from bayestissue.dataset.recordings import Recordings
 from bayestissue.dataset.samples import Samples
 from bayestissue.inference.estimates import estimate
+from bayestissue.inference.point_notes import FAILED, NO_ANSWER
 from bayestissue.simulation.sound import Chain, Impact, chain, dataset
 from bayestissue.simulation.spoiling import DISPLACEMENT, KINDS, record
 
@@ -59,7 +60,7 @@ def judged(recorded: Recorded) -> pd.DataFrame:
         One row per impact: ``flags``, what `check` refuses or warns of or `estimate` flags, joined by "; ";
         ``K_off`` and ``C_off``, how far the point estimates are from those of the same impact recorded with
         the same chain and noise and not spoilt, as fractions (infinite where there is none); ``off``, the
-        greater.
+        greater; ``no_answer``, whether the point fit came to none.
     """
     data = dataset(recorded.impacts, recorded.traces, recorded.quantity)
     whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)
@@ -69,7 +70,10 @@ def judged(recorded: Recorded) -> pd.DataFrame:
         name: np.abs(table[column] / reference[column] - 1).fillna(np.inf)
         for name, column in (("K_off", "K_N_per_m"), ("C_off", "C_N_s_per_m"))
     }
-    return pd.DataFrame({"flags": _said(data, table), **off, "off": np.maximum(off["K_off"], off["C_off"])})
+    said = table["flags"] + "; " + table["notes"]
+    no_answer = [bool({*FAILED, NO_ANSWER} & set(text.split("; "))) for text in said]
+    greater = np.maximum(off["K_off"], off["C_off"])
+    return pd.DataFrame({"flags": _said(data, table), **off, "off": greater, "no_answer": no_answer})
 
 
 def _drawn(
