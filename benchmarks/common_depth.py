@@ -34,7 +34,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from coverage_elements import TISSUE
-from coverage_fit import Fits
+from coverage_fit import MEASURING_CHAIN, Fits
 
 from bayestissue import runtime
 from bayestissue.elements import element
@@ -80,11 +80,7 @@ def campaign(case: str, number: int) -> Simulation:
                 "sampling_rate_hz": 2500.0,
                 "before_contact_s": 0.005,
                 "after_contact_s": 0.005,
-                "noise_relative_to_peak": 0.005,
-                "offset_sd_m_s2": 0.2,
-                "relative_gain_sd": 0.005,
-                "velocity_sd_m_s": 0.005,
-                "relative_mass_sd": 0.002,
+                **MEASURING_CHAIN,
             },
         }
     )

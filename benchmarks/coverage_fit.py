@@ -40,6 +40,14 @@ from bayestissue.simulation import Simulation, simulate
 
 CAMPAIGNS = 200
 LEVELS = (50, 90)
+# Of the simulated recordings of this script and of those that are to be as good.
+MEASURING_CHAIN = {
+    "noise_relative_to_peak": 0.005,
+    "offset_sd_m_s2": 0.2,
+    "relative_gain_sd": 0.005,
+    "velocity_sd_m_s": 0.005,
+    "relative_mass_sd": 0.002,
+}
 SAMPLER = Sampler(chains=2, warmup=200, draws=300, target_accept=0.8, path="summary")
 COLUMNS = ["likelihood", "quantity", "level", "held", "impacts", "command"]
 ROOT = Path(__file__).parents[1]
@@ -78,11 +86,7 @@ def campaign(seed: int) -> Simulation:
                 "sampling_rate_hz": 5000.0,
                 "before_contact_s": 0.005,
                 "after_contact_s": 0.005,
-                "noise_relative_to_peak": 0.005,
-                "offset_sd_m_s2": 0.2,
-                "relative_gain_sd": 0.005,
-                "velocity_sd_m_s": 0.005,
-                "relative_mass_sd": 0.002,
+                **MEASURING_CHAIN,
             },
         }
     )

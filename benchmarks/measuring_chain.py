@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from coverage_fit import MEASURING_CHAIN
 
 from bayestissue import runtime
 from bayestissue.dataset import Dataset
@@ -49,11 +50,7 @@ def campaign(sets: int) -> Dataset:
         | {"sd_subject_C": 0.2, "sd_impact_C": 0.05},
         "recording": {
             "sampling_rate_hz": 2000.0,
-            "noise_relative_to_peak": 0.005,
-            "offset_sd_m_s2": 0.2,
-            "relative_gain_sd": 0.005,
-            "velocity_sd_m_s": 0.005,
-            "relative_mass_sd": 0.002,
+            **MEASURING_CHAIN,
         },
     }
     return simulate(Simulation.model_validate(content)).dataset("chain")
