@@ -31,11 +31,11 @@ from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import plain_model
-from bayestissue.inference.exact_path import exact_draws
-from bayestissue.inference.summary_path import corrected_draws
-from bayestissue.inference.trace_draws import unfold
-from bayestissue.likelihood.deceleration import DecelerationRecord
-from bayestissue.likelihood.displacement import displacement_record
+from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.posterior.exact import exact_draws
+from bayestissue.inference.posterior.recipe import corrected_draws
+from bayestissue.likelihood.arma.displacement import displacement_record
+from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.simulation import simulate
 
 DATA_SETS, SAMPLES, RANKS, BINS = 500, 110, 100, 20

@@ -39,9 +39,9 @@ from coverage_fit import MEASURING_CHAIN, Fits
 from bayestissue import runtime
 from bayestissue.elements import element
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.inference.secant_exponents import mass_exponents_of_secants
-from bayestissue.inference.secant_population import of_secant
-from bayestissue.inference.summary_path import PARETO_LIMIT
+from bayestissue.inference.posterior.recipe import PARETO_LIMIT
+from bayestissue.inference.quantities.secant_exponents import mass_exponents_of_secants
+from bayestissue.inference.quantities.secant_population import of_secant
 from bayestissue.simulation import Simulation, simulate
 
 CAMPAIGNS = 100

@@ -37,12 +37,12 @@ from bayestissue import runtime
 from bayestissue.elements import element_names
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.comparison import decides
-from bayestissue.inference.implied import OF_IMPACTS, implied
-from bayestissue.inference.runs import FinishedRun, compare_runs
-from bayestissue.inference.summary_path import Correction
-from bayestissue.inference.trace_draws import Unfolded
-from bayestissue.inference.trace_scores import SCHEMES
+from bayestissue.inference.comparing.implied import OF_IMPACTS, implied
+from bayestissue.inference.comparing.runs import FinishedRun, compare_runs
+from bayestissue.inference.comparing.stacking import decides
+from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.posterior.recipe import Correction
+from bayestissue.inference.results.cross_validation import SCHEMES
 from bayestissue.simulation import simulate
 
 CAMPAIGNS = 10

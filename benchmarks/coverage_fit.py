@@ -31,9 +31,9 @@ from bayestissue import runtime
 from bayestissue.dataset import Dataset
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
-from bayestissue.inference.summary_path import Correction, corrected_draws
-from bayestissue.inference.trace_draws import Unfolded, unfold
-from bayestissue.inference.trace_evidence import Told
+from bayestissue.inference.posterior.constrained_draws import Unfolded, unfold
+from bayestissue.inference.posterior.recipe import Correction, corrected_draws
+from bayestissue.inference.posterior.scores import Told
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.simulation import Simulation, simulate

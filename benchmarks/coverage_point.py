@@ -16,8 +16,8 @@ import numpy as np
 import pandas as pd
 
 from bayestissue import runtime
-from bayestissue.inference.estimates import interval
-from bayestissue.inference.point import PointFit, fit_points
+from bayestissue.inference.points.estimates import interval
+from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.likelihood import ARMA21
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
 from bayestissue.signal import displacements

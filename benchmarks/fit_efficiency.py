@@ -41,12 +41,12 @@ from bayestissue.hierarchy.traces import (
     sampled_model,
     trace_distribution,
 )
-from bayestissue.inference.chains import run_chains
-from bayestissue.inference.exact_path import start_of, straightened
-from bayestissue.inference.sampling import Draws
-from bayestissue.inference.summary_path import summary_draws
-from bayestissue.inference.trace_draws import unfold
-from bayestissue.inference.trace_start import Summarised, summarise
+from bayestissue.inference.posterior.approximate import Summarised, summarise
+from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.posterior.exact import start_of, straightened
+from bayestissue.inference.posterior.recipe import summary_draws
+from bayestissue.inference.samplers.nuts import run_chains
+from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.resources import shared
 from likelihood import machine
 

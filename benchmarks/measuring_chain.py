@@ -4,8 +4,8 @@
 
 Sets of twenty impacts, four people in five conditions at 2 kHz, with errors of mass, velocity, gain and
 offset as declared (0.005 m/s, 0.5 % of the gain) and noise of 0.5 % of the peak, spoilt in one way each, are
-judged as `bayestissue.inference.measuring_chain` does, by the likelihoods "impact" and "arma". The table has
-the share of sets with an alarm, and how far the traces put the velocity off (median). It goes to
+judged as `bayestissue.inference.checking.measuring_chain` does, by the likelihoods "impact" and "arma". The
+table has the share of sets with an alarm, and how far the traces put the velocity off (median). It goes to
 measuring_chain.csv.
 """
 
@@ -25,8 +25,8 @@ from bayestissue.dataset import Dataset
 from bayestissue.dataset.model import Trace
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import prepare
-from bayestissue.inference.incredible import RATE, alarms
-from bayestissue.inference.measuring_chain import AMPLITUDE, JUDGED, freed
+from bayestissue.inference.checking.incredible import RATE, alarms
+from bayestissue.inference.checking.measuring_chain import AMPLITUDE, JUDGED, freed
 from bayestissue.simulation import Simulation, simulate
 
 SETS, PEOPLE = 40, 4

@@ -25,11 +25,11 @@ from jaxtyping import Float
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.exact_path import exact_draws
-from bayestissue.inference.model_form import LIMIT, pooled_score
-from bayestissue.inference.summary_path import Correction, corrected_draws
-from bayestissue.inference.trace_draws import Unfolded, unfold
-from bayestissue.inference.trace_tree import predicted
+from bayestissue.inference.checking.model_form import LIMIT, pooled_score
+from bayestissue.inference.posterior.constrained_draws import Unfolded, unfold
+from bayestissue.inference.posterior.exact import exact_draws
+from bayestissue.inference.posterior.recipe import Correction, corrected_draws
+from bayestissue.inference.results.tree import predicted
 from bayestissue.simulation import simulate
 
 CAMPAIGNS = 12
@@ -40,7 +40,7 @@ TABLE = ROOT / "benchmarks" / "model_form.csv"
 
 
 def score_of(prepared: Prepared, found: Unfolded, seed: int) -> float:
-    """See `bayestissue.inference.model_form`."""
+    """See `bayestissue.inference.checking.model_form`."""
     replicated = predicted(prepared, found, seed)["deceleration"]
     signal = prepared.signal
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]

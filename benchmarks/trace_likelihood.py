@@ -22,7 +22,7 @@ from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import KINDS, prepare
 from bayestissue.hierarchy.traces import Kind, observed, trace_distribution
-from bayestissue.inference.trace_start import first_guess
+from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.runtime import configure
 
 ROUNDS, BURST = 100, 10

@@ -22,7 +22,7 @@ _PUBLIC: dict[str, str] = {
 # What computes with JAX, and so in float64, whatever the caller's setting is.
 _COMPUTED: dict[str, str] = {
     "fit": "bayestissue.fitting",
-    "estimate": "bayestissue.inference.estimates",
+    "estimate": "bayestissue.inference.points.estimates",
     "arma21_log_likelihood": "bayestissue.likelihood",
     "spring_damper": "bayestissue.oscillator",
     "to_continuous": "bayestissue.oscillator",

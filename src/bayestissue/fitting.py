@@ -20,14 +20,14 @@ from bayestissue import resources, results, runtime
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
-from bayestissue.inference import model_form
-from bayestissue.inference.compiling import Result
-from bayestissue.inference.diagnostics import headline, noted, verdict_in_words, warnings
-from bayestissue.inference.many_draws import MANY
-from bayestissue.inference.measuring_chain import judge
-from bayestissue.inference.point_notes import flagged_recordings
-from bayestissue.inference.second_core import SecondCore
-from bayestissue.inference.traces import Say, TraceAnalysis, fit_traces
+from bayestissue.inference.checking import model_form
+from bayestissue.inference.checking.measuring_chain import judge
+from bayestissue.inference.execution.compiling import Result
+from bayestissue.inference.execution.second_core import SecondCore
+from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
+from bayestissue.inference.many.draws import MANY
+from bayestissue.inference.points.notes import flagged_recordings
+from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.outline import Rows, as_html, as_text, short, span
 
 if TYPE_CHECKING:
@@ -94,7 +94,7 @@ class Fit:
     def summary(self) -> pd.DataFrame:
         """Mean, median, intervals, R-hat and effective sample sizes of every quantity: ``summary.csv``.
 
-        ``note`` says where an interval is none: see `bayestissue.inference.diagnostics.noted`.
+        ``note`` says where an interval is none: see `bayestissue.inference.samplers.diagnostics.noted`.
         """
         return self.analysis.summary
 
@@ -103,7 +103,7 @@ class Fit:
         """Whether the sampler did its work (``passed``), and each check: ``diagnostics.json``.
 
         Besides, what is in doubt whatever the sampler did: ``measuring_chain`` (see
-        `bayestissue.inference.measuring_chain.judge`) and ``model_form``.
+        `bayestissue.inference.checking.measuring_chain.judge`) and ``model_form``.
         """
         return self.analysis.diagnostics
 
@@ -269,7 +269,7 @@ def point_estimates(
     Of `MANY` impacts and more, spoilt recordings are left to `check`: to look for them would take as long as
     the fit.
     """
-    from bayestissue.inference.estimates import default_options, estimates_table
+    from bayestissue.inference.points.estimates import default_options, estimates_table
     from bayestissue.signal import displacements
     from bayestissue.signal.quality import inspect
 

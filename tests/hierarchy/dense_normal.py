@@ -6,12 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from bayestissue.hierarchy.conditional import (
+from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.gaussian.conditional import (
     Conditional,
     Summaries,
     condition,
 )
-from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.population import (
     PopulationDesign,
     SharedError,

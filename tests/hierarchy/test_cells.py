@@ -9,10 +9,10 @@ import pandas as pd
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.cell_solution import locations_of, solve
-from bayestissue.hierarchy.cells import Cells, arrange, expected_by_place, in_cells
-from bayestissue.hierarchy.conditional import Summaries, condition
 from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.gaussian.cell_solution import locations_of, solve
+from bayestissue.hierarchy.gaussian.cells import Cells, arrange, expected_by_place, in_cells
+from bayestissue.hierarchy.gaussian.conditional import Summaries, condition
 from bayestissue.hierarchy.population import (
     Locations,
     PopulationDesign,

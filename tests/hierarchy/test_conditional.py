@@ -7,7 +7,7 @@ from dense_normal import SIZE, Dense
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from bayestissue.hierarchy.conditional import (
+from bayestissue.hierarchy.gaussian.conditional import (
     impact_parameters,
     locations,
     log_evidence_of,

@@ -10,8 +10,8 @@ from dense_normal import Dense
 from jax.flatten_util import ravel_pytree
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.conditional import condition
-from bayestissue.hierarchy.log_evidence import log_evidence
+from bayestissue.hierarchy.gaussian.conditional import condition
+from bayestissue.hierarchy.gaussian.log_evidence import log_evidence
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-4, 1e3])

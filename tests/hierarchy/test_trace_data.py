@@ -14,7 +14,7 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
 from bayestissue.hierarchy.traces import Kind
-from bayestissue.likelihood.element_response import ElementRecord
+from bayestissue.likelihood.element.response import ElementRecord
 from bayestissue.oscillator import impact_motion
 from bayestissue.signal import SignalOptions
 

@@ -11,8 +11,8 @@ from jax.flatten_util import ravel_pytree
 from numpy.testing import assert_allclose
 from numpyro.infer.util import log_density, potential_energy
 
-from bayestissue.hierarchy.conditional import Summaries
 from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.gaussian.conditional import Summaries
 from bayestissue.hierarchy.population import PopulationDesign, population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import Formulas
@@ -31,8 +31,8 @@ from bayestissue.hierarchy.traces import (
     trace_distribution,
 )
 from bayestissue.hierarchy.warp import Warp
-from bayestissue.likelihood.deceleration import DecelerationRecord
-from bayestissue.likelihood.displacement import displacement_record
+from bayestissue.likelihood.arma.displacement import displacement_record
+from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.oscillator import spring_damper
 
 RNG = np.random.default_rng(6)

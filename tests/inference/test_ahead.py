@@ -11,8 +11,8 @@ from bayestissue.dataset import read_dataset
 from bayestissue.fitting import resolve
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import prepare
-from bayestissue.inference import ahead
-from bayestissue.inference.compiling import Helper
+from bayestissue.inference.execution import ahead
+from bayestissue.inference.execution.compiling import Helper
 from bayestissue.resources import shared
 
 EXAMPLE = shared("data", "published").parent / "example"
@@ -32,8 +32,8 @@ from jax import monitoring
 from bayestissue.dataset import read_dataset
 from bayestissue.fitting import resolve
 from bayestissue.hierarchy.trace_data import prepare
-from bayestissue.inference import ahead
-from bayestissue.inference.traces import fit_traces
+from bayestissue.inference.execution import ahead
+from bayestissue.inference.fit import fit_traces
 
 found = Counter()
 while_waiting = []

@@ -8,8 +8,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference import chains
-from bayestissue.inference.chains import Start, run_chains
+from bayestissue.inference.samplers import nuts as chains
+from bayestissue.inference.samplers.nuts import Start, run_chains
 
 SETTINGS = Sampler(chains=2, warmup=200, draws=300)
 START = Start({"mean": np.array(0.0), "z": np.zeros(2)}, ("mean",), np.array([[0.04]]))

@@ -6,7 +6,14 @@ import xarray as xr
 from numpy.testing import assert_allclose
 from scipy.stats import norm
 
-from bayestissue.inference.comparison import BY_IMPACT, BY_TRIAL, COLUMNS, by_impact, by_importance, by_trial
+from bayestissue.inference.comparing.stacking import (
+    BY_IMPACT,
+    BY_TRIAL,
+    COLUMNS,
+    by_impact,
+    by_importance,
+    by_trial,
+)
 
 
 def test_by_trial_figures_worked_by_hand() -> None:

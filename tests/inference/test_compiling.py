@@ -12,8 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.inference import ahead
-from bayestissue.inference.compiling import CHAINS, CHOICE, CORRECTION, Helper, in_pieces
+from bayestissue.inference.execution import ahead
+from bayestissue.inference.execution.compiling import CHAINS, CHOICE, CORRECTION, Helper, in_pieces
 
 PIECES = 8
 

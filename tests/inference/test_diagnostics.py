@@ -7,7 +7,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from bayestissue.inference.diagnostics import (
+from bayestissue.inference.results.summary import summarise
+from bayestissue.inference.samplers.diagnostics import (
     CONTRADICTED,
     NO_INTERVAL,
     diagnose,
@@ -16,7 +17,6 @@ from bayestissue.inference.diagnostics import (
     verdict_in_words,
     warnings,
 )
-from bayestissue.inference.summary import summarise
 
 CHAINS, DRAWS = 4, 1000
 

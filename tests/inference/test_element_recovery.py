@@ -14,13 +14,13 @@ from bayestissue.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
-from bayestissue.inference.early_form import plainly_wrong
-from bayestissue.inference.element_draws import COMPARABLE
-from bayestissue.inference.static_force import static_force
-from bayestissue.inference.summary_path import corrected_draws
-from bayestissue.inference.trace_draws import unfold
-from bayestissue.inference.trace_start import expanded, summarise
-from bayestissue.inference.traces import fit_traces
+from bayestissue.inference.checking.misfit import plainly_wrong
+from bayestissue.inference.fit import fit_traces
+from bayestissue.inference.posterior.approximate import expanded, summarise
+from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.posterior.recipe import corrected_draws
+from bayestissue.inference.quantities.elements import COMPARABLE
+from bayestissue.inference.quantities.static_force import static_force
 from bayestissue.simulation import Campaign, Simulation, simulate
 
 TISSUE: dict[str, dict[str, Any]] = {

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bayestissue.inference.incredible import ALL, IMPACT, RATE, alarms, pattern_of
+from bayestissue.inference.checking.incredible import ALL, IMPACT, RATE, alarms, pattern_of
 
 PEOPLE, CONDITIONS = 4, 5
 GROUPS = {

@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.independence import IndependenceDraws, Spreads, independence_chains
+from bayestissue.inference.samplers.independence import IndependenceDraws, Spreads, independence_chains
 
 COUNT, MEAN, SQUARE = 60.0, 0.1, 0.04
 

@@ -19,13 +19,13 @@ from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, with_normal_errors
-from bayestissue.inference import interval_sources as sources
-from bayestissue.inference.interval_sources import interval_sources
-from bayestissue.inference.trace_draws import Unfolded
-from bayestissue.inference.trace_errors import TraceErrors, as_expected, shorter_window, trace_errors
-from bayestissue.inference.trace_start import first_guess
-from bayestissue.inference.trace_summaries import loose_anchor, summarise_traces
-from bayestissue.likelihood.element_response import CONTACT
+from bayestissue.inference.factors.laplace import loose_anchor, summarise_traces
+from bayestissue.inference.posterior.approximate import first_guess
+from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.results import uncertainty_budget as sources
+from bayestissue.inference.results.errors import TraceErrors, as_expected, shorter_window, trace_errors
+from bayestissue.inference.results.uncertainty_budget import interval_sources
+from bayestissue.likelihood.element.response import CONTACT
 from bayestissue.simulation import Simulation, simulate
 
 PEOPLE, CONDITIONS = 4, 3

@@ -14,13 +14,15 @@ from bayestissue.hierarchy.population import PopulationDesign
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData
-from bayestissue.inference import many_kept, trace_blocks, traces
-from bayestissue.inference.many_kept import kept_draws, some_impacts
-from bayestissue.inference.profile_surface import surface_of
-from bayestissue.inference.summary import summarise
-from bayestissue.inference.trace_blocks import in_blocks
-from bayestissue.inference.trace_profile import Profile, flat_profile
-from bayestissue.likelihood.displacement import displacement_record
+from bayestissue.inference import fit as traces
+from bayestissue.inference.execution import chunks as trace_blocks
+from bayestissue.inference.execution.chunks import in_blocks
+from bayestissue.inference.factors.grid import Profile, flat_profile
+from bayestissue.inference.many import kept as many_kept
+from bayestissue.inference.many.grid_sum import surface_of
+from bayestissue.inference.many.kept import kept_draws, some_impacts
+from bayestissue.inference.results.summary import summarise
+from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 import bayestissue
-from bayestissue.inference.labels import ATTRIBUTES
-from bayestissue.inference.meanings import meaning, told
-from bayestissue.inference.runs import COMPARED
+from bayestissue.inference.comparing.runs import COMPARED
+from bayestissue.inference.results.labels import ATTRIBUTES
+from bayestissue.inference.results.meanings import meaning, told
 
 SOURCE = Path(bayestissue.__file__).parent
 # What people read: pages, tables, console and the README.

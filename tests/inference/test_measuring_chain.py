@@ -9,7 +9,7 @@ from bayestissue.dataset import Dataset
 from bayestissue.dataset.model import Trace
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.inference.measuring_chain import AMPLITUDE, OFFSET, freed, judge
+from bayestissue.inference.checking.measuring_chain import AMPLITUDE, OFFSET, freed, judge
 from bayestissue.simulation import Simulation, simulate
 
 MASSES_AND_VELOCITIES = [(0.4, 1.2), (0.7, 1.2), (1.0, 1.0), (1.3, 0.9)]

@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue.inference.model_form import LIMIT, model_form, pooled_score, with_chain, with_discrepancy
+from bayestissue.inference.checking.model_form import (
+    LIMIT,
+    model_form,
+    pooled_score,
+    with_chain,
+    with_discrepancy,
+)
 
 
 def traces(seed: int, swing: float) -> tuple[np.ndarray, np.ndarray]:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayestissue.inference import ratios, summary_path
-from bayestissue.inference.pareto import below_greatest, pareto_smoothed
-from bayestissue.inference.ratios import Ratios, compare_over, corrections
-from bayestissue.inference.summary_path import Correction
-from bayestissue.inference.trace_summaries import Anchor
+from bayestissue.inference.factors import importance_ratios as ratios
+from bayestissue.inference.factors.importance_ratios import Ratios, compare_over, corrections
+from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.inference.posterior import recipe as summary_path
+from bayestissue.inference.posterior.recipe import Correction
+from bayestissue.inference.samplers.psis import below_greatest, pareto_smoothed
 
 
 def test_below_the_greatest() -> None:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from bayestissue.inference.point import _fit_batch, fit_points
-from bayestissue.inference.point_whiteness import residuals, whiteness
+from bayestissue.inference.points.fit import _fit_batch, fit_points
+from bayestissue.inference.points.whiteness import residuals, whiteness
 from bayestissue.likelihood import ARMA21, arma21_log_likelihood
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
 
@@ -91,8 +91,8 @@ def test_standard_errors_are_those_of_the_observed_information() -> None:
 
 
 def test_standard_errors_of_stiffness_match_differences() -> None:
-    from bayestissue.inference.point import _physical
-    from bayestissue.inference.point_profile import Covariance, Profile
+    from bayestissue.inference.points.fit import _physical
+    from bayestissue.inference.points.profile import Covariance, Profile
 
     zeta = jnp.array([0.05, 0.9, 1.0, 1.0 + 1e-9, 1.1, 3.0])
     c1, c2, theta1 = to_differences(0.05, zeta, 1.0)

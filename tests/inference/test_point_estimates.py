@@ -8,8 +8,8 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
-from bayestissue.inference.estimates import default_options
-from bayestissue.inference.point_notes import said_once
+from bayestissue.inference.points.estimates import default_options
+from bayestissue.inference.points.notes import said_once
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak
 from bayestissue.resources import shared
 from bayestissue.signal import SignalOptions, read_signal_options

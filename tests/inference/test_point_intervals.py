@@ -9,8 +9,8 @@ import pytest
 
 from bayestissue.cli import main
 from bayestissue.dataset import write_dataset
-from bayestissue.inference.estimates import interval
-from bayestissue.inference.point import PointFit, fit_points
+from bayestissue.inference.points.estimates import interval
+from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.likelihood import ARMA21
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
 

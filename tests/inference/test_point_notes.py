@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from bayestissue.inference.diagnostics import headline, verdict_in_words
-from bayestissue.inference.point_notes import AT_A_LIMIT, flagged_recordings
+from bayestissue.inference.points.notes import AT_A_LIMIT, flagged_recordings
+from bayestissue.inference.samplers.diagnostics import headline, verdict_in_words
 
 SOUND = {
     "passed": True,

@@ -14,7 +14,7 @@ from bayestissue.hierarchy.effects import design_arrays
 from bayestissue.hierarchy.published import observed_arrays, published_design, published_observations
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.inference import published
-from bayestissue.inference.sampling import PosteriorSampler
+from bayestissue.inference.samplers.sampling import PosteriorSampler
 from bayestissue.likelihood.averages import average_statistics
 
 TRUTH = {"mass_exponent_K": 0.4, "mass_exponent_C": 1.2, "intercept_K": 3.0, "intercept_C": 0.5}

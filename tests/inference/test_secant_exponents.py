@@ -12,14 +12,14 @@ from scipy import stats
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.priors import Normal
-from bayestissue.inference.secant_exponents import (
+from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.quantities.secant_exponents import (
     _SPREADS,
     Units,
     mass_exponents_of_secants,
     slope_over_units,
     units_of,
 )
-from bayestissue.inference.trace_draws import Unfolded
 
 PEOPLE, CONDITIONS, DRAWS = 3, 8, 4000
 SHAPE = (2, DRAWS // 2)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
-from bayestissue.inference.secant_population import shifted
+from bayestissue.inference.quantities.secant_population import shifted
 
 PEOPLE, CONDITIONS, DRAWS = 4, 3, 5
 EPSILON = np.finfo(float).eps

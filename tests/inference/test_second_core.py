@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bayestissue import runtime
-from bayestissue.inference.second_core import SecondCore, begun
+from bayestissue.inference.execution.second_core import SecondCore, begun
 
 
 @pytest.fixture
@@ -21,7 +21,7 @@ def two_cores(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_asking_for_it_imports_nothing_heavy() -> None:
     code = (
-        "import sys, bayestissue.inference.second_core as s; s.SecondCore();"
+        "import sys, bayestissue.inference.execution.second_core as s; s.SecondCore();"
         "print(sorted({'numpy', 'jax', 'numpyro', 'pandas'} & set(sys.modules)))"
     )
     found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)  # noqa: S603

@@ -17,12 +17,12 @@ from scipy.stats import norm
 
 from bayestissue.dataset import Dataset, Trace, Uncertainty
 from bayestissue.errors import InputError
-from bayestissue.hierarchy.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Summaries
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import from_standard, plain_model, sampled_model
-from bayestissue.inference.sampling import Draws
-from bayestissue.inference.trace_draws import unfold
+from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.oscillator import impact_motion
 
 PEOPLE, EACH, RELATIVE_SD = 3, 10, 0.2

@@ -10,15 +10,15 @@ import pytest
 
 from bayestissue.elements import element, impact
 from bayestissue.elements.comparables import comparables
-from bayestissue.inference.static_force import (
+from bayestissue.inference.quantities.static_force import (
     Whole,
     at_common_depth,
     static_force,
     whole_at_common_depth,
     whole_impact,
 )
-from bayestissue.likelihood.element_impact import MeasuredImpact
-from bayestissue.likelihood.element_response import ElementRecord, motion
+from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.response import ElementRecord, motion
 
 MASS, VELOCITY, DT = np.array([0.5, 1.2]), np.array([1.5, 1.0]), np.full(2, 2e-4)
 FIRST, DEPTH = np.array([5e-5, 1.5e-4]), jnp.full(2, 0.012)

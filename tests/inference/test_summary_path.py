@@ -11,17 +11,17 @@ from scipy.special import logsumexp
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.inference.pareto import pareto_smoothed
-from bayestissue.inference.ratios import Ratios, compare_over, corrections
-from bayestissue.inference.summary_path import Correction, summary_draws
-from bayestissue.inference.trace_densities import log_likelihoods
-from bayestissue.inference.trace_draws import unfold
-from bayestissue.inference.trace_expectation import expectations
-from bayestissue.inference.trace_moments import log_summary, normals, standard_points
-from bayestissue.inference.trace_profile import flat_profile
-from bayestissue.inference.trace_start import summarise
-from bayestissue.inference.trace_summaries import Anchor
-from bayestissue.inference.traces import fit_traces
+from bayestissue.inference.factors.grid import flat_profile
+from bayestissue.inference.factors.importance_ratios import Ratios, compare_over, corrections
+from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.moments import log_summary, normals, standard_points
+from bayestissue.inference.fit import fit_traces
+from bayestissue.inference.posterior.approximate import summarise
+from bayestissue.inference.posterior.conditional_prior import expectations
+from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.posterior.recipe import Correction, summary_draws
+from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 

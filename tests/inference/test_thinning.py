@@ -9,9 +9,9 @@ import numpyro.distributions as dist
 import pytest
 
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.labels import labelled_statistics, statistics_of_transitions
-from bayestissue.inference.sampling import Draws, PosteriorSampler
-from bayestissue.inference.summary_path import _resample
+from bayestissue.inference.posterior.recipe import _resample
+from bayestissue.inference.results.labels import labelled_statistics, statistics_of_transitions
+from bayestissue.inference.samplers.sampling import Draws, PosteriorSampler
 
 
 def _draws(transitions: int = 12) -> Draws:

@@ -12,14 +12,14 @@ from scipy.special import logsumexp
 
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.inference.ratios import corrections
-from bayestissue.inference.summary_path import corrected_draws
-from bayestissue.inference.trace_densities import log_likelihoods
-from bayestissue.inference.trace_draws import unfold
-from bayestissue.inference.trace_evidence import Told, of_draws
-from bayestissue.inference.trace_expectation import Expectations, expectations
-from bayestissue.inference.trace_moments import log_evidence
-from bayestissue.inference.trace_summaries import Anchor, times
+from bayestissue.inference.factors.importance_ratios import corrections
+from bayestissue.inference.factors.laplace import Anchor, times
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.moments import log_evidence
+from bayestissue.inference.posterior.conditional_prior import Expectations, expectations
+from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.posterior.recipe import corrected_draws
+from bayestissue.inference.posterior.scores import Told, of_draws
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 

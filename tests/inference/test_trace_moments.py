@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayestissue.hierarchy.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Summaries
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import log_likelihood, with_normal_errors
-from bayestissue.inference.trace_densities import POINTS, log_likelihoods
-from bayestissue.inference.trace_moments import Points, log_evidence, log_summary, points_of, refine
-from bayestissue.inference.trace_start import first_guess
-from bayestissue.inference.trace_summaries import Anchor, loose_anchor, summarise_traces
+from bayestissue.inference.factors.laplace import Anchor, loose_anchor, summarise_traces
+from bayestissue.inference.factors.likelihoods import POINTS, log_likelihoods
+from bayestissue.inference.factors.moments import Points, log_evidence, log_summary, points_of, refine
+from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bayestissue.inference.trace_summaries import believable_bend
+from bayestissue.inference.factors.laplace import believable_bend
 
 
 def test_an_expansion_that_bends_the_wrong_way_promises_little() -> None:

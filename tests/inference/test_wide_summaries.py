@@ -6,10 +6,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.hierarchy.conditional import Summaries
-from bayestissue.inference import wide_summaries
-from bayestissue.inference.trace_summaries import _MOST_GAIN as MOST_GAIN
-from bayestissue.inference.wide_summaries import _nearest, _parabola
+from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.inference.factors import regression as wide_summaries
+from bayestissue.inference.factors.laplace import _MOST_GAIN as MOST_GAIN
+from bayestissue.inference.factors.regression import _nearest, _parabola
 
 
 def test_a_parabola_is_found_as_it_is() -> None:

@@ -8,7 +8,7 @@ from scipy.stats import multivariate_normal
 from statsmodels.tsa.arima.model import ARIMA
 
 from bayestissue.likelihood import arma21_log_likelihood, log_likelihood, sine_transforms
-from bayestissue.likelihood.arma21 import masked_log_likelihood
+from bayestissue.likelihood.arma.arma21 import masked_log_likelihood
 from bayestissue.oscillator import autocovariance_arma21, to_discrete
 
 THETAS = [-1.0, -0.999, -0.27, 0.0, 0.5, 1.0, 1.3]

@@ -12,8 +12,8 @@ from scipy.stats import multivariate_normal
 
 from bayestissue.elements import element, impact
 from bayestissue.likelihood import autoregressive
-from bayestissue.likelihood.element_impact import MeasuredImpact
-from bayestissue.likelihood.element_response import ElementRecord, columns
+from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.response import ElementRecord, columns
 
 MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])

@@ -10,8 +10,8 @@ from scipy.special import logsumexp
 from scipy.stats import kstest, multivariate_normal
 
 from bayestissue.elements import element, impact
-from bayestissue.likelihood.element_impact import MeasuredImpact
-from bayestissue.likelihood.element_response import ElementRecord
+from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.response import ElementRecord
 
 DT, SAMPLES, CELLS = 2e-4, 60, 4
 COUNT = np.array([60, 48])

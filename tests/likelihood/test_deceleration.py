@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 from scipy.special import logsumexp
 from scipy.stats import multivariate_normal
 
-from bayestissue.likelihood.deceleration import DecelerationRecord, MeasuredDeceleration
+from bayestissue.likelihood.element.deceleration import DecelerationRecord, MeasuredDeceleration
 from bayestissue.likelihood.linear_errors import marginal_log_likelihood
 from bayestissue.oscillator import impact_motion
 

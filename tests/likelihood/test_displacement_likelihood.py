@@ -8,7 +8,11 @@ from numpy.testing import assert_allclose
 from scipy.linalg import toeplitz
 from scipy.stats import multivariate_normal
 
-from bayestissue.likelihood.displacement import DisplacementRecord, MeasuredDisplacement, displacement_record
+from bayestissue.likelihood.arma.displacement import (
+    DisplacementRecord,
+    MeasuredDisplacement,
+    displacement_record,
+)
 from bayestissue.oscillator import to_differences
 
 RNG = np.random.default_rng(7)

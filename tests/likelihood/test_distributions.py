@@ -51,7 +51,7 @@ def test_stored_transforms_score_as_the_filter_does() -> None:
 
 
 def test_event_of_a_numpyro_model_reads_its_stored_transforms(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delattr("bayestissue.likelihood.distributions.masked_log_likelihood")
+    monkeypatch.delattr("bayestissue.likelihood.arma.distributions.masked_log_likelihood")
     x = np.random.default_rng(0).normal(size=(3, 30)).cumsum(1)
     data = sine_transforms(x)
 

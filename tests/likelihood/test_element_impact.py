@@ -7,9 +7,9 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from bayestissue.elements import element, element_names, impact
-from bayestissue.likelihood.deceleration import DecelerationRecord, recorded_log_likelihood
-from bayestissue.likelihood.element_impact import MeasuredImpact
-from bayestissue.likelihood.element_response import ElementRecord, motion
+from bayestissue.likelihood.element.deceleration import DecelerationRecord, recorded_log_likelihood
+from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.response import ElementRecord, motion
 
 MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from bayestissue.errors import InputError
-from bayestissue.inference.diagnostics import headline
+from bayestissue.inference.samplers.diagnostics import headline
 from bayestissue.report import write_report
 from make_fit_run import make_fit_run
 from page_reader import Reader

@@ -8,7 +8,7 @@ import pytest
 from scipy.linalg import expm
 
 from bayestissue.errors import InputError
-from bayestissue.inference.point import fit_points
+from bayestissue.inference.points.fit import fit_points
 from bayestissue.reproduction.audit import GENERAL, audit_estimates
 from bayestissue.reproduction.audit.findings import BEARINGS, COLUMNS, SEVERITIES
 from bayestissue.reproduction.audit.impacts import read_impacts

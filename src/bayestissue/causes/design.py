@@ -11,7 +11,7 @@ from jaxtyping import Bool, Float, Int
 
 if TYPE_CHECKING:
     from bayestissue.dataset.published import PublishedTables
-    from bayestissue.inference.point import Method
+    from bayestissue.inference.points.fit import Method
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from bayestissue.causes.specification import CausesSpecification, Range
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
-    from bayestissue.inference.point import Method
+    from bayestissue.inference.points.fit import Method
     from bayestissue.signal import Displacements
 
 # Simulated tissue may be this many times softer or stiffer than the dataset's median estimate.

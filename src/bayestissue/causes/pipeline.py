@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from bayestissue.inference.point_conditional import fit_conditional
+from bayestissue.inference.points.conditional import fit_conditional
 from bayestissue.likelihood.transforms import SineTransforms
 from bayestissue.oscillator import from_differences, spring_damper
 from bayestissue.signal.displacement import FEWEST_SAMPLES

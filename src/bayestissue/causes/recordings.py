@@ -11,8 +11,8 @@ from bayestissue.causes.draws import Truth
 from bayestissue.causes.pipeline import damped_by_theta1
 from bayestissue.causes.recording import decelerations, recorded
 from bayestissue.causes.specification import Cause
-from bayestissue.inference.estimates import default_options
-from bayestissue.inference.point import PointFit, fit_points
+from bayestissue.inference.points.estimates import default_options
+from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.oscillator import spring_damper
 from bayestissue.signal import Displacements, integrated
 from bayestissue.signal.displacement import FEWEST_SAMPLES

@@ -16,7 +16,7 @@ from bayestissue.causes.known import KnownRecorder
 from bayestissue.causes.specification import CausesSpecification
 from bayestissue.causes.statistics import of_campaigns, of_observed
 from bayestissue.errors import InputError, Problem
-from bayestissue.inference.point import Method
+from bayestissue.inference.points.fit import Method
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -99,7 +99,7 @@ def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
     Raises:
         InputError: displacements were recorded, or there are fewer than three masses.
     """
-    from bayestissue.inference.estimates import default_options, estimates_table
+    from bayestissue.inference.points.estimates import default_options, estimates_table
     from bayestissue.signal import displacements
 
     impacts = dataset.impacts

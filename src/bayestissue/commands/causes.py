@@ -14,7 +14,7 @@ from bayestissue import resources, results, runtime
 if TYPE_CHECKING:
     from bayestissue.causes.subject import Subject
     from bayestissue.causes.verdict import Verdict
-    from bayestissue.inference.point import Method
+    from bayestissue.inference.points.fit import Method
 
 _TABLES = ("causes", "predictive", "observed", "confusion", "reliability")
 

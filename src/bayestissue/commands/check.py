@@ -13,7 +13,7 @@ from rich.table import Table
 from bayestissue.commands.console import echo, plain
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import Problem
-from bayestissue.inference.point_notes import said_once
+from bayestissue.inference.points.notes import said_once
 from bayestissue.report.check_page import check_page, kinds, quality_table
 from bayestissue.report.writing import after_results
 from bayestissue.results import Place, claim, whole_file

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from bayestissue.inference.runs import FinishedRun
+    from bayestissue.inference.comparing.runs import FinishedRun
 
 _AGAIN = "Give folders of finished runs of `bayestissue fit`."
 _GROUPS = {
@@ -58,8 +58,8 @@ def _compare(
     runtime.configure()
     from bayestissue.commands.compared import print_comparison
     from bayestissue.commands.console import echo
-    from bayestissue.inference.implied import implied
-    from bayestissue.inference.runs import compare_runs, side_by_side
+    from bayestissue.inference.comparing.implied import implied
+    from bayestissue.inference.comparing.runs import compare_runs, side_by_side
     from bayestissue.report import draw_page
 
     abouts = _abouts(runs)
@@ -161,7 +161,7 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
 
 
 def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRun]:
-    from bayestissue.inference.runs import FinishedRun
+    from bayestissue.inference.comparing.runs import FinishedRun
 
     found: list[FinishedRun] = []
     problems: list[Problem] = []

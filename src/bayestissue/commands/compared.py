@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bayestissue.commands.console import plain
-from bayestissue.inference.meanings import told
+from bayestissue.inference.results.meanings import told
 
 _DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
 _HEADINGS = {"elpd_difference": "off the best", "se_difference": "its se"}
@@ -18,7 +18,7 @@ _PEOPLE = 12
 
 
 def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weights: pd.DataFrame) -> None:
-    """Print the three tables; see `bayestissue.inference.runs` and `bayestissue.inference.implied`."""
+    """Print the three tables; see `inference.comparing.runs` and `.implied`."""
     console = Console(highlight=False)
     kinds = ["data"] if len(comparison["data"].unique()) > 1 else []
     for scheme, rows in comparison.groupby("scheme", sort=False):

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bayestissue.dataset import Dataset
-    from bayestissue.inference.point import Method
+    from bayestissue.inference.points.fit import Method
     from bayestissue.signal import SignalOptions
 
 PROBLEM_COLUMNS = ["file", "row", "column", "impact", "value", "expected", "remedy"]
@@ -46,7 +46,7 @@ def run(
         configure()
         from bayestissue.commands.console import echo
         from bayestissue.dataset import read_dataset
-        from bayestissue.inference.estimates import default_options, estimate
+        from bayestissue.inference.points.estimates import default_options, estimate
         from bayestissue.report.writing import draw_page
         from bayestissue.signal import alternatives, read_signal_options
 
@@ -86,7 +86,7 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
     import pandas as pd
 
     from bayestissue.errors import InputError
-    from bayestissue.inference.estimates import estimates_table
+    from bayestissue.inference.points.estimates import estimates_table
     from bayestissue.signal import displacements
 
     rows: list[dict[str, Any]] = []
@@ -141,7 +141,7 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
     from rich.table import Table
 
     from bayestissue.commands.console import plain
-    from bayestissue.inference.point_notes import said_once
+    from bayestissue.inference.points.notes import said_once
 
     console = Console(highlight=False)
     flagged = int((table["flags"] != "").sum())

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bayestissue import results, runtime
-from bayestissue.inference.second_core import SecondCore
+from bayestissue.inference.execution.second_core import SecondCore
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -44,7 +44,7 @@ def run(
         from bayestissue.dataset import read_dataset
         from bayestissue.fitting import fit_prepared, resolve, write_run
         from bayestissue.hierarchy.trace_data import prepare
-        from bayestissue.inference.diagnostics import headline
+        from bayestissue.inference.samplers.diagnostics import headline
         from bayestissue.report import draw_page
 
         specification, source = resolve("arma" if model is None else model)
@@ -91,7 +91,7 @@ def _say_what_is_told(prepared: Prepared) -> None:
     """What these data can't tell, before the work begins."""
     from bayestissue.commands.console import echo
     from bayestissue.hierarchy.formula import left_out_words
-    from bayestissue.inference.meanings import ONE_IMPACT
+    from bayestissue.inference.results.meanings import ONE_IMPACT
 
     if words := left_out_words(prepared.design.terms_left_out()):
         echo(words)

@@ -16,10 +16,10 @@ from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.traces import Kind, TraceData, TraceModel, nuisance_of
-from bayestissue.likelihood.deceleration import DecelerationRecord
-from bayestissue.likelihood.discrepancy import modes
-from bayestissue.likelihood.displacement import DisplacementRecord, displacement_record
-from bayestissue.likelihood.element_response import ElementRecord
+from bayestissue.likelihood.arma.displacement import DisplacementRecord, displacement_record
+from bayestissue.likelihood.element.deceleration import DecelerationRecord
+from bayestissue.likelihood.element.discrepancy import modes
+from bayestissue.likelihood.element.response import ElementRecord
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES, RecordedImpacts
 

@@ -2,7 +2,7 @@
 
 Written twice. `plain_model` says what is believed, top down. `sampled_model` is the same density in
 coordinates made for sampling: b and every impact's parameters are affine maps of standard normals, made by
-`bayestissue.hierarchy.conditional` to undo whatever the data and the standard deviations correlate.
+`bayestissue.hierarchy.gaussian.conditional` to undo whatever the data and the standard deviations correlate.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from jaxtyping import Float
 from numpyro.distributions import biject_to
 
 from bayestissue.elements import element as element_named
-from bayestissue.hierarchy.conditional import (
+from bayestissue.hierarchy.gaussian.conditional import (
     Conditional,
     Summaries,
     condition,
@@ -39,10 +39,10 @@ from bayestissue.hierarchy.population import (
 from bayestissue.hierarchy.priors import HalfNormal, Priors
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.warp import Warp
-from bayestissue.likelihood.deceleration import DecelerationRecord, MeasuredDeceleration
-from bayestissue.likelihood.displacement import DisplacementRecord, MeasuredDisplacement
-from bayestissue.likelihood.element_impact import MeasuredImpact
-from bayestissue.likelihood.element_response import ElementRecord
+from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
+from bayestissue.likelihood.element.deceleration import DecelerationRecord, MeasuredDeceleration
+from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.response import ElementRecord
 
 Kind = Literal["arma", "a2", "impact"]
 NUISANCE: dict[str, tuple[str, ...]] = {
@@ -330,7 +330,7 @@ def located(
     sites: dict[str, Array],
     z_b: Float[Array, " location"],
 ) -> Located:
-    """The locations b as `bayestissue.hierarchy.conditional` maps them, the standard deviations given."""
+    """The locations b as `hierarchy.gaussian.conditional` maps them, the standard deviations given."""
     conditional = condition(data.design, population(model, sites), data.location_mean, summaries)
     b = locations(conditional, z_b)
     return Located(b, expected(data.design, b), conditional)
@@ -353,6 +353,6 @@ def from_standard(
     z_b: Float[Array, " location"],
     z_u: Float[Array, "impact parameter"],
 ) -> Drawn:
-    """The affine maps of `bayestissue.hierarchy.conditional`, the standard deviations given."""
+    """The affine maps of `bayestissue.hierarchy.gaussian.conditional`, the standard deviations given."""
     b, about, conditional = located(model, data, summaries, sites, z_b)
     return Drawn(b, impact_parameters(conditional, summaries, about, z_u), about, conditional)

@@ -29,12 +29,12 @@ from bayestissue.hierarchy.published import (
     published_model,
 )
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, Sampler
-from bayestissue.inference import comparison
-from bayestissue.inference.diagnostics import diagnose
-from bayestissue.inference.labels import labelled, labelled_statistics, statistics_of_transitions
-from bayestissue.inference.predictive import predictive_checks
-from bayestissue.inference.sampling import Draws, PosteriorSampler
-from bayestissue.inference.summary import summarise
+from bayestissue.inference.comparing import stacking as comparison
+from bayestissue.inference.results.labels import labelled, labelled_statistics, statistics_of_transitions
+from bayestissue.inference.results.predictive_checks import predictive_checks
+from bayestissue.inference.results.summary import summarise
+from bayestissue.inference.samplers.diagnostics import diagnose
+from bayestissue.inference.samplers.sampling import Draws, PosteriorSampler
 from bayestissue.likelihood.averages import AveragesOfLognormals, average_and_sd
 
 Say = Callable[[str, int, int], None]

@@ -9,7 +9,7 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from bayestissue.inference.meanings import told
+from bayestissue.inference.results.meanings import told
 from bayestissue.report.page import figure
 from bayestissue.report.posterior_figures import NAMES
 from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, REFERENCE, log_ticks, new_figure, shown, style

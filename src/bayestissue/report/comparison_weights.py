@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from bayestissue.inference.meanings import meaning, told
+from bayestissue.inference.results.meanings import meaning, told
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import interval, listed, significant
 

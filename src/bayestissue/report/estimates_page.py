@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from bayestissue.inference.point_notes import said_once
+from bayestissue.inference.points.notes import said_once
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.run_folder import TableFile, read_tables, require_files
 from bayestissue.report.settings import settings_table

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from bayestissue.inference.meanings import SECANTS
+from bayestissue.inference.results.meanings import SECANTS
 from bayestissue.report.page import figure
 from bayestissue.report.posterior import PosteriorRun
 from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, new_figure, shown, style

@@ -8,7 +8,7 @@ from typing import Any
 
 import pandas as pd
 
-from bayestissue.inference.meanings import SECANTS
+from bayestissue.inference.results.meanings import SECANTS
 from bayestissue.report.tables import Row, Table, columns, lines, tag
 from bayestissue.report.wording import decimals_of, interval, number, probability, significant
 

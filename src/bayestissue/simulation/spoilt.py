@@ -11,8 +11,8 @@ from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.model import Dataset, Quantity, Trace
 from bayestissue.dataset.recordings import Recordings
 from bayestissue.dataset.samples import Samples
-from bayestissue.inference.estimates import estimate
-from bayestissue.inference.point_notes import FAILED, NO_ANSWER
+from bayestissue.inference.points.estimates import estimate
+from bayestissue.inference.points.notes import FAILED, NO_ANSWER
 from bayestissue.simulation.sound import Chain, Impact, chain, dataset
 from bayestissue.simulation.spoiling import DISPLACEMENT, KINDS, record
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from bayestissue.hierarchy.formula import left_out_words
-from bayestissue.inference.meanings import ONE_IMPACT
+from bayestissue.inference.results.meanings import ONE_IMPACT
 from bayestissue.report import model_words, posterior, posterior_tables, remarks
 from bayestissue.report.fit import answers, depth, estimates, predictions, sources, tables, words
 from bayestissue.report.fit.estimate_figures import estimates_figure

@@ -1,0 +1,1 @@
+"""Whether the traces contradict the model or the declared measuring chain."""

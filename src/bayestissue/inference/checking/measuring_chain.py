@@ -1,0 +1,277 @@
+"""What each trace alone says of its measuring chain, against the standard deviations that were declared.
+
+An error e of velocity and gain together, or of the offset, is estimated from an impact's trace with its
+declared standard deviation s taken away: a normal so wide that it says nothing stands in its place, and all
+else stays as it was. With t the standard deviation of the estimate,
+
+    z = e / (s^2 + t^2)^1/2
+
+is standard normal under the right model, and independent from impact to impact, since nothing in it comes
+from the population. (The posterior's own mean of e is e s^2 / (s^2 + t^2) at most, pulled to 0 by what was
+declared, and where e is far out the noise takes up a part of it besides: it alarms later.) In 4000 simulated
+impacts z had the mean -0.01 and the standard deviation 1.02 by the likelihood "impact", 0.00 and 0.88 by
+"arma".
+
+A wrong mass does not show: it makes K and C of an impact wrong by one factor, and its trace no other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.specification import SIDE_BY_SIDE
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution, with_normal_errors
+from bayestissue.inference.checking import incredible
+from bayestissue.inference.checking.incredible import Groups, Pattern
+from bayestissue.inference.checking.model_form import LIMIT, judged
+from bayestissue.inference.checking.words import in_words
+from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.factors.laplace import loose_anchor, summarise_traces
+from bayestissue.inference.many.kept import some_impacts, some_of
+from bayestissue.inference.posterior.approximate import expanded, first_guess
+from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
+from bayestissue.inference.results.tree import error_names
+
+AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
+# Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
+JUDGED = (AMPLITUDE, OFFSET)
+_COLUMN = {
+    AMPLITUDE: ("velocity_error", "ramp_error"),
+    OFFSET: ("offset_error",),
+    CONTACT: ("contact_time_error", "level_error"),
+}
+_DRAWS = 64
+# Of log likelihood: e to the power of 10 to 1.
+_CLEAR = 10.0
+# Of the velocity, of the mean deceleration and of the time to peak: wider than any error that is one.
+_WIDE = {AMPLITUDE: 0.5, OFFSET: 1.0, CONTACT: 0.3}
+
+
+@dataclass(frozen=True)
+class Freed:
+    """One error of the chain as the traces have it, each [impact].
+
+    Attributes:
+        error: true less stated velocity [m/s], the gain's error times the velocity counted in; or the
+            offset [m/s^2]; or the contact time [s].
+        sd: of that estimate, t.
+        declared: standard deviation as declared, s.
+        unit: the velocity, the mean deceleration or the time to peak, to which ``error`` is relative.
+        centre: the impact's parameters, [impact, parameter], with this error free.
+        gain: in log likelihood over as declared, what the wide normal takes off wherever the error lies
+            put back.
+    """
+
+    error: Float[np.ndarray, " impact"]
+    sd: Float[np.ndarray, " impact"]
+    declared: Float[np.ndarray, " impact"]
+    unit: Float[np.ndarray, " impact"]
+    centre: Float[np.ndarray, "impact parameter"]
+    gain: Float[np.ndarray, " impact"]
+
+    @property
+    def expected_sd(self) -> Float[np.ndarray, " impact"]:
+        """Of ``error``, where the model is right: (s^2 + t^2)^1/2."""
+        return np.hypot(self.sd, self.declared)
+
+    @property
+    def z(self) -> Float[np.ndarray, " impact"]:
+        """The standardised error, no farther from 0 than what it gains in likelihood allows.
+
+        Of a normal likelihood the gain is z^2 / 2. One that has a long tail, as where an element's further
+        parameters and the velocity do much the same, gains less than its bend at the top promises.
+        """
+        size = np.minimum(np.abs(self.error) / self.expected_sd, np.sqrt(2 * np.maximum(self.gain, 0.0)))
+        return np.sign(self.error) * size
+
+
+def judge(prepared: Prepared) -> dict[str, Any]:
+    """The entry ``measuring_chain`` of ``diagnostics.json``.
+
+    Args:
+        prepared: a model of recorded decelerations, without a discrepancy, and its data; of many impacts
+            some are asked.
+
+    Returns:
+        Nothing of an element with further parameters or of autoregressive noise, which may do much the same
+        to a trace as another velocity (of twenty good impacts on a standard linear solid z had a root mean
+        square of 1.4); nor where displacements are measured from their own mean, which makes K and C wrong
+        by itself.
+        Else ``passed`` and ``of`` how many impacts. If it is not true: ``error``, which the traces
+        contradict; ``alike``, others that would do as much to the traces, and their size; the ``kind`` of
+        `Pattern`, whether one factor is ``common``, and the names of ``groups`` and ``impacts``;
+        ``relative``, to the velocity, the mean deceleration or the time to peak (median there, and
+        ``greatest``); ``declared_sds``, how many of them that is (median; None where none was declared);
+        ``change_K`` and ``change_C``, with the error as the traces have it, over as declared, less 1
+        (medians); ``structure_left`` and ``words``. ``passed`` is None where decelerations stay structured
+        even so: what the traces then ask of the chain may be the tissue's law.
+    """
+    if not _rate_is_known(prepared) or prepared.signal.equilibrium.any():
+        return {}
+    if len(prepared.impacts) > len(rows := some_impacts(len(prepared.impacts))):
+        prepared = some_of(prepared, rows)
+    groups = _groups(prepared)
+    given = expanded(prepared)
+    found = {name: freed(prepared, name, given) for name in JUDGED}
+    patterns = {name: _pattern(each, groups) for name, each in found.items()}
+    if not any(patterns.values()):
+        return {"passed": True, "of": len(prepared.impacts)}
+    return _account(prepared, groups, given, found, patterns)
+
+
+def _rate_is_known(prepared: Prepared) -> bool:
+    """Whether the rate of false alarms is known: of a spring and damper side by side, beside white noise."""
+    model = prepared.model
+    return model.element == SIDE_BY_SIDE and not model.autoregressive and not model.discrepancy
+
+
+def _groups(prepared: Prepared) -> Groups:
+    table = prepared.impacts
+    return {kind: pd.factorize(table[kind].astype(str))[0] for kind in ("trial", "subject")}
+
+
+def _pattern(found: Freed, groups: Groups) -> Pattern | None:
+    rate = incredible.RATE / len(JUDGED)
+    # An error without a z has no weight either.
+    sd = np.abs(found.error) / np.maximum(np.abs(found.z), 1e-6)
+    return incredible.pattern_of(found.error, np.maximum(sd, found.expected_sd), found.unit, groups, rate)
+
+
+def freed(prepared: Prepared, name: str, given: Summaries | None = None) -> Freed:
+    """One error of the chain, its declared standard deviation taken away.
+
+    Args:
+        prepared: the model and its data.
+        name: `AMPLITUDE`, `OFFSET` or `CONTACT`.
+        given: `expanded` of the same, if it is at hand.
+    """
+    data, column = with_normal_errors(prepared.data), _column(prepared, name)
+    sign = -1.0 if error_names(prepared)[column] == "ramp_error" else 1.0
+    sd = np.asarray(data.record.error_sd)
+    unit, declared = _unit(prepared, name), sd[:, column]
+    wide = np.where(np.arange(sd.shape[1]) == column, _WIDE[name] * unit[:, None], sd)
+    data = data._replace(record=data.record._replace(error_sd=jnp.asarray(wide)))
+    start = first_guess(prepared)
+    anchor = loose_anchor(start)
+    summaries = summarise_traces(prepared.model, data, start, anchor)
+    centre = np.asarray(summaries.centre)
+    root = np.linalg.cholesky(np.linalg.inv(np.asarray(summaries.precision) + anchor.precision))
+    z = np.random.default_rng(0).standard_normal((_DRAWS, *centre.shape))
+    u = centre + np.einsum("iab,dib->dia", root, z)
+    keys = jax.random.split(jax.random.PRNGKey(0), _DRAWS)
+    own = sign * np.asarray(_errors(prepared.model, data, jnp.asarray(u), keys))[..., column]
+    error = np.median(own, axis=0)
+    # Undeclared and known without an error there would be nothing to divide by.
+    spread = np.maximum(own.std(axis=0), 1e-12 * unit)
+    # With an error so wide a normal likelihood is z^2 / 2 - log(wide / expected sd) above that as declared.
+    occam = np.log(_WIDE[name] * unit / np.hypot(spread, declared))
+    before = np.asarray((given or expanded(prepared)).log_likelihood)
+    gain = np.asarray(summaries.log_likelihood) + occam - before
+    return Freed(error, spread, declared, unit, centre, gain)
+
+
+def _column(prepared: Prepared, name: str) -> int:
+    names = error_names(prepared)
+    return next(place for place, each in enumerate(names) if each in _COLUMN[name])
+
+
+def _unit(prepared: Prepared, name: str) -> Float[np.ndarray, " impact"]:
+    signal = prepared.signal
+    if name == AMPLITUDE:
+        return signal.velocity
+    if name == OFFSET:
+        return signal.velocity / signal.time_to_peak
+    is_time = "contact_time_error" in error_names(prepared)
+    return signal.time_to_peak * (1.0 if is_time else signal.velocity)
+
+
+def _shifted(prepared: Prepared, data: TraceData, name: str, error: np.ndarray) -> TraceData:
+    """The record with an error of a deceleration's chain taken as known; any other as it is."""
+    if prepared.model.kind != "impact" or name == OFFSET:
+        return data
+    record: Any = data.record
+    if name == CONTACT:
+        first = jnp.maximum(record.first_time - error, 0.0)
+        return data._replace(record=record._replace(first_time=first))
+    return data._replace(record=record._replace(velocity=jnp.asarray(prepared.signal.velocity + error)))
+
+
+@compiled_quickly("model")
+def _errors(model: TraceModel, data: TraceData, u: Array, keys: Array) -> Float[Array, "draw impact error"]:
+    """Draws of the chain's errors given the traces, of each draw of the impacts' parameters."""
+
+    def one(draw: tuple[Array, Array]) -> Array:
+        return trace_distribution(model, data, list(draw[0].T)).draw_errors(draw[1])
+
+    return jax.lax.map(one, (u, keys))
+
+
+def _account(
+    prepared: Prepared,
+    groups: Groups,
+    given: Summaries,
+    found: dict[str, Freed],
+    patterns: dict[str, Pattern | None],
+) -> dict[str, Any]:
+    """Which error explains best what the traces contradict, and what it does."""
+    contact = freed(prepared, CONTACT, given)
+    found, patterns = {**found, CONTACT: contact}, {**patterns, CONTACT: _pattern(contact, groups)}
+    # Over the way to the peak they do much the same to a trace: the velocity is named first unless another
+    # is clearly the better account.
+    gain = {each: found[each].gain.sum() for each, pattern in patterns.items() if pattern is not None}
+    name, *alike = [each for each, own in gain.items() if own > max(gain.values()) - _CLEAR]
+    own, pattern = found[name], patterns[name]
+    assert pattern is not None  # noqa: S101 - candidates have one
+    left = structure_left(prepared, name, own) if prepared.model.kind == "impact" else 0.0
+    which = pattern.impacts
+    change = np.expm1(np.median((own.centre - np.asarray(given.centre))[which], axis=0))
+    sds = np.abs(own.error[which]) / np.where(own.declared[which] > 0, own.declared[which], np.nan)
+    told = {
+        "passed": False if left <= LIMIT else None,
+        "error": name,
+        "alike": {each: _relative(found[each], which) for each in alike},
+        "kind": pattern.kind,
+        "common": pattern.common,
+        "impacts": prepared.impacts["impact"].astype(str)[which].tolist(),
+        "groups": _named_groups(prepared, pattern),
+        "of": len(which),
+        "relative": _relative(own, which),
+        "greatest": float(np.abs(own.error / own.unit)[which].max()),
+        "declared_sds": None if np.isnan(sds).all() else float(np.nanmedian(sds)),
+        "structure_left": left,
+        "change_K": float(change[0]),
+        "change_C": float(change[1]),
+    }
+    return told | {"words": in_words(told)}
+
+
+def _relative(found: Freed, which: np.ndarray) -> float:
+    return float(np.median((found.error / found.unit)[which]))
+
+
+def _named_groups(prepared: Prepared, pattern: Pattern) -> list[str]:
+    if pattern.kind in (incredible.ALL, incredible.IMPACT):
+        return []
+    return list(dict.fromkeys(prepared.impacts[pattern.kind].astype(str)[pattern.impacts]))
+
+
+def structure_left(prepared: Prepared, name: str, found: Freed) -> float:
+    """The score of `bayestissue.inference.checking.model_form` with an error taken as the traces have it."""
+    data = _shifted(prepared, with_normal_errors(prepared.data), name, found.error)
+    u = jnp.broadcast_to(jnp.asarray(found.centre), (PREDICTIVE_DRAWS, *found.centre.shape))
+    keys = jax.random.split(jax.random.PRNGKey(0), PREDICTIVE_DRAWS)
+    made = np.asarray(replicates(prepared.model, data, u, keys)["deceleration"])
+    inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
+    offset = found.error[:, None] if name == OFFSET else 0.0
+    measured = np.where(inside, prepared.signal.deceleration - offset, np.nan)
+    return float(judged(measured, made)["score"])

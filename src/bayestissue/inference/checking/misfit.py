@@ -1,0 +1,47 @@
+"""Whether a model's form is plainly wrong, before its chains are run.
+
+A fit without a discrepancy whose residuals will be plainly structured is followed by one with it, and only
+the second is told. The traces' own best fits tell as much, and need no chain and no population.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.checking.model_form import LIMIT, judged
+from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
+
+# Short of this a whole fit decides.
+_PLAIN = 2 * LIMIT
+# Fitted noise over the recorder's own, above which it is worth a look.
+_SUSPICIOUS = 1.2
+
+
+def plainly_wrong(prepared: Prepared, expansions: Summaries, seed: int) -> dict[str, Any] | None:
+    """What `model_form` says of replicates of the best fits, where that leaves no doubt of the form.
+
+    A best fit follows its trace more closely than the draws of a posterior do, and so understates what its
+    residuals have in common.
+
+    Args:
+        prepared: the model and its data, decelerations.
+        expansions: each trace's own, as `bayestissue.inference.posterior.approximate.expanded` finds them.
+        seed: of the replicates.
+    """
+    best = jnp.asarray(expansions.centre)
+    noise = np.exp(np.asarray(best)[:, 2] + np.asarray(prepared.data.log_peak))
+    if np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
+        return None
+    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 31), PREDICTIVE_DRAWS)
+    u = jnp.broadcast_to(best, (PREDICTIVE_DRAWS, *best.shape))
+    made = replicates(prepared.model, prepared.data, u, keys)["deceleration"]
+    inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
+    measured = np.where(inside, prepared.signal.deceleration, np.nan)
+    found = judged(measured, np.asarray(made))
+    return found if found["score"] > _PLAIN else None

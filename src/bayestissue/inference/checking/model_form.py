@@ -1,0 +1,157 @@
+"""Whether what a fit leaves over of the traces is noise, or the mark of another law than the model's."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from jaxtyping import Bool, Float
+
+# In standard errors of the pooled score: once in thirty thousand fits of the right model.
+LIMIT = 4.0
+# A parabola takes up most of what the measuring chain does and little of another law: a stiffening spring
+# fitted by a linear one showed at 74 standard errors, and at 12 less a cubic.
+_SMOOTH = 3
+_LAGS = 6
+# Of a discrepancy's rms over the trace's peak: beyond it the element describes nothing of the force.
+MOST_DISCREPANCY = 0.2
+UNDESCRIBED = "No element of this program describes these traces"
+_ANOTHER_LAW = "the traces obey another law than the model's"
+_REMEDY = (
+    "Fit the other elements of models/ (or, where the recorder is known for it, "
+    'noise = "autoregressive") and compare. A recorder that saturates bends traces too: check its range.'
+)
+
+
+def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
+    """How much more alike residuals are from sample to sample than those of replicates from the model.
+
+    The autocorrelations of each trace less the replicates' median, summed over six lags, a parabola in time
+    taken off both; the sum's distance from the replicates' mean in their standard deviations; and these
+    distances added up over the root of their number.
+
+    Args:
+        tree: a finished fit.
+        name: "deceleration" or "displacement", in its observed data and its predictions.
+
+    Returns:
+        ``score``, the pooled one, ``structured``, whether it is above `LIMIT`, and what follows in ``words``.
+    """
+    predicted = tree["posterior_predictive"].dataset[name]
+    replicated = predicted.to_numpy().reshape(-1, *predicted.shape[2:]).astype(float)
+    measured = tree["observed_data"].dataset[name].sel(impact=predicted["impact"]).to_numpy()
+    return judged(measured, replicated)
+
+
+def judged(
+    measured: Float[np.ndarray, "impact sample"], replicated: Float[np.ndarray, "draw impact sample"]
+) -> dict[str, Any]:
+    """`model_form` of traces and their replicates, NaN past a row's end."""
+    score = pooled_score(measured, replicated)
+    structured = bool(score > LIMIT)
+    if not structured:
+        words = f"{_said(score)}, as far as chance goes."
+    else:
+        words = f"{_said(score)}: {_ANOTHER_LAW}, and its intervals are too narrow. {_REMEDY}"
+    return {"score": score, "structured": structured, "words": words}
+
+
+def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]:
+    """What `model_form` said of a fit without a discrepancy, after one with it.
+
+    Args:
+        first: of the fit without.
+        tree: the fit with it.
+
+    Returns:
+        ``score`` and ``structured`` as they were, ``discrepancy``, the discrepancy's rms as a fraction of the
+        trace's peak (median impact), ``left``, the score of the fit with it, and all of it in ``words``.
+    """
+    posterior = tree["posterior"].dataset
+    size, stiffness = float(posterior["discrepancy"].median()), posterior["K_secant"]
+    drawn = [name for name in stiffness.dims if name != "impact"]
+    low, high = stiffness.quantile([0.05, 0.95], drawn).to_numpy()
+    sure = float(np.sqrt(np.median(high / low)) - 1)
+    words = (
+        f"{_said(first['score'])}: {_ANOTHER_LAW}. The intervals printed include a discrepancy, a smooth "
+        f"force of unknown shape, of {100 * size:.2g} % of the peak. K_secant, the force over the depth at "
+        f"the greatest depth, is known to {100 * sure:.2g} % (half the 90 % interval, median impact). "
+        f"{_REMEDY}"
+    )
+    left = model_form(tree, "deceleration")["score"]
+    found = described(tree)
+    if found["undescribed"]:
+        words = f"{_said(first['score'])}. {found['words']}"
+    return first | found | {"left": left, "words": words}
+
+
+def described(tree: xr.DataTree) -> dict[str, Any]:
+    """Whether the element describes the traces of a fit with a discrepancy at all.
+
+    Where the smooth force that is added beside the element has an rms above `MOST_DISCREPANCY` of the peak,
+    what is left of K and C is that force's and not the tissue's: clipped and saturated records are such.
+
+    Returns:
+        ``discrepancy``, its rms as a fraction of the trace's peak (median impact), ``undescribed``, whether
+        that is beyond the limit, ``undescribed_impacts``, which are so by themselves, and ``words``.
+    """
+    draws = tree["posterior"].dataset["discrepancy"]
+    own = draws.median([name for name in draws.dims if name != "impact"])
+    size, beyond = float(draws.median()), own.to_numpy() > MOST_DISCREPANCY
+    names = [str(name) for name in np.asarray(own["impact"])[beyond]]
+    words = (
+        f"{UNDESCRIBED}: the smooth force that has to be added beside the element is {100 * size:.2g} % of "
+        "the peak (rms, median impact). What is printed of K and C is no estimate of the tissue's, and has "
+        "no interval. Check whether the recorder was clipped or saturated, the unit, the sign and the window."
+    )
+    return {
+        "discrepancy": size,
+        "undescribed": size > MOST_DISCREPANCY,
+        "undescribed_impacts": names,
+        "words": words,
+    }
+
+
+def with_chain(form: dict[str, Any], chain: dict[str, Any]) -> dict[str, Any]:
+    """What was said of the form, where another measuring chain would leave no structure: that comes first.
+
+    Args:
+        form: as `model_form` or `with_discrepancy` has it.
+        chain: as `bayestissue.inference.checking.measuring_chain.judge` has it.
+    """
+    if not form.get("structured") or chain.get("passed") is not False:
+        return form
+    explained = (
+        f"with the measuring chain as the traces have it ({chain['error']}) {chain['structure_left']:.1f}. "
+        "So a wrong measuring chain explains it, and no other law is needed"
+    )
+    words = form["words"].replace(_ANOTHER_LAW, explained).replace(_REMEDY, "Mend the measuring chain first.")
+    return form | {"words": words}
+
+
+def _said(score: float) -> str:
+    return f"The residuals' autocorrelation lies {score:.1f} standard errors from the model's"
+
+
+def pooled_score(
+    measured: Float[np.ndarray, "impact sample"], replicated: Float[np.ndarray, "draw impact sample"]
+) -> float:
+    """See `model_form`; NaN past a row's end."""
+    middle = np.median(replicated, axis=0)
+    used = np.isfinite(measured) & np.isfinite(middle)
+    own = _autocorrelation(measured - middle, used)
+    drawn = _autocorrelation(replicated - middle, used)
+    distance = (own - drawn.mean(0)) / drawn.std(0, ddof=1)
+    return float(distance.sum() / np.sqrt(len(distance)))
+
+
+def _autocorrelation(
+    values: Float[np.ndarray, "*draw impact sample"], used: Bool[np.ndarray, "impact sample"]
+) -> Float[np.ndarray, "*draw impact"]:
+    values = np.where(used, values, 0.0)
+    time = np.linspace(-1, 1, used.shape[-1])
+    smooth = np.linalg.qr(np.where(used[..., None], time[:, None] ** np.arange(_SMOOTH), 0.0)).Q
+    values = values - np.einsum("...isk,...ik->...is", smooth, np.einsum("...is,isk->...ik", values, smooth))
+    products = sum((values[..., lag:] * values[..., :-lag]).sum(-1) for lag in range(1, _LAGS + 1))
+    return products / (values**2).sum(-1)

@@ -1,0 +1,1 @@
+"""Finished fits of the same data side by side."""

@@ -1,0 +1,1 @@
+"""How work is compiled, cut into chunks and shared."""

@@ -1,0 +1,1 @@
+"""One factor per impact, its trace's likelihood: Laplace, moments, regression, a grid, importance ratios."""

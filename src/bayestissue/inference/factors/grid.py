@@ -1,0 +1,113 @@
+"""The likelihood of a parameter that traces may leave open, where no normal describes it."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+from scipy.interpolate import pchip_interpolate
+from scipy.special import logsumexp
+from scipy.stats import norm
+
+from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.moments import log_summary, points_of
+
+
+class Profile(NamedTuple):
+    """Log likelihood of each impact's last parameter on an even grid, the others integrated out.
+
+    For theta1, which a trace may leave open all the way to -1, and for what an element has besides K and C,
+    which it leaves open where that is not needed: no normal describes such a likelihood.
+
+    Attributes:
+        first, step: of the grid.
+        log_likelihood: relative to the summary, which has no word on the last parameter.
+    """
+
+    first: Array
+    step: Array
+    log_likelihood: Float[Array, "grid impact"]
+
+    def at(self, value: Float[Array, "*batch impact"]) -> Float[Array, "*batch impact"]:
+        """Cubic interpolation, level beyond the grid."""
+        number = self.log_likelihood.shape[0]
+        place = jnp.clip((value - self.first) / self.step, 0.0, number - 1.0)
+        index = jnp.clip(jnp.floor(place).astype(int), 1, number - 3)
+        t = place - index
+        columns = jnp.arange(self.log_likelihood.shape[1])
+        a, b, c, d = (self.log_likelihood[index + k, columns] for k in (-1, 0, 1, 2))
+        bend = a * (-0.5) + 1.5 * b - 1.5 * c + 0.5 * d
+        return ((bend * t + a - 2.5 * b + 2 * c - 0.5 * d) * t + (c - a) / 2) * t + b
+
+    def over(
+        self, mean: Float[Array, " draw"], sd: Float[Array, " draw"]
+    ) -> Float[Array, "point draw impact"]:
+        """The log likelihood at evenly likely points of each of some normals."""
+        points = norm.ppf((np.arange(_EVEN) + 0.5) / _EVEN)[:, None, None]
+        shape = (_EVEN, len(mean), self.log_likelihood.shape[1])
+        values = jnp.broadcast_to(mean[:, None] + sd[:, None] * points, shape)
+        return self.at(values)
+
+    def log_evidence(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
+        """Log of the integral over a normal last parameter, by Gauss-Hermite quadrature."""
+        points = mean + sd * jnp.asarray(_HERMITE_POINTS)[:, None]
+        weights = jnp.asarray(_HERMITE_WEIGHTS / _HERMITE_WEIGHTS.sum())[:, None]
+        return jax.nn.logsumexp(self.at(points), axis=0, b=weights)
+
+
+def flat_profile(impacts: int) -> Profile:
+    """A profile that says nothing."""
+    first, step = jnp.asarray(_GRID[0]), jnp.asarray(_GRID[1] - _GRID[0])
+    return Profile(first, step, jnp.zeros((len(_GRID), impacts)))
+
+
+_DEEPEST = 200.0
+# Stands for the log of no likelihood.
+_NONE = -1e6
+_EVEN = 16
+_GRID = np.linspace(-8.0, 8.0, 161)
+# Where only the place is asked for, every so many points of the grid are enough.
+_ROUGHLY = 4
+_HERMITE_POINTS, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
+
+
+def cleared_of_last(summaries: Summaries) -> Summaries:
+    """Summaries that say nothing of the last parameter."""
+    slope, precision = np.array(summaries.slope), np.array(summaries.precision)
+    slope[:, -1], precision[:, -1], precision[:, :, -1] = 0.0, 0.0, 0.0
+    return summaries._replace(precision=precision, slope=slope)  # type: ignore[arg-type]
+
+
+def profile_last(
+    model: TraceModel,
+    data: TraceData,
+    cleared: Summaries,
+    anchor: Anchor,
+    standard: Float[np.ndarray, "point parameter"],
+    *,
+    roughly: bool = False,
+) -> Profile:
+    """Tabulate the last parameter's likelihood, of which the summaries are cleared.
+
+    ``roughly`` is enough to tell where it is greatest, at a quarter of the cost.
+    """
+    grid = _GRID[:: _ROUGHLY if roughly else 1]
+    u = points_of(cleared, anchor, standard)
+    number, impacts, size = u.shape
+    moved = np.repeat(u[None], len(grid), axis=0)
+    moved[..., -1] = grid[:, None, None]
+    density = log_likelihoods(model, data, moved.reshape(-1, impacts, size))
+    ratios = density.reshape(-1, number, impacts) - log_summary(cleared, u)
+    table = logsumexp(np.maximum(ratios, _NONE), axis=1) - np.log(number)
+    # Cubics overshoot at the foot of a cliff; so far down it does not matter.
+    table = np.maximum(table, table.max(0) - _DEEPEST)
+    if roughly:
+        table = pchip_interpolate(grid, table, _GRID)
+    return flat_profile(impacts)._replace(log_likelihood=jnp.asarray(table))

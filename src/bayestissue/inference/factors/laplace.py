@@ -1,0 +1,189 @@
+"""Each trace summarised once: where its likelihood lies and how sharply, for all impacts together."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+
+from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+
+ITERATIONS = 60
+# Log likelihood that an expansion may promise above its value at the centre, along one axis; one that bends
+# too little, or the wrong way, is given the bend that promises the least.
+_MOST_GAIN, _LEAST_GAIN = 20.0, 1.0
+_LEAST_BEND = 1e-9
+# Of a log parameter of which a trace says nothing.
+_LEAST_PRECISION = 1e-3
+# Steps of the differences: in conditional standard deviations, so that what a step changes is far above
+# rounding, which was measured to be 1e-9 at most; in units of a log parameter, so that it is far below where
+# third derivatives count.
+_STEP, _SHORTEST, _LONGEST = 0.03, 1e-6, 0.003
+# A search is over where no step promises so much log likelihood, or only the least steps gain.
+_NOTHING_LEFT, _STUCK = 1e-6, 1e6
+
+
+class Anchor(NamedTuple):
+    """A normal prior of each impact's parameters: what the rest of the data say of them.
+
+    Attributes:
+        mean: of each impact.
+        precision: of each impact, or one of all.
+    """
+
+    mean: Float[np.ndarray, "impact parameter"]
+    precision: Float[np.ndarray, "*#impact parameter parameter"]
+
+    def log_density(
+        self, u: Float[np.ndarray, "*point impact parameter"]
+    ) -> Float[np.ndarray, "*point impact"]:
+        """Up to a constant."""
+        away = u - self.mean
+        return -(away * times(self.precision, away)).sum(-1) / 2
+
+
+def times(
+    matrices: Float[np.ndarray, "*#batch row column"], vectors: Float[np.ndarray, "*batch column"]
+) -> Float[np.ndarray, "*batch row"]:
+    """Matrices times vectors."""
+    return (matrices @ vectors[..., None])[..., 0]
+
+
+def summarise_traces(
+    model: TraceModel,
+    data: TraceData,
+    start: Float[np.ndarray, "impact parameter"],
+    anchor: Anchor,
+    iterations: int = ITERATIONS,
+) -> Summaries:
+    """Expand each log likelihood to second order where it, times the anchor, is greatest.
+
+    Levenberg-Marquardt steps on every impact by itself, from differences of the likelihood's values: exact
+    enough, since a summary only whitens.
+
+    Args:
+        model: the model.
+        data: the dataset.
+        start: first guess.
+        anchor: prior that keeps an impact whose trace says little where the others are.
+        iterations: the most steps tried; with none the expansion is at ``start``.
+    """
+    start = np.array(start)
+    anchor = Anchor(np.asarray(anchor.mean), np.asarray(anchor.precision))
+    # How sharply a trace tells its parameters is known only once it was expanded.
+    nothing = np.zeros((*start.shape, start.shape[1]))
+    best = _expansion(model, data, start, _expansion(model, data, start, nothing).curvature)
+    most, damping = best.value + anchor.log_density(start), np.full(len(start), 1e-3)
+    for _ in range(iterations):
+        candidate, promised = _next_after(best, anchor, damping)
+        if not ((promised > _NOTHING_LEFT) & (damping < _STUCK)).any():
+            break
+        tried = _expansion(model, data, candidate, best.curvature)
+        value = tried.value + anchor.log_density(candidate)
+        better = value > most
+        best = _Expansion(*(chosen(better, *pair) for pair in zip(tried, best, strict=True)))
+        most = np.where(better, value, most)
+        damping = np.where(better, np.maximum(damping / 10, 1e-14), np.minimum(damping * 10, _STUCK))
+    values, axes = np.linalg.eigh(best.curvature)
+    firm = believable_bend(values, times(axes.swapaxes(-1, -2), best.slope))
+    precision = (axes * firm[:, None]) @ axes.swapaxes(-1, -2)
+    return Summaries(*map(jnp.asarray, (best.u, best.slope, precision, best.value)))
+
+
+class _Expansion(NamedTuple):
+    """A log likelihood to second order at ``u``, the curvature being minus its second derivatives."""
+
+    u: Float[np.ndarray, "impact parameter"]
+    value: Float[np.ndarray, " impact"]
+    slope: Float[np.ndarray, "impact parameter"]
+    curvature: Float[np.ndarray, "impact parameter parameter"]
+
+
+def _expansion(
+    model: TraceModel,
+    data: TraceData,
+    u: Float[np.ndarray, "impact parameter"],
+    curvature: Float[np.ndarray, "impact parameter parameter"],
+) -> _Expansion:
+    """Central differences, by steps as long as a ``curvature`` found nearby asks for.
+
+    Where a step leads out of all likelihood there is no expansion, and the value is minus infinity.
+    """
+    size = u.shape[1]
+    bend = np.abs(np.diagonal(curvature, axis1=1, axis2=2))
+    step = np.clip(_STEP / np.sqrt(np.maximum(bend, 1e-300)), _SHORTEST, _LONGEST)
+    first, second = np.triu_indices(size, 1)
+    unit = np.eye(size)
+    both = unit[first] + unit[second]
+    points = np.concatenate([np.zeros((1, size)), unit, -unit, both, -both])
+    middle, up, down, forth, back = np.split(
+        log_likelihoods(model, data, u + points[:, None] * step),
+        np.cumsum([1, size, size, len(both)]),
+    )
+    own, bent = up + down, np.empty((size, size, len(u)))
+    # Out of all likelihood differences are no numbers.
+    with np.errstate(invalid="ignore"):
+        bent[range(size), range(size)] = own - 2 * middle
+        bent[first, second] = (forth + back - own[first] - own[second] + 2 * middle) / 2
+        slope = ((up - down) / 2).T / step
+    bent[second, first] = bent[first, second]
+    found = -bent.transpose(2, 0, 1) / (step[:, :, None] * step[:, None])
+    whole = np.isfinite(found).all((1, 2)) & np.isfinite(slope).all(1)
+    return _Expansion(
+        u,
+        np.where(whole, middle[0], -np.inf),
+        np.where(whole[:, None], slope, 0.0),
+        np.where(whole[:, None, None], found, 0.0),
+    )
+
+
+def _next_after(
+    at: _Expansion, anchor: Anchor, damping: Float[np.ndarray, " impact"]
+) -> tuple[Float[np.ndarray, "impact parameter"], Float[np.ndarray, " impact"]]:
+    """The next candidate, and what the best step there is promises."""
+    slope = at.slope - times(anchor.precision, at.u - anchor.mean)
+    values, axes = np.linalg.eigh(at.curvature + anchor.precision)
+    bend = np.abs(values)
+    along = times(axes.swapaxes(-1, -2), slope)
+    firm = bend + damping[:, None] * bend.max(1, keepdims=True)
+    move = times(axes, along / firm)
+    promised = (along**2 / np.maximum(bend, 1e-300)).sum(1) / 2
+    # No step may be longer than a unit of a log parameter.
+    longest = np.maximum(np.abs(move).max(1, keepdims=True), 1.0)
+    return at.u + move / longest, promised
+
+
+def chosen(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    """Of each impact the new, where it is better."""
+    return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+
+def believable_bend(
+    bend: Float[np.ndarray, "*axis"], slope: Float[np.ndarray, "*axis"]
+) -> Float[np.ndarray, "*axis"]:
+    """Minus the second derivative along each axis of an expansion, such that it promises no wonders.
+
+    A likelihood anchored away from its own maximum may bend the wrong way there. Its summary
+    exp(slope s - bend s^2 / 2) must all the same stay bounded, or else the wider the spread between impacts,
+    the better it would seem to explain such traces.
+
+    Args:
+        bend: as found, of any sign.
+        slope: along the axis.
+    """
+    believed = (bend > 0) & (slope**2 < 2 * _MOST_GAIN * bend)
+    return np.maximum(np.where(believed, bend, slope**2 / (2 * _LEAST_GAIN)), _LEAST_BEND)
+
+
+def least_bend(slope: Float[np.ndarray, "*axis"]) -> Float[np.ndarray, "*axis"]:
+    """The bend with which a summary of this slope still promises no wonders, next to nothing without one."""
+    return np.maximum(slope**2 / (2 * _MOST_GAIN), _LEAST_PRECISION)
+
+
+def loose_anchor(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) -> Anchor:
+    """A weak anchor about the first guess."""
+    return Anchor(np.asarray(start), np.eye(start.shape[1]) / sd**2)

@@ -1,0 +1,117 @@
+"""Summaries that hold wherever the posterior lets an impact's parameters be.
+
+Expansions and moments are taken about one value of the spreads. A trace that leaves a direction open, as most
+do beside a discrepancy, has a likelihood that is level there and falls off elsewhere, and what is true about
+one value is far off about another. Least squares over draws of the population find the parabola that serves
+them all.
+"""
+
+from __future__ import annotations
+
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Float
+from scipy.special import softmax
+
+from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.inference.factors.laplace import Anchor, least_bend
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.moments import log_summary, normals
+from bayestissue.inference.posterior.conditional_prior import Expectations
+
+# Draws of each impact's parameters under every one of the population.
+_EACH = 4
+# In units of what the posterior leaves open.
+_LEAST_PRECISION = 1e-3
+# Points at which a trace is so much less likely than at its best are no part of the posterior.
+_DEEPEST = 30.0
+# A parabola in so many parameters has a number of terms, and wants twice as many points.
+_POINTS_A_TERM = 2
+_RIDGE = 1e-6
+
+
+def regressed(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Summaries,
+    expected: Expectations,
+    seed: int,
+) -> Summaries:
+    """The parabola nearest to each log likelihood over the posterior.
+
+    Points are drawn by the old summaries and weighted by likelihood over summary, those of one draw of the
+    population among themselves. Along an axis where the parabola would open upwards it is made level,
+    but for the bend that its slope needs (`least_bend`). Where the points tell too little of a trace its old
+    summary stays.
+
+    Args:
+        model: the model.
+        data: the dataset.
+        summaries: the old ones.
+        expected: some hundred draws of the population.
+        seed: of the points.
+    """
+    u, value, weight = _points(model, data, summaries, expected, np.random.default_rng([seed, 41]))
+    weight = np.where(value > value.max(0) - _DEEPEST, weight, 0.0)
+    effective = weight.sum(0) ** 2 / np.maximum(np.square(weight).sum(0), np.finfo(float).tiny)
+    size = u.shape[-1]
+    told = effective > _POINTS_A_TERM * (1 + size) * (2 + size) / 2
+    made = [np.array(part) for part in summaries]
+    for whole, part in zip(made, _nearest(u[:, told], value[:, told], weight[:, told]), strict=True):
+        whole[told] = part
+    return Summaries(*(jnp.asarray(part) for part in made))
+
+
+def _nearest(
+    u: Float[np.ndarray, "point impact parameter"],
+    value: Float[np.ndarray, "point impact"],
+    weight: Float[np.ndarray, "point impact"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Centre, slope, precision and level, as `Summaries` have them."""
+    value = np.where(weight > 0, value, 0.0)
+    total = weight.sum(0)
+    mean = np.einsum("pi,pia->ia", weight, u) / total[:, None]
+    squares = np.einsum("pi,pia,pib->iab", weight, u - mean, u - mean, optimize=True)
+    root = np.linalg.cholesky(squares / total[:, None, None])
+    inverse = np.linalg.inv(root)
+    level, slope, bend = _parabola(np.einsum("iab,pib->pia", inverse, u - mean), value, weight)
+    values, axes = np.linalg.eigh(bend)
+    # Level and yet sloping, a summary would promise the more the further away, and draw all draws there.
+    least = np.maximum(least_bend(np.einsum("iab,ia->ib", axes, slope)), _LEAST_PRECISION)
+    bend = np.einsum("iab,ib,icb->iac", axes, np.maximum(values, least), axes)
+    precision = np.einsum("iba,ibc,icd->iad", inverse, bend, inverse, optimize=True)
+    return mean, np.einsum("iba,ib->ia", inverse, slope), precision, level
+
+
+def _parabola(
+    z: Float[np.ndarray, "point impact parameter"],
+    value: Float[np.ndarray, "point impact"],
+    weight: Float[np.ndarray, "point impact"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Level, slope and minus the second derivatives of the nearest parabola, for each impact."""
+    size = z.shape[-1]
+    rows, columns = np.triu_indices(size)
+    ones = np.ones((*z.shape[:2], 1))
+    terms = np.concatenate([ones, z, z[..., rows] * z[..., columns]], axis=-1)
+    weighted = terms * weight[..., None]
+    matrix = np.einsum("pia,pib->iab", weighted, terms, optimize=True) + _RIDGE * np.eye(terms.shape[-1])
+    found = np.linalg.solve(matrix, np.einsum("pia,pi->ia", weighted, value)[..., None])[..., 0]
+    bend = np.zeros((z.shape[1], size, size))
+    bend[:, rows, columns] -= found[:, 1 + size :]
+    bend[:, columns, rows] -= found[:, 1 + size :]
+    return found[:, 0], found[:, 1 : 1 + size], bend
+
+
+def _points(
+    model: TraceModel, data: TraceData, summaries: Summaries, expected: Expectations, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, the log likelihood there, and their weights, each [point, impact, ...]."""
+    given = normals(summaries, Anchor(expected.about, expected.precision[:, None]))
+    u = given.at(rng.standard_normal((_EACH, *given.mean.shape)))
+    flat = u.reshape(-1, *u.shape[2:])
+    value = log_likelihoods(model, data, flat)
+    ratio = (value - log_summary(summaries, flat)).reshape(u.shape[:3])
+    with np.errstate(invalid="ignore"):
+        weight = softmax(ratio, axis=0)
+    return flat, value, weight.reshape(value.shape)

@@ -1,0 +1,198 @@
+"""The fit of recorded traces, from prepared data to labelled results."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import jax
+import pandas as pd
+import xarray as xr
+
+from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.checking.misfit import plainly_wrong
+from bayestissue.inference.checking.model_form import described, model_form
+from bayestissue.inference.execution.ahead import second_process
+from bayestissue.inference.execution.compiling import PREDICTIONS, Helper
+from bayestissue.inference.execution.second_core import SecondCore
+from bayestissue.inference.many.approximate import summarise_many
+from bayestissue.inference.many.draws import MANY, many_draws
+from bayestissue.inference.posterior.approximate import Summarised, expanded, last_is_normal, summarise
+from bayestissue.inference.posterior.constrained_draws import Unfolded, unfold
+from bayestissue.inference.posterior.exact import exact_draws
+from bayestissue.inference.posterior.recipe import Correction, corrected_draws
+from bayestissue.inference.posterior.scores import Told
+from bayestissue.inference.quantities.elements import COMMON_DEPTH
+from bayestissue.inference.quantities.secant_population import of_secant
+from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
+from bayestissue.inference.results.labels import statistics_of_transitions
+from bayestissue.inference.results.summary import summarise as summary_table
+from bayestissue.inference.results.tree import posterior_tree
+from bayestissue.inference.results.uncertainty_budget import interval_sources
+from bayestissue.inference.samplers.diagnostics import diagnose
+from bayestissue.inference.samplers.sampling import Draws
+
+Say = Callable[[str, int, int], None]
+
+
+@dataclass(frozen=True)
+class TraceAnalysis:
+    """Every result of a fit, labelled; the tables are the files of a finished run."""
+
+    tree: xr.DataTree
+    summary: pd.DataFrame
+    diagnostics: dict[str, Any]
+    hypotheses: pd.DataFrame
+    cross_validation: pd.DataFrame
+    sensitivity: pd.DataFrame
+    interval_sources: pd.DataFrame
+
+
+def fit_traces(
+    prepared: Prepared,
+    specification: ModelSpecification,
+    seed: int,
+    say: Say,
+    *,
+    checkpoints: Path | None = None,
+    core: SecondCore | None = None,
+) -> TraceAnalysis | dict[str, Any]:
+    """Sample the posterior of every impact and of the population, check it, and label everything.
+
+    Args:
+        prepared: model and data.
+        specification: the model file.
+        seed: of all draws.
+        say: told the stage, how much of it is done, and its total.
+        checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
+        core: where half of the work is done; one for this fit alone, unless given.
+
+    Many impacts go by a summary path of their own, unless the model file says "exact": see
+    `bayestissue.inference.many.draws`.
+
+    By the summary path the population is sampled with each trace's summary in its place, and the draws are
+    then corrected; "automatic" goes on to the exact path, every trace in every step, where the Pareto k of
+    the correction says that it can't be trusted. Where the model file leaves a discrepancy to the program,
+    and the best fits show plainly that one is needed, this is all that is returned: see `plainly_wrong`.
+    """
+    done = partial(say, "summarising each trace")
+    done(0, 1)
+    if specification.sampler.path != "exact" and len(prepared.impacts) >= MANY:
+        many = summarise_many(prepared, say=done)
+        drawn, unfolded, corrected = many_draws(prepared, many, specification.sampler, seed, say)
+        return analyse(prepared, specification, unfolded, drawn, seed, say, corrected)
+    path, settings = specification.sampler.path, specification.sampler
+    if path == "exact":
+        return _exactly(prepared, specification, seed, say, checkpoints)
+    doubted = specification.may_add_discrepancy and not prepared.model.discrepancy
+    with second_process(prepared, settings, core) as helper:
+        # Of an element that the tissue may well not be, nothing is compiled that may not be asked for.
+        if not doubted or prepared.model.element == SIDE_BY_SIDE:
+            helper.compile_ahead()
+        expansions = expanded(prepared)
+        wrong = plainly_wrong(prepared, expansions, seed) if doubted else None
+        if wrong is not None:
+            return wrong
+        guess = not last_is_normal(prepared, expansions) if prepared.model.last_may_be_open else None
+        helper.compile_ahead(profiled=guess)
+        first = summarise(prepared, expansions=expansions, say=done, helper=helper)
+        sampling = partial(say, "sampling the population")
+        summarised, draws, correction = corrected_draws(
+            prepared, settings, seed, summarised=first, say=done, progress=sampling, helper=helper
+        )
+        if path == "summary" or correction.trusted:
+            told = Told(summarised.summaries, summarised.profile, correction.ratios)
+            return label(prepared, specification, told.summaries, draws, seed, say, told, correction, helper)
+    return _exactly(prepared, specification, seed, say, checkpoints, summarised)
+
+
+def _exactly(
+    prepared: Prepared,
+    specification: ModelSpecification,
+    seed: int,
+    say: Say,
+    checkpoints: Path | None,
+    scored: Summarised | None = None,
+) -> TraceAnalysis:
+    # Here the summaries only whiten; scores ask for those that stand for the traces.
+    done = partial(say, "summarising each trace")
+    summarised = summarise(prepared, refinements=0, say=done)
+    scored = scored or summarise(prepared, say=done)
+    sampling = partial(say, "sampling the posterior")
+    settings = specification.sampler
+    draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)
+    told = Told(scored.summaries, scored.profile)
+    return label(prepared, specification, summarised.summaries, draws, seed, say, told)
+
+
+def label(
+    prepared: Prepared,
+    specification: ModelSpecification,
+    summaries: Summaries,
+    draws: Draws,
+    seed: int,
+    say: Say,
+    told: Told,
+    correction: Correction | None = None,
+    helper: Helper | None = None,
+) -> TraceAnalysis:
+    """Everything that follows from the draws, which are in these summaries' coordinates."""
+    helper = helper or Helper()
+    say("predicting", 0, 1)
+    key = jax.random.PRNGKey(seed)
+    unfolded = of_secant(prepared, unfold(prepared, summaries, draws, key, helper, told=told))
+    helper.wait(PREDICTIONS)
+    return analyse(prepared, specification, unfolded, draws, seed, say, correction, helper)
+
+
+def analyse(
+    prepared: Prepared,
+    specification: ModelSpecification,
+    unfolded: Unfolded,
+    draws: Draws,
+    seed: int,
+    say: Say,
+    correction: Correction | None = None,
+    helper: Helper | None = None,
+) -> TraceAnalysis:
+    """Labels, tables, checks and scores of draws of everything."""
+    sources = (helper or Helper()).begin(interval_sources, prepared, unfolded)
+    tree = posterior_tree(prepared, specification, draws, unfolded, seed)
+    posterior = tree["posterior"].dataset
+    exponents = {
+        q: posterior[f"mass_exponent_{q}"].to_numpy()
+        for q in (*derived.RESPONSES, COMMON_DEPTH, "K_secant")
+        if f"mass_exponent_{q}" in posterior
+    }
+    say("checking and scoring", 0, 1)
+    # First what the other process has no part in: it is still at the sources.
+    form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
+    summary = summary_table(posterior, helper)
+    further = () if correction is None else correction.checks()
+    diagnostics = diagnose(summary, statistics_of_transitions(draws), further)
+    return TraceAnalysis(
+        tree,
+        summary,
+        diagnostics | form,
+        derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
+        scores,
+        sensitivity,
+        sources(),
+    )
+
+
+def _form(prepared: Prepared, tree: xr.DataTree) -> dict[str, Any]:
+    """What the residuals say of the model, where it is one of the recorded deceleration."""
+    if prepared.model.kind != "impact":
+        return {}
+    form = model_form(tree, "deceleration")
+    if not prepared.model.discrepancy:
+        return {"model_form": form}
+    found = described(tree)
+    return {"model_form": form | found | {"words": found["words"] if found["undescribed"] else form["words"]}}

@@ -1,0 +1,51 @@
+"""What is kept of many impacts: some draws of each, and everything of some of them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Int
+
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.execution.chunks import impacts_of
+
+MOST_VALUES = 10_000_000
+SHOWN = 1000
+
+
+def some_impacts(count: int) -> Int[np.ndarray, " shown"]:
+    """The impacts for which everything is kept: all, or a thousand evenly spaced ones."""
+    return np.unique(np.linspace(0, count - 1, min(count, SHOWN)).round().astype(int))
+
+
+def kept_draws(chains: int, draws: int, impacts: int) -> Int[np.ndarray, " kept"]:
+    """Numbers of the draws of each chain that are kept of single impacts, evenly spaced."""
+    most = max(10, MOST_VALUES // (chains * impacts))
+    return np.arange(0, draws, max(1, -(-draws // most)))
+
+
+def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
+    """The same fit with these impacts alone, the population as it was."""
+    signal: Any = prepared.signal
+    count = len(prepared.impacts)
+
+    def chosen(name: str) -> Any:
+        value = getattr(signal, name)
+        if isinstance(value, list):
+            return [value[row] for row in rows]
+        return value[rows] if len(value) == count else value
+
+    data = impacts_of(prepared.data, rows)
+    cells, cell = np.unique(data.design.cell, return_inverse=True)
+    columns = tuple(np.asarray(matrix)[cells] for matrix in data.design.columns)
+    data = jax.tree.map(jnp.asarray, data._replace(design=data.design._replace(columns=columns, cell=cell)))
+    return replace(
+        prepared,
+        data=data,
+        signal=replace(signal, **{name: chosen(name) for name in signal.__dataclass_fields__}),
+        impacts=prepared.impacts.iloc[rows].reset_index(drop=True),
+    )

@@ -1,0 +1,210 @@
+"""Point estimates as a table: from a dataset over its displacements to `estimates.csv`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+from scipy.special import stdtrit
+
+from bayestissue.inference.points.fit import Column, Method, PointFit, fit_points
+from bayestissue.inference.points.notes import (
+    ANOTHER_PEAK,
+    ARCCOS,
+    AT_A_LIMIT,
+    NO_ANSWER,
+    NO_OSCILLATOR,
+    NOISELESS,
+    NOT_POSITIVE,
+    NOT_WHITE,
+    THETA1,
+)
+from bayestissue.signal import Displacements, SignalOptions, displacements
+from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.quality import Finding, inspect, raised
+from bayestissue.signal.quality.kinds import DRIFT, HUM
+
+if TYPE_CHECKING:
+    from bayestissue.dataset import Dataset
+
+# Past these a trace of one loading tells K and C apart no more: one of the two forces rules alone.
+ZETA_LIMITS = (0.005, 5.0)
+WHITE_BY_CHANCE = 0.01
+# The displacement that K and C imply and the one recorded differ by a few per cent at worst if both hold.
+PEAK_DISAGREES = 0.2
+THICKNESS = "tissue_thickness_m"
+
+
+def default_options(method: Method) -> SignalOptions:
+    """How x is made unless told otherwise; "dds" integrates and centres as the thesis did."""
+    if method == "dds":
+        return SignalOptions(integration="trapezoidal", equilibrium="sample-mean")
+    return SignalOptions()
+
+
+def estimate(
+    dataset: Dataset, *, method: Method = "exact", options: SignalOptions | None = None
+) -> pd.DataFrame:
+    """Point estimates of K and C for every impact of a dataset (thesis, chapters 2 and 4).
+
+    Args:
+        dataset: as `bayestissue.read_dataset` returns it.
+        method: "exact" for maximum likelihood about the rest position; "dds" for the thesis's
+            conditional least squares about the sample mean.
+        options: how the displacement is made from the recording; `default_options` unless given.
+
+    Returns:
+        One row per impact with the columns of `estimates.csv`: the ARMA(2,1) coefficients, omega_n, zeta,
+        K and C, and ``flags``, what is wrong with the impact, joined by "; "; then the standard errors and
+        90 % intervals (`interval`) of K and C, from the trace and the dataset's relative standard deviation
+        of the mass alone; and last ``notes``, what is not wrong with the impact but a property of the method
+        or of how it was recorded (see `bayestissue.inference.points.notes`).
+
+    Raises:
+        InputError: the options ask for what the recordings can't give.
+    """
+    options = options or default_options(method)
+    signal = displacements(dataset, options)
+    return estimates_table(dataset, signal, method, inspect(dataset, options))
+
+
+def estimates_table(
+    dataset: Dataset, signal: Displacements, method: Method, found: Sequence[Finding] = ()
+) -> pd.DataFrame:
+    """The table of `estimate` for displacements that are at hand.
+
+    Impacts of fewer than eight samples have a row without numbers.
+
+    Args:
+        dataset: the recordings.
+        signal: what was made of them.
+        method: see `estimate`.
+        found: what `bayestissue.signal.quality.inspect` found; flagged.
+    """
+    long_enough = signal.n_samples >= FEWEST_SAMPLES
+    fit = fit_points(
+        signal.x[long_enough],
+        signal.n_samples[long_enough],
+        signal.dt[long_enough],
+        signal.mass[long_enough],
+        method,
+    )
+    whole = PointFit(*(_spread(column, long_enough) for column in fit))
+    mass_sd = dataset.uncertainty.relative_mass_sd
+    # Where no oscillator has the coefficients C may be infinite.
+    with np.errstate(invalid="ignore"):
+        K_se = np.hypot(whole.K_se, whole.K_signed * mass_sd)
+        C_se = np.hypot(whole.C_se, whole.C_signed * mass_sd)
+    # An impact without an estimate has no interval either.
+    has = np.isfinite(whole.K)
+    K_low, K_high = interval(np.where(has, whole.K_signed, np.nan), K_se, signal.n_samples)
+    C_low, C_high = interval(np.where(has, whole.C_signed, np.nan), C_se, signal.n_samples)
+    flags, notes = _flags(dataset, signal, whole, found, method)
+    table = dataset.impacts[["impact", "subject", "trial", "mass_kg"]].assign(
+        velocity_m_s=signal.velocity,
+        n_samples=signal.n_samples,
+        sampling_interval_s=signal.dt,
+        phi1=whole.phi1,
+        phi2=whole.phi2,
+        theta1=whole.theta1,
+        sigma_a=whole.sigma_a,
+        omega_n_rad_s=whole.omega_n,
+        zeta=whole.zeta,
+        K_N_per_m=whole.K,
+        C_N_s_per_m=whole.C,
+        peak_displacement_m=signal.peak_displacement,
+        time_to_peak_s=signal.time_to_peak,
+        flags=["; ".join(row) for row in flags],
+        K_se_N_per_m=K_se,
+        K_low_N_per_m=K_low,
+        K_high_N_per_m=K_high,
+        C_se_N_s_per_m=C_se,
+        C_low_N_s_per_m=C_low,
+        C_high_N_s_per_m=C_high,
+        omega_n_se_rad_s=whole.omega_n_se,
+        zeta_se=whole.zeta_se,
+        theta1_se=whole.theta1_se,
+        log_likelihood=whole.log_likelihood,
+        whiteness_p=whole.whiteness_p,
+        notes=["; ".join(row) for row in notes],
+    )
+    return table.reset_index(drop=True)
+
+
+def interval(
+    estimate: Column, error: Column, n_samples: np.ndarray, probability: float = 0.9
+) -> tuple[Column, Column]:
+    """The interval that should hold the truth with this probability, by Student's t with n - 5 degrees.
+
+    K and C are all but linear in phi1 and phi2, in which the residuals are exactly linear: so the interval
+    is laid symmetrically around the estimate, also one below zero, and what lies below zero is cut off. Where
+    nothing is left above zero there is no interval.
+
+    Args:
+        estimate: `PointFit.K_signed` or `PointFit.C_signed`.
+        error: its standard error.
+        n_samples: samples of each impact; two of them are given, and phi1, phi2 and theta1 are fitted.
+        probability: of holding the truth, when the noise is as the fit assumes.
+
+    Returns:
+        Lower and upper end, NaN where there is no interval or no standard error.
+    """
+    reach = stdtrit(np.maximum(n_samples - 5, 1), (1 + probability) / 2) * error
+    high = np.where(estimate + reach > 0, estimate + reach, np.nan)
+    return np.where(np.isfinite(high), np.maximum(estimate - reach, 0), np.nan), high
+
+
+def _spread(column: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    whole = np.zeros(len(rows), bool) if column.dtype == bool else np.full(len(rows), np.nan)
+    whole[rows] = column
+    return whole
+
+
+def _flags(
+    dataset: Dataset, signal: Displacements, fit: PointFit, found: Sequence[Finding], method: Method
+) -> tuple[list[list[str]], list[list[str]]]:
+    """What is wrong with each impact, and what is only the method's or the recording's way."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        implied = fit.unit_peak * signal.velocity
+        another_peak = np.abs(implied / signal.peak_displacement - 1) > PEAK_DISAGREES
+        failed = {
+            NO_OSCILLATOR: np.isfinite(fit.phi1) & np.isnan(fit.K),
+            NOT_POSITIVE: (fit.K <= 0) | (fit.C <= 0),
+            AT_A_LIMIT: (fit.zeta < ZETA_LIMITS[0]) | (fit.zeta > ZETA_LIMITS[1]),
+        }
+        wrong = {"deeper than the tissue is thick": _too_deep(dataset, signal)}
+        noted = {
+            THETA1: fit.theta1_at_limit & ~fit.noiseless,
+            ARCCOS: (fit.branch > 0) & ~fit.noiseless,
+            NOISELESS: fit.noiseless,
+            NOT_WHITE: fit.whiteness_p < WHITE_BY_CHANCE,
+        }
+    # Centred deviations have another K and C by their nature.
+    (noted if method == "dds" else failed)[ANOTHER_PEAK] = another_peak
+    if dataset.quantity == "displacement":
+        # It happens to a third of sound ones: the method's way with a position sensor's noise.
+        noted[NO_ANSWER] = np.any(list(failed.values()), axis=0)
+    else:
+        wrong |= failed
+    spoilt = raised(found, len(another_peak))
+    flags = [[*a, *b, *c] for a, b, c in zip(spoilt, signal.flags, _by_row(wrong), strict=True)]
+    # No quiet part is found where hum or drift stand in it: that is named instead.
+    notes = [
+        [*(n for n in a if not {HUM.flag, DRIFT.flag} & set(named)), *b]
+        for a, b, named in zip(signal.notes, _by_row(noted), spoilt, strict=True)
+    ]
+    return flags, notes
+
+
+def _by_row(words: dict[str, np.ndarray]) -> list[list[str]]:
+    rows = zip(*(column.astype(bool).tolist() for column in words.values()), strict=True)
+    return [[text for text, up in zip(words, row, strict=True) if up] for row in rows]
+
+
+def _too_deep(dataset: Dataset, signal: Displacements) -> np.ndarray:
+    if THICKNESS not in dataset.impacts:
+        return np.zeros(len(signal.n_samples), bool)
+    thickness = pd.to_numeric(dataset.impacts[THICKNESS], errors="coerce").to_numpy(float)
+    return signal.peak_displacement > thickness

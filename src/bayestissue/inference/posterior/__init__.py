@@ -1,0 +1,1 @@
+"""The posterior of a fit: approximate, integrate out, sample, correct, draw; and the exact path."""

@@ -1,0 +1,339 @@
+"""What a fit of traces needs before its chains: first guesses, summaries, and the spreads' posterior mode."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import partial
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+from jax import Array
+from jaxtyping import Float
+from numpyro.infer.util import potential_energy
+
+from bayestissue.elements import element
+from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.log_evidence import log_evidence
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import (
+    COORDINATES,
+    TraceData,
+    TraceModel,
+    population,
+    sample_warped,
+    with_normal_errors,
+)
+from bayestissue.hierarchy.warp import Warp
+from bayestissue.inference.execution.compiling import Helper, compiled_quickly
+from bayestissue.inference.factors.grid import Profile, cleared_of_last, flat_profile, profile_last
+from bayestissue.inference.factors.laplace import Anchor, loose_anchor, summarise_traces
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.moments import compare, refine, standard_points
+from bayestissue.inference.points.fit import PointFit, fit_points
+from bayestissue.inference.posterior.conditional_prior import Expectations, expectations
+from bayestissue.inference.posterior.coordinates import Coordinates, straight, warp_about
+from bayestissue.inference.posterior.mode import covariance_about, find_mode
+from bayestissue.inference.samplers.sampling import Progress, silent
+from bayestissue.signal import Displacements
+
+REFINEMENTS = 2
+# Beside a discrepancy traces leave directions open, and summaries follow the population more slowly.
+WITH_DISCREPANCY = 6
+# A profile integrates the other parameters over so many points: few where impacts are many.
+PROFILE_POINTS, FEW = 32, 4
+LAST = "standard_last"
+# Of artanh theta1 or a log, the standard deviation up to which its likelihood passes for a normal.
+_WELL_TOLD = 0.3
+# Steps of that log; where a likelihood is a normal so narrow, it is lower there by 50.
+_FAR, _CLEARLY_LESS = np.array([0.0, -3.0, 3.0]), 10.0
+_NEAREST = 0.99
+_HELD = 1e8
+
+
+def spreads_model(
+    model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None, warp: Warp
+) -> None:
+    """The numpyro model of the standard deviations alone, everything else integrated out.
+
+    With a profile of the last parameter, its mean is sampled too, since only a normal integrates in closed
+    form. That mean is the last element of b, and so depends on the last standard normal alone, which is the
+    last of the coordinates that ``warp`` is the map from.
+    """
+    sites, rest = sample_warped(model, warp)
+    spread = population(model, sites)
+    numpyro.factor("summaries", log_evidence(data.design, spread, data.location_mean, summaries))
+    if profile is not None:
+        (z,) = rest
+        # The summaries are cleared of the last parameter, and leave its mean as its prior has it.
+        mean = data.location_mean[-1] + spread.locations[-1] * z
+        numpyro.factor("profile", profile.log_evidence(mean, spread.nuisance[-1]).sum() - z**2 / 2)
+
+
+def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
+    """Each impact's parameters: K and C from its point estimate, or of decelerations from its motion.
+
+    Where these give no K it is from the time to peak, and where they give no C that of light damping.
+    """
+    signal, which = prepared.signal, element(prepared.model.element)
+    if prepared.model.kind == "impact":
+        (K, C), fit = _of_motion(signal), None
+    else:
+        fit = fit_points(signal.x, signal.n_samples, signal.dt, signal.mass)
+        K, C = fit.K, fit.C
+    stiffness = np.where(np.isfinite(K) & (K > 0), K, signal.mass * (np.pi / 2 / signal.time_to_peak) ** 2)
+    lightly = 0.1 * np.sqrt(stiffness * signal.mass)
+    damping = np.where(np.isfinite(C) & (0.02 * lightly < C), C, lightly)
+    own = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
+    columns = [*(np.log(np.asarray(each)) for each in own), _noise(prepared, fit)]
+    columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
+    columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
+    correlation = prepared.model.priors.atanh_noise_correlation.mean
+    columns += [np.full(len(stiffness), correlation)] * prepared.model.autoregressive
+    if fit is not None and prepared.model.kind == "arma":
+        # artanh has no value at -1 and 1, where point estimates like to lie.
+        columns.append(np.arctanh(np.clip(fit.theta1, -_NEAREST, _NEAREST)))
+    return np.stack(columns, axis=1)
+
+
+def _of_motion(signal: Displacements) -> Float[np.ndarray, "2 impact"]:
+    """K and C by least squares of M d on penetration and velocity, as integrated from d."""
+    # Since contact: where x is measured from elsewhere, that is no part of the force.
+    moved = np.stack([signal.x + signal.equilibrium[:, None], signal.v], axis=-1)
+    inside = np.arange(moved.shape[1]) < signal.n_samples[:, None]
+    moved = np.where(inside[..., None], moved, 0.0)
+    squares = np.einsum("isa,isb->iab", moved, moved)
+    products = np.einsum("isa,is->ia", moved, signal.mass[:, None] * signal.deceleration)
+    return (np.linalg.pinv(squares, hermitian=True) @ products[..., None])[..., 0].T
+
+
+def _noise(prepared: Prepared, fit: PointFit | None) -> np.ndarray:
+    log_peak = np.asarray(prepared.data.log_peak)
+    if fit is None:
+        return np.log(np.maximum(prepared.signal.noise_sd, 1e-12)) - log_peak
+    spectral = np.sqrt(1 + fit.theta1**2) if prepared.model.kind == "arma" else 1.0
+    return np.log(np.maximum(fit.sigma_a, 1e-300) * spectral) - log_peak
+
+
+@dataclass(frozen=True)
+class Summarised:
+    """All that the sampler needs to know of the traces beforehand.
+
+    Attributes:
+        summaries: of the traces.
+        spreads: coordinates of the standard deviations, and behind them, where there is a profile, of the
+            last location's standard normal: traces whose theta1 is at -1 leave it a wall on one side and
+            nothing but its prior on the other.
+        profile: what the traces say of a last parameter that they leave open; see
+            `TraceModel.last_may_be_open`.
+    """
+
+    summaries: Summaries
+    spreads: Coordinates
+    profile: Profile | None
+
+
+def expanded(prepared: Prepared) -> Summaries:
+    """Every likelihood expanded at its own maximum: what `summarise` begins with."""
+    start = first_guess(prepared)
+    # A uniform error leaves its likelihood flat on top, which no expansion can describe.
+    smooth = with_normal_errors(prepared.data)
+    return summarise_traces(prepared.model, smooth, start, loose_anchor(start))
+
+
+def summarise(
+    prepared: Prepared,
+    *,
+    expansions: Summaries | None = None,
+    normal: bool | None = None,
+    refinements: int | None = None,
+    say: Progress = silent,
+    helper: Helper | None = None,
+) -> Summarised:
+    """Summaries of the traces, each made where the whole data set says that its parameters are.
+
+    First every likelihood is expanded at its own maximum, then at the maximum under the population that
+    this implies, which matters where a trace says little; then moments replace the expansions.
+
+    Args:
+        prepared: model and data.
+        expansions: what `expanded` found, if it was asked before.
+        normal: whether a last parameter that traces may leave open is part of the normal summaries, or has a
+            profile of its own; as the traces suggest, unless given.
+        refinements: how often moments replace the expansions, `REFINEMENTS` or `WITH_DISCREPANCY` times
+            unless given. They make a summary that stands for its trace;
+            one that only whitens, as on the exact path, is better without: under a population whose spread
+            has its mode next to 0, moments tell of a trace what is not there.
+        say: told how many of these passes are done, and of how many.
+        helper: told whether there will be a profile.
+    """
+    model, data = prepared.model, prepared.data
+    if refinements is None:
+        refinements = WITH_DISCREPANCY if model.discrepancy else REFINEMENTS
+    passes = 2 + refinements
+    smooth = with_normal_errors(data)
+    summaries = expansions or expanded(prepared)
+    impacts, size = summaries.centre.shape
+    say(1, passes)
+    profile = flat_profile(impacts) if model.last_may_be_open else None
+    finder = _SpreadsFinder(model, data, profile)
+    mode = finder.mode(summaries, None)
+    anchor = finder.expectation(summaries, mode).anchor(0)
+    summaries = summarise_traces(model, smooth, np.asarray(summaries.centre), anchor)
+    say(2, passes)
+    standard = standard_points(size)
+    for number in range(refinements):
+        mode = finder.mode(summaries, mode)
+        anchor = finder.expectation(summaries, mode).anchor(0)
+        points = compare(model, data, summaries, anchor, standard)
+        # A last parameter that is open has a profile instead.
+        summaries = refine(summaries, anchor, points, bent=not model.last_may_be_open)
+        say(3 + number, passes)
+    mode = finder.mode(summaries, mode)
+    if not model.last_may_be_open:
+        return Summarised(summaries, finder.coordinates(summaries, mode), None)
+    normal = last_is_normal(prepared, summaries) if normal is None else normal
+    (helper or Helper()).decided(profiled=not normal)
+    if normal:
+        finder.profile = None
+        return Summarised(summaries, finder.coordinates(summaries, mode[:-1]), None)
+    few = standard_points(size, PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2)
+    summaries = cleared_of_last(summaries)
+    found = finder.expectation(summaries, mode)
+    once = model.kind == "arma"
+    profile = profile_last(model, data, summaries, found.anchor(0), few, roughly=not once)
+    finder.profile = profile
+    # Away from where the profiles are high, a search would follow the slope of a cliff.
+    mode = finder.mode(summaries, finder.at_best_last(summaries, mode))
+    if not once:
+        # The first summaries were made where a search along the last parameter had stopped.
+        anchor = _anchored_at(finder.last_mean(mode), finder.expectation(summaries, mode))
+        summaries = summarise_traces(model, smooth, anchor.mean, anchor)
+        for _ in range(REFINEMENTS):
+            summaries = refine(summaries, anchor, compare(model, data, summaries, anchor, standard))
+        summaries = cleared_of_last(summaries)
+        found = finder.expectation(summaries, mode)
+        profile = profile_last(model, data, summaries, found.anchor(0), few)
+        finder.profile = profile
+        mode = finder.mode(summaries, mode)
+    return Summarised(summaries, finder.coordinates(summaries, mode), profile)
+
+
+def last_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
+    """Whether the traces tell the last parameter well enough for its likelihood to be normal.
+
+    N samples tell theta1 to ((1 - theta1^2) / N)^1/2, and so artanh theta1 to cosh(artanh theta1) / N^1/2;
+    an element's further parameter as well as the summaries say, unless the likelihood has another end.
+    """
+    if prepared.model.kind != "arma":
+        covariance = np.linalg.inv(np.asarray(summaries.precision))
+        narrow = np.sqrt(np.median(covariance[:, -1, -1])) < _WELL_TOLD
+        return bool(narrow) and not _has_another_end(prepared, summaries)
+    middle = np.median(np.asarray(summaries.centre)[:, -1])
+    return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
+
+
+def _has_another_end(prepared: Prepared, summaries: Summaries) -> bool:
+    """Whether far from the summaries' centres, along the last parameter, traces are nearly as likely.
+
+    A search may have stopped on a shelf, from which the likelihood rises slowly to where it is level.
+    """
+    centre = np.asarray(summaries.centre)
+    last = np.arange(centre.shape[1]) == centre.shape[1] - 1
+    own, *far = log_likelihoods(prepared.model, prepared.data, centre + _FAR[:, None, None] * last)
+    lost = np.median(own - np.asarray(far), axis=1)
+    return bool((lost < _CLEARLY_LESS).any())
+
+
+# Of the last location's standard normal, at which its density is looked at.
+_PLACES = np.linspace(-8.0, 8.0, 321)
+
+
+@compiled_quickly("model")
+def _value_and_slope(
+    model: TraceModel,
+    y: Array,
+    data: TraceData,
+    summaries: Summaries,
+    profile: Profile | None,
+    warp: Warp,
+) -> tuple[Array, Array]:
+    """Minus the log density of the spreads' coordinates, and its gradient."""
+    own = partial(spreads_model, model)
+
+    def potential(y: Array) -> Array:
+        return potential_energy(own, (data, summaries, profile, warp), {}, {COORDINATES: y})
+
+    return jax.value_and_grad(potential)(y)
+
+
+class _SpreadsFinder:
+    """Posterior mode of the standard deviations, and the coordinates that make it a normal's."""
+
+    def __init__(self, model: TraceModel, data: TraceData, profile: Profile | None = None) -> None:
+        self._model, self.profile = model, profile
+        self.data = data._replace(record=None)  # type: ignore[arg-type]
+
+    @property
+    def _names(self) -> tuple[str, ...]:
+        return names_of(self._model, profiled=self.profile is not None)
+
+    def at(self, y: np.ndarray, summaries: Summaries, warp: Warp | None = None) -> tuple[float, np.ndarray]:
+        warp = warp or straight(len(y))
+        value, slope = _value_and_slope(self._model, y, self.data, summaries, self.profile, warp)
+        return float(value), np.asarray(slope)
+
+    def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
+        return find_mode(self._model, self._names, lambda flat: self.at(flat, summaries), start)
+
+    def at_best_last(self, summaries: Summaries, flat: np.ndarray) -> np.ndarray:
+        """The same place where the last location's standard normal is most likely."""
+        places = np.repeat(flat[None], len(_PLACES), axis=0)
+        places[:, -1] = _PLACES
+        return places[np.argmin([self.at(place, summaries)[0] for place in places])]
+
+    def last_mean(self, flat: np.ndarray) -> float:
+        """The mean of the last parameter there."""
+        return float(self.data.location_mean[-1] + self._model.locations.sd[-1] * flat[-1])
+
+    def expectation(self, summaries: Summaries, flat: np.ndarray) -> Expectations:
+        """There, b having its conditional mean."""
+        raw = dict(zip(self._names, np.reshape(flat, (-1, 1)), strict=True))
+        return expectations(self._model, self.data, summaries, raw, np.zeros((1, self._model.locations.size)))
+
+    def coordinates(self, summaries: Summaries, mode: np.ndarray) -> Coordinates:
+        scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, summaries)[1], mode)))
+        warp = warp_about(lambda flat: -self.at(flat, summaries)[0], mode, scale)
+        about = covariance_about(lambda y: self.at(y, summaries, warp)[1], np.zeros(len(mode)))
+        return Coordinates(self._names, warp, about)
+
+
+def potential_at(
+    prepared: Prepared, summarised: Summarised, y: Float[np.ndarray, " coordinate"]
+) -> tuple[float, Float[np.ndarray, " coordinate"]]:
+    """Minus the log density of the spreads' coordinates there, and its gradient; no trace is asked for."""
+    finder = _SpreadsFinder(prepared.model, prepared.data, summarised.profile)
+    return finder.at(y, summarised.summaries, summarised.spreads.warp)
+
+
+def names_of(model: TraceModel, *, profiled: bool) -> tuple[str, ...]:
+    """Of the coordinates that chains move in: the spreads', and with a profile the last location's."""
+    return (*model.spreads, LAST) if profiled else model.spreads
+
+
+def spreads_of_summaries(
+    prepared: Prepared, summaries: Summaries, near: Mapping[str, np.ndarray]
+) -> Coordinates:
+    """The spreads' coordinates given other summaries, their mode sought from ``near`` on, unconstrained."""
+    finder = _SpreadsFinder(prepared.model, prepared.data)
+    begin = np.array([near[name] for name in prepared.model.spreads])
+    return finder.coordinates(summaries, finder.mode(summaries, begin))
+
+
+def _anchored_at(last: float, found: Expectations) -> Anchor:
+    """The population's anchor with the last parameter held at a value."""
+    mean, precision = (np.array(part) for part in found.anchor(0))
+    mean[:, -1], precision[-1, -1] = last, _HELD
+    return Anchor(mean, precision)

@@ -1,0 +1,197 @@
+"""From the sampler's standard normals back to what they stand for."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formula import GROUPS
+from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.population import SharedError, Spread, of_impacts
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
+from bayestissue.inference.execution.compiling import DRAWS, Helper, compiled_sooner, in_pieces
+from bayestissue.inference.factors.moments import normals
+from bayestissue.inference.posterior.conditional_prior import expectations
+from bayestissue.inference.posterior.scores import Told, of_draws
+from bayestissue.inference.quantities.elements import element_quantities, measured_of
+from bayestissue.inference.samplers.sampling import Draws
+
+
+@dataclass(frozen=True)
+class Unfolded:
+    """Draws of everything, each array [chain, draw, ...].
+
+    ``sites`` are the hierarchy's quantities by the names of `bayestissue.hierarchy.effects`, ``impacts``
+    those of every impact, ``log_likelihood`` the log density of each impact, subject and trial with its own
+    parameters and effects integrated out. Where ``kept`` is given, impacts have these draws of each chain
+    only, and log densities are those of some impacts.
+    """
+
+    sites: dict[str, np.ndarray]
+    impacts: dict[str, np.ndarray]
+    log_likelihood: dict[str, np.ndarray]
+    kept: np.ndarray | None = None
+
+
+def unfold(
+    prepared: Prepared,
+    summaries: Summaries,
+    draws: Draws,
+    key: Array,
+    helper: Helper | None = None,
+    *,
+    told: Told | None = None,
+) -> Unfolded:
+    """Map all draws back, some of them by the helper, if there is one.
+
+    Args:
+        prepared: the fit.
+        summaries: in whose coordinates the draws are.
+        draws: of the sampler.
+        key: of what is drawn besides.
+        helper: shares what is done draw by draw.
+        told: of the traces' likelihoods, for the log densities; these summaries unless given.
+    """
+    model, data = prepared.model, prepared.data
+    shape = next(iter(draws.sites.values())).shape[:2]
+    flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
+    expected = expectations(model, data, summaries, flat, flat["standard_locations"])
+    u = normals(summaries, expected.anchors).at(flat["standard_impacts"])
+    keys = jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1])
+    rows = (expected.sites, expected.b, expected.about, u, keys)
+    b, impacts = in_pieces(helper or Helper(), DRAWS, partial(unfold_all, model), (data,), rows)
+    scores = of_draws(prepared, told or Told(summaries), expected)
+    sites, b, impacts, scores = jax.tree.map(
+        lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (expected.sites, b, impacts, scores)
+    )
+    return Unfolded(named_sites(prepared, sites, b), impacts, scores)
+
+
+def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarray) -> dict[str, np.ndarray]:
+    """The hierarchy's quantities by name, from the spreads and the locations b, all [chain, draw, ...].
+
+    Effects that the formulas leave out are zero, so that what follows need not ask.
+    """
+    sites = dict(spreads)
+    for name, part in prepared.model.locations.parts.items():
+        values = b[..., part]
+        sites[name] = values if name.startswith(("subject_", "trial_", "covariate_")) else values[..., 0]
+    for response in RESPONSES:
+        for group in GROUPS:
+            count = len(getattr(prepared.design, f"{group}s"))
+            sites.setdefault(f"{group}_effect_{response}", np.zeros((*b.shape[:2], count)))
+            sites.setdefault(f"sd_{group}_{response}", np.zeros(b.shape[:2]))
+    return sites
+
+
+@compiled_sooner("model")
+def unfold_all(
+    model: TraceModel,
+    data: TraceData,
+    sites: dict[str, Array],
+    b: Float[Array, "draw location"],
+    about: Float[Array, "draw impact parameter"],
+    u: Float[Array, "draw impact parameter"],
+    keys: Array,
+) -> tuple[Array, dict[str, Array]]:
+    """Locations at people's true masses, and every impact's quantities, of each draw along a first axis."""
+
+    def one(draw: tuple[dict[str, Array], Array, Array, Array, Array]) -> tuple[Array, dict[str, Array]]:
+        own, locations, here, values, key = draw
+        of_mass, of_errors = jax.random.split(key)
+        spread, columns = population(model, own), list(values.T)
+        locations, mass_error = _mass_error(model, data, spread, locations, columns, list(here.T), of_mass)
+        return locations, impact_quantities(model, data, columns, mass_error, of_errors)
+
+    return jax.lax.map(one, (sites, b, about, u, keys))
+
+
+def impact_quantities(
+    model: TraceModel, data: TraceData, u: list[Array], mass_error: Array, key: Array
+) -> dict[str, Array]:
+    """What an impact's parameters stand for, and a draw of the chain's errors given them.
+
+    Args:
+        model: the model.
+        data: the dataset.
+        u: each impact's parameters, K and C at the recorded mass.
+        mass_error: of the log mass.
+        key: of the chain's errors.
+    """
+    at, distribution = physical(model, data, u), trace_distribution(model, data, u)
+    measured = measured_of(distribution, key)
+    impacts = {
+        "K": jnp.exp(u[0] + mass_error),
+        "C": jnp.exp(u[1] + mass_error),
+        "omega_n": at.omega_n,
+        "zeta": at.zeta,
+        "mass": jnp.exp(data.log_mass + mass_error),
+        "chain_error": measured.chain_error,
+        **({"sigma_d": jnp.exp(at.log_sigma)} if model.kind == "impact" else {}),
+        **({} if model.kind == "impact" else {"sigma_a": jnp.exp(at.log_sigma)}),
+        "parameters": jnp.stack(u, axis=-1),
+    }
+    impacts |= element_quantities(model, data, u, mass_error, measured)
+    if model.kind != "impact":
+        impacts["theta1"] = distribution.differences()[2]
+    return impacts
+
+
+def _mass_error(
+    model: TraceModel,
+    data: TraceData,
+    spread: Spread,
+    b: Array,
+    u: list[Array],
+    about: list[Array],
+    key: Array,
+) -> tuple[Array, Array]:
+    """People's effects in b put at their true mass, and each impact's error of the log mass.
+
+    Everything seen is log K - e and log C - e. Where e is an impact's own, Var(e) is part of the covariance
+    of u; where it is a person's, of that of the person's effects, from which it is taken apart here. Either
+    way e is normal given what is seen.
+    """
+    if spread.shared is not None:
+        error = error_of_people(spread.locations, spread.shared, b, key)
+        b = b.at[spread.shared.effect_on_K].add(error).at[spread.shared.effect_on_C].add(error)
+        return b, of_impacts(data.design, spread.shared, error)
+    return b, impact_error(model, spread, u, about, key)
+
+
+def impact_error(model: TraceModel, spread: Spread, u: list[Array], about: list[Array], key: Array) -> Array:
+    """The error of the log mass where it is each impact's own, given u and its expectation."""
+    kk, kc, cc = spread.own
+    variance = model.log_mass_sd**2
+    determinant = kk * cc - kc**2
+    pull_K, pull_C = variance * (cc - kc) / determinant, variance * (kk - kc) / determinant
+    mean = -pull_K * (u[0] - about[0]) - pull_C * (u[1] - about[1])
+    left = jnp.maximum(variance * (1 - pull_K - pull_C), 0.0)
+    return mean + jnp.sqrt(left) * jax.random.normal(key, mean.shape)
+
+
+def error_of_people(sd: Array, shared: SharedError, b: Array, key: Array) -> Array:
+    """The error e given what is seen of a person's effects, f = s - e, all of them normal and independent.
+
+    Its mean is -v (C f_K + K f_C) / (K C + v (K + C)), with variances v of e, K of s_K and C of s_C.
+    """
+    K, C = sd[shared.effect_on_K] ** 2, sd[shared.effect_on_C] ** 2
+    over = shared.variance / (K * C + shared.variance * (K + C))
+    mean = -over * (C * b[shared.effect_on_K] + K * b[shared.effect_on_C])
+    return mean + jnp.sqrt(over * K * C) * jax.random.normal(key, mean.shape)
+
+
+def thinned(draws: dict[str, Any], number: int) -> dict[str, Any]:
+    """Every so many draws of each chain, so that about ``number`` are left of all chains."""
+    chains, length = next(iter(draws.values())).shape[:2]
+    step = max(1, chains * length // number)
+    return {name: values[:, ::step] for name, values in draws.items()}

@@ -1,0 +1,73 @@
+"""The first path: every trace in every step of the chains."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache, partial
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+
+from bayestissue.hierarchy.specification import Sampler
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import COORDINATES, TraceModel, sampled_model, warped
+from bayestissue.inference.posterior.approximate import Summarised
+from bayestissue.inference.samplers.nuts import Start, run_chains
+from bayestissue.inference.samplers.sampling import Draws, Progress, silent
+
+
+def exact_draws(
+    prepared: Prepared,
+    summarised: Summarised,
+    settings: Sampler,
+    seed: int,
+    *,
+    progress: Progress = silent,
+    checkpoints: Path | None = None,
+    processes: bool = True,
+) -> Draws:
+    """Draws of the sites of `sampled_model`, whose coordinates the summaries make; see `run_chains`."""
+    draws = run_chains(
+        model_of(prepared.model),
+        (prepared.data, summarised.summaries, summarised.spreads.warp),
+        start_of(prepared, summarised),
+        settings,
+        seed,
+        progress=progress,
+        checkpoints=checkpoints,
+        processes=processes,
+    ).thinned(settings.thinning)
+    sites = straightened(prepared.model, summarised, draws.sites)
+    return replace(draws, sites=sites)
+
+
+def straightened(
+    model: TraceModel, summarised: Summarised, sites: dict[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Draws as if no coordinate had been warped: the spreads' unconstrained values, and standard normals."""
+    count, warp = len(model.spreads), summarised.spreads.warp
+    raw = np.asarray(warp.part(slice(count))(sites[COORDINATES]))
+    z_b = sites["standard_locations"]
+    if summarised.profile is not None:
+        z_b = np.asarray(warped(jnp.asarray(z_b), warp))
+    rest = {name: values for name, values in sites.items() if name != COORDINATES}
+    return rest | {"standard_locations": z_b} | dict(zip(model.spreads, np.moveaxis(raw, -1, 0), strict=True))
+
+
+@lru_cache(maxsize=8)
+def model_of(model: TraceModel) -> Callable[..., None]:
+    """The same function each time, so that what is compiled for it serves again."""
+    return partial(sampled_model, model)
+
+
+def start_of(prepared: Prepared, summarised: Summarised) -> Start:
+    """Chains begin at the middle of the spreads given the summaries, and of all standard normals."""
+    middle = {
+        "standard_locations": np.zeros(prepared.model.locations.size),
+        "standard_impacts": np.zeros(summarised.summaries.centre.shape),
+    }
+    count = len(prepared.model.spreads)
+    covariance = summarised.spreads.covariance[:count, :count]
+    return Start({COORDINATES: np.zeros(count), **middle}, (COORDINATES,), covariance)

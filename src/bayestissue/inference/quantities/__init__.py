@@ -1,0 +1,1 @@
+"""What the draws of an impact stand for: stiffness at a depth, energy, exponents."""

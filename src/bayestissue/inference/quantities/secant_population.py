@@ -1,0 +1,59 @@
+"""K as the secant stiffness, where a discrepancy acts beside the element.
+
+With another force beside the element's, the K that the hierarchy samples is the element's own part of the
+force, which no measurement knows, and its interval may hold neither the tissue's tangent nor its secant. What
+can be said of the tissue is force over depth, which of a spring beside a damper is the spring's K.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.posterior.constrained_draws import Unfolded
+
+
+def of_secant(prepared: Prepared, unfolded: Unfolded) -> Unfolded:
+    """Draws in which K means the secant stiffness, of impacts and of the population.
+
+    In each draw log(K_secant / K) of the impacts is laid out over log K's formula: its least-squares line
+    goes to intercept, mass exponent and covariates, and what is left, averaged, to people and then to
+    conditions. The spreads stay. What the element's own K makes at contact is K_tangent.
+
+    Args:
+        prepared: the fit; without a discrepancy draws stay as they are.
+        unfolded: draws of everything, all of every impact.
+    """
+    model = prepared.model
+    if not model.discrepancy or unfolded.kept is not None:
+        return unfolded
+    impacts = unfolded.impacts
+    shift = np.log(impacts["K_secant"] / impacts["K"])
+    sites = unfolded.sites | shifted(prepared.design, unfolded.sites, shift)
+    return replace(unfolded, sites=sites, impacts={**impacts, "K": impacts["K_secant"]})
+
+
+def shifted(
+    design: Design, sites: dict[str, np.ndarray], shift: Float[np.ndarray, "chain draw impact"]
+) -> dict[str, np.ndarray]:
+    """The sites of log K with each impact's shift laid out over them."""
+    part = design.responses["K"]
+    names = ["intercept_K", *(["mass_exponent_K"] if part.log_mass is not None else [])]
+    columns = [np.ones(shift.shape[-1]), *([part.log_mass] if part.log_mass is not None else [])]
+    matrix = np.column_stack([*columns, part.covariates])
+    line = shift @ np.linalg.pinv(matrix).T
+    moved = {name: sites[name] + line[..., place] for place, name in enumerate(names)}
+    if part.names:
+        moved["covariate_effect_K"] = sites["covariate_effect_K"] + line[..., len(names) :]
+    left = shift - line @ matrix.T
+    for group in part.groups:
+        codes = getattr(design, group)
+        member = (codes[:, None] == np.arange(len(getattr(design, f"{group}s")))).astype(float)
+        mean = left @ (member / member.sum(0))
+        moved[f"{group}_effect_K"] = sites[f"{group}_effect_K"] + mean
+        left = left - mean[..., codes]
+    return moved

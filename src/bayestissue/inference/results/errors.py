@@ -1,0 +1,205 @@
+"""What traces alone tell of their impacts: how far off each source of error may put it.
+
+With N the inverse of what a trace tells of u, the errors integrated out, the part of error a is
+N_a = -N (dP / d log s_a^2) N = dN / d log s_a^2, and the noise's what is left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    observed,
+    trace_distribution,
+    with_normal_errors,
+)
+from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.factors.laplace import loose_anchor, summarise_traces
+from bayestissue.inference.results.tree import PREDICTIVE_DRAWS, replicates
+from bayestissue.likelihood.arma.displacement import DisplacementRecord, displacement_record
+from bayestissue.likelihood.element.deceleration import DecelerationRecord
+from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.response import ElementRecord, response
+from bayestissue.signal.displacement import FEWEST_SAMPLES
+
+NOISE, CONTACT, ELEMENT = "noise", "contact moment", "element"
+# Of log s_a^2: the derivative's own error is this squared over 24.
+_STEP = 0.1
+_SHORTER = 0.9
+_ITERATIONS = 5
+_ERRORS = {3: ("velocity and gain", "offset", CONTACT), 4: ("velocity", "gain", "offset", CONTACT)}
+_OF_DISPLACEMENT = (CONTACT, "velocity and gain", "offset")
+
+# What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
+_OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "atanh_noise_correlation")
+_CORRELATIONS = ("atanh_theta1", "atanh_noise_correlation")
+_NOTHING = -60.0
+
+Matrices = Float[np.ndarray, "impact parameter parameter"]
+Record = DecelerationRecord | DisplacementRecord | ElementRecord
+
+
+@dataclass(frozen=True)
+class TraceErrors:
+    """Covariance of what traces alone tell of u.
+
+    Attributes:
+        total: N.
+        parts: by source, what it adds to N; they add up to N.
+    """
+
+    total: Matrices
+    parts: dict[str, Matrices]
+
+
+def trace_errors(
+    prepared: Prepared,
+    u: Float[np.ndarray, "impact parameter"],
+    ridge: Float[np.ndarray, "parameter parameter"],
+) -> TraceErrors:
+    """N and its parts, from the curvature of each log likelihood as errors get larger and smaller.
+
+    It is the expected information: each trace counts as what its model has for it without any error.
+
+    Args:
+        prepared: the model and its data. A uniform error counts as a normal one of its standard deviation.
+        u: where the likelihoods are expanded.
+        ridge: a small precision, for parameters of which a trace says nothing.
+    """
+    data = as_expected(prepared, u)
+    covariance = np.linalg.inv(_information(prepared, data, u) + ridge)
+
+    def part(upper: Matrices, lower: Matrices) -> Matrices:
+        return -covariance @ ((upper - lower) / _STEP) @ covariance
+
+    parts: dict[str, Matrices] = {}
+    error_sd = np.asarray(data.record.error_sd)
+    for column, name in enumerate(_error_names(prepared)):
+        if error_sd[:, column].any():
+            ends = [_information(prepared, _scaled(data, column, side), u) for side in (1, -1)]
+            parts[name] = part(*ends)
+    if "discrepancy" in prepared.model.nuisance:
+        place = np.arange(u.shape[1]) == 2 + prepared.model.nuisance.index("discrepancy")
+        ends = [_information(prepared, data, u + side * _STEP / 4 * place) for side in (1, -1)]
+        parts[ELEMENT] = part(*ends)
+    others = sum(parts.values(), np.zeros_like(covariance))
+    return TraceErrors(covariance, {NOISE: covariance - others, **parts})
+
+
+def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> TraceData:
+    """The data with each trace as its model has it at ``u``, without noise and errors; all errors normal."""
+    if isinstance(prepared.data.record, ElementRecord):
+        record = _of_element(prepared.model, prepared.data, jnp.asarray(u))
+        # Only a known contact has an error that can be made normal.
+        return with_normal_errors(prepared.data._replace(record=record))
+    data = with_normal_errors(prepared.data)
+    quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
+    bare = data.record._replace(error_sd=jnp.zeros_like(data.record.error_sd))
+    # As many draws as predictions have, so that nothing is compiled anew.
+    made = replicates(
+        prepared.model,
+        data._replace(record=bare),
+        jnp.tile(jnp.asarray(quiet), (PREDICTIVE_DRAWS, 1, 1)),
+        jax.random.split(jax.random.PRNGKey(0), PREDICTIVE_DRAWS),
+    )
+    trace = made["deceleration" if prepared.model.kind == "impact" else "displacement"][0]
+    record = _with_traces(data.record, np.nan_to_num(np.asarray(trace)), np.asarray(data.record.n_samples))
+    return data._replace(record=record)
+
+
+@compiled_quickly("model")
+def _of_element(model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]) -> ElementRecord:
+    """The record with contact where the traces have it, and what the element does from then on as traces."""
+    distribution = trace_distribution(model, data, [u[:, a] for a in range(u.shape[1])])
+    assert isinstance(distribution, MeasuredImpact)  # noqa: S101 - so is every element's
+    own = distribution.record
+    known = own if own.before is None else own.at_contact(distribution.mean_first_time())
+    return known._replace(d=response(distribution.element, distribution.parameters, known).d)
+
+
+def _named(prepared: Prepared, names: tuple[str, ...]) -> Bool[np.ndarray, " parameter"]:
+    return np.array([False, False, *(name in names for name in prepared.model.nuisance)])
+
+
+def _information(prepared: Prepared, data: TraceData, u: np.ndarray) -> Matrices:
+    """Minus the second derivatives of each log likelihood: a summary without a step taken.
+
+    What tells of the noise alone is left out, and a 1 put in its place.
+    """
+    found = summarise_traces(prepared.model, data, u, loose_anchor(u), 0)
+    apart = _named(prepared, _OF_NOISE)
+    both = apart[:, None] | apart
+    return np.where(both, np.diag(apart.astype(float)), np.asarray(found.precision))
+
+
+def _scaled(data: TraceData, column: int, side: int) -> TraceData:
+    """With the log variance of one error larger or smaller by half a step."""
+    factor = np.where(np.arange(data.record.error_sd.shape[1]) == column, np.exp(side * _STEP / 4), 1.0)
+    return data._replace(record=data.record._replace(error_sd=data.record.error_sd * factor))
+
+
+def _error_names(prepared: Prepared) -> tuple[str, ...]:
+    if prepared.model.kind != "impact":
+        return _OF_DISPLACEMENT
+    return _ERRORS[prepared.data.record.error_sd.shape[1]]
+
+
+class ShorterWindow(NamedTuple):
+    """What a window a tenth shorter does to what traces alone say of log K and log C.
+
+    Attributes:
+        moved: by how much the maximum of the likelihood moves.
+        expected: standard deviation of that by noise and errors, where the model is right.
+    """
+
+    moved: Float[np.ndarray, "impact 2"]
+    expected: Float[np.ndarray, "impact 2"]
+
+
+def shorter_window(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) -> ShorterWindow | None:
+    """Fit each trace by itself, whole and less its last tenth.
+
+    The variance of the difference is that of the difference of variances (Hausman 1978,
+    doi:10.2307/1913827). Nothing for a model with a discrepancy, whose modes are those of the whole window.
+    """
+    whole = with_normal_errors(prepared.data)
+    if getattr(whole.record, "basis", None) is not None:
+        return None
+    n = np.asarray(whole.record.n_samples)
+    fewer = np.minimum(n, np.maximum(np.ceil(_SHORTER * n), FEWEST_SAMPLES)).astype(n.dtype)
+    shorter = _with_traces(whole.record, np.asarray(observed(whole)), fewer)
+    found = [
+        summarise_traces(prepared.model, data, u, loose_anchor(u), _ITERATIONS)
+        for data in (whole, whole._replace(record=shorter))
+    ]
+    centres = [np.asarray(each.centre)[:, :2] for each in found]
+    variances = [
+        np.diagonal(np.linalg.inv(np.asarray(each.precision) + np.eye(u.shape[1]) / 4), axis1=1, axis2=2)
+        for each in found
+    ]
+    gained = np.maximum(variances[1] - variances[0], 0.0)[:, :2]
+    return ShorterWindow(centres[1] - centres[0], np.sqrt(gained))
+
+
+def _with_traces(
+    record: Record, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
+) -> Record:
+    """The record of other traces, or of fewer of their samples."""
+    if isinstance(record, ElementRecord):
+        other = record._replace(n_samples=jnp.asarray(n_samples))
+        return other._replace(d=jnp.where(other.inside(), jnp.asarray(traces), 0.0))
+    first, dt, error_sd = (np.asarray(each) for each in (record.first_time, record.dt, record.error_sd))
+    if isinstance(record, DisplacementRecord):
+        return displacement_record(traces, n_samples, first, dt, error_sd)
+    velocity, uniform = np.asarray(record.velocity), np.asarray(record.uniform)
+    return DecelerationRecord.of(traces, n_samples, first, dt, velocity, error_sd, uniform)

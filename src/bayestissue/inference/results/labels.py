@@ -1,0 +1,177 @@
+"""Names, units and dimensions of posterior quantities, put on arrays at the edge."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from bayestissue.inference.quantities.elements import element_attributes
+from bayestissue.inference.results.meanings import meaning
+from bayestissue.inference.samplers.sampling import Draws
+
+STIFFNESS, DAMPING = "N/m", "N s/m"
+_UNITS = {"K": STIFFNESS, "C": DAMPING}
+_MEANINGS = {
+    "{q}_observed": "published {name} of the impact",
+    "{q}_average": "published average of {name} over the people of a condition",
+    "{q}_sd": "published standard deviation of {name} over the people of a condition",
+    "linear_intercept_{q}": "constant of the straight line of the conditions' mean {name} against mass",
+}
+_NAMES = {"K": "stiffness K", "C": "damping C"}
+_OF = ("cell", "subject", "trial", "new")
+
+
+_TRACE_ATTRIBUTES = {
+    name: {"unit": unit, "long_name": meaning}
+    for name, unit, meaning in (
+        ("omega_n", "rad/s", "natural frequency of the impact"),
+        ("zeta", "1", "damping ratio of the impact"),
+        ("theta1", "1", "moving-average coefficient of the displacement"),
+        ("sigma_a", "m", "standard deviation of the shocks"),
+        ("sigma_d", "m/s^2", "standard deviation of the accelerometer's noise"),
+        ("mass", "kg", "mass of the impactor"),
+        ("noise_mean", "1", "mean over impacts of the log of the noise relative to the trace's peak"),
+        ("sd_noise", "1", "standard deviation between impacts of the log noise"),
+        ("atanh_theta1_mean", "1", "mean over impacts of artanh theta1"),
+        ("sd_atanh_theta1", "1", "standard deviation between impacts of artanh theta1"),
+        ("displacement", "m", "displacement into the tissue"),
+        ("deceleration", "m/s^2", "deceleration of the impactor"),
+        ("time", "s", "time since contact"),
+        ("trace", "1", "log density of the impact's trace, its own parameters integrated out"),
+        ("traces", "1", "log density of all traces, the impacts' own parameters integrated out"),
+        ("traces_of_subject", "1", "log density of a subject's traces, the subject's effects integrated out"),
+        ("traces_of_trial", "1", "log density of a trial's traces, the trial's effects integrated out"),
+        ("level_error", "m", "error of the displacement at contact"),
+        ("ramp_error", "m/s", "error of the displacement's slope: of velocity and gain"),
+        ("velocity_error", "m/s", "error of velocity and gain, as a velocity"),
+        ("gain_error", "1", "relative error of the recorder's sensitivity"),
+        ("gain_error_sd", "1", "standard deviation of the relative error of the recorder's sensitivity"),
+        ("offset_error", "m/s^2", "error of the recorder's zero"),
+        ("contact_time_error", "s", "error of the contact time"),
+        ("level_error_sd", "m", "standard deviation of the error of the displacement at contact"),
+        ("ramp_error_sd", "m/s", "standard deviation of the error of the displacement's slope"),
+        ("velocity_error_sd", "m/s", "standard deviation of the error of velocity and gain"),
+        ("offset_error_sd", "m/s^2", "standard deviation of the error of the recorder's zero"),
+        ("contact_time_error_sd", "s", "standard deviation of the error of the contact time"),
+        ("mass_kg", "kg", "recorded mass"),
+        ("velocity_m_s", "m/s", "recorded velocity at contact"),
+        ("common_depth_m", "m", "depth that every impact reaches, that of K_common_depth"),
+        ("n_samples", "1", "samples in the window"),
+        ("sampling_interval_s", "s", "sampling interval"),
+        ("first_sample_s", "s", "time from contact to the first sample"),
+    )
+}
+
+
+def _attributes() -> dict[str, dict[str, str]]:
+    table = {
+        pattern.format(q=q): {"unit": _UNITS[q], "long_name": words.format(name=_NAMES[q])}
+        for q in _UNITS
+        for pattern, words in _MEANINGS.items()
+    }
+    for q, unit in _UNITS.items():
+        name = _NAMES[q]
+        table |= {
+            variable: {"unit": unit, "long_name": f"{name} of {meaning(variable).of}"}
+            for variable in (q, f"{q}_typical_person", *(f"{q}_{of}" for of in _OF))
+        }
+        table |= {
+            f"linear_slope_{q}": {
+                "unit": f"{unit} / kg",
+                "long_name": f"slope of the straight line of the conditions' mean {name} against mass",
+            },
+            f"mass_exponent_{q}": {
+                "unit": "1",
+                "long_name": f"slope of log {name} on log mass, all else equal",
+            },
+            f"intercept_{q}": {"unit": "1", "long_name": f"log of {name} in {unit} at the reference mass"},
+        }
+        for group in ("subject", "trial"):
+            table[f"{group}_effect_{q}"] = {"unit": "1", "long_name": f"effect of the {group} on log {name}"}
+        for group in ("subject", "trial", "impact"):
+            table[f"sd_{group}_{q}"] = {
+                "unit": "1",
+                "long_name": f"standard deviation between {group}s of log {name}",
+            }
+    table["residual_correlation"] = {
+        "unit": "1",
+        "long_name": "correlation of the impact-to-impact deviations of log K and log C",
+    }
+    return table | _TRACE_ATTRIBUTES
+
+
+ATTRIBUTES = _attributes()
+
+
+def of_one_person(draws: xr.Dataset) -> None:
+    """Say of "this person" what is said of a typical or a new one where there are several."""
+    for q in _UNITS:
+        for variable in (f"{q}_{of}" for of in _OF):
+            if variable in draws:
+                told = f"{_NAMES[q]} of {meaning(variable, people=1).of}"
+                draws[variable].attrs["long_name"] = told
+
+
+def labelled(
+    arrays: Mapping[str, np.ndarray],
+    dimensions: Mapping[str, tuple[str, ...]],
+    coordinates: Mapping[str, list[str] | np.ndarray],
+    *,
+    sampled: bool = True,
+    kept: Collection[str] = (),
+) -> xr.Dataset:
+    """``arrays`` [chain, draw, ...] as a Dataset with named dimensions, units and meanings.
+
+    ``dimensions`` gives what follows chain and draw; a name that it lacks is a scalar. With ``sampled``
+    false the arrays have no chain and draw; those named in ``kept`` have some draws only, "kept_draw".
+    """
+    variables, known = {}, ATTRIBUTES | element_attributes()
+    for name, values in arrays.items():
+        leading = ("chain", "kept_draw" if name in kept else "draw") if sampled else ()
+        dims = (*leading, *dimensions.get(name, ()))
+        variables[name] = xr.Variable(dims, np.asarray(values), known.get(name, {"unit": "1"}))
+    used = {dimension for variable in variables.values() for dimension in variable.dims}
+    coords = {name: list(values) for name, values in coordinates.items() if name in used}
+    for name in ("chain", "draw"):
+        if name in used:
+            coords[name] = list(range(next(v.sizes[name] for v in variables.values() if name in v.dims)))
+    return xr.Dataset(variables, coords)
+
+
+def statistics_of_transitions(draws: Draws) -> xr.Dataset:
+    """What the sampler tells of every transition, by ArviZ's names."""
+    statistics = labelled(
+        {
+            "diverging": draws.statistics["diverging"],
+            "n_steps": draws.statistics["num_steps"],
+            "tree_depth": np.ceil(np.log2(draws.statistics["num_steps"] + 1)).astype(int),
+            "acceptance_rate": draws.statistics["accept_prob"],
+            "energy": draws.statistics["energy"],
+            "lp": -draws.statistics["potential_energy"],
+        },
+        {},
+        {},
+    )
+    # A tree of the greatest allowed depth that turned by itself is not cut off; only one more step tells.
+    statistics.attrs["max_tree_depth"] = draws.max_tree_depth
+    return statistics
+
+
+def labelled_statistics(draws: Draws) -> xr.Dataset:
+    """The same of every draw that was kept.
+
+    Of the transitions that led to a draw: whether any diverged, their steps together, their deepest tree and
+    their mean acceptance; energy and density are the last one's.
+    """
+    every = statistics_of_transitions(draws)
+    count = next(iter(draws.sites.values())).shape[1]
+    ways: dict[str, Any] = {"diverging": np.any, "n_steps": np.sum, "tree_depth": np.max}
+    ways |= {"acceptance_rate": np.mean}
+    kept = {}
+    for name, values in every.items():
+        blocks = values.to_numpy().reshape(every.sizes["chain"], count, -1)
+        kept[str(name)] = ways[str(name)](blocks, axis=-1) if name in ways else blocks[..., -1]
+    return labelled(kept, {}, {}).assign_attrs(every.attrs)

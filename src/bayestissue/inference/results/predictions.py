@@ -1,0 +1,103 @@
+"""What the model predicts: replicates of every trace, and draws of the priors."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+from numpyro.infer import Predictive
+
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
+from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.many.kept import some_impacts
+from bayestissue.inference.posterior.constrained_draws import Unfolded, thinned
+from bayestissue.likelihood.element.deceleration import DecelerationRecord
+from bayestissue.likelihood.element.discrepancy import integrals
+from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.response import ElementRecord, motion
+from bayestissue.oscillator import impact_motion
+
+PREDICTIVE_DRAWS = 100
+PRIOR_DRAWS = 1000
+
+
+def predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, np.ndarray]:
+    """About a hundred replicates of every trace, as displacement and as deceleration."""
+    parameters = unfolded.impacts["parameters"]
+    if unfolded.kept is not None:
+        parameters = parameters[:, :, some_impacts(parameters.shape[2])].astype(float)
+    some = thinned({"u": parameters}, PREDICTIVE_DRAWS)["u"]
+    flat = jnp.asarray(some.reshape(-1, *some.shape[2:]))
+    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), len(flat))
+    made = replicates(prepared.model, prepared.data, flat, keys)
+    return {
+        name: np.asarray(v, np.float32).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()
+    }
+
+
+@compiled_quickly("model")
+def replicates(model: TraceModel, data: TraceData, u: jax.Array, keys: jax.Array) -> dict[str, jax.Array]:
+    """A replicate of every trace for each draw of ``u``; see `_replicate`."""
+    return jax.lax.map(lambda part: _replicate(model, data, *part), (u, keys))
+
+
+def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array) -> dict[str, jax.Array]:
+    """One replicate of every trace, as displacement and as deceleration."""
+    columns = [u[:, a] for a in range(u.shape[1])]
+    distribution, record = trace_distribution(model, data, columns), data.record
+    if isinstance(distribution, MeasuredImpact):
+        return _element_replicate(distribution, key)
+    trace = distribution.sample(key)
+    inside = jnp.arange(trace.shape[1]) < record.n_samples[:, None]
+    time = record.first_time[:, None] + jnp.arange(trace.shape[1]) * record.dt[:, None]
+    at = physical(model, data, columns)
+    if isinstance(record, DecelerationRecord):
+        velocity = record.velocity[:, None]
+        x = impact_motion(time, at.omega_n[:, None], at.zeta[:, None], velocity).displacement
+        return {
+            "deceleration": jnp.where(inside, trace, jnp.nan),
+            "displacement": jnp.where(inside, x, jnp.nan),
+        }
+    bend = -jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
+    edges = jnp.pad(bend, ((0, 0), (1, 1)), constant_values=jnp.nan)
+    middle = jnp.arange(trace.shape[1]) < record.n_samples[:, None] - 1
+    return {
+        "displacement": jnp.where(inside, trace, jnp.nan),
+        "deceleration": jnp.where(middle, edges, jnp.nan),
+    }
+
+
+def _element_replicate(distribution: MeasuredImpact, key: jax.Array) -> dict[str, jax.Array]:
+    """The same of any element, whose discrepancy is part of both."""
+    distribution = distribution.with_contact_found(key)
+    record = distribution.record
+    trace, delta = distribution.sample_with_discrepancy(key)
+    own = motion(distribution.element, distribution.parameters, record, record.velocity)
+    x = own.x - integrals(delta, record.first_time, record.dt)[1]
+    found = {"deceleration": trace, "displacement": x}
+    return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
+
+
+@compiled_quickly("model")
+def prior_draws(
+    model: TraceModel, data: TraceData, key: Array
+) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"], dict[str, Array]]:
+    """Draws from the priors: of every site, of each impact's parameters, and of what has a name in these.
+
+    The last are the natural frequency and damping ratio, where the element is spring and damper side by side.
+    """
+    shared = ["log_mass_error"] if model.mass_error == "subject" else []
+    bare = Predictive(
+        lambda: impacts_model(model, data),
+        num_samples=PRIOR_DRAWS,
+        return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance, *shared],
+    )
+    drawn = bare(key)
+    u = jnp.concatenate([drawn["log_K_and_C"], *(drawn[name][..., None] for name in model.nuisance)], axis=-1)
+    if isinstance(data.record, ElementRecord):
+        return drawn, u, {}
+    at = physical(model, data, [u[..., a] for a in range(u.shape[-1])])
+    return drawn, u, {"omega_n": at.omega_n, "zeta": at.zeta}

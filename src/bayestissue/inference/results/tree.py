@@ -1,0 +1,193 @@
+"""A fit's draws as one labelled tree, with what the model predicts and what it was given."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.formula import GROUPS
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.many.kept import some_impacts, some_of
+from bayestissue.inference.posterior.constrained_draws import Unfolded, named_sites
+from bayestissue.inference.quantities.elements import per_impact
+from bayestissue.inference.quantities.secant_exponents import EXPONENTS, mass_exponents_of_secants
+from bayestissue.inference.results.labels import labelled, labelled_statistics, of_one_person
+from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, predicted, prior_draws, replicates
+from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.likelihood.element.deceleration import DecelerationRecord
+from bayestissue.likelihood.element.response import ElementRecord
+
+RESPONSES = derived.RESPONSES
+ERRORS = {
+    "impact": ("velocity_error", "offset_error", "contact_time_error"),
+    "element": ("velocity_error", "gain_error", "offset_error", "contact_time_error"),
+    "displacement": ("level_error", "ramp_error", "offset_error"),
+}
+PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass", *per_impact())
+
+
+def posterior_tree(
+    prepared: Prepared,
+    specification: ModelSpecification,
+    draws: Draws,
+    unfolded: Unfolded,
+    seed: int,
+) -> xr.DataTree:
+    """All groups of a finished fit; see `bayestissue.inference.results.labels` for units and meanings.
+
+    Where impacts are many, theirs are the draws that were kept, along a dimension of their own, and what
+    multiplies draws by impacts once more (predictions, priors, log densities) is of some impacts.
+    """
+    rng = np.random.default_rng(seed)
+    put = partial(labelled, dimensions=_dimensions(), coordinates=_coordinates(prepared))
+    every, whole = put, prepared
+    if unfolded.kept is not None:
+        rows = some_impacts(len(prepared.impacts))
+        prepared = some_of(prepared, rows)
+        fewer = {**_coordinates(prepared), "kept_draw": unfolded.kept}
+        put = partial(labelled, dimensions=_dimensions(), coordinates=fewer)
+        every = partial(
+            labelled,
+            dimensions=_dimensions(),
+            coordinates={**_coordinates(whole), "kept_draw": unfolded.kept},
+            kept=frozenset({*PER_IMPACT, *EXPONENTS, *(name for names in ERRORS.values() for name in names)}),
+        )
+    quantities = _quantities(whole, unfolded.sites, unfolded.impacts, rng)
+    quantities |= mass_exponents_of_secants(whole, unfolded, seed)
+    # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
+    priors = compiled_quickly()(specification.priors.log_densities)(
+        {k: v for k, v in unfolded.sites.items() if k in quantities}
+    )
+    log_likelihood = unfolded.log_likelihood
+    groups = {
+        "posterior": every(quantities),
+        "sample_stats": labelled_statistics(draws),
+        "log_likelihood": put({"trace": log_likelihood["trace"]}),
+        "log_likelihood_of_groups": put({k: v for k, v in log_likelihood.items() if k != "trace"}),
+        "log_prior": put({name: np.asarray(v) for name, v in priors.items()}),
+        "posterior_predictive": put(predicted(prepared, unfolded, seed)),
+        "observed_data": put(_observed(prepared), sampled=False),
+        "constant_data": every(_constants(whole), sampled=False),
+        **_prior_groups(prepared, put, seed, rng),
+    }
+    if len(whole.design.subjects) == 1:
+        for name in ("posterior", "prior"):
+            of_one_person(groups[name])
+    return xr.DataTree.from_dict(groups)
+
+
+def _coordinates(prepared: Prepared) -> dict[str, Any]:
+    design = prepared.design
+    return {
+        "impact": prepared.impacts["impact"].astype(str).tolist(),
+        "subject": list(design.subjects),
+        "trial": list(design.trials),
+    }
+
+
+def _dimensions() -> dict[str, tuple[str, ...]]:
+    errors = {name for names in ERRORS.values() for name in names}
+    return {
+        **dict.fromkeys((*PER_IMPACT, *errors, "trace"), ("impact",)),
+        **{f"{name}_sd": ("impact",) for name in errors},
+        **{f"{q}_{group}": (group,) for q in RESPONSES for group in GROUPS},
+        **{f"{group}_effect_{q}": (group,) for q in RESPONSES for group in GROUPS},
+        **{f"traces_of_{group}": (group,) for group in GROUPS},
+        **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "sample")),
+        **dict.fromkeys(("mass_kg", "velocity_m_s", "n_samples"), ("impact",)),
+        **dict.fromkeys(("sampling_interval_s", "first_sample_s"), ("impact",)),
+        **dict.fromkeys(("impact_subject", "impact_trial"), ("impact",)),
+    }
+
+
+def _quantities(
+    prepared: Prepared,
+    sites: dict[str, np.ndarray],
+    impacts: dict[str, np.ndarray],
+    rng: np.random.Generator,
+) -> dict[str, np.ndarray]:
+    design = prepared.design
+    values = derived.reported_sites(design, sites)
+    for name in prepared.model.nuisance:
+        values |= {f"{name}_mean": sites[f"{name}_mean"], f"sd_{name}": sites[f"sd_{name}"]}
+    values |= derived.people_and_conditions(design, sites)
+    values |= {name: impacts[name] for name in PER_IMPACT if name in impacts}
+    if "chain_error" in impacts:
+        names = error_names(prepared)
+        known = np.asarray(prepared.data.record.error_sd).any(axis=0)
+        values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(names) if known[i]}
+    return values | derived.new_impact(design, sites, rng)
+
+
+def error_names(prepared: Prepared) -> tuple[str, ...]:
+    """What the columns of the record's errors are called in the posterior."""
+    record = prepared.data.record
+    if isinstance(record, ElementRecord):
+        return ERRORS["element"]
+    return ERRORS["impact" if isinstance(record, DecelerationRecord) else "displacement"]
+
+
+def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
+    signal = prepared.signal
+    inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    return {
+        "displacement": np.where(inside, signal.x, np.nan),
+        "deceleration": np.where(inside, signal.deceleration, np.nan),
+    }
+
+
+def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
+    signal, impacts = prepared.signal, prepared.impacts
+    error_sd = np.asarray(prepared.data.record.error_sd)
+    first = np.asarray(prepared.data.record.first_time)
+    time = first[:, None] + np.arange(signal.x.shape[1]) * signal.dt[:, None]
+    inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    record = prepared.data.record
+    depth = record.common_depth if isinstance(record, ElementRecord) else None
+    return {
+        **({} if depth is None else {"common_depth_m": np.asarray(depth)[0]}),
+        "time": np.where(inside, time, np.nan),
+        "mass_kg": signal.mass,
+        "velocity_m_s": signal.velocity,
+        "n_samples": signal.n_samples,
+        "sampling_interval_s": signal.dt,
+        "first_sample_s": first,
+        "impact_subject": impacts["subject"].astype(str).to_numpy(),
+        "impact_trial": impacts["trial"].astype(str).to_numpy(),
+        **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(error_names(prepared))},
+    }
+
+
+def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Generator) -> dict[str, xr.Dataset]:
+    model, data = prepared.model, prepared.data
+    key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
+    made, u, ratios = jax.device_get(prior_draws(model, data, key))
+    drawn = {name: values[None] for name, values in made.items()}
+    sites = named_sites(prepared, {name: drawn[name] for name in model.spreads}, drawn["locations"])
+    if "log_mass_error" in drawn:
+        person = pd.Index(prepared.design.subjects).get_indexer(
+            pd.Index(prepared.impacts["subject"].astype(str))
+        )
+        error = drawn["log_mass_error"][..., person]
+    else:
+        error = model.log_mass_sd * rng.standard_normal(u[None].shape[:-1])
+    impacts = {
+        "K": np.exp(u[None, ..., 0] + error),
+        "C": np.exp(u[None, ..., 1] + error),
+        **{name: values[None] for name, values in ratios.items()},
+    }
+    some = jnp.asarray(u[:PREDICTIVE_DRAWS])
+    seen = replicates(model, data, some, jax.random.split(key, len(some)))
+    # A prior's wall may be thin enough to throw the impactor back faster than any number.
+    with np.errstate(over="ignore"):
+        single = {name: np.asarray(v, np.float32)[None] for name, v in seen.items()}
+    return {"prior": put(_quantities(prepared, sites, impacts, rng)), "prior_predictive": put(single)}

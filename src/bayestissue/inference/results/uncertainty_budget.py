@@ -1,0 +1,249 @@
+"""How much of an interval of K or C each source makes: noise, measuring chain, mass, element, people.
+
+Everything is normal on the log scale once the standard deviations are given. A posterior variance V is then
+homogeneous of degree one in the variances that make it, so that V = sum_s v_s dV/dv_s: what each source
+makes adds up to the whole, and is what a small change of that source alone would change. Of an impact, with
+N the inverse of what its trace tells of u and N_a = -N (dP / d log s_a^2) N the part of error a; of the
+population's means, with those of all impacts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.population import Spread
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import population
+from bayestissue.inference.many.kept import some_of
+from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.results.errors import (
+    ELEMENT,
+    NOISE,
+    Matrices,
+    TraceErrors,
+    shorter_window,
+    trace_errors,
+)
+
+COLUMNS = ["level", "quantity", "source", "share", "sd"]
+IMPACT, TYPICAL_PERSON, NEW_PERSON = "impact", "typical person", "new person"
+MASS, SHAPE = "mass", "element's parameters"
+IMPACTS, PEOPLE, CONDITIONS, PRIORS = "impacts", "people", "conditions", "priors"
+PERSON_AND_CONDITION = "person and condition"
+WINDOW, WINDOW_BY_NOISE = "window a tenth shorter", "window a tenth shorter, by noise"
+ALL, DRAWN = "all", "as drawn"
+MOST_IMPACTS = 100
+# Of what the population says of a parameter: enough where a trace says nothing of it.
+_RIDGE = 1e-6
+# Of a standard normal, the median of its absolute value.
+_MEDIAN = 0.6745
+_NUISANCE = {
+    "noise": NOISE,
+    "atanh_theta1": NOISE,
+    "atanh_noise_correlation": NOISE,
+    "discrepancy": ELEMENT,
+}
+
+
+def interval_sources(prepared: Prepared, unfolded: Unfolded) -> pd.DataFrame:
+    """What each source makes of the posterior variance of log K and log C.
+
+    Args:
+        prepared: the model and its data.
+        unfolded: draws of everything, of which medians are taken.
+
+    Returns:
+        `COLUMNS`. ``level`` is `IMPACT` (shares are means over the recorded impacts, or a hundred evenly
+        spaced ones), `TYPICAL_PERSON` (the population's K and C at the reference mass; not where impacts are
+        many) or `NEW_PERSON` (a new impact on a new person). ``share`` is of the variance, and ``sd`` what
+        the source alone would make the standard deviation of the log, the median over impacts. The shares
+        add up to that of `ALL`, 1; `DRAWN` has the variance of the draws relative to it. `WINDOW` is what a
+        window a tenth shorter would move, no part of the sum, and `WINDOW_BY_NOISE` what it may.
+    """
+    many = unfolded.kept is not None
+    rows = np.arange(len(prepared.impacts))
+    if many:
+        rows = np.unique(np.linspace(0, rows[-1], MOST_IMPACTS).astype(int))
+    part = some_of(prepared, rows) if many else prepared
+    u = np.median(unfolded.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
+    spread = _spread(part, unfolded, np.median)
+    errors = trace_errors(part, u, _RIDGE * np.linalg.inv(sum(_scatter(part, spread).values())))
+    drawn = {q: np.var(np.log(unfolded.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
+    tables = [_of_impacts(_Hierarchy(part, spread, errors).of_impacts(not many), drawn)]
+    if (window := None if many else shorter_window(part, u)) is not None:
+        ends = (np.median(np.abs(window.moved), axis=0) / _MEDIAN, np.median(window.expected, axis=0))
+        rows_of_window = [
+            (IMPACT, q, name, np.nan, float(end[place]))
+            for place, q in enumerate(RESPONSES)
+            for name, end in zip((WINDOW, WINDOW_BY_NOISE), ends, strict=True)
+        ]
+        tables.append(pd.DataFrame(rows_of_window, columns=COLUMNS))
+    means = {}
+    if not many:
+        # Variances of means are linear in those of the spreads, whose posteriors have long tails.
+        means = _Hierarchy(part, _spread(part, unfolded, _root_mean_square), errors).of_means()
+        tables.append(_of_population(TYPICAL_PERSON, means, unfolded))
+    tables.append(_of_population(NEW_PERSON, _with_scatter(means, unfolded), unfolded))
+    return pd.concat(tables, ignore_index=True)[COLUMNS]
+
+
+def _spread(prepared: Prepared, unfolded: Unfolded, middle: Callable[[np.ndarray], np.floating]) -> Spread:
+    """The standard deviations at the middle of their draws."""
+    sites = {name: jnp.asarray(middle(unfolded.sites[name])) for name in prepared.model.spreads}
+    if "residual_correlation" in sites:
+        sites["residual_correlation"] = jnp.asarray(np.median(unfolded.sites["residual_correlation"]))
+    return population(prepared.model, sites)
+
+
+def _root_mean_square(values: np.ndarray) -> np.floating:
+    return np.sqrt(np.mean(values**2))
+
+
+def _scatter(prepared: Prepared, spread: Spread) -> dict[str, Float[np.ndarray, "parameter parameter"]]:
+    """Covariance of u about X b by source, an error of mass left out."""
+    model = prepared.model
+    kk, kc, cc = (np.asarray(value) for value in spread.own)
+    mass = model.log_mass_sd**2 if model.mass_error == "impact" else 0.0
+    size = 2 + len(model.nuisance)
+    found = {IMPACTS: np.zeros((size, size))}
+    # The traces' own error of mass is a source by itself.
+    found[IMPACTS][:2, :2] = np.array([[kk, kc], [kc, cc]]) - mass
+    for place, (name, sd) in enumerate(zip(model.nuisance, spread.nuisance, strict=True), start=2):
+        source = _NUISANCE.get(name, SHAPE)
+        found.setdefault(source, np.zeros((size, size)))[place, place] = float(sd) ** 2
+    return found
+
+
+class _Hierarchy:
+    """The normal hierarchy with its standard deviations given, every covariance by source."""
+
+    def __init__(self, prepared: Prepared, spread: Spread, errors: TraceErrors) -> None:
+        self._prepared, self._spread = prepared, spread
+        self._scatter = _scatter(prepared, spread)
+        size = errors.total.shape[1]
+        self._both = (np.arange(size) < 2).astype(float)
+        own = prepared.model.log_mass_sd**2 if spread.shared is None else 0.0
+        of_mass = own * np.multiply.outer(self._both, self._both)
+        self._measured = {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
+        self._omega = sum(self._scatter.values())
+        self._noise = errors.total + of_mass
+        design = prepared.data.design
+        blocks = [np.asarray(matrix)[np.asarray(design.cell)] for matrix in design.columns]
+        ends = np.cumsum([0, *(block.shape[1] for block in blocks)])
+        self._columns = np.zeros((len(blocks[0]), size, ends[-1]))
+        for place, block in enumerate(blocks):
+            self._columns[:, place, ends[place] : ends[place + 1]] = block
+
+    def of_means(self) -> dict[str, dict[str, float]]:
+        """By response and source: the variance of the population's mean log at the reference mass."""
+        weight = np.linalg.inv(self._omega + self._noise)
+        covariance = self._covariance_of_means(weight)
+        locations = self._prepared.model.locations
+        found: dict[str, dict[str, float]] = {}
+        for response in RESPONSES:
+            v = covariance[:, locations.parts[f"intercept_{response}"].start]
+            w = np.einsum("iab,ibl,l->ia", weight, self._columns, v)
+            made = {
+                name: float(np.einsum("ia,iab,ib->", w, matrix, w)) for name, matrix in self._measured.items()
+            }
+            for name, matrix in self._scatter.items():
+                made[name] = made.get(name, 0.0) + float(np.einsum("ia,ab,ib->", w, matrix, w))
+            found[response] = made | self._of_effects(v, made[MASS])
+        return found
+
+    def _covariance_of_means(self, weight: Matrices) -> Float[np.ndarray, "location location"]:
+        told = np.einsum("ial,iab,ibm->lm", self._columns, weight, self._columns, optimize=True)
+        return np.linalg.inv(told + np.asarray(self._spread.precision_matrix()))
+
+    def _of_effects(self, v: Float[np.ndarray, " location"], mass: float) -> dict[str, float]:
+        """What people, conditions and priors add, of v' (prior precision) v."""
+        spread, names = self._spread, np.array(self._prepared.model.locations.spread)
+        variance = np.asarray(spread.locations) ** 2
+        pull = np.asarray(spread.precision_matrix()) @ v
+        made = pull**2 * variance
+        if spread.shared is not None:
+            # A person's two effects hold the error of the mass too.
+            together = pull[spread.shared.effect_on_K] + pull[spread.shared.effect_on_C]
+            mass = mass + float(spread.shared.variance * (together**2).sum())
+        groups = {
+            PEOPLE: np.char.startswith(names, "sd_subject"),
+            CONDITIONS: np.char.startswith(names, "sd_trial"),
+            PRIORS: names == "",
+        }
+        return {MASS: mass, **{name: float(made[chosen].sum()) for name, chosen in groups.items()}}
+
+    def of_impacts(self, whole: bool) -> dict[str, dict[str, np.ndarray]]:
+        """By response and source: the variance of each impact's log, [impact].
+
+        Where the data are not ``whole``, the means of person and condition count as known.
+        """
+        told = np.linalg.inv(self._noise)
+        V = np.linalg.inv(np.linalg.inv(self._omega) + told)
+        gain = V @ told
+        left = np.eye(gain.shape[1]) - gain
+        made = {
+            name: np.einsum("iab,ibc,iac->ia", gain, matrix, gain) for name, matrix in self._measured.items()
+        }
+        for name, matrix in self._scatter.items():
+            made[name] = made.get(name, 0.0) + np.einsum("iab,bc,iac->ia", left, matrix, left)
+        if whole:
+            covariance = self._covariance_of_means(np.linalg.inv(self._omega + self._noise))
+            pulled = left @ self._columns
+            made[PERSON_AND_CONDITION] = np.einsum(
+                "ial,lm,iam->ia", pulled, covariance, pulled, optimize=True
+            )
+        if (shared := self._spread.shared) is not None:
+            K, C = (
+                np.asarray(self._spread.locations)[place] ** 2
+                for place in (shared.effect_on_K[0], shared.effect_on_C[0])
+            )
+            error = shared.variance * K * C / (K * C + shared.variance * (K + C))
+            made[MASS] = made[MASS] + error * self._both
+        return {q: {name: v[:, place] for name, v in made.items()} for place, q in enumerate(RESPONSES)}
+
+
+def _with_scatter(means: dict[str, dict[str, float]], unfolded: Unfolded) -> dict[str, dict[str, float]]:
+    """What a new person, condition and impact add to the population's mean."""
+    found = {}
+    for response in RESPONSES:
+        own = dict(means.get(response, {}))
+        if not own:
+            own[PERSON_AND_CONDITION] = float(np.var(unfolded.sites[f"intercept_{response}"]))
+        for source, group in ((PEOPLE, "subject"), (CONDITIONS, "trial"), (IMPACTS, "impact")):
+            added = float(np.mean(unfolded.sites[f"sd_{group}_{response}"] ** 2))
+            own[source] = own.get(source, 0.0) + added
+        found[response] = own
+    return found
+
+
+def _of_impacts(made: dict[str, dict[str, np.ndarray]], drawn: dict[str, np.ndarray]) -> pd.DataFrame:
+    rows = []
+    for response, by_source in made.items():
+        total = sum(by_source.values())
+        every = {**by_source, ALL: total, DRAWN: drawn[response]}
+        rows += [
+            (IMPACT, response, name, float(np.mean(v / total)), float(np.sqrt(max(np.median(v), 0.0))))
+            for name, v in every.items()
+        ]
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _of_population(level: str, made: dict[str, dict[str, float]], unfolded: Unfolded) -> pd.DataFrame:
+    rows = []
+    for response, by_source in made.items():
+        total = sum(by_source.values())
+        drawn = float(np.var(unfolded.sites[f"intercept_{response}"]))
+        if level == NEW_PERSON:
+            squares = (
+                np.mean(unfolded.sites[f"sd_{g}_{response}"] ** 2) for g in ("subject", "trial", "impact")
+            )
+            drawn += float(sum(squares))
+        every = {**by_source, ALL: total, DRAWN: drawn}
+        rows += [(level, response, name, v / total, float(np.sqrt(max(v, 0.0)))) for name, v in every.items()]
+    return pd.DataFrame(rows, columns=COLUMNS)

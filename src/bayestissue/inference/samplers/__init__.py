@@ -1,0 +1,1 @@
+"""Samplers of any density, importance weights, and whether draws can be trusted."""

@@ -1,0 +1,173 @@
+"""Can the draws be trusted? Each check has a limit, a meaning and a next step; together a verdict."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+R_HAT_LIMIT = 1.01
+ESS_LIMIT = 400
+BFMI_LIMIT = 0.3
+# Notes of a summary's rows.
+NO_INTERVAL = "not an interval: no element describes these traces"
+CONTRADICTED = "the traces contradict the measuring chain"
+
+
+@dataclass(frozen=True)
+class Check:
+    """One diagnostic of a sampler's run."""
+
+    name: str
+    value: float
+    limit: str
+    passed: bool
+    meaning: str
+    next_step: str
+
+
+def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Check] = ()) -> dict[str, Any]:
+    """The verdict on a run, as it is written to ``diagnostics.json``.
+
+    R̂ and bulk and tail effective sample sizes are rank-normalised (Vehtari et al. 2021,
+    doi:10.1214/20-BA1221), the worst over every reported quantity; the energy fraction is Betancourt's.
+
+    Args:
+        summary: as `inference.results.summary.summarise` makes it; what it leaves open is not judged.
+        statistics: of the sampler's transitions.
+        further: checks to be added.
+    """
+    worst_r = _worst(summary, "r_hat", largest=True)
+    worst_bulk, worst_tail = (_worst(summary, column) for column in ("ess_bulk", "ess_tail"))
+    divergences = int(statistics["diverging"].sum())
+    saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
+    bfmi = float(_bfmi(statistics["energy"].to_numpy()).min())
+    longer = "Raise sampler.warmup and sampler.draws in the model file."
+    checks = [
+        Check(
+            "R-hat",
+            worst_r[1],
+            f"below {R_HAT_LIMIT}",
+            worst_r[1] < R_HAT_LIMIT,
+            f"do the chains agree? The worst is {worst_r[0]}",
+            longer,
+        ),
+        Check(
+            "bulk effective sample size",
+            worst_bulk[1],
+            f"above {ESS_LIMIT}",
+            worst_bulk[1] > ESS_LIMIT,
+            f"is the middle of each posterior known? The worst is {worst_bulk[0]}",
+            longer,
+        ),
+        Check(
+            "tail effective sample size",
+            worst_tail[1],
+            f"above {ESS_LIMIT}",
+            worst_tail[1] > ESS_LIMIT,
+            f"are the ends of the intervals known? The worst is {worst_tail[0]}",
+            longer,
+        ),
+        Check(
+            "divergent transitions",
+            divergences,
+            "none",
+            divergences == 0,
+            "did the sampler meet a region that it could not follow? Then part of the posterior is missing",
+            "Raise sampler.target_accept towards 0.99, or give the standard deviations narrower priors.",
+        ),
+        Check(
+            "energy fraction of missing information",
+            bfmi,
+            f"above {BFMI_LIMIT}",
+            bfmi > BFMI_LIMIT,
+            "do the tails of the energy get explored?",
+            "Give heavy-tailed standard deviations a narrower prior, or raise sampler.warmup.",
+        ),
+        Check(
+            "trajectories cut at the deepest tree",
+            saturated,
+            "none",
+            saturated == 0,
+            "were steps ended early, which costs efficiency and not truth?",
+            "Raise sampler.max_tree_depth.",
+        ),
+        *further,
+    ]
+    return {
+        "passed": all(check.passed for check in checks),
+        "checks": [asdict(check) for check in checks],
+        "worst": {
+            "r_hat": {"variable": worst_r[0], "value": worst_r[1]},
+            "ess_bulk": {"variable": worst_bulk[0], "value": worst_bulk[1]},
+            "ess_tail": {"variable": worst_tail[0], "value": worst_tail[1]},
+        },
+    }
+
+
+def warnings(diagnostics: dict[str, Any]) -> list[str]:
+    """What the model or its data leave in doubt, whatever the sampler did; the measuring chain first."""
+    chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
+    doubted = bool(form.get("structured") or form.get("undescribed"))
+    doubts = ((chain, chain.get("passed") is False), (form, doubted))
+    return [entry["words"] for entry, raised in doubts if raised]
+
+
+def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
+    """The summary with a column ``note``: why a row's interval is none, empty where it is one.
+
+    Rows are marked by impact, and every row where all impacts are concerned.
+    """
+    chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
+    every, label = np.ones(len(summary), bool), summary["label"].astype(str)
+    note = np.full(len(summary), "", dtype=object)
+    if chain.get("passed") is False:
+        whole = len(chain["impacts"]) == chain["of"]
+        note[every if whole else label.isin(chain["impacts"])] = CONTRADICTED
+    note[every if form.get("undescribed") else label.isin(form.get("undescribed_impacts", []))] = NO_INTERVAL
+    return summary.assign(note=note)
+
+
+def headline(diagnostics: dict[str, Any]) -> str:
+    """The verdict in one short sentence, for whoever reads no further."""
+    chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
+    if not diagnostics["passed"]:
+        return "DIAGNOSTICS FAILED: do not use these numbers."
+    if form.get("undescribed"):
+        return "No element of this program describes these traces: there are no intervals of K and C."
+    if chain.get("passed") is False:
+        return "The sampler passed, but the traces contradict the measuring chain."
+    if form.get("structured"):
+        return "The sampler passed, but the traces obey another law than the model's."
+    return "Diagnostics passed."
+
+
+def verdict_in_words(diagnostics: dict[str, Any]) -> str:
+    """Whether the run can be trusted, in a sentence; and where the model can't, in another."""
+    warning = "".join(f" WARNING: {words}" for words in warnings(diagnostics))
+    if recordings := diagnostics.get("recordings"):
+        warning += f" {recordings['words']}"
+    failed = [check["name"] for check in diagnostics["checks"] if not check["passed"]]
+    if not failed:
+        worst = diagnostics["worst"]
+        size = min(worst["ess_bulk"]["value"], worst["ess_tail"]["value"])
+        return (
+            f"R-hat at most {worst['r_hat']['value']:.4f}, effective sample sizes at least {size:.0f}, "
+            f"no divergences.{warning}"
+        )
+    return f"Failed: {', '.join(failed)}. Do not use these numbers yet.{warning}"
+
+
+def _worst(summary: pd.DataFrame, column: str, *, largest: bool = False) -> tuple[str, float]:
+    values = summary[column].to_numpy(float)
+    row = int(np.nanargmax(values) if largest else np.nanargmin(values))
+    return str(summary["variable"].iloc[row]), float(values[row])
+
+
+def _bfmi(energy: np.ndarray) -> np.ndarray:
+    """E[(E_t − E_{t−1})²] / Var(E) for each chain; ``energy`` [chain, draw]."""
+    return np.mean(np.diff(energy, axis=1) ** 2, axis=1) / np.var(energy, axis=1)

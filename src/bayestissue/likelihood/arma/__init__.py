@@ -1,0 +1,1 @@
+"""Displacements as an ARMA(2,1) or a sampled A(2)."""

@@ -1,0 +1,170 @@
+"""The exact log likelihood of an ARMA(2,1): no filter, no matrix (thesis, section 2.4, eq. 4)."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+from jax.typing import ArrayLike
+from jaxtyping import Float
+
+from bayestissue.likelihood.arma.innovations import innovations
+from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, quadratic_form
+from bayestissue.likelihood.transforms import SineTransforms, sine_transform, spread_of
+from bayestissue.oscillator.processes import start_moments
+
+Start = Literal["free", "stationary"]
+LOG_2PI = 1.8378770664093453
+
+
+def log_likelihood(
+    data: SineTransforms,
+    c1: ArrayLike,
+    c2: ArrayLike,
+    theta1: ArrayLike,
+    sigma_a: ArrayLike,
+    start: Start = "free",
+) -> Float[Array, " impact"]:
+    """Exact log likelihood of each impact, from sine transforms made once.
+
+    Free start: the density of x_3 ... x_n given x_1 and x_2 when the shock before the window is an
+    unconditioned N(0, sigma_a^2), -(N log(2 pi sigma_a^2) + log det T + W' L^-1 W / sigma_a^2) / 2, with
+    W = DST(x''_t + c1 x'_{t-1} + c2 x_{t-2}). Stationary start: the density of all x_t.
+
+    Args:
+        data: see `bayestissue.likelihood.sine_transforms`.
+        c1: 2 - phi1, for each impact.
+        c2: 1 - phi1 - phi2.
+        theta1: moving-average coefficient, any real number; the derivative is clean at -1 and 1.
+        sigma_a: standard deviation of the shocks [m].
+        start: "free" or "stationary"; the latter is -inf where the process is not stationary.
+    """
+    shape = data.size.shape
+    c1, c2, theta1, sigma_a = (
+        jnp.broadcast_to(jnp.asarray(p, float), shape) for p in (c1, c2, theta1, sigma_a)
+    )
+    form = quadratic_form((jnp.ones(shape), c1, c2), theta1, data.columns, data.spread)
+    free = _free(form, theta1, sigma_a, data.size)
+    if start == "free":
+        return free
+    first = jnp.sqrt(data.spread * (4 - data.spread) / (2 * (data.size[:, None] + 1)))
+    w = data.columns[0] + c1[:, None] * data.columns[1] + c2[:, None] * data.columns[2]
+    end = (first * w / eigenvalues(theta1[:, None], data.spread)).sum((0, -1))
+    return free + _stationary(data.x[:, 0], data.x[:, 1], end, (c1, c2, theta1, sigma_a), data.size)
+
+
+@partial(jax.jit, static_argnames="start")
+def arma21_log_likelihood(
+    x: ArrayLike,
+    phi1: ArrayLike,
+    phi2: ArrayLike,
+    theta1: ArrayLike,
+    sigma_a: ArrayLike,
+    start: Start = "free",
+) -> Array:
+    """The exact log likelihood of x_t = phi1 x_{t-1} + phi2 x_{t-2} + a_t - theta1 a_{t-1} (eq. 4).
+
+    Args:
+        x: one series of at least three samples on the last axis [m]; leading axes broadcast with the
+            parameters.
+        phi1: first autoregressive coefficient.
+        phi2: second autoregressive coefficient.
+        theta1: moving-average coefficient, any real number.
+        sigma_a: standard deviation of the shocks a_t [m].
+        start: "free" gives the density of x_3 ... x_n given x_1 and x_2, the shock a_2 being as unknown
+            as any other; "stationary" that of the whole series, -inf where no stationary distribution
+            exists.
+
+    Returns:
+        The log density, differentiable by all arguments.
+
+    Raises:
+        ValueError: ``x`` is shorter than three samples, or ``start`` is neither word.
+    """
+    x = jnp.asarray(x, float)
+    if x.ndim == 0 or x.shape[-1] < 3:
+        raise ValueError("x needs at least three samples on its last axis")
+    if start not in ("free", "stationary"):
+        raise ValueError(f'start is "free" or "stationary", not {start!r}')
+    phi1, phi2, theta1, sigma_a = (jnp.asarray(p, float) for p in (phi1, phi2, theta1, sigma_a))
+    count, c1, c2 = x.shape[-1] - 2, 2 - phi1, (1 - phi1) - phi2
+    slope = jnp.diff(x, axis=-1)
+    w = jnp.diff(slope, axis=-1) + c1[..., None] * slope[..., :-1] + c2[..., None] * x[..., :-2]
+    transformed = sine_transform(w)
+    spread = jnp.asarray(spread_of(count), x.dtype)
+    over = transformed / eigenvalues(theta1[..., None], spread)
+    free = _free((transformed * over).sum(-1), theta1, sigma_a, jnp.asarray(float(count)))
+    if start == "free":
+        return free
+    first = jnp.sqrt(spread * (4 - spread) / (2 * (count + 1)))
+    end = (first * over).sum(-1)
+    parameters = (c1, c2, theta1, sigma_a)
+    return free + _stationary(x[..., 0], x[..., 1], end, parameters, jnp.asarray(float(count)))
+
+
+def masked_log_likelihood(
+    x: Float[Array, "*batch sample"],
+    n_samples: Array,
+    c1: Array,
+    c2: Array,
+    theta1: Array,
+    sigma_a: Array,
+    start: Start = "free",
+) -> Array:
+    """The same for padded traces whose lengths need not be known when compiling, by a filter.
+
+    The filter runs backwards: an MA(1) reversed is the same MA(1), and its last prediction error is then
+    the first element of T^-1 w that the stationary start asks for.
+
+    Args:
+        x: displacements [m], padded at the end.
+        n_samples: length of each.
+        c1: 2 - phi1.
+        c2: 1 - phi1 - phi2.
+        theta1: moving-average coefficient.
+        sigma_a: standard deviation of the shocks [m].
+        start: as in `log_likelihood`.
+    """
+    count = jnp.asarray(n_samples, float) - 2
+    slope = jnp.diff(x, axis=-1)
+    w = jnp.diff(slope, axis=-1) + c1[..., None] * slope[..., :-1] + c2[..., None] * x[..., :-2]
+    valid = jnp.broadcast_to(jnp.arange(x.shape[-1] - 2) < count[..., None], w.shape)
+    v, r = innovations(w[..., ::-1], jnp.broadcast_to(theta1, w.shape[:-1]), valid[..., ::-1])
+    scale = count * (LOG_2PI + 2 * jnp.log(sigma_a)) + jnp.log(r).sum(-1)
+    free = -(scale + (v**2 / r).sum(-1) / sigma_a**2) / 2
+    if start == "free":
+        return free
+    parameters = (c1, c2, theta1, sigma_a)
+    return free + _stationary(x[..., 0], x[..., 1], v[..., -1] / r[..., -1], parameters, count)
+
+
+def _free(form: Array, theta1: Array, sigma_a: Array, count: Array) -> Array:
+    scale = count * (LOG_2PI + 2 * jnp.log(sigma_a)) + log_determinant(theta1, count)
+    return -(scale + form / sigma_a**2) / 2
+
+
+def _stationary(x1: Array, x2: Array, end: Array, parameters: tuple[Array, ...], count: Array) -> Array:
+    """Log density of x_1 and x_2 given w: of all w only w_3 shares a shock, a_2, with them.
+
+    Written for x_1 and x_2 - x_1, whose covariance keeps its digits when sampling is fine.
+
+    Args:
+        x1: first displacement.
+        x2: second displacement.
+        end: first element of T^-1 w.
+        parameters: c1, c2, theta1, sigma_a.
+        count: N.
+    """
+    c1, c2, theta1, sigma_a = parameters
+    gamma0, drop = start_moments(c1, c2, theta1, sigma_a)
+    corner = jnp.exp(log_determinant(theta1, count - 1) - log_determinant(theta1, count))
+    rest = 2 * drop - theta1**2 * sigma_a**2 * corner
+    determinant = gamma0 * rest - drop**2
+    stationary = (c2 > 0) & (c1 > c2) & (4 - 2 * c1 + c2 > 0) & (determinant > 0)
+    safe = jnp.where(stationary, determinant, 1.0)
+    step = x2 - x1 + theta1 * end
+    form = (rest * x1**2 + 2 * drop * x1 * step + gamma0 * step**2) / safe
+    return jnp.where(stationary, -(2 * LOG_2PI + jnp.log(safe) + form) / 2, -jnp.inf)

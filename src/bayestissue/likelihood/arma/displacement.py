@@ -1,0 +1,293 @@
+"""Integrated displacements as ARMA(2,1), with the errors that the measuring chain puts into them.
+
+With a recorded deceleration (1 + g) d + b and a velocity V recorded for V + dV, two integrations give
+x - (g V + dV) t - b t^2 / 2 for the displacement x, up to products of errors; a contact time in error by
+tau adds V tau. All three are linear: a constant, a ramp and a parabola.
+"""
+
+from __future__ import annotations
+
+from typing import Any, Literal, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro.distributions as dist
+from jax import Array
+from jaxtyping import Float, Int
+from numpyro.distributions import constraints
+
+from bayestissue.likelihood import small
+from bayestissue.likelihood.arma.distributions import ARMA21
+from bayestissue.likelihood.arma.innovations import innovations
+from bayestissue.likelihood.linear_errors import (
+    Products,
+    draw_errors,
+    from_lower_entries,
+    gram,
+    marginal_log_likelihood,
+)
+from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
+from bayestissue.likelihood.transforms import FILLED, in_blocks, spread_of
+from bayestissue.oscillator import to_differences
+
+Noise = Literal["arma", "a2"]
+
+
+class DisplacementRecord(NamedTuple):
+    """What the likelihood reads of a set of displacement traces.
+
+    Attributes:
+        x: displacements, 0 past a row's end [m].
+        n_samples: length of each.
+        first_time: from contact to the first sample [s].
+        dt: sampling interval [s].
+        columns: orthonormal DST-I of x''_t, x'_{t-1} and x_{t-2}, t = 3 ... n, and of 1, t and t^2 at t - 2,
+            in blocks of frequencies.
+        spread: 2 - 2 cos(j pi / (n - 1)) in the same blocks.
+        error_sd: standard deviations of the constant [m], the ramp [m/s] and the parabola [m/s^2].
+    """
+
+    x: Float[Array, "impact sample"]
+    n_samples: Int[Array, " impact"]
+    first_time: Float[Array, " impact"]
+    dt: Float[Array, " impact"]
+    columns: tuple[Float[Array, "block impact lane"], ...]
+    spread: Float[Array, "block impact lane"]
+    error_sd: Float[Array, "impact 3"]
+
+
+def displacement_record(
+    x: Float[np.ndarray, "impact sample"],
+    n_samples: Int[np.ndarray, " impact"],
+    first_time: Float[np.ndarray, " impact"],
+    dt: Float[np.ndarray, " impact"],
+    error_sd: Float[np.ndarray, "impact 3"],
+) -> DisplacementRecord:
+    """Transform the traces and the errors' columns once, those of one length in one call.
+
+    Arguments as the attributes of `DisplacementRecord`.
+
+    Raises:
+        ValueError: an impact has fewer than three samples or more than ``x`` is wide.
+    """
+    from scipy import fft
+
+    lengths = np.asarray(n_samples)
+    if lengths.size and not 3 <= lengths.min() <= lengths.max() <= x.shape[1]:
+        raise ValueError(f"every impact needs 3 to {x.shape[1]} samples")
+    inside = np.arange(x.shape[1]) < lengths[:, None]
+    x = np.where(inside, x, 0.0)
+    time = first_time[:, None] + np.arange(x.shape[1]) * dt[:, None]
+    width = FILLED * -(-(x.shape[1] - 2) // FILLED)
+    columns = np.zeros((6, len(x), width))
+    # padded frequencies count as an eigenvalue of 1 + theta1^2, never zero
+    spread = np.full((len(x), width), 2.0)
+    for n in np.unique(lengths):
+        rows = np.flatnonzero(lengths == n)
+        part, t = x[rows, :n], time[rows, : n - 2]
+        slope = np.diff(part, axis=1)
+        series = (np.diff(slope, axis=1), slope[:, :-1], part[:, :-2], np.ones_like(t), t, t**2)
+        for column, values in zip(columns, series, strict=True):
+            column[rows, : n - 2] = fft.dst(values, type=1, axis=1, norm="ortho")
+        spread[rows, : n - 2] = spread_of(n - 2)
+    return DisplacementRecord(
+        jnp.asarray(x),
+        jnp.asarray(lengths),
+        jnp.asarray(first_time),
+        jnp.asarray(dt),
+        tuple(in_blocks(column) for column in columns),
+        in_blocks(spread),
+        jnp.asarray(error_sd),
+    )
+
+
+def displacement_products(record: DisplacementRecord, c1: Array, c2: Array, theta1: Array) -> Products:
+    """Products of w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2} and of what the errors' columns become.
+
+    Args:
+        record: the traces.
+        c1: 2 - phi1, for each impact.
+        c2: 1 - phi1 - phi2.
+        theta1: moving-average coefficient.
+    """
+    entries = sums_over_frequencies(_terms(*_parts(record, c1, c2, theta1)))
+    return _products(entries, c1, c2, theta1, record)
+
+
+def _parts(
+    record: DisplacementRecord, c1: Array, c2: Array, theta1: Array
+) -> tuple[tuple[Array, ...], Array]:
+    """w, 1, t and t^2 by frequency, and 1 over the eigenvalues of T."""
+    bend, slope, level, *powers = record.columns
+    parts = (bend + c1[:, None] * slope + c2[:, None] * level, *powers)
+    return parts, 1 / eigenvalues(theta1[:, None], record.spread)
+
+
+def _terms(parts: tuple[Array, ...], weight: Array) -> tuple[Array, ...]:
+    over = [part * weight for part in parts]
+    return tuple(over[a] * parts[b] for a in range(len(parts)) for b in range(a + 1))
+
+
+def _products(
+    entries: tuple[Array, ...], c1: Array, c2: Array, theta1: Array, record: DisplacementRecord
+) -> Products:
+    """From the products of w, 1, t and t^2 to those of w and the errors' columns.
+
+    The constant becomes c2, the ramp c1 dt + c2 t, half the parabola
+    dt^2 + c1 dt (t + dt / 2) + c2 t^2 / 2, all at t - 2.
+    """
+    plain, dt = from_lower_entries(entries), record.dt
+    columns = (
+        (c2,),
+        (c1 * dt, c2),
+        (dt**2 * (1 + c1 / 2), c1 * dt, c2 / 2),
+    )
+    with_w = [small.dot(column, plain[0][1:]) for column in columns]
+    rows = [[small.dot(column, plain[b + 1][1:]) for b in range(3)] for column in columns]
+    lower = [plain[0][0]]
+    for a in range(3):
+        lower += [with_w[a], *(small.dot(columns[b], rows[a]) for b in range(a + 1))]
+    count = record.n_samples - 2.0
+    return Products(from_lower_entries(lower), log_determinant(theta1, count), count)
+
+
+@jax.custom_jvp
+def recorded_log_likelihood(
+    c1: Float[Array, " impact"],
+    c2: Float[Array, " impact"],
+    theta1: Float[Array, " impact"],
+    log_sigma: Float[Array, " impact"],
+    record: DisplacementRecord,
+) -> Float[Array, " impact"]:
+    """Log density of the recorded traces, errors integrated out: one pass over frequencies, two with slopes.
+
+    Args:
+        c1: 2 - phi1.
+        c2: 1 - phi1 - phi2.
+        theta1: moving-average coefficient.
+        log_sigma: log of the shocks' standard deviation [m].
+        record: the traces.
+    """
+    products = displacement_products(record, c1, c2, theta1)
+    return marginal_log_likelihood(products, log_sigma, record.error_sd)
+
+
+@recorded_log_likelihood.defjvp
+def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
+    """Slopes by way of the products take one more pass; all others are of a few numbers an impact."""
+    c1, c2, theta1, log_sigma, record = primals
+    parts, weight = _parts(record, c1, c2, theta1)
+    entries = sums_over_frequencies(_terms(parts, weight))
+
+    def density(entries: tuple[Array, ...], c1: Array, c2: Array, theta1: Array, log_sigma: Array) -> Array:
+        products = _products(entries, c1, c2, theta1, record)
+        return marginal_log_likelihood(products, log_sigma, record.error_sd)
+
+    value, pull_back = jax.vjp(density, entries, c1, c2, theta1, log_sigma)
+    # Made before the second pass, not anew for each of its frequencies.
+    by_entries, *slopes = jax.lax.optimization_barrier(pull_back(jnp.ones_like(value)))
+    rows = from_lower_entries(tuple(slope[:, None] for slope in by_entries))
+    over = [part * weight for part in parts]
+    toward = [small.dot(rows[a][: a + 1], over[: a + 1]) for a in range(4)]
+    by_w = rows[0][0] * over[0] + small.dot(rows[0], over)
+    by_eigenvalue = -small.dot(toward, over)
+    # Two loops: one of all three sums has more in hand than a processor has registers.
+    more = (
+        *sums_over_frequencies((by_w * record.columns[1], by_w * record.columns[2])),
+        *sums_over_frequencies((by_eigenvalue * (record.spread - 2 * (1 - theta1)[:, None]),)),
+    )
+    changes = [(slope + extra) * d for slope, extra, d in zip(slopes, more, tangents, strict=False)]
+    return value, sum(changes, slopes[3] * tangents[3])
+
+
+class MeasuredDisplacement(dist.Distribution):
+    """Distribution of whole displacement traces: ARMA(2,1) plus the measuring chain's linear errors.
+
+    One event an impact, the density of x_3 ... x_n given x_1 and x_2 with the errors integrated out. At
+    ``record.x`` itself the density comes from the stored transforms; at any other value from a filter.
+
+    Args:
+        omega_n: natural frequency [rad/s].
+        zeta: damping ratio.
+        theta1: moving-average coefficient, or None: that of the sampled A(2) (thesis, section 2.11).
+        log_sigma: log of the shocks' standard deviation [m].
+        record: see `displacement_record`.
+    """
+
+    arg_constraints = {  # noqa: RUF012
+        "omega_n": constraints.positive,
+        "zeta": constraints.real,
+        "log_sigma": constraints.real,
+    }
+    support = constraints.real_vector
+    pytree_data_fields = ("omega_n", "zeta", "theta1", "log_sigma", "record")
+
+    def __init__(
+        self,
+        omega_n: Array,
+        zeta: Array,
+        theta1: Array | None,
+        log_sigma: Array,
+        record: DisplacementRecord,
+        *,
+        validate_args: bool | None = None,
+    ) -> None:
+        self.omega_n, self.zeta, self.theta1, self.log_sigma = omega_n, zeta, theta1, log_sigma
+        self.record = record
+        super().__init__(omega_n.shape, record.x.shape[1:], validate_args=validate_args)
+
+    def differences(self) -> tuple[Array, Array, Array]:
+        """c1, c2 and theta1 of each impact."""
+        c1, c2, sampled = to_differences(self.omega_n, self.zeta, self.record.dt)
+        return c1, c2, sampled if self.theta1 is None else self.theta1
+
+    def products(self) -> Products:
+        """See `displacement_products`."""
+        return displacement_products(self.record, *self.differences())
+
+    def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
+        """Log density of each impact's trace, its errors integrated out."""
+        if value is self.record.x:
+            return recorded_log_likelihood(*self.differences(), self.log_sigma, self.record)
+        return marginal_log_likelihood(self._filtered(value), self.log_sigma, self.record.error_sd)
+
+    def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
+        """The chain's errors given the recorded traces: constant, ramp and parabola."""
+        return draw_errors(key, self.products(), self.log_sigma, self.record.error_sd)
+
+    def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
+        """Draw traces from the record's first two values on: the recursion, then the chain's errors."""
+        key_of_x, key_of_errors = jax.random.split(key)
+        record = self.record
+        c1, c2, theta1 = self.differences()
+        errors = record.error_sd * jax.random.normal(key_of_errors, (*sample_shape, *self.batch_shape, 3))
+        time = record.first_time[:, None] + jnp.arange(record.x.shape[1]) * record.dt[:, None]
+        e0, e1, e2 = (errors[..., i, None] for i in range(3))
+        added = e0 + e1 * time + e2 * time**2 / 2
+        first = record.x[:, :2] - added[..., :2]
+        shape = (*sample_shape, *self.batch_shape)
+        clean = ARMA21(
+            jnp.broadcast_to(c1, shape),
+            c2,
+            theta1,
+            jnp.exp(self.log_sigma),
+            first=first,
+            n_samples=record.n_samples,
+            width=record.x.shape[1],
+        ).sample(key_of_x)
+        inside = jnp.arange(record.x.shape[1]) < record.n_samples[:, None]
+        return jnp.where(inside, clean + added, 0.0)
+
+    def _filtered(self, value: Array) -> Products:
+        record = self.record
+        c1, c2, theta1 = self.differences()
+        time = record.first_time[:, None] + jnp.arange(value.shape[-1]) * record.dt[:, None]
+        count = record.n_samples - 2.0
+        valid = jnp.arange(value.shape[-1] - 2) < count[:, None]
+        series = jnp.stack(jnp.broadcast_arrays(value, jnp.ones_like(time), time, time**2 / 2))
+        slope = jnp.diff(series, axis=-1)
+        w = jnp.diff(slope, axis=-1) + c1[:, None] * slope[..., :-1] + c2[:, None] * series[..., :-2]
+        valid = jnp.broadcast_to(valid, w.shape)
+        errors, spreads = innovations(jnp.where(valid, w, 0.0), jnp.broadcast_to(theta1, w.shape[:-1]), valid)
+        return Products(gram(tuple(errors), 1 / spreads[0]), jnp.log(spreads[0]).sum(-1), count)

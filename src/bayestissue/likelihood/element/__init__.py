@@ -1,0 +1,1 @@
+"""Decelerations of an impact on a mechanical element."""

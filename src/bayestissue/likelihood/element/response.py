@@ -1,0 +1,174 @@
+"""What is recorded of an impact on any mechanical element, and the element's own answer at the samples."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Bool, Float, Int
+
+from bayestissue.elements import Element, linear, solver
+from bayestissue.elements.element import deceleration_of, rates_of_motion
+
+# Columns of the measuring chain's errors.
+VELOCITY, GAIN, OFFSET, CONTACT = range(4)
+
+
+class ElementRecord(NamedTuple):
+    """What the likelihood reads of a set of deceleration traces.
+
+    Attributes:
+        d: decelerations, 0 past a row's end [m/s^2].
+        n_samples: length of each.
+        first_time: from contact to the first sample [s].
+        dt: sampling interval [s].
+        velocity: recorded velocity at contact [m/s].
+        error_sd: standard deviations of velocity [m/s], gain [1], offset [m/s^2] and contact time [s].
+        uniform: where the contact time's error is uniform instead of normal.
+        mass: recorded mass [kg].
+        diameter: of the impactor [m].
+        basis: modes of a discrepancy, and ``share``, their part in it: see `discrepancy.modes`; None where
+            the element's law is taken as the tissue's.
+        quiet: where the offset was found as the mean of a quiet part, and its standard deviation is that
+            under white noise; None where this does not matter.
+        before: the samples before the first, in order of time, by the cell of contact's moment they are in; 0
+            where there are none [m/s^2]. None where contact is known but for its error, uniform or not. Where
+            it is not it may be in any of these cells: see `bayestissue.likelihood.element.contact_cells`.
+        n_before: how many of these samples were recorded and count.
+        quiet_sd: standard deviation of the recorder's noise, as a quiet part has it [m/s^2].
+        common_depth: one depth that every impact reaches [m]; no part of the likelihood. None where stiffness
+            does not depend on depth.
+    """
+
+    d: Float[Array, "impact sample"]
+    n_samples: Int[Array, " impact"]
+    first_time: Float[Array, " impact"]
+    dt: Float[Array, " impact"]
+    velocity: Float[Array, " impact"]
+    error_sd: Float[Array, "impact 4"]
+    uniform: Bool[Array, " impact"]
+    mass: Float[Array, " impact"]
+    diameter: Float[Array, " impact"]
+    basis: Float[Array, "mode impact sample"] | None = None
+    share: Float[Array, "impact mode"] | None = None
+    quiet: Bool[Array, " impact"] | None = None
+    before: Float[Array, "cell impact width"] | None = None
+    n_before: Int[Array, " impact"] | None = None
+    quiet_sd: Float[Array, " impact"] | None = None
+    common_depth: Float[Array, " impact"] | None = None
+
+    @classmethod
+    def of(cls, *arrays: np.ndarray, **named: np.ndarray) -> ElementRecord:
+        """From numpy arrays in the order of the attributes, or named; values past a row's end are cleared.
+
+        Without the modes there is no discrepancy.
+        """
+        given = {name: jnp.asarray(array) for name, array in named.items()}
+        made = cls(*(jnp.asarray(array) for array in arrays), **given)
+        return made._replace(d=jnp.where(made.inside(), made.d, 0.0))
+
+    def at_contact(self, first_time: Float[Array, " impact"]) -> ElementRecord:
+        """The same traces with contact so long before the first sample [s], its error about that."""
+        return self._replace(first_time=first_time, before=None, n_before=None, quiet_sd=None)
+
+    def inside(self) -> Bool[Array, "impact sample"]:
+        """True where there is a sample."""
+        return jnp.arange(self.d.shape[1]) < self.n_samples[:, None]
+
+    def time(self) -> Float[Array, "impact sample"]:
+        """Time since contact, also past a row's end [s]."""
+        return self.first_time[:, None] + jnp.arange(self.d.shape[1]) * self.dt[:, None]
+
+
+class Response(NamedTuple):
+    """An impact as recorded without errors, and how errors change it; all 0 past a trace's end.
+
+    Where contact may be in any of several cells it is instead on a grid of the sampling interval that begins
+    half an interval after contact; its end is no trace's.
+
+    Attributes:
+        d: deceleration [m/s^2].
+        by_velocity: its derivative by the velocity at contact [1/s].
+        jerk: its derivative in time [m/s^3].
+    """
+
+    d: Float[Array, "impact sample"]
+    by_velocity: Float[Array, "impact sample"]
+    jerk: Float[Array, "impact sample"]
+
+
+class Motion(NamedTuple):
+    """The element's own motion at the samples, also past a row's end.
+
+    Attributes:
+        x: penetration [m].
+        v: its velocity [m/s].
+        d: deceleration [m/s^2].
+    """
+
+    x: Float[Array, "impact sample"]
+    v: Float[Array, "impact sample"]
+    d: Float[Array, "impact sample"]
+
+
+def motion(
+    element: Element,
+    parameters: Float[Array, "parameter impact"],
+    record: ElementRecord,
+    velocity: Float[Array, " impact"],
+) -> Motion:
+    """The impact at ``velocity`` [m/s], contact as the record has it; other arguments as of `response`."""
+    record = record.at_contact(record.first_time)
+    p = {name: value[:, None] for name, value in _named(element, parameters, record).items()}
+    y = _states(element, parameters, velocity, record)
+    return Motion(y[0], y[1], deceleration_of(element, p, record.mass[:, None], y))
+
+
+def response(
+    element: Element, parameters: Float[Array, "parameter impact"], record: ElementRecord
+) -> Response:
+    """The element's answer at the samples.
+
+    Args:
+        element: what is hit.
+        parameters: its parameters in their order.
+        record: masses, velocities and times.
+    """
+    p = {name: value[:, None] for name, value in _named(element, parameters, record).items()}
+    mass, inside = record.mass[:, None], record.inside() if record.before is None else True
+
+    def d_and_jerk(velocity: Array) -> tuple[Array, Array]:
+        y = _states(element, parameters, velocity, record)
+        flow = rates_of_motion(element, p, mass, y)
+        return jax.jvp(lambda y: deceleration_of(element, p, mass, y), (y,), (flow,))
+
+    if element.linear:
+        d, jerk = d_and_jerk(record.velocity)
+        by_velocity = d / record.velocity[:, None]
+    else:
+        (d, jerk), (by_velocity, _) = jax.jvp(
+            d_and_jerk, (record.velocity,), (jnp.ones_like(record.velocity),)
+        )
+    return Response(*(jnp.where(inside, part, 0.0) for part in (d, by_velocity, jerk)))
+
+
+def _named(element: Element, parameters: Array, record: ElementRecord) -> dict[str, Array]:
+    names = [parameter.name for parameter in element.parameters]
+    return {**dict(zip(names, parameters, strict=True)), "diameter_m": record.diameter}
+
+
+def _states(element: Element, parameters: Array, velocity: Array, record: ElementRecord) -> Array:
+    grid = linear.even_grid if element.linear else solver.even_grid
+    p, first_time, count = _named(element, parameters, record), record.first_time, record.d.shape[1]
+    if record.before is not None:
+        cells, _, width = record.before.shape
+        first_time, count = record.dt / 2, count + cells * width
+    return grid(element, p, record.mass, velocity, first_time, record.dt, count)
+
+
+def columns(found: Response, record: ElementRecord) -> tuple[Array, Array, Array, Array]:
+    """What a unit of each error adds: of velocity, gain, offset and contact time, each [impact, sample]."""
+    return found.by_velocity, found.d, jnp.where(record.inside(), 1.0, 0.0), -found.jerk
