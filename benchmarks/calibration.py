@@ -31,7 +31,7 @@ from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import plain_model
-from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.likelihood.arma.displacement import displacement_record
@@ -93,7 +93,7 @@ def ranks(kind: str, data_sets: int, seconds: float, seed: int) -> pd.DataFrame:
         summarised, draws, correction = corrected_draws(prepared, SAMPLER, number)
         if not correction.trusted:
             draws = exact_draws(prepared, summarised, EXACT, number, processes=False)
-        found = unfold(prepared, summarised.summaries, draws, jax.random.PRNGKey(number))
+        found = constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(number))
         truth = {name: drawn[name] for name in model.spreads}
         posterior = {name: found.sites[name] for name in model.spreads}
         for name in ("intercept_K", "intercept_C", "mass_exponent_K", "mass_exponent_C"):

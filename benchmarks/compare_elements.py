@@ -40,7 +40,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.comparing.implied import OF_IMPACTS, implied
 from bayestissue.inference.comparing.runs import FinishedRun, compare_runs
 from bayestissue.inference.comparing.stacking import decides
-from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.posterior.recipe import Correction
 from bayestissue.inference.results.cross_validation import SCHEMES
 from bayestissue.simulation import simulate
@@ -57,7 +57,7 @@ def fits_of(name: str) -> Fits:
     return Fits(model, simulate(campaign_of(name, 0)).dataset("first"))
 
 
-def finished(name: str, prepared: Prepared, found: Unfolded) -> FinishedRun:
+def finished(name: str, prepared: Prepared, found: ConstrainedDraws) -> FinishedRun:
     """What `compare` reads of a run's folder."""
     draws, people = ("chain", "draw"), prepared.impacts["subject"].astype(str).to_numpy()
     scalars = {site: (draws, values) for site, values in found.sites.items() if values.ndim == 2}

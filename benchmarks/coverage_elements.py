@@ -24,7 +24,7 @@ from coverage_fit import LEVELS, Fits, campaign, kept_with, summarised
 from bayestissue import runtime
 from bayestissue.elements import element, element_names
 from bayestissue.hierarchy.specification import read_specification
-from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.simulation import Simulation, simulate
 
 CAMPAIGNS = 50
@@ -52,7 +52,9 @@ def campaign_of(name: str, seed: int) -> Simulation:
     return Simulation.model_validate(made)
 
 
-def rows_of(found: Unfolded, truth: pd.DataFrame, made: Simulation, number: int) -> list[dict[str, Any]]:
+def rows_of(
+    found: ConstrainedDraws, truth: pd.DataFrame, made: Simulation, number: int
+) -> list[dict[str, Any]]:
     """One row per quantity, impact and level: does the interval hold the truth, how wide, how far off."""
     columns = {"K": "K_N_per_m", "C": "C_N_s_per_m", "K_secant": "K_secant_N_per_m"}
     columns |= {"C_equivalent": "C_equivalent_N_s_per_m", "energy_lost": "energy_lost"}

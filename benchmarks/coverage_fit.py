@@ -31,9 +31,9 @@ from bayestissue import runtime
 from bayestissue.dataset import Dataset
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
-from bayestissue.inference.posterior.constrained_draws import Unfolded, unfold
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
 from bayestissue.inference.posterior.recipe import Correction, corrected_draws
-from bayestissue.inference.posterior.scores import Told
+from bayestissue.inference.posterior.scores import LikelihoodApproximation
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.simulation import Simulation, simulate
@@ -115,11 +115,13 @@ class Fits:
         made = assemble(dataset, self._specification, self._first.design, signal)
         return replace(made, model=self._first.model)
 
-    def fit(self, prepared: Prepared, seed: int) -> tuple[Unfolded, Correction]:
+    def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
         """Draws of everything, and how they were corrected."""
         summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
-        told = Told(summarised.summaries, summarised.profile, correction.ratios)
-        return unfold(prepared, told.summaries, draws, jax.random.PRNGKey(seed), told=told), correction
+        told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
+        return constrained_draws(
+            prepared, told.summaries, draws, jax.random.PRNGKey(seed), told=told
+        ), correction
 
 
 @lru_cache
@@ -127,7 +129,9 @@ def _tails() -> np.ndarray:
     return np.array([[0.5 - level / 200, 0.5 + level / 200] for level in LEVELS])
 
 
-def rows_of(found: Unfolded, truth: pd.DataFrame, made: Simulation, number: int) -> list[dict[str, Any]]:
+def rows_of(
+    found: ConstrainedDraws, truth: pd.DataFrame, made: Simulation, number: int
+) -> list[dict[str, Any]]:
     """One row per quantity, impact and level: does the interval hold the truth, how wide, how far off."""
     quantities = {
         "K": (found.impacts["K"], truth["K_N_per_m"].to_numpy()),

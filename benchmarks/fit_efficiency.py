@@ -41,10 +41,10 @@ from bayestissue.hierarchy.traces import (
     sampled_model,
     trace_distribution,
 )
-from bayestissue.inference.posterior.approximate import Summarised, summarise
-from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.posterior.approximate import Approximation, approximate
+from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import start_of, straightened
-from bayestissue.inference.posterior.recipe import summary_draws
+from bayestissue.inference.posterior.recipe import marginal_draws
 from bayestissue.inference.samplers.nuts import run_chains
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.resources import shared
@@ -97,19 +97,19 @@ class Bench:
     prepared: Prepared
     specification: ModelSpecification
     budget: float
-    summarised: Summarised = field(init=False)
-    whitening: Summarised = field(init=False)
+    summarised: Approximation = field(init=False)
+    whitening: Approximation = field(init=False)
     summarising: Time = field(init=False)
     summarising_cold: Time = field(init=False)
 
     def __post_init__(self) -> None:
-        _, self.summarising_cold = timed(lambda: summarise(self.prepared))
-        self.summarised, self.summarising = timed(lambda: summarise(self.prepared))
-        self.whitening = summarise(self.prepared, refinements=0)
+        _, self.summarising_cold = timed(lambda: approximate(self.prepared))
+        self.summarised, self.summarising = timed(lambda: approximate(self.prepared))
+        self.whitening = approximate(self.prepared, refinements=0)
 
-    def quantities(self, draws: Draws, summarised: Summarised) -> Arrays:
+    def quantities(self, draws: Draws, summarised: Approximation) -> Arrays:
         """What is reported of draws of the fit's standard normals, which these summaries make."""
-        found = unfold(self.prepared, summarised.summaries, draws, jax.random.PRNGKey(SEED))
+        found = constrained_draws(self.prepared, summarised.summaries, draws, jax.random.PRNGKey(SEED))
         model = self.prepared.model
         parts = {name: found.sites[name] for name in (*model.spreads, *model.locations.parts)}
         return parts | {name: np.log(found.impacts[name]) for name in ("K", "C")}
@@ -124,7 +124,7 @@ def summary_path(bench: Bench) -> Outcome:
     """The summary path twice: the first pass compiles as well, the second is what sampling takes."""
 
     def whole() -> tuple[Draws, Arrays]:
-        draws, _ = summary_draws(bench.prepared, bench.summarised, bench.specification.sampler, SEED)
+        draws, _ = marginal_draws(bench.prepared, bench.summarised, bench.specification.sampler, SEED)
         return draws, bench.quantities(draws, bench.summarised)
 
     _, cold = timed(whole)

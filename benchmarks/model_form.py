@@ -26,7 +26,7 @@ from bayestissue import runtime
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking.model_form import LIMIT, pooled_score
-from bayestissue.inference.posterior.constrained_draws import Unfolded, unfold
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.recipe import Correction, corrected_draws
 from bayestissue.inference.results.tree import predicted
@@ -39,7 +39,7 @@ ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "benchmarks" / "model_form.csv"
 
 
-def score_of(prepared: Prepared, found: Unfolded, seed: int) -> float:
+def score_of(prepared: Prepared, found: ConstrainedDraws, seed: int) -> float:
     """See `bayestissue.inference.checking.model_form`."""
     replicated = predicted(prepared, found, seed)["deceleration"]
     signal = prepared.signal
@@ -59,12 +59,12 @@ def rows_of(values: Float[np.ndarray, "chain draw impact"], true: np.ndarray) ->
 class AsTheProgram(Fits):
     """Fits by the summary path, and by the exact one where its correction can't be trusted."""
 
-    def fit(self, prepared: Prepared, seed: int) -> tuple[Unfolded, Correction]:
+    def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
         """Draws of everything, and how those of the summary path were corrected."""
         summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
         if not correction.trusted:
             draws = exact_draws(prepared, summarised, SAMPLER, seed, processes=False)
-        return unfold(prepared, summarised.summaries, draws, jax.random.PRNGKey(seed)), correction
+        return constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(seed)), correction
 
 
 def measured(name: str, specification: ModelSpecification, campaigns: int) -> pd.DataFrame:

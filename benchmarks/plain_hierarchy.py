@@ -17,7 +17,7 @@ from jax import Array
 
 from bayestissue.hierarchy.effects import cholesky_factor
 from bayestissue.hierarchy.population import expected
-from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, sample_spreads
+from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, sample_hyperparameters
 from bayestissue.oscillator import to_differences
 
 
@@ -26,7 +26,7 @@ def plain(model: TraceModel, data: TraceData) -> None:
 
     Deterministic sites ``locations`` (b), ``log_K`` and ``log_C`` of each impact are what is compared.
     """
-    sites = sample_spreads(model)
+    sites = sample_hyperparameters(model)
     number = data.log_mass.shape[0]
     spread = population(model, sites)
     b = data.location_mean + spread.locations * _standard("standard_locations", model.locations.size)

@@ -9,13 +9,13 @@ import pandas as pd
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.gaussian.conditional import (
     Conditional,
-    Summaries,
-    condition,
+    Sites,
+    integrate_out,
 )
 from bayestissue.hierarchy.population import (
+    Covariances,
     PopulationDesign,
-    SharedError,
-    Spread,
+    SharedMassError,
     expected,
     population_design,
 )
@@ -45,7 +45,7 @@ class Dense:
         self.number = len(rows)
         self.mean = self.named.mean
         self.sd = np.where(np.isfinite(self.named.sd), self.named.sd, 0.7)
-        self.spread = Spread(
+        self.spread = Covariances(
             tuple(map(jnp.asarray, (OWN[0, 0], OWN[0, 1], OWN[1, 1]))),
             tuple(map(jnp.asarray, NUISANCE_SD)),
             jnp.asarray(self.sd),
@@ -53,7 +53,7 @@ class Dense:
         self.of_b = np.diag(self.sd**2)
         if shared:
             on_K, on_C = (np.r_[self.named.parts[f"subject_effect_{q}"]] for q in "KC")
-            self.spread = self.spread._replace(shared=SharedError(on_K, on_C, shared**2))
+            self.spread = self.spread._replace(shared=SharedMassError(on_K, on_C, shared**2))
             ones = np.zeros((len(self.sd), len(on_K)))
             ones[on_K, np.arange(len(on_K))] = ones[on_C, np.arange(len(on_C))] = 1
             self.of_b += shared**2 * ones @ ones.T
@@ -63,12 +63,12 @@ class Dense:
         self.summaries = self._summaries()
         self.X = self._matrix()
 
-    def _summaries(self) -> Summaries:
+    def _summaries(self) -> Sites:
         root = self.rng.normal(size=(self.number, SIZE, SIZE))
         precision = root @ root.swapaxes(1, 2) + 0.2 * np.eye(SIZE)
         centre = np.array([5.0, 2.0, -9.0, 0.0]) + self.rng.normal(size=(self.number, SIZE))
         slope, value = self.rng.normal(size=(self.number, SIZE)), 10 * self.rng.normal(size=self.number)
-        return Summaries(*map(jnp.asarray, (centre, slope, precision, value)))
+        return Sites(*map(jnp.asarray, (centre, slope, precision, value)))
 
     def _matrix(self) -> np.ndarray:
         """X with rows in the order (impact, parameter), one column of b at a time."""
@@ -102,4 +102,4 @@ class Dense:
         return whole
 
     def conditional(self) -> Conditional:
-        return condition(self.design, self.spread, jnp.asarray(self.mean), self.summaries)
+        return integrate_out(self.design, self.spread, jnp.asarray(self.mean), self.summaries)

@@ -12,12 +12,12 @@ from numpy.testing import assert_allclose
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.gaussian.cell_solution import locations_of, solve
 from bayestissue.hierarchy.gaussian.cells import Cells, arrange, expected_by_place, in_cells
-from bayestissue.hierarchy.gaussian.conditional import Summaries, condition
+from bayestissue.hierarchy.gaussian.conditional import Sites, integrate_out
 from bayestissue.hierarchy.population import (
-    Locations,
+    Covariances,
+    Effects,
     PopulationDesign,
-    SharedError,
-    Spread,
+    SharedMassError,
     expected,
     population_design,
 )
@@ -30,7 +30,7 @@ OF_PEOPLE = Formulas(K="log(mass_kg) + age + (1|subject)", C="age + (1|subject) 
 
 
 class Problem:
-    """Summaries of impacts of four people in three conditions, some cells without an impact."""
+    """Sites of impacts of four people in three conditions, some cells without an impact."""
 
     def __init__(self, formulas: Formulas, repeats: int, shared: float = 0.0) -> None:
         rng = np.random.default_rng(repeats)
@@ -45,20 +45,20 @@ class Problem:
             columns=["subject", "trial", "mass_kg", "age"],
         )
         made = build_design(formulas, rows, reference_mass_kg=0.8, source="m.toml")
-        self.named: Locations
+        self.named: Effects
         self.named, columns = population_design(made, Priors(), ("noise",))
         self.design = PopulationDesign(tuple(map(jnp.asarray, columns.columns)), jnp.asarray(columns.cell))
         self.mean = self.named.mean
         people = [np.r_[self.named.parts[f"subject_effect_{q}"]] for q in "KC"] if shared else []
-        self.spread = Spread(
+        self.spread = Covariances(
             (jnp.asarray(0.2), jnp.asarray(-0.05), jnp.asarray(0.3)),
             (jnp.asarray(0.6),),
             jnp.asarray(np.where(np.isfinite(self.named.sd), self.named.sd, 0.7)),
-            SharedError(*people, shared) if shared else None,
+            SharedMassError(*people, shared) if shared else None,
         )
         count = len(rows)
         root = rng.normal(size=(count, SIZE, SIZE))
-        self.summaries = Summaries(
+        self.summaries = Sites(
             jnp.asarray(np.array([5.0, 2.0, -9.0]) + rng.normal(size=(count, SIZE))),
             jnp.asarray(rng.normal(size=(count, SIZE))),
             jnp.asarray(root @ root.swapaxes(1, 2) + 0.2 * np.eye(SIZE)),
@@ -72,7 +72,7 @@ class Problem:
 
     def dense(self, own: tuple, nuisance: tuple) -> jax.Array:
         spread = self.spread._replace(own=own, nuisance=nuisance)
-        return condition(self.design, spread, jnp.asarray(self.mean), self.summaries).log_evidence
+        return integrate_out(self.design, spread, jnp.asarray(self.mean), self.summaries).log_evidence
 
     def eliminated(self, own: tuple, nuisance: tuple) -> jax.Array:
         return solve(self.cells, self.spread._replace(own=own, nuisance=nuisance))[0].log_evidence
@@ -104,12 +104,14 @@ def test_evidence_and_slopes_are_the_dense_ones(problem: Problem) -> None:
 
 
 def test_locations_have_the_dense_mean_and_covariance(problem: Problem) -> None:
-    found = jax.jit(condition)(problem.design, problem.spread, jnp.asarray(problem.mean), problem.summaries)
+    found = jax.jit(integrate_out)(
+        problem.design, problem.spread, jnp.asarray(problem.mean), problem.summaries
+    )
     solution, _ = jax.jit(solve)(problem.cells, problem.spread)
     mean = locations_of(problem.cells, solution)
     assert_allclose(mean, found.mean, rtol=0, atol=1e-11 * np.abs(found.mean).max())
     unit = jnp.eye(len(problem.mean))
-    # Locations are linear in the standard normals, so one of each tells the factor of the covariance.
+    # Effects are linear in the standard normals, so one of each tells the factor of the covariance.
     root = jax.jit(jax.vmap(lambda z: locations_of(problem.cells, solution, z)))(unit) - mean
     covariance = jnp.linalg.inv(found.factor @ found.factor.T)
     assert_allclose(root.T @ root, covariance, rtol=0, atol=1e-10 * float(jnp.abs(covariance).max()))

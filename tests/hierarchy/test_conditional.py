@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
 from bayestissue.hierarchy.gaussian.conditional import (
+    effects_from_standard,
     impact_parameters,
-    locations,
     log_evidence_of,
 )
 from bayestissue.hierarchy.population import (
@@ -32,9 +32,9 @@ def test_b_has_its_dense_conditional_mean_and_covariance(dense: Dense) -> None:
     )
     found = dense.conditional()
     size = len(mean)
-    assert_allclose(locations(found, jnp.zeros(size)), mean, rtol=1e-9, atol=1e-10)
+    assert_allclose(effects_from_standard(found, jnp.zeros(size)), mean, rtol=1e-9, atol=1e-10)
     # The map is affine: its slope times its transpose is the covariance.
-    root = np.asarray(jax.jacfwd(lambda z: locations(found, z))(jnp.zeros(size)))
+    root = np.asarray(jax.jacfwd(lambda z: effects_from_standard(found, z))(jnp.zeros(size)))
     assert_allclose(root @ root.T, np.linalg.inv(precision), rtol=1e-8, atol=1e-10)
 
 

@@ -10,7 +10,7 @@ from dense_normal import Dense
 from jax.flatten_util import ravel_pytree
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.gaussian.conditional import condition
+from bayestissue.hierarchy.gaussian.conditional import integrate_out
 from bayestissue.hierarchy.gaussian.log_evidence import log_evidence
 
 
@@ -32,7 +32,7 @@ def test_value_and_slope_are_those_of_the_conditional(dense: Dense, scale: float
         kk_kc_cc, nuisance, locations = unravel(flat)
         spread = dense.spread._replace(own=kk_kc_cc, nuisance=nuisance, locations=locations)
         return (
-            condition(dense.design, spread, mean, summaries).log_evidence,
+            integrate_out(dense.design, spread, mean, summaries).log_evidence,
             log_evidence(dense.design, spread, mean, summaries),
         )
 

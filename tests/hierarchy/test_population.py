@@ -6,7 +6,7 @@ import pandas as pd
 from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.design import Design, build_design
-from bayestissue.hierarchy.population import expected, population_design, spread_of_population
+from bayestissue.hierarchy.population import covariances_of, expected, population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import Formulas
 
@@ -76,7 +76,7 @@ def test_an_error_of_mass_moves_both_logs_alike() -> None:
     sites |= {"sd_impact_K": jnp.asarray(0.3), "sd_impact_C": jnp.asarray(0.5)}
     sites |= {"residual_correlation": jnp.asarray(-0.4), "sd_noise": jnp.asarray(0.7)}
     sites |= {"sd_atanh_theta1": jnp.asarray(0.2)}
-    spread = spread_of_population(locations, sites, 0.05, NUISANCE)
+    spread = covariances_of(locations, sites, 0.05, NUISANCE)
     assert_allclose(spread.own, [0.09 + 0.0025, -0.06 + 0.0025, 0.25 + 0.0025], rtol=1e-12)
     assert_allclose(spread.nuisance, [0.7, 0.2])
     for name, place in locations.parts.items():
@@ -84,4 +84,4 @@ def test_an_error_of_mass_moves_both_logs_alike() -> None:
         wanted = known if np.isfinite(known).all() else sites[locations.spread[place.start]]
         assert_allclose(spread.locations[place], wanted, err_msg=name)
     without = {name: value for name, value in sites.items() if name != "residual_correlation"}
-    assert_allclose(spread_of_population(locations, without, 0.0, NUISANCE).own[1], 0.0)
+    assert_allclose(covariances_of(locations, without, 0.0, NUISANCE).own[1], 0.0)

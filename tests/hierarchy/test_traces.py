@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from numpyro.infer.util import log_density, potential_energy
 
 from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.population import PopulationDesign, population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import Formulas
@@ -30,7 +30,7 @@ from bayestissue.hierarchy.traces import (
     sampled_model,
     trace_distribution,
 )
-from bayestissue.hierarchy.warp import Warp
+from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.oscillator import spring_damper
@@ -40,7 +40,7 @@ NUMBER, SAMPLES = 6, 12
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
 
-def made(kind: Kind) -> tuple[TraceModel, TraceData, Summaries]:
+def made(kind: Kind) -> tuple[TraceModel, TraceData, Sites]:
     """Three people in two conditions, traces of a dozen samples, and summaries of anything."""
     rows = pd.DataFrame(
         {
@@ -71,7 +71,7 @@ def made(kind: Kind) -> tuple[TraceModel, TraceData, Summaries]:
     size = 2 + len(model.nuisance)
     root = RNG.normal(size=(NUMBER, size, size))
     centre = np.array([8.0, 3.0, -3.0, 0.3])[:size] + 0.1 * RNG.normal(size=(NUMBER, size))
-    summaries = Summaries(
+    summaries = Sites(
         jnp.asarray(centre),
         jnp.asarray(RNG.normal(size=(NUMBER, size))),
         jnp.asarray(root @ root.swapaxes(1, 2) + np.eye(size)),
@@ -119,7 +119,7 @@ def test_warped_coordinates_have_the_same_density_of_the_unconstrained_ones(kind
     model, data, summaries = made(kind)
     _, z_b, z_u = point(model)
     size = len(model.spreads) + last
-    warp = Warp(RNG.normal(size=size), RNG.uniform(0.5, 1.5, size), RNG.uniform(-0.4, 0.4, size))
+    warp = SinhArcsinh(RNG.normal(size=size), RNG.uniform(0.5, 1.5, size), RNG.uniform(-0.4, 0.4, size))
     y, y_last = RNG.normal(size=len(model.spreads)), float(z_b[-1])
     raw = dict(zip(model.spreads, warp.part(slice(len(y)))(y), strict=True))
     z_last = float(warp.part(-1)(y_last)) if last else y_last

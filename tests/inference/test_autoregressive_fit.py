@@ -15,7 +15,7 @@ from bayestissue.fitting import fit_prepared
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.hierarchy.traces import with_normal_errors
-from bayestissue.inference.factors.laplace import loose_anchor, summarise_traces
+from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.simulation import Campaign, Simulation, simulate
 
@@ -74,7 +74,7 @@ def test_each_trace_alone_tells_its_tissue_and_its_noise_as_surely_as_it_says() 
     start = first_guess(given)
     # A uniform contact moment leaves its likelihood flat on top.
     smooth = with_normal_errors(given.data)
-    found = summarise_traces(given.model, smooth, jnp.asarray(start), loose_anchor(start))
+    found = laplace_sites(given.model, smooth, jnp.asarray(start), weak_prior(start))
     count = len(start)
     sd = np.sqrt(np.diagonal(np.linalg.inv(np.asarray(found.precision)), axis1=1, axis2=2))
     truth = [

@@ -157,6 +157,6 @@ def test_whoever_waits_compiles_what_would_come_last(compiled_here: list[tuple[s
 
 def _job() -> Any:
     class Model:
-        kind, last_may_be_open = "impact", True
+        kind, weakly_identified = "impact", True
 
     return ahead.Job(Model(), None, None)  # type: ignore[arg-type]

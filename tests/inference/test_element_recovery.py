@@ -14,10 +14,10 @@ from bayestissue.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare, with_discrepancy
-from bayestissue.inference.checking.misfit import plainly_wrong
+from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.fit import fit_traces
-from bayestissue.inference.posterior.approximate import expanded, summarise
-from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.posterior.approximate import approximate, expanded
+from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.quantities.elements import COMPARABLE
 from bayestissue.inference.quantities.static_force import static_force
@@ -87,7 +87,7 @@ def truths(name: str, made: Campaign) -> dict[str, np.ndarray]:
 def test_summaries_of_traces_lie_about_the_truth(name: str) -> None:
     made = campaign(name)
     given, _ = prepared(name, made)
-    summaries = summarise(given).summaries
+    summaries = approximate(given).summaries
     names = ["K", "C", *given.model.nuisance]
     covariance = np.linalg.inv(np.asarray(summaries.precision))
     for parameter, true in truths(name, made).items():
@@ -163,7 +163,7 @@ def test_a_tissue_without_what_the_element_has_more_leaves_that_open(name: str) 
     assert summarised.profile is not None
     assert correction.trusted
     assert not draws.statistics["diverging"].any()
-    found = unfold(given, summarised.summaries, draws, jax.random.PRNGKey(0))
+    found = constrained_draws(given, summarised.summaries, draws, jax.random.PRNGKey(0))
     low, high = np.quantile(found.impacts["K"].reshape(-1, len(made.truth)), [0.05, 0.95], axis=0)
     true = made.truth["K_N_per_m"].to_numpy()
     # Twelve independent impacts: fewer than eight held has a probability of 0.004.
@@ -178,18 +178,18 @@ def test_a_tissue_without_what_the_element_has_more_leaves_that_open(name: str) 
 def test_which_models_have_a_parameter_that_may_be_open(name: str, may_be_open: bool) -> None:
     made = campaign("kelvin_voigt")
     given, specification = prepared(name, made)
-    assert given.model.last_may_be_open == may_be_open
+    assert given.model.weakly_identified == may_be_open
     if specification.likelihood == "impact":
         data = made.dataset(name)
-        assert not with_discrepancy(data, specification, given).model.last_may_be_open
+        assert not with_discrepancy(data, specification, given).model.weakly_identified
 
 
 def test_a_wrong_element_is_plain_before_any_chain_and_the_right_one_is_not() -> None:
     made = campaign("kelvin_voigt")
     right, _ = prepared("impact", made)
-    assert plainly_wrong(right, expanded(right), 0) is None
+    assert misfit_precheck(right, expanded(right), 0) is None
     wrong, _ = prepared("maxwell", made)
-    found = plainly_wrong(wrong, expanded(wrong), 0)
+    found = misfit_precheck(wrong, expanded(wrong), 0)
     assert found is not None
     assert found["structured"]
     assert found["score"] > 8

@@ -19,12 +19,12 @@ from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, with_normal_errors
-from bayestissue.inference.factors.laplace import loose_anchor, summarise_traces
+from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import first_guess
-from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.results import uncertainty_budget as sources
 from bayestissue.inference.results.errors import TraceErrors, as_expected, shorter_window, trace_errors
-from bayestissue.inference.results.uncertainty_budget import interval_sources
+from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
 from bayestissue.likelihood.element.response import CONTACT
 from bayestissue.simulation import Simulation, simulate
 
@@ -67,7 +67,7 @@ def u(given: Prepared) -> np.ndarray:
     """The maximum of every likelihood."""
     start = np.tile([np.log(3000.0), np.log(25.0), np.log(0.005)], (PEOPLE * CONDITIONS, 1))
     data = with_normal_errors(given.data)
-    return np.asarray(summarise_traces(given.model, data, jnp.asarray(start), loose_anchor(start), 30).centre)
+    return np.asarray(laplace_sites(given.model, data, jnp.asarray(start), weak_prior(start), 30).centre)
 
 
 def with_errors(given: Prepared, change: Callable[[np.ndarray], np.ndarray]) -> Prepared:
@@ -138,7 +138,7 @@ def test_errors_move_a_shorter_window_no_more_than_they_may(given: Prepared, u: 
     assert (np.square(z).sum(axis=0) > 2.2).all()
 
 
-def drawn(given: Prepared, u: np.ndarray) -> Unfolded:
+def drawn(given: Prepared, u: np.ndarray) -> ConstrainedDraws:
     """A posterior that knows the spreads."""
     rng = np.random.default_rng(1)
     shape = (2, 50)
@@ -148,12 +148,12 @@ def drawn(given: Prepared, u: np.ndarray) -> Unfolded:
         sites[f"intercept_{q}"] = rng.standard_normal(shape)
     sites["residual_correlation"] = np.zeros(shape)
     impacts = {q: np.exp(u[:, i] + 0.01 * rng.standard_normal((*shape, len(u)))) for i, q in enumerate("KC")}
-    return Unfolded(sites, impacts | {"parameters": np.broadcast_to(u, (*shape, *u.shape))}, {})
+    return ConstrainedDraws(sites, impacts | {"parameters": np.broadcast_to(u, (*shape, *u.shape))}, {})
 
 
 @pytest.fixture(scope="module")
 def table(given: Prepared, u: np.ndarray) -> pd.DataFrame:
-    return interval_sources(given, drawn(given, u)).set_index(["level", "quantity", "source"]).sort_index()
+    return uncertainty_budget(given, drawn(given, u)).set_index(["level", "quantity", "source"]).sort_index()
 
 
 def test_shares_add_up(table: pd.DataFrame) -> None:
@@ -198,7 +198,7 @@ def test_a_mass_that_a_person_s_impacts_share_is_a_source_of_the_mean(
     known = TraceErrors(alone, {"noise": alone})
     monkeypatch.setattr(sources, "trace_errors", lambda *_: known)
     monkeypatch.setattr(sources, "shorter_window", lambda *_: None)
-    found = interval_sources(replace(given, model=model), drawn(given, u))
+    found = uncertainty_budget(replace(given, model=model), drawn(given, u))
     found = found.set_index(["level", "quantity", "source"]).sort_index()
     for q in "KC":
         variance = found.loc[("typical person", q)]["sd"] ** 2

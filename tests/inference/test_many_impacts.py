@@ -17,7 +17,7 @@ from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference import fit as traces
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution.chunks import in_blocks
-from bayestissue.inference.factors.grid import Profile, flat_profile
+from bayestissue.inference.factors.grid import LikelihoodGrid, flat_grid
 from bayestissue.inference.many import kept as many_kept
 from bayestissue.inference.many.grid_sum import surface_of
 from bayestissue.inference.many.kept import kept_draws, some_impacts
@@ -71,7 +71,7 @@ def test_a_surface_is_the_traces_evidence_together() -> None:
     # Traces that say nothing of a parameter far below, and rule it out above, as of theta1 near -1.
     turns, sharpness = rng.normal(-2.5, 0.5, count), rng.uniform(3, 12, count)
     table = -np.logaddexp(0, 3 * (grid - turns)) * sharpness
-    profile: Profile = flat_profile(1)._replace(log_likelihood=jnp.asarray(table))
+    profile: LikelihoodGrid = flat_grid(1)._replace(log_likelihood=jnp.asarray(table))
     low, high = np.array([-6.0, np.log(0.03)]), np.array([-2.0, np.log(2.0)])
     surface = surface_of(profile, low, high)
     fine = np.linspace(-12, 4, 40_001)

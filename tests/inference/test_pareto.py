@@ -6,8 +6,12 @@ import numpy as np
 import pytest
 
 from bayestissue.inference.factors import importance_ratios as ratios
-from bayestissue.inference.factors.importance_ratios import Ratios, compare_over, corrections
-from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.inference.factors.importance_ratios import (
+    ImportanceRatios,
+    importance_ratios,
+    log_evidence_corrections,
+)
+from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.posterior import recipe as summary_path
 from bayestissue.inference.posterior.recipe import Correction
 from bayestissue.inference.samplers.psis import below_greatest, pareto_smoothed
@@ -36,7 +40,7 @@ def test_one_impact_without_likelihood_does_not_spoil_what_the_others_tell() -> 
     log_ratio = 0.3 * np.random.default_rng(6).normal(size=(64, 40))
     log_ratio[:, 7] = -np.inf
     nothing = np.zeros((64, 40, 3))
-    found = Correction(0.1, 0.9, Ratios(nothing, log_ratio, log_ratio, ()))  # type: ignore[arg-type]
+    found = Correction(0.1, 0.9, ImportanceRatios(nothing, log_ratio, log_ratio, ()))  # type: ignore[arg-type]
     assert 0.8 < found.told < 1
     assert found.trusted
     assert summary_path._relative_variance(log_ratio) == np.inf
@@ -74,16 +78,16 @@ def test_ratios_where_one_impact_has_no_likelihood_and_one_no_summary(monkeypatc
     own = np.broadcast_to(np.eye(size), (impacts, size, size))
     zero = np.zeros((impacts, size))
     summaries = ratios.Summaries(zero, zero, own, np.zeros(impacts))  # type: ignore[arg-type]
-    anchors = Anchor(
+    anchors = ConditionalPrior(
         0.1 * rng.normal(size=(64, impacts, size)), np.broadcast_to(np.eye(size), (64, 1, size, size))
     )
-    found = compare_over(_Model, None, summaries, anchors, rng.normal(size=(64, 2)))  # type: ignore[arg-type]
+    found = importance_ratios(_Model, None, summaries, anchors, rng.normal(size=(64, 2)))  # type: ignore[arg-type]
     assert np.isneginf(found.log_ratio[:, 1]).all()
     np.testing.assert_allclose(found.log_ratio[:, 0], 0, atol=1e-12)
     (table,) = found.tables
     assert np.isfinite(table.coefficients).all()
     np.testing.assert_allclose(table.coefficients[:, :2], 0, atol=1e-12)
-    told = corrections(summaries, found, anchors)
+    told = log_evidence_corrections(summaries, found, anchors)
     # The truth is the summary itself: there is nothing to correct.
     np.testing.assert_allclose(told[:, 0], 0, atol=1e-9)
     assert np.isneginf(told[:, 1]).all()

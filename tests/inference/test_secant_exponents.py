@@ -12,7 +12,7 @@ from scipy import stats
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.priors import Normal
-from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.quantities.secant_exponents import (
     _SPREADS,
     Units,
@@ -42,7 +42,7 @@ def prepared(groups: tuple[str, ...] = ("subject", "trial"), *, discrepancy: boo
     return SimpleNamespace(design=Design({"K": part, "C": part}, subject, trial, *names, 0.7), model=model)
 
 
-def unfolded(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) -> Unfolded:
+def unfolded(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) -> ConstrainedDraws:
     """Draws with these logs of the impacts' stiffnesses, of conditions whose exponent is drawn about 0.3."""
     exponent = 0.3 + 0.1 * np.random.default_rng(5).standard_normal(SHAPE)
     sites = {
@@ -53,7 +53,9 @@ def unfolded(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) -> 
     }
     logs = {"K": K, "K_common_depth": common, "K_secant": secant}
     count = len(at.design.trial)
-    return Unfolded(sites, {n: np.broadcast_to(np.exp(v), (*SHAPE, count)) for n, v in logs.items()}, {})
+    return ConstrainedDraws(
+        sites, {n: np.broadcast_to(np.exp(v), (*SHAPE, count)) for n, v in logs.items()}, {}
+    )
 
 
 def assert_distributed(draws: np.ndarray, levels: np.ndarray, variance: float = 0.0) -> None:

@@ -17,11 +17,11 @@ from scipy.stats import norm
 
 from bayestissue.dataset import Dataset, Trace, Uncertainty
 from bayestissue.errors import InputError
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import from_standard, plain_model, sampled_model
-from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.oscillator import impact_motion
 
@@ -67,16 +67,16 @@ def prepared(mass_error: Literal["impact", "subject"], formula: str = FORMULA) -
     return prepare(made, specification, source="m.toml")
 
 
-def summaries(precision: float) -> Summaries:
+def summaries(precision: float) -> Sites:
     count = PEOPLE * EACH
     rng = np.random.default_rng(1)
     centre = np.array([8.0, 3.0, -6.0]) + 0.1 * rng.normal(size=(count, 3))
     root = 0.3 * rng.normal(size=(count, 3, 3))
     each = precision * (root @ root.swapaxes(1, 2) + np.eye(3))
-    return Summaries(*map(jnp.asarray, (centre, np.zeros((count, 3)), each, np.zeros(count))))
+    return Sites(*map(jnp.asarray, (centre, np.zeros((count, 3)), each, np.zeros(count))))
 
 
-def drawn(made: Prepared, told: Summaries) -> dict[str, np.ndarray]:
+def drawn(made: Prepared, told: Sites) -> dict[str, np.ndarray]:
     """Draws of log K and log C of people, the spreads given: exact, since the summaries are normal."""
     rng = np.random.default_rng(2)
     sites = {
@@ -85,14 +85,14 @@ def drawn(made: Prepared, told: Summaries) -> dict[str, np.ndarray]:
     }
     sites["standard_locations"] = rng.normal(size=(1, DRAWS, made.model.locations.size))
     sites["standard_impacts"] = rng.normal(size=(1, DRAWS, PEOPLE * EACH, 3))
-    found = unfold(made, told, Draws(sites, {}, 10), jax.random.PRNGKey(3))
+    found = constrained_draws(made, told, Draws(sites, {}, 10), jax.random.PRNGKey(3))
     people = {
         q: (found.sites[f"intercept_{q}"][..., None] + found.sites[f"subject_effect_{q}"])[0] for q in "KC"
     }
     return people | {"mass": found.impacts["mass"][0], "log K": np.log(found.impacts["K"][0])}
 
 
-def dense_sd(told: Summaries, priors: tuple[float, float]) -> np.ndarray:
+def dense_sd(told: Sites, priors: tuple[float, float]) -> np.ndarray:
     """The posterior sd of log K and log C of person a by a dense normal over effects and errors."""
     subject, trial = np.repeat(np.arange(PEOPLE), EACH), np.tile([0, 1], PEOPLE * EACH // 2)
     # per response: intercept, three people, two trials; then the three people's errors

@@ -11,16 +11,20 @@ from scipy.special import logsumexp
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.inference.factors.grid import flat_profile
-from bayestissue.inference.factors.importance_ratios import Ratios, compare_over, corrections
-from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.inference.factors.grid import flat_grid
+from bayestissue.inference.factors.importance_ratios import (
+    ImportanceRatios,
+    importance_ratios,
+    log_evidence_corrections,
+)
+from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_summary, normals, standard_points
+from bayestissue.inference.factors.moments import log_site, normals, standard_points
 from bayestissue.inference.fit import fit_traces
-from bayestissue.inference.posterior.approximate import summarise
-from bayestissue.inference.posterior.conditional_prior import expectations
-from bayestissue.inference.posterior.constrained_draws import unfold
-from bayestissue.inference.posterior.recipe import Correction, summary_draws
+from bayestissue.inference.posterior.approximate import approximate
+from bayestissue.inference.posterior.conditional_prior import conditional_priors
+from bayestissue.inference.posterior.constrained_draws import constrained_draws
+from bayestissue.inference.posterior.recipe import Correction, marginal_draws
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
@@ -86,7 +90,7 @@ def test_points_have_the_moments_of_a_standard_normal_to_their_number() -> None:
 
 
 def test_a_profile_interpolates_cubics_and_integrates_against_a_normal() -> None:
-    profile = flat_profile(2)
+    profile = flat_grid(2)
     grid = np.asarray(profile.first) + np.asarray(profile.step) * np.arange(profile.log_likelihood.shape[0])
     # exp(a x - x^2 / 2) against N(m, s^2) is a normal integral in closed form.
     slope = np.array([0.3, -1.0])
@@ -104,11 +108,11 @@ def test_a_profile_interpolates_cubics_and_integrates_against_a_normal() -> None
 
 
 def test_summaries_stand_for_the_traces(prepared: Prepared) -> None:
-    summarised = summarise(prepared)
-    draws, correction = summary_draws(prepared, summarised, Sampler(chains=2, warmup=200, draws=500), 1)
+    summarised = approximate(prepared)
+    draws, correction = marginal_draws(prepared, summarised, Sampler(chains=2, warmup=200, draws=500), 1)
     assert correction.trusted
     assert correction.effective > 0.5
-    unfolded = unfold(prepared, summarised.summaries, draws, jax.random.PRNGKey(1))
+    unfolded = constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(1))
     assert unfolded.impacts["K"].shape == (2, 500, 16)
     assert np.isfinite(unfolded.log_likelihood["trace"]).all()
 
@@ -117,20 +121,20 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     """Where contact lies anywhere between two samples, no trace's likelihood is normal."""
     prepared = prepare(dataset, ModelSpecification(name="impact", likelihood="impact"), source="model")
     assert np.asarray(prepared.data.record.uniform).all()
-    summarised = summarise(prepared)
+    summarised = approximate(prepared)
     model, data, summaries = prepared.model, prepared.data, summarised.summaries
     rng = np.random.default_rng(3)
     # Populations as the posterior has them, one with hardly any spread of the noise among them.
     size = len(summarised.spreads.names)
     raw = summarised.spreads.raw(rng.multivariate_normal(np.zeros(size), summarised.spreads.covariance, 64))
     raw["sd_noise"][:2] = -7.0
-    anchors = expectations(model, data, summaries, raw, np.zeros((64, model.locations.size))).anchors
-    ratios = compare_over(model, data, summaries, anchors, standard_points(3))
-    first = Anchor(*(part[:8] for part in anchors))
-    tabulated = corrections(summaries, ratios, first)
+    anchors = conditional_priors(model, data, summaries, raw, np.zeros((64, model.locations.size))).anchors
+    ratios = importance_ratios(model, data, summaries, anchors, standard_points(3))
+    first = ConditionalPrior(*(part[:8] for part in anchors))
+    tabulated = log_evidence_corrections(summaries, ratios, first)
     u = normals(summaries, first).at(standard_points(3, 2048)[:, None, None])
     flat = u.reshape(-1, *u.shape[2:])
-    ratio = (log_likelihoods(model, data, flat) - log_summary(summaries, flat)).reshape(u.shape[:3])
+    ratio = (log_likelihoods(model, data, flat) - log_site(summaries, flat)).reshape(u.shape[:3])
     direct = logsumexp(ratio, axis=0) - np.log(len(ratio))
     error = tabulated - direct
     # The scatter of 64 points, most of which all populations share.
@@ -146,7 +150,7 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
 def test_a_correction_is_refused_where_most_points_have_no_weight(scatter: float, trusted: bool) -> None:
     log_ratio = scatter * np.random.default_rng(6).normal(size=(64, 400))
     nothing = np.zeros((64, 400, 3))
-    found = Correction(0.1, 0.9, Ratios(nothing, log_ratio, log_ratio, ()))  # type: ignore[arg-type]
+    found = Correction(0.1, 0.9, ImportanceRatios(nothing, log_ratio, log_ratio, ()))  # type: ignore[arg-type]
     assert found.trusted is trusted
     assert [check.passed for check in found.checks()] == [True, trusted]
     if trusted:

@@ -12,14 +12,14 @@ from scipy.special import logsumexp
 
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.inference.factors.importance_ratios import corrections
-from bayestissue.inference.factors.laplace import Anchor, times
+from bayestissue.inference.factors.importance_ratios import log_evidence_corrections
+from bayestissue.inference.factors.laplace import ConditionalPrior, times
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.moments import log_evidence
-from bayestissue.inference.posterior.conditional_prior import Expectations, expectations
-from bayestissue.inference.posterior.constrained_draws import unfold
+from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
+from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
-from bayestissue.inference.posterior.scores import Told, of_draws
+from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
@@ -34,8 +34,8 @@ class Fit(NamedTuple):
     """A fit's draws of every impact's parameters, and the scores under one draw of the population."""
 
     prepared: Prepared
-    told: Told
-    expected: Expectations
+    told: LikelihoodApproximation
+    expected: ConditionalPriors
     u: np.ndarray
     draw: int
     scores: dict[str, np.ndarray]
@@ -66,10 +66,12 @@ def fit(request: pytest.FixtureRequest) -> Fit:
     prepared = prepare(simulate(small_campaign()).dataset("small"), specification, source="model")
     summarised, draws, correction = corrected_draws(prepared, SETTINGS, SEED)
     assert (summarised.profile is None) == (request.param == "impact")
-    told = Told(summarised.summaries, summarised.profile, correction.ratios)
+    told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
     flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in draws.sites.items()}
-    expected = expectations(prepared.model, prepared.data, told.summaries, flat, flat["standard_locations"])
-    found = unfold(prepared, told.summaries, draws, jax.random.PRNGKey(0), told=told)
+    expected = conditional_priors(
+        prepared.model, prepared.data, told.summaries, flat, flat["standard_locations"]
+    )
+    found = constrained_draws(prepared, told.summaries, draws, jax.random.PRNGKey(0), told=told)
     u = found.impacts["parameters"]
     scores = of_draws(prepared, told, expected)
     for name, values in found.log_likelihood.items():
@@ -129,7 +131,7 @@ def test_a_groups_density_is_that_of_its_impacts_integrated_over_its_effects(fit
     log_weight += np.square(z).sum(-1) / 2 + np.log(scale).sum(-1)
     mean = np.repeat(start[None], len(z), axis=0)
     mean[..., :2] += moved[:, codes]
-    anchors = Anchor(mean, np.repeat(anchor.precision[None, None], len(z), axis=0))
+    anchors = ConditionalPrior(mean, np.repeat(anchor.precision[None, None], len(z), axis=0))
     besides = factors(fit, anchors)
     member = (codes[:, None] == np.arange(count)).astype(float)
     density = (log_evidence(fit.told.summaries, anchors) + besides) @ member + log_weight
@@ -141,10 +143,10 @@ def test_a_groups_density_is_that_of_its_impacts_integrated_over_its_effects(fit
     assert (np.abs(fit.scores[f"traces_of_{group}"] - direct) < 5 * np.hypot(error, scatter)).all()
 
 
-def factors(fit: Fit, anchors: Anchor) -> np.ndarray:
+def factors(fit: Fit, anchors: ConditionalPrior) -> np.ndarray:
     """What each trace's likelihood has besides its summary."""
     assert fit.told.ratios is not None
-    found = corrections(fit.told.summaries, fit.told.ratios, anchors)
+    found = log_evidence_corrections(fit.told.summaries, fit.told.ratios, anchors)
     if fit.told.profile is None:
         return found
     sd = anchors.precision[0, 0, -1, -1] ** -0.5

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import log_likelihood, with_normal_errors
-from bayestissue.inference.factors.laplace import Anchor, loose_anchor, summarise_traces
+from bayestissue.inference.factors.laplace import ConditionalPrior, laplace_sites, weak_prior
 from bayestissue.inference.factors.likelihoods import POINTS, log_likelihoods
-from bayestissue.inference.factors.moments import Points, log_evidence, log_summary, points_of, refine
+from bayestissue.inference.factors.moments import Points, log_evidence, log_site, points_of, refine
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
@@ -51,13 +51,15 @@ def prepared(kind: str) -> Prepared:
     )
 
 
-def summaries_of(size: int, impacts: int = 5) -> tuple[Summaries, Anchor]:
+def summaries_of(size: int, impacts: int = 5) -> tuple[Sites, ConditionalPrior]:
     rng = np.random.default_rng(7)
     root = rng.standard_normal((impacts + 1, size, size))
     precision = root @ root.swapaxes(1, 2) + np.eye(size)
     centre, slope = rng.standard_normal((2, impacts, size))
     parts = (centre, slope, precision[1:], rng.standard_normal(impacts))
-    return Summaries(*map(jnp.asarray, parts)), Anchor(rng.standard_normal((impacts, size)), precision[0])
+    return Sites(*map(jnp.asarray, parts)), ConditionalPrior(
+        rng.standard_normal((impacts, size)), precision[0]
+    )
 
 
 @pytest.mark.parametrize("number", [1, POINTS, POINTS + 3])
@@ -80,7 +82,7 @@ def test_an_expansion_has_the_derivatives_of_the_likelihood(kind: str) -> None:
     given = prepared(kind)
     data = with_normal_errors(given.data)
     start = first_guess(given)
-    found = summarise_traces(given.model, data, start, loose_anchor(start))
+    found = laplace_sites(given.model, data, start, weak_prior(start))
 
     def value(u: jax.Array) -> jax.Array:
         return log_likelihood(given.model, data, list(u.T)).sum()
@@ -99,7 +101,7 @@ def test_an_expansion_has_the_derivatives_of_the_likelihood(kind: str) -> None:
     scaled = np.asarray(found.precision - bend) * sd[:, :, None] * sd[:, None]
     assert np.abs(scaled).max() < 40**2 * step.max() ** 2 / 12 + 1e-6
     # Where the search ended no step promises more than a millionth.
-    anchor = loose_anchor(start)
+    anchor = weak_prior(start)
     total = np.asarray(slope) - (np.asarray(found.centre) - anchor.mean) @ anchor.precision
     assert np.abs(total * sd).max() < 1e-2
 
@@ -121,7 +123,7 @@ def test_points_are_of_the_product_of_summary_and_population(size: int) -> None:
     np.testing.assert_allclose(root @ root.swapaxes(1, 2), covariance, rtol=1e-9, atol=1e-12)
     # Log of the product falls off from the mean on every side alike.
     step = 0.3 * np.random.default_rng(1).standard_normal(mean.shape)
-    product = [log_summary(summaries, u) + anchor.log_density(u) for u in (mean + step, mean - step)]
+    product = [log_site(summaries, u) + anchor.log_density(u) for u in (mean + step, mean - step)]
     np.testing.assert_allclose(product[0], product[1], rtol=1e-9)
 
 
@@ -145,7 +147,7 @@ def test_moments_find_a_normal_likelihood_from_any_summary() -> None:
     )
     z = np.random.default_rng(3).standard_normal((40_000, 2))
     u = points_of(old, anchor, z)
-    found = refine(old, anchor, Points(u, log_summary(truth, u) - log_summary(old, u)))
+    found = refine(old, anchor, Points(u, log_site(truth, u) - log_site(old, u)))
     # Moments of 40,000 draws, weighted: half a percent of each standard deviation, and twice that of squares.
     whole = np.asarray(truth.precision) + anchor.precision
     np.testing.assert_allclose(np.asarray(found.precision) + anchor.precision, whole, rtol=0.1, atol=0.3)

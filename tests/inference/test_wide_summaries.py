@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.inference.factors import regression as wide_summaries
 from bayestissue.inference.factors.laplace import _MOST_GAIN as MOST_GAIN
 from bayestissue.inference.factors.regression import _nearest, _parabola
@@ -63,7 +63,7 @@ def test_a_trace_of_which_the_points_tell_too_little_keeps_its_summary(
     # The second trace has no likelihood anywhere, and so weights that are no numbers.
     value[..., 1], weight[..., 1] = -np.inf, np.nan
     monkeypatch.setattr(wide_summaries, "_points", lambda *_: (u, value, weight))
-    old = Summaries(*(jnp.full(shape, 9.0) for shape in ((2, 3), (2, 3), (2, 3, 3), (2,))))
+    old = Sites(*(jnp.full(shape, 9.0) for shape in ((2, 3), (2, 3), (2, 3, 3), (2,))))
     found = wide_summaries.regressed(None, None, old, None, 0)  # type: ignore[arg-type]
     np.testing.assert_allclose(found.precision[0], np.eye(3), atol=1e-6)
     for new, before in zip(found, old, strict=True):
@@ -79,7 +79,7 @@ def test_a_sloping_likelihood_that_opens_upwards_promises_no_more_than_is_believ
     np.testing.assert_allclose(slope[0], [3.0, 0.0, 0.0], atol=5 * 4 / 400**0.5)
     most = slope[0] @ np.linalg.solve(precision[0], slope[0]) / 2
     assert most < 1.1 * MOST_GAIN
-    held = Summaries(*map(jnp.asarray, (centre, slope, precision, level)))
+    held = Sites(*map(jnp.asarray, (centre, slope, precision, level)))
     far = np.zeros((3, 1, 3))
     far[:, 0, 0] = 10.0, 1000.0, 100_000.0
     gain = (np.asarray(held.log_summary(list(np.moveaxis(far, -1, 0)))) - level)[:, 0]

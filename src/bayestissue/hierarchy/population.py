@@ -24,7 +24,7 @@ MassError = Literal["impact", "subject"]
 
 
 @dataclass(frozen=True)
-class Locations:
+class Effects:
     """Names and places of the parts of b.
 
     ``parts`` has the slice of each part, such as ``intercept_K`` or ``subject_effect_C``; ``mean`` and
@@ -57,7 +57,7 @@ class PopulationDesign(NamedTuple):
 
 def population_design(
     design: Design, priors: Priors, nuisance: tuple[str, ...]
-) -> tuple[Locations, PopulationDesign]:
+) -> tuple[Effects, PopulationDesign]:
     """Arrange a design: b is (all of log K's, all of log C's, then one mean per nuisance parameter).
 
     Args:
@@ -97,7 +97,7 @@ def population_design(
         first, cell = row, np.arange(number)
     columns = tuple(matrix[first] for matrix in rows)
     return (
-        Locations(parts, np.array(mean, float), np.array(sd, float), tuple(spread)),
+        Effects(parts, np.array(mean, float), np.array(sd, float), tuple(spread)),
         PopulationDesign(columns, cell),
     )
 
@@ -147,7 +147,7 @@ def _response(
     return np.concatenate(matrices, axis=1), pieces
 
 
-class SharedError(NamedTuple):
+class SharedMassError(NamedTuple):
     """The error of a person's mass, which moves the person's log K and log C in every impact alike.
 
     Attributes:
@@ -161,7 +161,7 @@ class SharedError(NamedTuple):
     variance: Float[Array, ""] | float
 
 
-class Spread(NamedTuple):
+class Covariances(NamedTuple):
     """Covariance of an impact's parameters about X b, and the standard deviations of b's elements.
 
     Attributes:
@@ -175,7 +175,7 @@ class Spread(NamedTuple):
     own: tuple[Array, Array, Array]
     nuisance: tuple[Array, ...]
     locations: Float[Array, " location"]
-    shared: SharedError | None = None
+    shared: SharedMassError | None = None
 
     def precision(self) -> tuple[Float[Array, " location"], Float[Array, " person"] | None]:
         """Prior precision of b: its diagonal, and the entries between a person's two effects."""
@@ -220,13 +220,13 @@ class Spread(NamedTuple):
         return K, C, K * C + self.shared.variance * (K + C)
 
 
-def spread_of_population(
-    locations: Locations,
+def covariances_of(
+    locations: Effects,
     sites: dict[str, Array],
     log_mass_sd: float,
     nuisance: tuple[str, ...],
     mass_error: MassError = "impact",
-) -> Spread:
+) -> Covariances:
     """The covariances that the sampled standard deviations imply.
 
     An error of the log mass, with standard deviation ``log_mass_sd``, moves log K and log C alike. Being
@@ -252,8 +252,8 @@ def spread_of_population(
     shared = None
     if mass_error == "subject":
         on_K, on_C = (np.r_[locations.parts[f"subject_effect_{q}"]] for q in RESPONSES)
-        shared = SharedError(on_K, on_C, log_mass_sd**2)
-    return Spread(own, tuple(sites[f"sd_{name}"] for name in nuisance), sd, shared)
+        shared = SharedMassError(on_K, on_C, log_mass_sd**2)
+    return Covariances(own, tuple(sites[f"sd_{name}"] for name in nuisance), sd, shared)
 
 
 def expected(design: PopulationDesign, b: Float[Array, " location"]) -> list[Float[Array, " impact"]]:
@@ -272,7 +272,7 @@ def expected(design: PopulationDesign, b: Float[Array, " location"]) -> list[Flo
 
 
 def of_impacts(
-    design: PopulationDesign, shared: SharedError, values: Float[Array, " person"]
+    design: PopulationDesign, shared: SharedMassError, values: Float[Array, " person"]
 ) -> Float[Array, " impact"]:
     """Each impact's person's value.
 

@@ -21,24 +21,24 @@ from numpyro.distributions import biject_to
 from bayestissue.elements import element as element_named
 from bayestissue.hierarchy.gaussian.conditional import (
     Conditional,
-    Summaries,
-    condition,
+    Sites,
+    effects_from_standard,
     impact_parameters,
-    locations,
+    integrate_out,
 )
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.population import (
-    Locations,
+    Covariances,
+    Effects,
     MassError,
     PopulationDesign,
-    Spread,
+    covariances_of,
     expected,
     of_impacts,
-    spread_of_population,
 )
 from bayestissue.hierarchy.priors import HalfNormal, Priors
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
-from bayestissue.hierarchy.warp import Warp
+from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, MeasuredDisplacement
 from bayestissue.likelihood.element.deceleration import DecelerationRecord, MeasuredDeceleration
 from bayestissue.likelihood.element.impact import MeasuredImpact
@@ -85,7 +85,7 @@ class TraceModel:
     """
 
     kind: Kind
-    locations: Locations
+    locations: Effects
     priors: Priors
     correlated: bool
     log_mass_sd: float
@@ -101,7 +101,7 @@ class TraceModel:
         return nuisance_of(self.kind, self.element, **beside)
 
     @property
-    def last_may_be_open(self) -> bool:
+    def weakly_identified(self) -> bool:
         """Whether traces may leave an impact's last parameter open on one side.
 
         They do so of a theta1 near -1, and of an element's further parameter where the tissue is as good as
@@ -164,7 +164,7 @@ def nuisance_of(
 ) -> tuple[str, ...]:
     """Names of an impact's parameters besides log K and log C, a discrepancy's or a correlation's last.
 
-    Without these two an element's further parameter is the last: see `TraceModel.last_may_be_open`.
+    Without these two an element's further parameter is the last: see `TraceModel.weakly_identified`.
     """
     which = element_named(element)
     own = [f"log_{parameter.name}" for parameter in which.extra]
@@ -208,12 +208,12 @@ def with_normal_errors(data: TraceData) -> TraceData:
     return data._replace(record=data.record._replace(uniform=jnp.zeros_like(data.record.uniform)))
 
 
-def sample_spreads(model: TraceModel) -> dict[str, Array]:
+def sample_hyperparameters(model: TraceModel) -> dict[str, Array]:
     """Sample all standard deviations and the correlation from their priors."""
     return {name: numpyro.sample(name, model.prior_of(name)) for name in model.spreads}
 
 
-def sample_warped(model: TraceModel, warp: Warp) -> tuple[dict[str, Array], Float[Array, " rest"]]:
+def sample_warped(model: TraceModel, warp: SinhArcsinh) -> tuple[dict[str, Array], Float[Array, " rest"]]:
     """The same on coordinates of one site, `COORDINATES`, in which the posterior is nearly normal.
 
     ``warp`` maps them to the unconstrained ones in the order of `TraceModel.spreads`, and to any others that
@@ -249,9 +249,9 @@ def constrained(model: TraceModel, raw: Mapping[str, Array]) -> dict[str, Array]
     return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.spreads}
 
 
-def population(model: TraceModel, sites: dict[str, Array]) -> Spread:
-    """See `spread_of_population`."""
-    return spread_of_population(model.locations, sites, model.log_mass_sd, model.nuisance, model.mass_error)
+def population(model: TraceModel, sites: dict[str, Array]) -> Covariances:
+    """See `covariances_of`."""
+    return covariances_of(model.locations, sites, model.log_mass_sd, model.nuisance, model.mass_error)
 
 
 def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True) -> None:
@@ -264,7 +264,7 @@ def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True)
 
 def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
     """The same without the traces; returns each impact's parameters."""
-    spread = population(model, sample_spreads(model))
+    spread = population(model, sample_hyperparameters(model))
     b = numpyro.sample("locations", dist.Normal(data.location_mean, spread.locations).to_event(1))
     about = expected(data.design, b)
     if spread.shared is not None:
@@ -284,7 +284,9 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
     return [logs[..., 0], logs[..., 1], *rest]
 
 
-def sampled_model(model: TraceModel, data: TraceData, summaries: Summaries, warp: Warp | None = None) -> None:
+def sampled_model(
+    model: TraceModel, data: TraceData, summaries: Sites, warp: SinhArcsinh | None = None
+) -> None:
     """The same density over standard normals; `from_standard` gives b and u back.
 
     The factor is log p(b, u) + log |d(b, u) / d(standard normals)| less the standard normals' own density.
@@ -292,7 +294,9 @@ def sampled_model(model: TraceModel, data: TraceData, summaries: Summaries, warp
     last location's standard normal if that is far from normal in the posterior: see `sample_warped`.
     """
     count = len(model.spreads)
-    sites = sample_spreads(model) if warp is None else sample_warped(model, warp.part(slice(count)))[0]
+    sites = (
+        sample_hyperparameters(model) if warp is None else sample_warped(model, warp.part(slice(count)))[0]
+    )
     number, size = summaries.centre.shape
     z_b = numpyro.sample("standard_locations", _standard(model.locations.size))
     z_u = numpyro.sample("standard_impacts", _standard(number, size))
@@ -306,7 +310,7 @@ def sampled_model(model: TraceModel, data: TraceData, summaries: Summaries, warp
         numpyro.sample("trace", trace_distribution(model, data, found.u), obs=observed(data))
 
 
-def warped(z_b: Float[Array, "*batch location"], warp: Warp) -> Float[Array, "*batch location"]:
+def warped(z_b: Float[Array, "*batch location"], warp: SinhArcsinh) -> Float[Array, "*batch location"]:
     """The locations' standard normals with the last one warped by the last part of ``warp``."""
     return z_b.at[..., -1].set(warp.part(-1)(z_b[..., -1]))
 
@@ -326,13 +330,13 @@ class Located(NamedTuple):
 def located(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
+    summaries: Sites,
     sites: dict[str, Array],
     z_b: Float[Array, " location"],
 ) -> Located:
     """The locations b as `hierarchy.gaussian.conditional` maps them, the standard deviations given."""
-    conditional = condition(data.design, population(model, sites), data.location_mean, summaries)
-    b = locations(conditional, z_b)
+    conditional = integrate_out(data.design, population(model, sites), data.location_mean, summaries)
+    b = effects_from_standard(conditional, z_b)
     return Located(b, expected(data.design, b), conditional)
 
 
@@ -348,7 +352,7 @@ class Drawn(NamedTuple):
 def from_standard(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
+    summaries: Sites,
     sites: dict[str, Array],
     z_b: Float[Array, " location"],
     z_u: Float[Array, "impact parameter"],

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 from jaxtyping import Float
 
 
-class Warp(NamedTuple):
+class SinhArcsinh(NamedTuple):
     """x = location + along y + bend ((1 + y^2)^1/2 - 1), increasing and smooth, y standard normal.
 
     A sinh-arcsinh map with normal tails (Jones and Pewsey 2009, Biometrika 96), written as the hyperbola that
@@ -32,6 +32,6 @@ class Warp(NamedTuple):
         """Of each value, dx/dy."""
         return self.along + self.bend * y / (1 + y**2) ** 0.5
 
-    def part(self, places: slice | int) -> Warp:
+    def part(self, places: slice | int) -> SinhArcsinh:
         """That of some of the numbers."""
-        return Warp(*(values[places] for values in self))
+        return SinhArcsinh(*(values[places] for values in self))

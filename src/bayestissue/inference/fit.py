@@ -13,28 +13,28 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.checking.misfit import plainly_wrong
+from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
 from bayestissue.inference.execution.ahead import second_process
 from bayestissue.inference.execution.compiling import PREDICTIONS, Helper
 from bayestissue.inference.execution.second_core import SecondCore
 from bayestissue.inference.many.approximate import summarise_many
 from bayestissue.inference.many.draws import MANY, many_draws
-from bayestissue.inference.posterior.approximate import Summarised, expanded, last_is_normal, summarise
-from bayestissue.inference.posterior.constrained_draws import Unfolded, unfold
+from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded, last_is_normal
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.recipe import Correction, corrected_draws
-from bayestissue.inference.posterior.scores import Told
+from bayestissue.inference.posterior.scores import LikelihoodApproximation
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
 from bayestissue.inference.quantities.secant_population import of_secant
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
 from bayestissue.inference.results.labels import statistics_of_transitions
 from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
-from bayestissue.inference.results.uncertainty_budget import interval_sources
+from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -51,7 +51,7 @@ class TraceAnalysis:
     hypotheses: pd.DataFrame
     cross_validation: pd.DataFrame
     sensitivity: pd.DataFrame
-    interval_sources: pd.DataFrame
+    uncertainty_budget: pd.DataFrame
 
 
 def fit_traces(
@@ -79,7 +79,7 @@ def fit_traces(
     By the summary path the population is sampled with each trace's summary in its place, and the draws are
     then corrected; "automatic" goes on to the exact path, every trace in every step, where the Pareto k of
     the correction says that it can't be trusted. Where the model file leaves a discrepancy to the program,
-    and the best fits show plainly that one is needed, this is all that is returned: see `plainly_wrong`.
+    and the best fits show plainly that one is needed, this is all that is returned: see `misfit_precheck`.
     """
     done = partial(say, "summarising each trace")
     done(0, 1)
@@ -96,18 +96,18 @@ def fit_traces(
         if not doubted or prepared.model.element == SIDE_BY_SIDE:
             helper.compile_ahead()
         expansions = expanded(prepared)
-        wrong = plainly_wrong(prepared, expansions, seed) if doubted else None
+        wrong = misfit_precheck(prepared, expansions, seed) if doubted else None
         if wrong is not None:
             return wrong
-        guess = not last_is_normal(prepared, expansions) if prepared.model.last_may_be_open else None
+        guess = not last_is_normal(prepared, expansions) if prepared.model.weakly_identified else None
         helper.compile_ahead(profiled=guess)
-        first = summarise(prepared, expansions=expansions, say=done, helper=helper)
+        first = approximate(prepared, expansions=expansions, say=done, helper=helper)
         sampling = partial(say, "sampling the population")
         summarised, draws, correction = corrected_draws(
             prepared, settings, seed, summarised=first, say=done, progress=sampling, helper=helper
         )
         if path == "summary" or correction.trusted:
-            told = Told(summarised.summaries, summarised.profile, correction.ratios)
+            told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
             return label(prepared, specification, told.summaries, draws, seed, say, told, correction, helper)
     return _exactly(prepared, specification, seed, say, checkpoints, summarised)
 
@@ -118,27 +118,27 @@ def _exactly(
     seed: int,
     say: Say,
     checkpoints: Path | None,
-    scored: Summarised | None = None,
+    scored: Approximation | None = None,
 ) -> TraceAnalysis:
     # Here the summaries only whiten; scores ask for those that stand for the traces.
     done = partial(say, "summarising each trace")
-    summarised = summarise(prepared, refinements=0, say=done)
-    scored = scored or summarise(prepared, say=done)
+    summarised = approximate(prepared, refinements=0, say=done)
+    scored = scored or approximate(prepared, say=done)
     sampling = partial(say, "sampling the posterior")
     settings = specification.sampler
     draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)
-    told = Told(scored.summaries, scored.profile)
+    told = LikelihoodApproximation(scored.summaries, scored.profile)
     return label(prepared, specification, summarised.summaries, draws, seed, say, told)
 
 
 def label(
     prepared: Prepared,
     specification: ModelSpecification,
-    summaries: Summaries,
+    summaries: Sites,
     draws: Draws,
     seed: int,
     say: Say,
-    told: Told,
+    told: LikelihoodApproximation,
     correction: Correction | None = None,
     helper: Helper | None = None,
 ) -> TraceAnalysis:
@@ -146,7 +146,7 @@ def label(
     helper = helper or Helper()
     say("predicting", 0, 1)
     key = jax.random.PRNGKey(seed)
-    unfolded = of_secant(prepared, unfold(prepared, summaries, draws, key, helper, told=told))
+    unfolded = of_secant(prepared, constrained_draws(prepared, summaries, draws, key, helper, told=told))
     helper.wait(PREDICTIONS)
     return analyse(prepared, specification, unfolded, draws, seed, say, correction, helper)
 
@@ -154,7 +154,7 @@ def label(
 def analyse(
     prepared: Prepared,
     specification: ModelSpecification,
-    unfolded: Unfolded,
+    unfolded: ConstrainedDraws,
     draws: Draws,
     seed: int,
     say: Say,
@@ -162,7 +162,7 @@ def analyse(
     helper: Helper | None = None,
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of draws of everything."""
-    sources = (helper or Helper()).begin(interval_sources, prepared, unfolded)
+    sources = (helper or Helper()).begin(uncertainty_budget, prepared, unfolded)
     tree = posterior_tree(prepared, specification, draws, unfolded, seed)
     posterior = tree["posterior"].dataset
     exponents = {

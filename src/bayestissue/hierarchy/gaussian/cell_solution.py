@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.cell_sums import CellSums, cell_sums
 from bayestissue.hierarchy.gaussian.cells import Arrangement, Cells
-from bayestissue.hierarchy.population import Spread
+from bayestissue.hierarchy.population import Covariances
 from bayestissue.likelihood import small
 
 
@@ -35,7 +35,7 @@ class Solution(NamedTuple):
     half: Float[Array, " rest"]
 
 
-def solve(cells: Cells, spread: Spread) -> tuple[Solution, CellSums]:
+def solve(cells: Cells, spread: Covariances) -> tuple[Solution, CellSums]:
     """Integrate b out, or rather all that is needed to do so and to draw it back."""
     layout, sums = cells.arrangement, cell_sums(cells, spread)
     size, own = len(cells.slope), sorted(layout.inner)

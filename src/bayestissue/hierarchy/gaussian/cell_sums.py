@@ -10,7 +10,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.cells import Cells, Expansion
-from bayestissue.hierarchy.population import Spread
+from bayestissue.hierarchy.population import Covariances
 from bayestissue.likelihood import small
 
 Entries = tuple[Array, ...]
@@ -34,7 +34,7 @@ class CellSums(NamedTuple):
         return self.weight[_lower(a, b)]
 
 
-def cell_sums(cells: Cells, spread: Spread) -> CellSums:
+def cell_sums(cells: Cells, spread: Covariances) -> CellSums:
     """Integrate every impact's parameters out, and sum within places."""
     nuisance = spread.nuisance[: len(cells.slope) - 2]
     sums = _summed((*spread.own, *nuisance), cells.precision, cells.slope)
@@ -43,12 +43,12 @@ def cell_sums(cells: Cells, spread: Spread) -> CellSums:
     return found if cells.expansion is None else _corrected(found, cells.expansion, spread)
 
 
-def flat_spreads(spread: Spread, size: int) -> Float[Array, "*batch spread"]:
+def flat_spreads(spread: Covariances, size: int) -> Float[Array, "*batch spread"]:
     """The spreads as `Expansion` has them, for impacts of ``size`` parameters."""
     return jnp.stack([*spread.own, *(sd**2 for sd in spread.nuisance[: size - 2])], axis=-1)
 
 
-def _corrected(sums: CellSums, expansion: Expansion, spread: Spread) -> CellSums:
+def _corrected(sums: CellSums, expansion: Expansion, spread: Covariances) -> CellSums:
     size = len(sums.pull)
     away = flat_spreads(spread, size) - expansion.spreads
     bent = expansion.bend[:, :, size:] @ away

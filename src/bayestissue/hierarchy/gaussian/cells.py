@@ -18,8 +18,8 @@ from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formula import GROUPS
-from bayestissue.hierarchy.gaussian.conditional import Summaries
-from bayestissue.hierarchy.population import Locations, PopulationDesign
+from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.population import Effects, PopulationDesign
 
 # As many places as this times the cells are laid out, if that lets all people share their columns.
 _MOST_EMPTY = 2
@@ -45,7 +45,7 @@ class Arrangement(NamedTuple):
     columns: tuple[Float[np.ndarray, "#level slot part"], ...]
 
 
-def arrange(locations: Locations, design: PopulationDesign, group: str | None = None) -> Arrangement:
+def arrange(locations: Effects, design: PopulationDesign, group: str | None = None) -> Arrangement:
     """Lay the impacts out by person and cell.
 
     Args:
@@ -123,7 +123,7 @@ class Expansion(NamedTuple):
 
 
 class Cells(NamedTuple):
-    """Summaries by place, expanded about X b at a reference b.
+    """Sites by place, expanded about X b at a reference b.
 
     Attributes:
         arrangement: where everything lies.
@@ -146,7 +146,7 @@ class Cells(NamedTuple):
 
 def in_cells(
     arrangement: Arrangement,
-    summaries: Summaries,
+    summaries: Sites,
     mean: Float[np.ndarray, " location"],
     reference: Float[np.ndarray, " location"],
 ) -> Cells:

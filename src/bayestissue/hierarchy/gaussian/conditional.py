@@ -18,11 +18,11 @@ from jax import Array
 from jax.scipy.linalg import solve_triangular
 from jaxtyping import Float
 
-from bayestissue.hierarchy.population import PopulationDesign, Spread, expected
+from bayestissue.hierarchy.population import Covariances, PopulationDesign, expected
 from bayestissue.likelihood import small
 
 
-class Summaries(NamedTuple):
+class Sites(NamedTuple):
     """Second-order expansion of each trace's log likelihood.
 
     Attributes:
@@ -79,11 +79,11 @@ class ImpactParts(NamedTuple):
     constant: Array
 
 
-def condition(
+def integrate_out(
     design: PopulationDesign,
-    spread: Spread,
+    spread: Covariances,
     mean: Float[Array, " location"],
-    summaries: Summaries,
+    summaries: Sites,
 ) -> Conditional:
     """Integrate b and every u out, the standard deviations given.
 
@@ -101,8 +101,8 @@ def condition(
     weighted = small.times(impacts.weight, away)
     toward = [impacts.pull[a] - weighted[a] for a in range(size)]
     constant = log_evidence_of(impacts, summaries, prior_mean)
-    precision = told_of_locations(design, impacts.weight) + spread.precision_matrix()
-    right = pull_of_locations(design, toward)
+    precision = information(design, impacts.weight) + spread.precision_matrix()
+    right = score(design, toward)
     factor = jnp.linalg.cholesky(precision)
     half = solve_triangular(factor, right, lower=True)
     log_evidence = (
@@ -112,14 +112,16 @@ def condition(
     return Conditional(log_evidence, mean + shift, factor, impacts)
 
 
-def locations(conditional: Conditional, standard: Float[Array, " location"]) -> Float[Array, " location"]:
+def effects_from_standard(
+    conditional: Conditional, standard: Float[Array, " location"]
+) -> Float[Array, " location"]:
     """All location parameters b from standard normals."""
     return conditional.mean + solve_triangular(conditional.factor, standard, lower=True, trans=1)
 
 
 def impact_parameters(
     conditional: Conditional,
-    summaries: Summaries,
+    summaries: Sites,
     about: list[Float[Array, " impact"]],
     standard: Float[Array, "impact parameter"],
 ) -> list[Float[Array, " impact"]]:
@@ -129,7 +131,7 @@ def impact_parameters(
 
 def impact_values(
     parts: ImpactParts,
-    summaries: Summaries,
+    summaries: Sites,
     about: list[Float[Array, " impact"]],
     standard: Float[Array, "impact parameter"],
 ) -> list[Float[Array, " impact"]]:
@@ -150,7 +152,7 @@ def prior_times(prior: small.Matrix, away: small.Vector) -> list[Array]:
 
 
 def log_evidence_of(
-    parts: ImpactParts, summaries: Summaries, about: list[Float[Array, " impact"]]
+    parts: ImpactParts, summaries: Sites, about: list[Float[Array, " impact"]]
 ) -> Float[Array, " impact"]:
     """Log density of each trace's summary given X b, its u integrated out."""
     size = len(about)
@@ -159,7 +161,7 @@ def log_evidence_of(
     return parts.constant + sum(away[a] * (parts.pull[a] - weighted[a] / 2) for a in range(size))
 
 
-def impact_parts(spread: Spread, summaries: Summaries) -> ImpactParts:
+def impact_parts(spread: Covariances, summaries: Sites) -> ImpactParts:
     """With D the prior precision and V = (P + D)^-1: W = D V P and D V g, and the constant."""
     size = summaries.centre.shape[1]
     kk, kc, cc = spread.own
@@ -191,7 +193,7 @@ def impact_parts(spread: Spread, summaries: Summaries) -> ImpactParts:
     return ImpactParts(prior, factor, weight, pull, constant)
 
 
-def prior_precision(spread: Spread) -> list[list[Array]]:
+def prior_precision(spread: Covariances) -> list[list[Array]]:
     """D, the precision of an impact's parameters about X b, as rows of entries."""
     kk, kc, cc = spread.own
     determinant = kk * cc - kc**2
@@ -204,7 +206,7 @@ def prior_precision(spread: Spread) -> list[list[Array]]:
     return prior
 
 
-def told_of_locations(
+def information(
     design: PopulationDesign, weight: Sequence[Sequence[Array]]
 ) -> Float[Array, "location location"]:
     """X' W X, the precision with which all traces tell b, W being a matrix of entries over impacts."""
@@ -216,9 +218,7 @@ def told_of_locations(
     return jnp.block([[upper[a, b] if a <= b else upper[b, a].T for b in size] for a in size])
 
 
-def pull_of_locations(
-    design: PopulationDesign, values: Sequence[Float[Array, " impact"]]
-) -> Float[Array, " location"]:
+def score(design: PopulationDesign, values: Sequence[Float[Array, " impact"]]) -> Float[Array, " location"]:
     """X' times a vector of entries over impacts."""
     return jnp.concatenate(
         [columns.T @ _to_cells(design, each) for columns, each in zip(design.columns, values, strict=True)]

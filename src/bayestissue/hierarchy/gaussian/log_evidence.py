@@ -18,17 +18,17 @@ from jax.scipy.linalg import cho_solve, solve_triangular
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.conditional import (
-    Summaries,
+    Sites,
+    information,
     prior_precision,
-    pull_of_locations,
-    told_of_locations,
+    score,
 )
-from bayestissue.hierarchy.population import PopulationDesign, Spread, expected
+from bayestissue.hierarchy.population import Covariances, PopulationDesign, expected
 from bayestissue.likelihood import small
 
 
 def log_evidence(
-    design: PopulationDesign, spread: Spread, mean: Float[Array, " location"], summaries: Summaries
+    design: PopulationDesign, spread: Covariances, mean: Float[Array, " location"], summaries: Sites
 ) -> Float[Array, ""]:
     """Log density of all summaries, b and every u integrated out, as `condition` has it.
 
@@ -47,7 +47,7 @@ def log_evidence(
     return told - len(summaries.centre) * scale - spread.log_scale()
 
 
-Given = tuple[PopulationDesign, Array, Summaries]
+Given = tuple[PopulationDesign, Array, Sites]
 Matrices = Float[Array, "row column impact"]
 Vectors = Float[Array, "row impact"]
 
@@ -71,8 +71,8 @@ def _forward(prior: Array, of_locations: Array, given: Given) -> tuple[Array, tu
     away = jnp.stack(expected(design, mean)) - centre
     weighed = _times(weight, away)
     each = (slope * moved / 2 + away * (pull - weighed / 2)).sum(0) - log_determinant / 2
-    told = told_of_locations(design, small.entries(jnp.moveaxis(weight, -1, 0)))
-    right = pull_of_locations(design, list(pull - weighed))
+    told = information(design, small.entries(jnp.moveaxis(weight, -1, 0)))
+    right = score(design, list(pull - weighed))
     factor = jnp.linalg.cholesky(told + of_locations)
     half = solve_triangular(factor, right, lower=True)
     value = (

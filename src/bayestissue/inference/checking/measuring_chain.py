@@ -27,7 +27,7 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution, with_normal_errors
@@ -36,7 +36,7 @@ from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.model_form import LIMIT, judged
 from bayestissue.inference.checking.words import in_words
 from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.factors.laplace import loose_anchor, summarise_traces
+from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.many.kept import some_impacts, some_of
 from bayestissue.inference.posterior.approximate import expanded, first_guess
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
@@ -147,7 +147,7 @@ def _pattern(found: Freed, groups: Groups) -> Pattern | None:
     return incredible.pattern_of(found.error, np.maximum(sd, found.expected_sd), found.unit, groups, rate)
 
 
-def freed(prepared: Prepared, name: str, given: Summaries | None = None) -> Freed:
+def freed(prepared: Prepared, name: str, given: Sites | None = None) -> Freed:
     """One error of the chain, its declared standard deviation taken away.
 
     Args:
@@ -162,8 +162,8 @@ def freed(prepared: Prepared, name: str, given: Summaries | None = None) -> Free
     wide = np.where(np.arange(sd.shape[1]) == column, _WIDE[name] * unit[:, None], sd)
     data = data._replace(record=data.record._replace(error_sd=jnp.asarray(wide)))
     start = first_guess(prepared)
-    anchor = loose_anchor(start)
-    summaries = summarise_traces(prepared.model, data, start, anchor)
+    anchor = weak_prior(start)
+    summaries = laplace_sites(prepared.model, data, start, anchor)
     centre = np.asarray(summaries.centre)
     root = np.linalg.cholesky(np.linalg.inv(np.asarray(summaries.precision) + anchor.precision))
     z = np.random.default_rng(0).standard_normal((_DRAWS, *centre.shape))
@@ -219,7 +219,7 @@ def _errors(model: TraceModel, data: TraceData, u: Array, keys: Array) -> Float[
 def _account(
     prepared: Prepared,
     groups: Groups,
-    given: Summaries,
+    given: Sites,
     found: dict[str, Freed],
     patterns: dict[str, Pattern | None],
 ) -> dict[str, Any]:

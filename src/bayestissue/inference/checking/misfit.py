@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking.model_form import LIMIT, judged
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
@@ -23,7 +23,7 @@ _PLAIN = 2 * LIMIT
 _SUSPICIOUS = 1.2
 
 
-def plainly_wrong(prepared: Prepared, expansions: Summaries, seed: int) -> dict[str, Any] | None:
+def misfit_precheck(prepared: Prepared, expansions: Sites, seed: int) -> dict[str, Any] | None:
     """What `model_form` says of replicates of the best fits, where that leaves no doubt of the form.
 
     A best fit follows its trace more closely than the draws of a posterior do, and so understates what its

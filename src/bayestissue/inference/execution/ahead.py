@@ -22,7 +22,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
@@ -39,13 +39,13 @@ from bayestissue.inference.execution.compiling import (
 )
 from bayestissue.inference.execution.second_core import SecondCore, begun, submitted
 from bayestissue.inference.factors import importance_ratios as ratios
-from bayestissue.inference.factors.grid import flat_profile
+from bayestissue.inference.factors.grid import flat_grid
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at
 from bayestissue.inference.posterior import approximate as trace_start
 from bayestissue.inference.posterior import constrained_draws as trace_draws
 from bayestissue.inference.posterior import recipe as summary_path
 from bayestissue.inference.posterior.conditional_prior import DRAWS as DRAWS_OF_CALL
-from bayestissue.inference.posterior.conditional_prior import expectations_of
+from bayestissue.inference.posterior.conditional_prior import conditional_priors_of
 from bayestissue.inference.posterior.coordinates import Coordinates, straight
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, prior_draws, replicates
 from bayestissue.inference.samplers.nuts import Known, lowered_chain, run_compiled
@@ -98,7 +98,7 @@ class _Worker(Helper):
         if self._asked:
             return
         self._asked = True
-        if self._job.model.kind == "arma" or not self._job.model.last_may_be_open:
+        if self._job.model.kind == "arma" or not self._job.model.weakly_identified:
             profiled = self._job.model.kind == "arma"
         self._profiled = profiled
         wanted = PARTS if profiled is not None else (CHOICE, DRAWS)
@@ -269,11 +269,11 @@ def _compile(number: int, what: str, job: Job, profiled: bool) -> None:
     compiled = [lowered.compile() for lowered in lowered_functions(what, job, profiled=profiled)]
     _COMPILED[number, what] = compiled[-1]
     if what == CHAINS:
-        model = summary_path.spreads_of(job.model)
+        model = summary_path.marginal_of(job.model)
         _COMPILED[number, what] = partial(run_compiled, compiled, model)
     elif what == CHOICE:
         # What it asks for is then in the folder of compiled functions.
-        _COMPILED[number, what] = partial(summary_path.standard_impacts, job.model)
+        _COMPILED[number, what] = partial(summary_path.sir_proposals, job.model)
 
 
 def _piece(what: tuple[int, str], given: tuple[Any, ...] | None, piece: tuple[Any, ...]) -> Any:
@@ -292,10 +292,10 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
     impacts = data.log_mass.shape[0]
     size = 2 + len(model.nuisance)
     real = partial(jax.ShapeDtypeStruct, dtype=jnp.float64)
-    summaries = Summaries._make(
+    summaries = Sites._make(
         real(shape) for shape in ((impacts, size), (impacts, size), (impacts, size, size), (impacts,))
     )
-    profile = _shapes(flat_profile(impacts)) if profiled else None
+    profile = _shapes(flat_grid(impacts)) if profiled else None
     number = settings.chains * settings.draws
     bare = data._replace(record=None)  # type: ignore[arg-type]
     keys = jax.eval_shape(lambda: jax.random.split(jax.random.PRNGKey(0), number))
@@ -305,7 +305,7 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
         arguments = (bare, summaries, profile, _shapes(spreads.warp))
         points = np.zeros((settings.chains, len(names)))
         start = summary_path.start_at(spreads, Known(points, points[:, 0], points))
-        yield from lowered_chain(summary_path.spreads_of(model), arguments, start, settings)
+        yield from lowered_chain(summary_path.marginal_of(model), arguments, start, settings)
     elif what == CORRECTION:
         yield from _of_correction(model, data, summaries, profiled=profiled)
     elif what == CHOICE:
@@ -313,7 +313,7 @@ def lowered_functions(what: str, job: Job, *, profiled: bool) -> Iterator[Any]:
     elif what == DRAWS:
         sites = {name: real((number,)) for name in model.spreads}
         b, u = real((number, model.locations.size)), real((number, impacts, size))
-        yield trace_draws.unfold_all.lower(model, data, *_rows_of_piece((sites, b, u, u, keys)))
+        yield trace_draws.constrain_rows.lower(model, data, *_rows_of_piece((sites, b, u, u, keys)))
     elif what == PREDICTIONS:
         one = jax.ShapeDtypeStruct(keys.shape[1:], keys.dtype)
         yield prior_draws.lower(model, data, one)
@@ -328,16 +328,14 @@ def _rows_of_piece(rows: Any) -> Any:
     )
 
 
-def _of_correction(
-    model: TraceModel, data: TraceData, summaries: Summaries, *, profiled: bool
-) -> Iterator[Any]:
+def _of_correction(model: TraceModel, data: TraceData, summaries: Sites, *, profiled: bool) -> Iterator[Any]:
     bare = data._replace(record=None)  # type: ignore[arg-type]
     real = partial(jax.ShapeDtypeStruct, dtype=jnp.float64)
     some = (
         {name: real((DRAWS_OF_CALL,)) for name in model.spreads},
         real((DRAWS_OF_CALL, model.locations.size)),
     )
-    yield expectations_of.lower(model, bare, summaries, *some, 1)
+    yield conditional_priors_of.lower(model, bare, summaries, *some, 1)
     impacts, size = summaries.centre.shape
     found = ratios.shapes(model, POINTS, impacts, profiled=profiled)
     anchors = (real((ratios.DRAWS, impacts, size)), real((ratios.DRAWS, 1, size, size)))

@@ -13,14 +13,14 @@ from scipy.interpolate import pchip_interpolate
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_summary, points_of
+from bayestissue.inference.factors.moments import log_site, points_of
 
 
-class Profile(NamedTuple):
+class LikelihoodGrid(NamedTuple):
     """Log likelihood of each impact's last parameter on an even grid, the others integrated out.
 
     For theta1, which a trace may leave open all the way to -1, and for what an element has besides K and C,
@@ -62,10 +62,10 @@ class Profile(NamedTuple):
         return jax.nn.logsumexp(self.at(points), axis=0, b=weights)
 
 
-def flat_profile(impacts: int) -> Profile:
+def flat_grid(impacts: int) -> LikelihoodGrid:
     """A profile that says nothing."""
     first, step = jnp.asarray(_GRID[0]), jnp.asarray(_GRID[1] - _GRID[0])
-    return Profile(first, step, jnp.zeros((len(_GRID), impacts)))
+    return LikelihoodGrid(first, step, jnp.zeros((len(_GRID), impacts)))
 
 
 _DEEPEST = 200.0
@@ -78,22 +78,22 @@ _ROUGHLY = 4
 _HERMITE_POINTS, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(32)
 
 
-def cleared_of_last(summaries: Summaries) -> Summaries:
-    """Summaries that say nothing of the last parameter."""
+def cleared_of_last(summaries: Sites) -> Sites:
+    """Sites that say nothing of the last parameter."""
     slope, precision = np.array(summaries.slope), np.array(summaries.precision)
     slope[:, -1], precision[:, -1], precision[:, :, -1] = 0.0, 0.0, 0.0
     return summaries._replace(precision=precision, slope=slope)  # type: ignore[arg-type]
 
 
-def profile_last(
+def integrated_likelihood_grid(
     model: TraceModel,
     data: TraceData,
-    cleared: Summaries,
-    anchor: Anchor,
+    cleared: Sites,
+    anchor: ConditionalPrior,
     standard: Float[np.ndarray, "point parameter"],
     *,
     roughly: bool = False,
-) -> Profile:
+) -> LikelihoodGrid:
     """Tabulate the last parameter's likelihood, of which the summaries are cleared.
 
     ``roughly`` is enough to tell where it is greatest, at a quarter of the cost.
@@ -104,10 +104,10 @@ def profile_last(
     moved = np.repeat(u[None], len(grid), axis=0)
     moved[..., -1] = grid[:, None, None]
     density = log_likelihoods(model, data, moved.reshape(-1, impacts, size))
-    ratios = density.reshape(-1, number, impacts) - log_summary(cleared, u)
+    ratios = density.reshape(-1, number, impacts) - log_site(cleared, u)
     table = logsumexp(np.maximum(ratios, _NONE), axis=1) - np.log(number)
     # Cubics overshoot at the foot of a cliff; so far down it does not matter.
     table = np.maximum(table, table.max(0) - _DEEPEST)
     if roughly:
         table = pchip_interpolate(grid, table, _GRID)
-    return flat_profile(impacts)._replace(log_likelihood=jnp.asarray(table))
+    return flat_grid(impacts)._replace(log_likelihood=jnp.asarray(table))

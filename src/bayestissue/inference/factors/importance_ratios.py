@@ -17,19 +17,19 @@ from jax import Array
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries, prior_times
+from bayestissue.hierarchy.gaussian.conditional import Sites, prior_times
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
-from bayestissue.inference.factors.grid import Profile
-from bayestissue.inference.factors.laplace import Anchor, times
+from bayestissue.inference.factors.grid import LikelihoodGrid
+from bayestissue.inference.factors.laplace import ConditionalPrior, times
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_summary
+from bayestissue.inference.factors.moments import log_site
 from bayestissue.inference.samplers.psis import below_greatest
 from bayestissue.likelihood import small
 
 # Among an impact's parameters: the noise, and after it theta1.
 NOISE, BESIDES = 2, 3
-# Draws of one call of `corrections`.
+# Draws of one call of `log_evidence_corrections`.
 DRAWS = 64
 _NODES = 9
 _POINTS_A_NODE = 16
@@ -38,7 +38,7 @@ _NORMAL_WEIGHTS = _NORMAL_WEIGHTS / _NORMAL_WEIGHTS.sum()
 _LEAST_RATIO = -50.0
 
 
-class Table(NamedTuple):
+class TabulatedRatio(NamedTuple):
     """The log ratio along one parameter over that at the reference, what comes before it integrated out.
 
     Attributes:
@@ -63,7 +63,7 @@ class Table(NamedTuple):
         return jax.nn.logsumexp(total, axis=0, b=jnp.asarray(_NORMAL_WEIGHTS)[:, None])
 
 
-class Ratios(NamedTuple):
+class ImportanceRatios(NamedTuple):
     """Likelihood over summary of each impact.
 
     The noise is tabulated, whose spread between impacts may be next to nothing, and theta1, where it is part
@@ -81,17 +81,17 @@ class Ratios(NamedTuple):
     u: Float[Array, "point impact parameter"]
     log_density: Float[Array, "point impact"]
     log_ratio: Float[Array, "point impact"]
-    tables: tuple[Table, ...]
+    tables: tuple[TabulatedRatio, ...]
 
 
-def compare_over(
+def importance_ratios(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
-    anchors: Anchor,
+    summaries: Sites,
+    anchors: ConditionalPrior,
     standard: Float[np.ndarray, "point parameter"],
-    profile: Profile | None = None,
-) -> Ratios:
+    profile: LikelihoodGrid | None = None,
+) -> ImportanceRatios:
     """Compare at one point from each of several draws of the population.
 
     The points' density is the mixture over these draws, so that wherever the posterior lets an impact's
@@ -121,7 +121,7 @@ def compare_over(
         u = centre + moved[..., back]
         complete = u if profile is None else np.concatenate([u, lasts[some, :, None]], axis=-1)
         density = log_likelihoods(model, data, complete)
-        summary = log_summary(summaries, complete) + of_last[some]
+        summary = log_site(summaries, complete) + of_last[some]
         # Neither infinity less another, where the summary fails as well, is a ratio.
         has = np.isfinite(density) & np.isfinite(summary)
         return u, np.where(has, density - np.where(has, summary, 0.0), -np.inf)
@@ -131,7 +131,7 @@ def compare_over(
     few = slice(None, None, max(1, len(standard) // _POINTS_A_NODE))
     nodes = np.polynomial.chebyshev.chebpts1(_NODES)
 
-    def table(number: int) -> Table:
+    def table(number: int) -> TabulatedRatio:
         step = reaches * (np.arange(tables) == number)
         values = np.stack([logsumexp(ratio(references + node * step, few)[1], axis=0) for node in nodes])
         # Where no point has any likelihood the polynomial must not be torn by minus infinity. Where none has
@@ -139,10 +139,10 @@ def compare_over(
         values = np.maximum(below_greatest(values), _LEAST_RATIO)
         # The points have their ratios at the reference, which is the middle node.
         values = values - values[_NODES // 2]
-        return Table(references[:, number], reaches[:, number], _chebyshev() @ values)  # type: ignore[arg-type]
+        return TabulatedRatio(references[:, number], reaches[:, number], _chebyshev() @ values)  # type: ignore[arg-type]
 
     made = tuple(table(number) for number in range(tables))
-    return Ratios(u, log_density, log_ratio, made)  # type: ignore[arg-type]
+    return ImportanceRatios(u, log_density, log_ratio, made)  # type: ignore[arg-type]
 
 
 def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:
@@ -152,16 +152,16 @@ def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:
     return known, 2 if besides and besides[0] == "atanh_theta1" else 1
 
 
-def shapes(model: TraceModel, points: int, impacts: int, *, profiled: bool) -> Ratios:
-    """Those of what `compare_over` finds."""
+def shapes(model: TraceModel, points: int, impacts: int, *, profiled: bool) -> ImportanceRatios:
+    """Those of what `importance_ratios` finds."""
     known, tables = _known_and_tabulated(model, profiled)
     real: Any = partial(jax.ShapeDtypeStruct, dtype=jnp.float64)
-    table = Table(real((impacts,)), real((impacts,)), real((_NODES, impacts)))
+    table = TabulatedRatio(real((impacts,)), real((impacts,)), real((_NODES, impacts)))
     pairs = real((points, impacts))
-    return Ratios(real((points, impacts, known)), pairs, pairs, (table,) * tables)
+    return ImportanceRatios(real((points, impacts, known)), pairs, pairs, (table,) * tables)
 
 
-_of_profile = compiled_quickly()(Profile.at)
+_of_profile = compiled_quickly()(LikelihoodGrid.at)
 
 
 class _Conditionals(NamedTuple):
@@ -176,7 +176,7 @@ class _Conditionals(NamedTuple):
     factor: Float[np.ndarray, "draw impact parameter parameter"]
 
     @classmethod
-    def of(cls, summaries: Summaries, anchors: Anchor, order: list[int]) -> _Conditionals:
+    def of(cls, summaries: Sites, anchors: ConditionalPrior, order: list[int]) -> _Conditionals:
         centre, slope, own = (np.asarray(part) for part in summaries[:3])
         whole = (own + anchors.precision)[..., order, :][..., order]
         right = slope + times(anchors.precision, anchors.mean - centre)
@@ -214,16 +214,18 @@ def _chebyshev() -> np.ndarray:
     return np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, _NODES - 1))
 
 
-def corrections(summaries: Summaries, ratios: Ratios, anchors: Anchor) -> Float[np.ndarray, "draw impact"]:
+def log_evidence_corrections(
+    summaries: Sites, ratios: ImportanceRatios, anchors: ConditionalPrior
+) -> Float[np.ndarray, "draw impact"]:
     """`log_corrections` of what each of any number of draws of the population expects."""
     return in_calls(partial(corrections_of, summaries, ratios), tuple(anchors), DRAWS)
 
 
 @compiled_sooner()
 def corrections_of(
-    summaries: Summaries, ratios: Ratios, mean: Array, precision: Array, number: int
+    summaries: Sites, ratios: ImportanceRatios, mean: Array, precision: Array, number: int
 ) -> Float[Array, "draw impact"]:
-    """What is compiled of `corrections`: the first so many of `DRAWS` draws."""
+    """What is compiled of `log_evidence_corrections`: the first so many of `DRAWS` draws."""
 
     def one(place: Any) -> Array:
         about = [mean[place, :, a] for a in range(mean.shape[2])]
@@ -233,7 +235,7 @@ def corrections_of(
 
 
 def log_corrections(
-    ratios: Ratios, summaries: Summaries, prior: small.Matrix, about: list[Array]
+    ratios: ImportanceRatios, summaries: Sites, prior: small.Matrix, about: list[Array]
 ) -> Float[Array, " impact"]:
     """Log of each trace's true evidence over its summary's, given X b and D.
 
@@ -258,7 +260,7 @@ def _order(size: int, tables: int) -> list[int]:
 
 
 def _conditional(
-    prior: small.Matrix, summaries: Summaries, about: list[Array], order: list[int]
+    prior: small.Matrix, summaries: Sites, about: list[Array], order: list[int]
 ) -> tuple[Float[Array, "parameter impact"], Float[Array, "parameter parameter impact"]]:
     """The normal conditional of an impact's parameters in that order: L^-1 (g + D (X b - m)) and L.
 
@@ -291,7 +293,7 @@ def _tabulated(shift: Array, factor: Array, tables: int) -> list[tuple[Array, Ar
 
 
 def _log_normal(
-    u: Array, summaries: Summaries, shift: Array, factor: Array, order: list[int], free: int
+    u: Array, summaries: Sites, shift: Array, factor: Array, order: list[int], free: int
 ) -> Array:
     """Log density of the free parameters at the points, given the tabulated ones, up to a constant."""
     moved = [u[..., a] - summaries.centre[:, a] for a in order]

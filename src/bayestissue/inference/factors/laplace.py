@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 
@@ -27,7 +27,7 @@ _STEP, _SHORTEST, _LONGEST = 0.03, 1e-6, 0.003
 _NOTHING_LEFT, _STUCK = 1e-6, 1e6
 
 
-class Anchor(NamedTuple):
+class ConditionalPrior(NamedTuple):
     """A normal prior of each impact's parameters: what the rest of the data say of them.
 
     Attributes:
@@ -53,13 +53,13 @@ def times(
     return (matrices @ vectors[..., None])[..., 0]
 
 
-def summarise_traces(
+def laplace_sites(
     model: TraceModel,
     data: TraceData,
     start: Float[np.ndarray, "impact parameter"],
-    anchor: Anchor,
+    anchor: ConditionalPrior,
     iterations: int = ITERATIONS,
-) -> Summaries:
+) -> Sites:
     """Expand each log likelihood to second order where it, times the anchor, is greatest.
 
     Levenberg-Marquardt steps on every impact by itself, from differences of the likelihood's values: exact
@@ -73,7 +73,7 @@ def summarise_traces(
         iterations: the most steps tried; with none the expansion is at ``start``.
     """
     start = np.array(start)
-    anchor = Anchor(np.asarray(anchor.mean), np.asarray(anchor.precision))
+    anchor = ConditionalPrior(np.asarray(anchor.mean), np.asarray(anchor.precision))
     # How sharply a trace tells its parameters is known only once it was expanded.
     nothing = np.zeros((*start.shape, start.shape[1]))
     best = _expansion(model, data, start, _expansion(model, data, start, nothing).curvature)
@@ -89,9 +89,9 @@ def summarise_traces(
         most = np.where(better, value, most)
         damping = np.where(better, np.maximum(damping / 10, 1e-14), np.minimum(damping * 10, _STUCK))
     values, axes = np.linalg.eigh(best.curvature)
-    firm = believable_bend(values, times(axes.swapaxes(-1, -2), best.slope))
+    firm = curvature_floor(values, times(axes.swapaxes(-1, -2), best.slope))
     precision = (axes * firm[:, None]) @ axes.swapaxes(-1, -2)
-    return Summaries(*map(jnp.asarray, (best.u, best.slope, precision, best.value)))
+    return Sites(*map(jnp.asarray, (best.u, best.slope, precision, best.value)))
 
 
 class _Expansion(NamedTuple):
@@ -142,7 +142,7 @@ def _expansion(
 
 
 def _next_after(
-    at: _Expansion, anchor: Anchor, damping: Float[np.ndarray, " impact"]
+    at: _Expansion, anchor: ConditionalPrior, damping: Float[np.ndarray, " impact"]
 ) -> tuple[Float[np.ndarray, "impact parameter"], Float[np.ndarray, " impact"]]:
     """The next candidate, and what the best step there is promises."""
     slope = at.slope - times(anchor.precision, at.u - anchor.mean)
@@ -162,7 +162,7 @@ def chosen(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
     return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
 
 
-def believable_bend(
+def curvature_floor(
     bend: Float[np.ndarray, "*axis"], slope: Float[np.ndarray, "*axis"]
 ) -> Float[np.ndarray, "*axis"]:
     """Minus the second derivative along each axis of an expansion, such that it promises no wonders.
@@ -179,11 +179,11 @@ def believable_bend(
     return np.maximum(np.where(believed, bend, slope**2 / (2 * _LEAST_GAIN)), _LEAST_BEND)
 
 
-def least_bend(slope: Float[np.ndarray, "*axis"]) -> Float[np.ndarray, "*axis"]:
+def least_curvature(slope: Float[np.ndarray, "*axis"]) -> Float[np.ndarray, "*axis"]:
     """The bend with which a summary of this slope still promises no wonders, next to nothing without one."""
     return np.maximum(slope**2 / (2 * _MOST_GAIN), _LEAST_PRECISION)
 
 
-def loose_anchor(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) -> Anchor:
+def weak_prior(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) -> ConditionalPrior:
     """A weak anchor about the first guess."""
-    return Anchor(np.asarray(start), np.eye(start.shape[1]) / sd**2)
+    return ConditionalPrior(np.asarray(start), np.eye(start.shape[1]) / sd**2)

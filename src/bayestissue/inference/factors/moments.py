@@ -14,9 +14,9 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 from scipy.stats import norm, qmc
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.factors.laplace import Anchor, chosen, least_bend, times
+from bayestissue.inference.factors.laplace import ConditionalPrior, chosen, least_curvature, times
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 
 POINTS = 64
@@ -54,7 +54,7 @@ class Normals(NamedTuple):
         return self.mean + times(self.root, z)
 
 
-def normals(summaries: Summaries, anchor: Anchor) -> Normals:
+def normals(summaries: Sites, anchor: ConditionalPrior) -> Normals:
     """N(m + V (g + D (a - m)), V) with V = (P + D)^-1, the anchor being N(a, D^-1), of one or more draws."""
     centre, slope = np.asarray(summaries.centre), np.asarray(summaries.slope)
     whole = np.asarray(summaries.precision) + anchor.precision
@@ -65,7 +65,7 @@ def normals(summaries: Summaries, anchor: Anchor) -> Normals:
 
 
 def points_of(
-    summaries: Summaries, anchor: Anchor, standard: Float[np.ndarray, "point parameter"]
+    summaries: Sites, anchor: ConditionalPrior, standard: Float[np.ndarray, "point parameter"]
 ) -> Float[np.ndarray, "point impact parameter"]:
     """The same standard normals of every impact taken there."""
     return normals(summaries, anchor).at(standard[:, None])
@@ -74,25 +74,25 @@ def points_of(
 def compare(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
-    anchor: Anchor,
+    summaries: Sites,
+    anchor: ConditionalPrior,
     standard: Float[np.ndarray, "point parameter"],
 ) -> Points:
     """Compare where the population and the summaries put each impact's parameters."""
     u = points_of(summaries, anchor, standard)
-    return Points(u, log_likelihoods(model, data, u) - log_summary(summaries, u))
+    return Points(u, log_likelihoods(model, data, u) - log_site(summaries, u))
 
 
-def log_summary(
-    summaries: Summaries, u: Float[np.ndarray, "*point impact parameter"]
+def log_site(
+    summaries: Sites, u: Float[np.ndarray, "*point impact parameter"]
 ) -> Float[np.ndarray, "*point impact"]:
-    """`Summaries.log_summary` as a numpy array."""
-    held = Summaries._make(map(np.asarray, summaries))
+    """`Sites.log_summary` as a numpy array."""
+    held = Sites._make(map(np.asarray, summaries))
     return np.asarray(held.log_summary(list(np.moveaxis(u, -1, 0))))
 
 
-def refine(summaries: Summaries, anchor: Anchor, points: Points, *, bent: bool = False) -> Summaries:
-    """Summaries whose product with the population's expectation has the mean and covariance of the truth.
+def refine(summaries: Sites, anchor: ConditionalPrior, points: Points, *, bent: bool = False) -> Sites:
+    """Sites whose product with the population's expectation has the mean and covariance of the truth.
 
     One step of expectation propagation (Minka 2001), the moments taken over the compared points. Where a
     moment leaves no positive precision to the trace along some axis, the trace being open on that side, its
@@ -116,9 +116,9 @@ def refine(summaries: Summaries, anchor: Anchor, points: Points, *, bent: bool =
     bend = np.linalg.inv(np.where(told[:, None, None], covariance, exact)) - anchor.precision
     values, axes = np.linalg.eigh(bend)
     slope = times(anchor.precision, mean - anchor.mean)
-    firm = np.maximum(values, least_bend(times(axes.swapaxes(-1, -2), slope)))
+    firm = np.maximum(values, least_curvature(times(axes.swapaxes(-1, -2), slope)))
     precision = (axes * firm[:, None]) @ axes.swapaxes(-1, -2)
-    found = Summaries(mean, slope, precision, np.zeros(len(mean)))  # type: ignore[arg-type]
+    found = Sites(mean, slope, precision, np.zeros(len(mean)))  # type: ignore[arg-type]
     # Equal evidence under this population, old and new: the level follows.
     mean_ratio = np.where(
         told, logsumexp(np.where(told, points.log_ratio, 0.0), axis=0) - np.log(number), 0.0
@@ -127,7 +127,7 @@ def refine(summaries: Summaries, anchor: Anchor, points: Points, *, bent: bool =
     usable = told & ((values[:, 0] > 0) | bent) & np.isfinite(level)
     made = (mean, slope, precision, level)
     pairs = zip(made, map(np.asarray, summaries), strict=True)
-    return Summaries(*(jnp.asarray(chosen(usable, *pair)) for pair in pairs))
+    return Sites(*(jnp.asarray(chosen(usable, *pair)) for pair in pairs))
 
 
 class Inverse(NamedTuple):
@@ -137,14 +137,14 @@ class Inverse(NamedTuple):
     log_determinant: Float[np.ndarray, "*draw impact"]
 
 
-def inverse_of_whole(summaries: Summaries, anchor: Anchor) -> Inverse:
+def inverse_of_whole(summaries: Sites, anchor: ConditionalPrior) -> Inverse:
     """What `log_evidence` needs of the precisions, whatever the anchor's mean."""
     whole = np.asarray(summaries.precision) + anchor.precision
     return Inverse(np.linalg.inv(whole), np.linalg.slogdet(whole)[1])
 
 
 def log_evidence(
-    summaries: Summaries, anchor: Anchor, inverse: Inverse | None = None
+    summaries: Sites, anchor: ConditionalPrior, inverse: Inverse | None = None
 ) -> Float[np.ndarray, "*draw impact"]:
     """Log of the integral of each summary over the anchor, a normal density, of one or more draws."""
     centre, slope, _, level = map(np.asarray, summaries)

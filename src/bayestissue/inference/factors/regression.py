@@ -1,4 +1,4 @@
-"""Summaries that hold wherever the posterior lets an impact's parameters be.
+"""Sites that hold wherever the posterior lets an impact's parameters be.
 
 Expansions and moments are taken about one value of the spreads. A trace that leaves a direction open, as most
 do beside a discrepancy, has a likelihood that is level there and falls off elsewhere, and what is true about
@@ -13,12 +13,12 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.factors.laplace import Anchor, least_bend
+from bayestissue.inference.factors.laplace import ConditionalPrior, least_curvature
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_summary, normals
-from bayestissue.inference.posterior.conditional_prior import Expectations
+from bayestissue.inference.factors.moments import log_site, normals
+from bayestissue.inference.posterior.conditional_prior import ConditionalPriors
 
 # Draws of each impact's parameters under every one of the population.
 _EACH = 4
@@ -31,19 +31,19 @@ _POINTS_A_TERM = 2
 _RIDGE = 1e-6
 
 
-def regressed(
+def regression_sites(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
-    expected: Expectations,
+    summaries: Sites,
+    expected: ConditionalPriors,
     seed: int,
-) -> Summaries:
+) -> Sites:
     """The parabola nearest to each log likelihood over the posterior.
 
     Points are drawn by the old summaries and weighted by likelihood over summary, those of one draw of the
     population among themselves. Along an axis where the parabola would open upwards it is made level,
-    but for the bend that its slope needs (`least_bend`). Where the points tell too little of a trace its old
-    summary stays.
+    but for the bend that its slope needs (`least_curvature`). Where the points tell too little of a trace its
+    old summary stays.
 
     Args:
         model: the model.
@@ -60,7 +60,7 @@ def regressed(
     made = [np.array(part) for part in summaries]
     for whole, part in zip(made, _nearest(u[:, told], value[:, told], weight[:, told]), strict=True):
         whole[told] = part
-    return Summaries(*(jnp.asarray(part) for part in made))
+    return Sites(*(jnp.asarray(part) for part in made))
 
 
 def _nearest(
@@ -68,7 +68,7 @@ def _nearest(
     value: Float[np.ndarray, "point impact"],
     weight: Float[np.ndarray, "point impact"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Centre, slope, precision and level, as `Summaries` have them."""
+    """Centre, slope, precision and level, as `Sites` have them."""
     value = np.where(weight > 0, value, 0.0)
     total = weight.sum(0)
     mean = np.einsum("pi,pia->ia", weight, u) / total[:, None]
@@ -78,7 +78,7 @@ def _nearest(
     level, slope, bend = _parabola(np.einsum("iab,pib->pia", inverse, u - mean), value, weight)
     values, axes = np.linalg.eigh(bend)
     # Level and yet sloping, a summary would promise the more the further away, and draw all draws there.
-    least = np.maximum(least_bend(np.einsum("iab,ia->ib", axes, slope)), _LEAST_PRECISION)
+    least = np.maximum(least_curvature(np.einsum("iab,ia->ib", axes, slope)), _LEAST_PRECISION)
     bend = np.einsum("iab,ib,icb->iac", axes, np.maximum(values, least), axes)
     precision = np.einsum("iba,ibc,icd->iad", inverse, bend, inverse, optimize=True)
     return mean, np.einsum("iba,ib->ia", inverse, slope), precision, level
@@ -104,14 +104,18 @@ def _parabola(
 
 
 def _points(
-    model: TraceModel, data: TraceData, summaries: Summaries, expected: Expectations, rng: np.random.Generator
+    model: TraceModel,
+    data: TraceData,
+    summaries: Sites,
+    expected: ConditionalPriors,
+    rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, the log likelihood there, and their weights, each [point, impact, ...]."""
-    given = normals(summaries, Anchor(expected.about, expected.precision[:, None]))
+    given = normals(summaries, ConditionalPrior(expected.about, expected.precision[:, None]))
     u = given.at(rng.standard_normal((_EACH, *given.mean.shape)))
     flat = u.reshape(-1, *u.shape[2:])
     value = log_likelihoods(model, data, flat)
-    ratio = (value - log_summary(summaries, flat)).reshape(u.shape[:3])
+    ratio = (value - log_site(summaries, flat)).reshape(u.shape[:3])
     with np.errstate(invalid="ignore"):
         weight = softmax(ratio, axis=0)
     return flat, value, weight.reshape(value.shape)

@@ -12,16 +12,21 @@ import jax.numpy as jnp
 import numpy as np
 
 from bayestissue.hierarchy.gaussian.cells import Cells, arrange
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, with_normal_errors
 from bayestissue.inference.execution.chunks import in_blocks
-from bayestissue.inference.factors.grid import Profile, cleared_of_last, flat_profile, profile_last
-from bayestissue.inference.factors.laplace import Anchor, loose_anchor, summarise_traces
+from bayestissue.inference.factors.grid import (
+    LikelihoodGrid,
+    cleared_of_last,
+    flat_grid,
+    integrated_likelihood_grid,
+)
+from bayestissue.inference.factors.laplace import ConditionalPrior, laplace_sites, weak_prior
 from bayestissue.inference.factors.moments import compare, refine, standard_points
 from bayestissue.inference.many.correction import expand, rows_of
-from bayestissue.inference.many.grid_sum import Surface, surface_around
-from bayestissue.inference.many.population import Where
+from bayestissue.inference.many.grid_sum import GridSum, grid_sum_around
+from bayestissue.inference.many.population import MarginalMode
 from bayestissue.inference.posterior.approximate import FEW, REFINEMENTS, first_guess
 from bayestissue.inference.samplers.independence import Spreads
 from bayestissue.inference.samplers.sampling import Progress, silent
@@ -43,15 +48,15 @@ class ManySummarised:
         surface: what that says of the population.
     """
 
-    summaries: Summaries
+    summaries: Sites
     cells: Cells
     spreads: Spreads
-    profile: Profile | None
-    surface: Surface | None
+    profile: LikelihoodGrid | None
+    surface: GridSum | None
 
 
 def summarise_many(prepared: Prepared, *, say: Progress = silent) -> ManySummarised:
-    """Summaries of the traces and of the population; ``say`` is told how many passes are done."""
+    """Sites of the traces and of the population; ``say`` is told how many passes are done."""
     model, data = prepared.model, prepared.data
     passes = 2 + REFINEMENTS + (model.kind == "arma") + EXPANSIONS
 
@@ -60,9 +65,9 @@ def summarise_many(prepared: Prepared, *, say: Progress = silent) -> ManySummari
 
     layout = arrange(model.locations, data.design, "subject" if model.mass_error == "subject" else None)
     start = first_guess(prepared)
-    loose = loose_anchor(start)
+    loose = weak_prior(start)
     summaries = _expanded(model, data, start, loose, ITERATIONS[0], told(0))
-    where = Where.of(model, layout, summaries)
+    where = MarginalMode.of(model, layout, summaries)
     centre = np.asarray(summaries.centre)
     summaries = _expanded(model, data, centre, where.anchor(), ITERATIONS[1], told(1))
     standard = standard_points(start.shape[1])
@@ -77,7 +82,7 @@ def summarise_many(prepared: Prepared, *, say: Progress = silent) -> ManySummari
         profile = _profiled(model, data, summaries, where.anchor(), few, told(2 + REFINEMENTS))
         own = _without_last(summaries)
         where = where.given(own)
-        surface = surface_around(profile, where.of_last, where.guess_of_last())
+        surface = grid_sum_around(profile, where.of_last, where.guess_of_last())
         where = replace(where, surface=surface).given(own)
     for number in range(passes - EXPANSIONS, passes):
         draws = where.draws(len(standard))
@@ -88,17 +93,22 @@ def summarise_many(prepared: Prepared, *, say: Progress = silent) -> ManySummari
     return ManySummarised(summaries, where.cells, where.spreads(), profile, where.surface)
 
 
-def _without_last(cleared: Summaries) -> Summaries:
-    return Summaries(
+def _without_last(cleared: Sites) -> Sites:
+    return Sites(
         cleared.centre[:, :-1], cleared.slope[:, :-1], cleared.precision[:, :-1, :-1], cleared.log_likelihood
     )
 
 
 def _expanded(
-    model: TraceModel, data: TraceData, start: np.ndarray, anchor: Anchor, iterations: int, say: Progress
-) -> Summaries:
-    def one(part: TraceData, rows: np.ndarray) -> Summaries:
-        return summarise_traces(model, part, start[rows], _of_rows(anchor, rows), iterations)
+    model: TraceModel,
+    data: TraceData,
+    start: np.ndarray,
+    anchor: ConditionalPrior,
+    iterations: int,
+    say: Progress,
+) -> Sites:
+    def one(part: TraceData, rows: np.ndarray) -> Sites:
+        return laplace_sites(model, part, start[rows], _of_rows(anchor, rows), iterations)
 
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
     return in_blocks(with_normal_errors(data), one, progress=say)
@@ -107,12 +117,12 @@ def _expanded(
 def _refined(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
-    anchor: Anchor,
+    summaries: Sites,
+    anchor: ConditionalPrior,
     standard: np.ndarray,
     say: Progress,
-) -> Summaries:
-    def one(part: TraceData, rows: np.ndarray) -> Summaries:
+) -> Sites:
+    def one(part: TraceData, rows: np.ndarray) -> Sites:
         own, given = rows_of(summaries, rows), _of_rows(anchor, rows)
         return refine(own, given, compare(model, part, own, given, standard))
 
@@ -120,16 +130,21 @@ def _refined(
 
 
 def _profiled(
-    model: TraceModel, data: TraceData, cleared: Summaries, anchor: Anchor, few: np.ndarray, say: Progress
-) -> Profile:
+    model: TraceModel,
+    data: TraceData,
+    cleared: Sites,
+    anchor: ConditionalPrior,
+    few: np.ndarray,
+    say: Progress,
+) -> LikelihoodGrid:
     def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
-        own = profile_last(model, part, rows_of(cleared, rows), _of_rows(anchor, rows), few)
+        own = integrated_likelihood_grid(model, part, rows_of(cleared, rows), _of_rows(anchor, rows), few)
         return np.asarray(own.log_likelihood).T
 
     table = in_blocks(data, one, progress=say)
-    return flat_profile(1)._replace(log_likelihood=jnp.asarray(np.ascontiguousarray(table.T)))
+    return flat_grid(1)._replace(log_likelihood=jnp.asarray(np.ascontiguousarray(table.T)))
 
 
-def _of_rows(anchor: Anchor, rows: np.ndarray) -> Anchor:
+def _of_rows(anchor: ConditionalPrior, rows: np.ndarray) -> ConditionalPrior:
     """That of some impacts, the precision being one of all."""
     return anchor._replace(mean=anchor.mean[rows])

@@ -21,13 +21,17 @@ from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.gaussian.cell_sums import flat_spreads
 from bayestissue.hierarchy.gaussian.cells import Cells, Expansion, expected_by_place
-from bayestissue.hierarchy.gaussian.conditional import Summaries, impact_parts, prior_precision
-from bayestissue.hierarchy.population import Spread
+from bayestissue.hierarchy.gaussian.conditional import Sites, impact_parts, prior_precision
+from bayestissue.hierarchy.population import Covariances
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, population
 from bayestissue.inference.execution.chunks import in_blocks
-from bayestissue.inference.factors.grid import Profile
-from bayestissue.inference.factors.importance_ratios import Ratios, compare_over, log_corrections
-from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.inference.factors.grid import LikelihoodGrid
+from bayestissue.inference.factors.importance_ratios import (
+    ImportanceRatios,
+    importance_ratios,
+    log_corrections,
+)
+from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.moments import standard_points
 from bayestissue.inference.samplers.sampling import Progress, silent
 
@@ -44,18 +48,18 @@ class PopulationDraws(NamedTuple):
         return PopulationDraws({name: values[chosen] for name, values in self.raw.items()}, self.b[chosen])
 
 
-def rows_of(summaries: Summaries, rows: np.ndarray) -> Summaries:
+def rows_of(summaries: Sites, rows: np.ndarray) -> Sites:
     """Some impacts' summaries."""
-    return Summaries(*(np.asarray(leaf)[rows] for leaf in summaries))
+    return Sites(*(np.asarray(leaf)[rows] for leaf in summaries))
 
 
 def expand(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
-    profile: Profile | None,
+    summaries: Sites,
+    profile: LikelihoodGrid | None,
     cells: Cells,
-    spread: Spread,
+    spread: Covariances,
     draws: PopulationDraws,
     *,
     progress: Progress = silent,
@@ -84,7 +88,7 @@ def expand(
         middle = np.concatenate([here, np.broadcast_to(np.asarray(at), (len(rows), len(at)))], axis=1)
         own, own_profile = told_of_rows(summaries, profile, rows)
         anchors = _anchors(*_at_places(mixture, place[rows]))
-        return _expand(own, compare_over(model, part, own, anchors, standard, own_profile), middle)
+        return _expand(own, importance_ratios(model, part, own, anchors, standard, own_profile), middle)
 
     slope, bend = in_blocks(data, one, progress=progress)
     places = cells.level.shape[0]
@@ -95,11 +99,11 @@ def expand(
     )
 
 
-def left_out(
+def residual_log_weights(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
-    profile: Profile | None,
+    summaries: Sites,
+    profile: LikelihoodGrid | None,
     cells: Cells,
     mixture: PopulationDraws,
     checked: PopulationDraws,
@@ -125,7 +129,7 @@ def left_out(
     def one(part: TraceData, rows: np.ndarray) -> Array:
         own, own_profile = told_of_rows(summaries, profile, rows)
         anchors = _anchors(*_at_places(compared, place[rows]))
-        points = compare_over(model, part, own, anchors, standard, own_profile)
+        points = importance_ratios(model, part, own, anchors, standard, own_profile)
         return _corrections(own, points, _at_places(seen, place[rows]))
 
     exact = in_blocks(data, one, progress=progress).sum(0)
@@ -135,12 +139,12 @@ def left_out(
 
 def anchors_of(
     model: TraceModel, cells: Cells, draws: PopulationDraws, place: Int[np.ndarray, " impact"]
-) -> Anchor:
+) -> ConditionalPrior:
     """What draws of the population expect of the impacts at some places."""
     return _anchors(*_at_places(_by_place(model, cells, draws), place))
 
 
-ByPlace = tuple[Spread, list[Any]]
+ByPlace = tuple[Covariances, list[Any]]
 
 
 def _by_place(model: TraceModel, cells: Cells, draws: PopulationDraws) -> ByPlace:
@@ -153,15 +157,15 @@ def _at_places(draws: ByPlace, place: np.ndarray) -> ByPlace:
     return spread._replace(locations=jnp.zeros((len(about[0]), 0))), [each[:, place] for each in about]
 
 
-def _anchors(spread: Spread, about: list[Any]) -> Anchor:
+def _anchors(spread: Covariances, about: list[Any]) -> ConditionalPrior:
     """What the same draws expect of every impact, as numpy arrays."""
     rows = [np.stack([np.asarray(entry) for entry in row], axis=-1) for row in prior_precision(spread)]
-    return Anchor(np.stack(about, axis=-1), np.stack(rows, axis=-2)[:, None])
+    return ConditionalPrior(np.stack(about, axis=-1), np.stack(rows, axis=-2)[:, None])
 
 
 def told_of_rows(
-    summaries: Summaries, profile: Profile | None, rows: np.ndarray
-) -> tuple[Summaries, Profile | None]:
+    summaries: Sites, profile: LikelihoodGrid | None, rows: np.ndarray
+) -> tuple[Sites, LikelihoodGrid | None]:
     """Some impacts' summaries, and their profile if there is one."""
     own = rows_of(summaries, rows)
     if profile is None:
@@ -170,7 +174,7 @@ def told_of_rows(
 
 
 @partial(jax.jit, static_argnames="size")
-def _expanded(cells: Cells, spread: Spread, about: list[Array], size: int) -> Array:
+def _expanded(cells: Cells, spread: Covariances, about: list[Array], size: int) -> Array:
     """The expansion's value at some draws, but for a constant."""
     start = expected_by_place(cells.arrangement, cells.reference)[:size]
     expansion = cells.expansion
@@ -187,7 +191,9 @@ def _expanded(cells: Cells, spread: Spread, about: list[Array], size: int) -> Ar
 
 
 @jax.jit
-def _expand(summaries: Summaries, points: Ratios, middle: Float[Array, "impact v"]) -> tuple[Array, Array]:
+def _expand(
+    summaries: Sites, points: ImportanceRatios, middle: Float[Array, "impact v"]
+) -> tuple[Array, Array]:
     """Slopes and bends of each impact's correction at the middle."""
     slope = jax.grad(lambda v: _correction(points, summaries, v).sum())
 
@@ -198,7 +204,7 @@ def _expand(summaries: Summaries, points: Ratios, middle: Float[Array, "impact v
 
 
 @jax.jit
-def _corrections(summaries: Summaries, points: Ratios, seen: ByPlace) -> Array:
+def _corrections(summaries: Sites, points: ImportanceRatios, seen: ByPlace) -> Array:
     """Each impact's correction at some draws, [impact, draw]."""
     size = points.u.shape[-1]
 
@@ -214,10 +220,10 @@ def _corrections(summaries: Summaries, points: Ratios, seen: ByPlace) -> Array:
     return jax.lax.map(one, (flat_spreads(seen[0], size), seen[1])).T
 
 
-def _correction(points: Ratios, summaries: Summaries, v: Array) -> Array:
+def _correction(points: ImportanceRatios, summaries: Sites, v: Array) -> Array:
     """Each impact's correction, as a function of what the population says of it."""
     size = points.u.shape[-1]
-    known = Summaries(
+    known = Sites(
         summaries.centre[:, :size],
         summaries.slope[:, :size],
         summaries.precision[:, :size, :size],
@@ -226,5 +232,5 @@ def _correction(points: Ratios, summaries: Summaries, v: Array) -> Array:
     about = [v[:, a] for a in range(size)]
     own = (v[:, size], v[:, size + 1], v[:, size + 2])
     nuisance = tuple(jnp.sqrt(v[:, size + 3 + k]) for k in range(size - 2))
-    parts = impact_parts(Spread(own, nuisance, jnp.zeros(0)), known)
+    parts = impact_parts(Covariances(own, nuisance, jnp.zeros(0)), known)
     return log_corrections(points, known, parts.prior, about)

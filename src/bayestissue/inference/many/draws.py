@@ -17,19 +17,19 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.gaussian.cells import expected_by_place
-from bayestissue.hierarchy.gaussian.conditional import Summaries, impact_parts, impact_values
+from bayestissue.hierarchy.gaussian.conditional import Sites, impact_parts, impact_values
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log_likelihood, population
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.factors.moments import POINTS
 from bayestissue.inference.many.approximate import ManySummarised
-from bayestissue.inference.many.correction import PopulationDraws, left_out, rows_of
+from bayestissue.inference.many.correction import PopulationDraws, residual_log_weights, rows_of
 from bayestissue.inference.many.kept import kept_draws
 from bayestissue.inference.many.population import cells_model
 from bayestissue.inference.many.scores import locations_and_scores, scores_of_some
 from bayestissue.inference.posterior.constrained_draws import (
-    Unfolded,
+    ConstrainedDraws,
     error_of_people,
     impact_error,
     impact_quantities,
@@ -51,8 +51,8 @@ def many_draws(
     settings: Sampler,
     seed: int,
     say: Callable[[str, int, int], None],
-) -> tuple[Draws, Unfolded, Correction]:
-    """Draws of the population, and of the impacts what `Unfolded` keeps, corrected to the true posterior."""
+) -> tuple[Draws, ConstrainedDraws, Correction]:
+    """Draws of the population, and of the impacts what `ConstrainedDraws` keeps, corrected."""
     model, cells = prepared.model, summarised.cells
     chains = _chains(model, summarised, settings, seed, partial(say, "sampling the population"))
     found = chains.thinned(settings.thinning)
@@ -65,7 +65,7 @@ def many_draws(
     say("drawing people and conditions", 0, 1)
     b, scores = locations_and_scores(prepared, cells, raw, z)
     draws = PopulationDraws(raw, b)
-    weights = left_out(
+    weights = residual_log_weights(
         model,
         prepared.data,
         summarised.summaries,
@@ -83,7 +83,7 @@ def many_draws(
     impacts, kept = _of_impacts(prepared, summarised, raw, b, error, shape, keys[2], say)
     densities["trace"] = scores_of_some(prepared, summarised, draws).reshape(*shape, -1)
     sites = {name: np.asarray(values).reshape(shape) for name, values in constrained(model, raw).items()}
-    unfolded = Unfolded(
+    unfolded = ConstrainedDraws(
         named_sites(prepared, sites, np.asarray(true_b).reshape(*shape, -1)), impacts, densities, kept
     )
     population_draws = Draws(
@@ -174,7 +174,7 @@ def _of_impacts(
 def _draw_block(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
+    summaries: Sites,
     raw: dict[str, Array],
     about: Float[Array, "draw impact parameter"],
     error: Float[Array, "draw impact"] | None,

@@ -18,7 +18,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Float
 from numpy.polynomial import chebyshev
 
-from bayestissue.inference.factors.grid import Profile
+from bayestissue.inference.factors.grid import LikelihoodGrid
 
 DEGREES = (31, 23)
 BLOCK = 2048
@@ -31,7 +31,7 @@ _REACH = 15.0
 _WIDEST = np.array([[3.0, 1.5], [2.5, 2.0]])
 
 
-class Surface(NamedTuple):
+class GridSum(NamedTuple):
     """Chebyshev polynomials over a rectangle of (mean, log sd).
 
     Attributes:
@@ -65,7 +65,7 @@ def _powers(x: Array, degree: int) -> Array:
     return jax.lax.scan(step, (jnp.ones_like(x), x), None, length=degree + 1)[1]
 
 
-def surface_of(profile: Profile, low: np.ndarray, high: np.ndarray) -> Surface:
+def surface_of(profile: LikelihoodGrid, low: np.ndarray, high: np.ndarray) -> GridSum:
     """Tabulate over the rectangle from ``low`` to ``high`` of (mean, log sd)."""
     middle, reach = (low + high) / 2, (high - low) / 2
     nodes = [chebyshev.chebpts1(degree + 1) for degree in DEGREES]
@@ -80,11 +80,11 @@ def surface_of(profile: Profile, low: np.ndarray, high: np.ndarray) -> Surface:
     by_mean, by_sd = (
         np.linalg.inv(chebyshev.chebvander(each, degree)) for each, degree in zip(nodes, DEGREES, strict=True)
     )
-    return Surface(jnp.asarray(middle), jnp.asarray(reach), jnp.asarray(by_mean @ table @ by_sd.T))
+    return GridSum(jnp.asarray(middle), jnp.asarray(reach), jnp.asarray(by_mean @ table @ by_sd.T))
 
 
 @partial(jax.jit, static_argnames="finer")
-def _evidence(profile: Profile, means: Array, sd: Array, finer: int) -> Array:
+def _evidence(profile: LikelihoodGrid, means: Array, sd: Array, finer: int) -> Array:
     """Log evidence of all impacts for each mean: a sum over the grid, refined so that sd spans its steps."""
     number = (profile.log_likelihood.shape[0] - 1) * finer + 1
     grid = profile.first + profile.step / finer * jnp.arange(number)
@@ -99,9 +99,9 @@ def _evidence(profile: Profile, means: Array, sd: Array, finer: int) -> Array:
     return (jnp.log(whole @ jnp.exp(likelihood - greatest)) + greatest).sum(axis=1)
 
 
-def surface_around(
-    profile: Profile, posterior: Callable[[Surface], tuple[np.ndarray, np.ndarray]], start: np.ndarray
-) -> Surface:
+def grid_sum_around(
+    profile: LikelihoodGrid, posterior: Callable[[GridSum], tuple[np.ndarray, np.ndarray]], start: np.ndarray
+) -> GridSum:
     """A surface that reaches many standard deviations about the posterior's mode.
 
     Some of the impacts, weighted up, tell first where that is.

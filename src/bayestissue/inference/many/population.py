@@ -17,19 +17,19 @@ from numpyro.infer.util import potential_energy
 
 from bayestissue.hierarchy.gaussian.cell_solution import locations_of, solve
 from bayestissue.hierarchy.gaussian.cells import Arrangement, Cells, Expansion, expected_by_place, in_cells
-from bayestissue.hierarchy.gaussian.conditional import Summaries
-from bayestissue.hierarchy.population import Spread
-from bayestissue.hierarchy.traces import TraceModel, constrained, population, sample_spreads
-from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.population import Covariances
+from bayestissue.hierarchy.traces import TraceModel, constrained, population, sample_hyperparameters
+from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.many.correction import PopulationDraws
-from bayestissue.inference.many.grid_sum import Surface
+from bayestissue.inference.many.grid_sum import GridSum
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
 from bayestissue.inference.samplers.independence import Spreads
 
 
-def cells_model(model: TraceModel, cells: Cells, surface: Surface | None = None) -> None:
+def cells_model(model: TraceModel, cells: Cells, surface: GridSum | None = None) -> None:
     """The numpyro model of the standard deviations, everything else integrated out; `spreads_model`."""
-    spread = population(model, sample_spreads(model))
+    spread = population(model, sample_hyperparameters(model))
     numpyro.factor("summaries", solve(cells, spread)[0].log_evidence)
     if surface is not None:
         z = numpyro.sample("standard_last", dist.Normal())
@@ -38,7 +38,7 @@ def cells_model(model: TraceModel, cells: Cells, surface: Surface | None = None)
 
 
 @dataclass(frozen=True)
-class Where:
+class MarginalMode:
     """Where the summaries put the population.
 
     Attributes:
@@ -53,12 +53,12 @@ class Where:
     model: TraceModel
     layout: Arrangement
     cells: Cells
-    surface: Surface | None
+    surface: GridSum | None
     mode: Float[np.ndarray, " spread"]
     b: Float[np.ndarray, " location"]
 
     @classmethod
-    def of(cls, model: TraceModel, layout: Arrangement, summaries: Summaries) -> Where:
+    def of(cls, model: TraceModel, layout: Arrangement, summaries: Sites) -> MarginalMode:
         """Where these summaries put it, before anything is known."""
         mean = np.array(model.locations.mean)
         cells = in_cells(layout, summaries, mean, mean)
@@ -75,7 +75,7 @@ class Where:
         """Prior mean of the locations."""
         return np.array(self.model.locations.mean)
 
-    def given(self, summaries: Summaries) -> Where:
+    def given(self, summaries: Sites) -> MarginalMode:
         """The same for other summaries, measured from the b at hand."""
         cells = in_cells(self.layout, summaries, self.prior_mean, self.b)
         found = replace(self, cells=cells)
@@ -85,7 +85,7 @@ class Where:
         cells = in_cells(self.layout, summaries, self.prior_mean, b)
         return replace(placed, cells=cells, b=b)
 
-    def corrected(self, expansion: Expansion, summaries: Summaries, *, again: bool) -> Where:
+    def corrected(self, expansion: Expansion, summaries: Sites, *, again: bool) -> MarginalMode:
         """With the expansion in the evidence; ``again`` moves the reference, for another one.
 
         An expansion that leaves no posterior at all is left out: what is then found at the end tells of it.
@@ -111,7 +111,7 @@ class Where:
         return PopulationDraws(raw, _locations(self.model, self.cells, raw, z))
 
     @property
-    def spread(self) -> Spread:
+    def spread(self) -> Covariances:
         """The spreads at their mode."""
         return population(self.model, self._constrained(self.mode))
 
@@ -120,18 +120,18 @@ class Where:
         columns = expected_by_place(self.layout, jnp.asarray(self.b))
         return np.stack([np.asarray(column)[self.layout.place] for column in columns], axis=1)
 
-    def anchor(self) -> Anchor:
+    def anchor(self) -> ConditionalPrior:
         """What the population says of every impact."""
         kk, kc, cc = (float(entry) for entry in self.spread.own)
         covariance = np.diag([0.0, 0.0, *(float(sd) ** 2 for sd in self.spread.nuisance)])
         covariance[:2, :2] = [[kk, kc], [kc, cc]]
-        return Anchor(self.about(), np.linalg.inv(covariance))
+        return ConditionalPrior(self.about(), np.linalg.inv(covariance))
 
     def guess_of_last(self) -> np.ndarray:
         """A first guess of the mean and log sd of a parameter that has a profile."""
         return np.array([self.b[-1], np.log(float(self.spread.nuisance[-1]))])
 
-    def of_last(self, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
+    def of_last(self, surface: GridSum) -> tuple[np.ndarray, np.ndarray]:
         """Posterior mode and standard deviations of these two under a surface."""
         found = replace(self, surface=surface)
         mode = found._find(np.zeros(0))
@@ -166,7 +166,7 @@ class Where:
 
 @partial(jax.jit, static_argnames=("model", "names"))
 def _value_and_slope(
-    model: TraceModel, names: tuple[str, ...], flat: Array, cells: Cells, surface: Surface | None
+    model: TraceModel, names: tuple[str, ...], flat: Array, cells: Cells, surface: GridSum | None
 ) -> tuple[Array, Array]:
     """Minus the spreads' log density, unconstrained and in the order of ``names``, and its gradient."""
     own: Callable[..., None] = partial(cells_model, model)
@@ -187,5 +187,5 @@ def _locations(model: TraceModel, cells: Cells, raw: dict[str, Array], z: Array)
 
 
 @jax.jit
-def _mean_of(cells: Cells, spread: Spread) -> Array:
+def _mean_of(cells: Cells, spread: Covariances) -> Array:
     return locations_of(cells, solve(cells, spread)[0])

@@ -15,12 +15,16 @@ from bayestissue.hierarchy.gaussian.cell_sums import CellSums
 from bayestissue.hierarchy.gaussian.cells import Cells, expected_by_place
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
-from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.moments import log_evidence
 from bayestissue.inference.many.approximate import ManySummarised
 from bayestissue.inference.many.correction import PopulationDraws, anchors_of, told_of_rows
 from bayestissue.inference.many.kept import some_impacts, some_of
-from bayestissue.inference.posterior.scores import Told, besides_summaries, integrated_effects
+from bayestissue.inference.posterior.scores import (
+    LikelihoodApproximation,
+    integrated_effects,
+    log_evidence_ratios,
+)
 
 # Draws at a time: a thousand impacts' matrices take memory.
 _AT_ONCE = 64
@@ -117,9 +121,11 @@ def scores_of_some(
     rows = some_impacts(len(prepared.data.log_mass))
     place = np.asarray(summarised.cells.arrangement.place)[rows]
     anchors = anchors_of(prepared.model, summarised.cells, draws, place)
-    told = Told(*told_of_rows(summarised.summaries, summarised.profile, rows))
-    besides = besides_summaries(prepared.model, some_of(prepared, rows).data, told, anchors)
-    at_once = [Anchor(*(part[begin : begin + _AT_ONCE] for part in anchors)) for begin in _begins(besides)]
+    told = LikelihoodApproximation(*told_of_rows(summarised.summaries, summarised.profile, rows))
+    besides = log_evidence_ratios(prepared.model, some_of(prepared, rows).data, told, anchors)
+    at_once = [
+        ConditionalPrior(*(part[begin : begin + _AT_ONCE] for part in anchors)) for begin in _begins(besides)
+    ]
     return besides + np.concatenate([log_evidence(told.summaries, part) for part in at_once])
 
 

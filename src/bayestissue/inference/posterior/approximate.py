@@ -15,7 +15,7 @@ from jaxtyping import Float
 from numpyro.infer.util import potential_energy
 
 from bayestissue.elements import element
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.gaussian.log_evidence import log_evidence
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
@@ -26,14 +26,19 @@ from bayestissue.hierarchy.traces import (
     sample_warped,
     with_normal_errors,
 )
-from bayestissue.hierarchy.warp import Warp
+from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.inference.execution.compiling import Helper, compiled_quickly
-from bayestissue.inference.factors.grid import Profile, cleared_of_last, flat_profile, profile_last
-from bayestissue.inference.factors.laplace import Anchor, loose_anchor, summarise_traces
+from bayestissue.inference.factors.grid import (
+    LikelihoodGrid,
+    cleared_of_last,
+    flat_grid,
+    integrated_likelihood_grid,
+)
+from bayestissue.inference.factors.laplace import ConditionalPrior, laplace_sites, weak_prior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.moments import compare, refine, standard_points
 from bayestissue.inference.points.fit import PointFit, fit_points
-from bayestissue.inference.posterior.conditional_prior import Expectations, expectations
+from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.posterior.coordinates import Coordinates, straight, warp_about
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
 from bayestissue.inference.samplers.sampling import Progress, silent
@@ -53,8 +58,8 @@ _NEAREST = 0.99
 _HELD = 1e8
 
 
-def spreads_model(
-    model: TraceModel, data: TraceData, summaries: Summaries, profile: Profile | None, warp: Warp
+def marginal_model(
+    model: TraceModel, data: TraceData, summaries: Sites, profile: LikelihoodGrid | None, warp: SinhArcsinh
 ) -> None:
     """The numpyro model of the standard deviations alone, everything else integrated out.
 
@@ -118,7 +123,7 @@ def _noise(prepared: Prepared, fit: PointFit | None) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Summarised:
+class Approximation:
     """All that the sampler needs to know of the traces beforehand.
 
     Attributes:
@@ -127,32 +132,32 @@ class Summarised:
             last location's standard normal: traces whose theta1 is at -1 leave it a wall on one side and
             nothing but its prior on the other.
         profile: what the traces say of a last parameter that they leave open; see
-            `TraceModel.last_may_be_open`.
+            `TraceModel.weakly_identified`.
     """
 
-    summaries: Summaries
+    summaries: Sites
     spreads: Coordinates
-    profile: Profile | None
+    profile: LikelihoodGrid | None
 
 
-def expanded(prepared: Prepared) -> Summaries:
-    """Every likelihood expanded at its own maximum: what `summarise` begins with."""
+def expanded(prepared: Prepared) -> Sites:
+    """Every likelihood expanded at its own maximum: what `approximate` begins with."""
     start = first_guess(prepared)
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
     smooth = with_normal_errors(prepared.data)
-    return summarise_traces(prepared.model, smooth, start, loose_anchor(start))
+    return laplace_sites(prepared.model, smooth, start, weak_prior(start))
 
 
-def summarise(
+def approximate(
     prepared: Prepared,
     *,
-    expansions: Summaries | None = None,
+    expansions: Sites | None = None,
     normal: bool | None = None,
     refinements: int | None = None,
     say: Progress = silent,
     helper: Helper | None = None,
-) -> Summarised:
-    """Summaries of the traces, each made where the whole data set says that its parameters are.
+) -> Approximation:
+    """Sites of the traces, each made where the whole data set says that its parameters are.
 
     First every likelihood is expanded at its own maximum, then at the maximum under the population that
     this implies, which matters where a trace says little; then moments replace the expansions.
@@ -177,11 +182,11 @@ def summarise(
     summaries = expansions or expanded(prepared)
     impacts, size = summaries.centre.shape
     say(1, passes)
-    profile = flat_profile(impacts) if model.last_may_be_open else None
+    profile = flat_grid(impacts) if model.weakly_identified else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
     anchor = finder.expectation(summaries, mode).anchor(0)
-    summaries = summarise_traces(model, smooth, np.asarray(summaries.centre), anchor)
+    summaries = laplace_sites(model, smooth, np.asarray(summaries.centre), anchor)
     say(2, passes)
     standard = standard_points(size)
     for number in range(refinements):
@@ -189,39 +194,39 @@ def summarise(
         anchor = finder.expectation(summaries, mode).anchor(0)
         points = compare(model, data, summaries, anchor, standard)
         # A last parameter that is open has a profile instead.
-        summaries = refine(summaries, anchor, points, bent=not model.last_may_be_open)
+        summaries = refine(summaries, anchor, points, bent=not model.weakly_identified)
         say(3 + number, passes)
     mode = finder.mode(summaries, mode)
-    if not model.last_may_be_open:
-        return Summarised(summaries, finder.coordinates(summaries, mode), None)
+    if not model.weakly_identified:
+        return Approximation(summaries, finder.coordinates(summaries, mode), None)
     normal = last_is_normal(prepared, summaries) if normal is None else normal
     (helper or Helper()).decided(profiled=not normal)
     if normal:
         finder.profile = None
-        return Summarised(summaries, finder.coordinates(summaries, mode[:-1]), None)
+        return Approximation(summaries, finder.coordinates(summaries, mode[:-1]), None)
     few = standard_points(size, PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2)
     summaries = cleared_of_last(summaries)
     found = finder.expectation(summaries, mode)
     once = model.kind == "arma"
-    profile = profile_last(model, data, summaries, found.anchor(0), few, roughly=not once)
+    profile = integrated_likelihood_grid(model, data, summaries, found.anchor(0), few, roughly=not once)
     finder.profile = profile
     # Away from where the profiles are high, a search would follow the slope of a cliff.
     mode = finder.mode(summaries, finder.at_best_last(summaries, mode))
     if not once:
         # The first summaries were made where a search along the last parameter had stopped.
         anchor = _anchored_at(finder.last_mean(mode), finder.expectation(summaries, mode))
-        summaries = summarise_traces(model, smooth, anchor.mean, anchor)
+        summaries = laplace_sites(model, smooth, anchor.mean, anchor)
         for _ in range(REFINEMENTS):
             summaries = refine(summaries, anchor, compare(model, data, summaries, anchor, standard))
         summaries = cleared_of_last(summaries)
         found = finder.expectation(summaries, mode)
-        profile = profile_last(model, data, summaries, found.anchor(0), few)
+        profile = integrated_likelihood_grid(model, data, summaries, found.anchor(0), few)
         finder.profile = profile
         mode = finder.mode(summaries, mode)
-    return Summarised(summaries, finder.coordinates(summaries, mode), profile)
+    return Approximation(summaries, finder.coordinates(summaries, mode), profile)
 
 
-def last_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
+def last_is_normal(prepared: Prepared, summaries: Sites) -> bool:
     """Whether the traces tell the last parameter well enough for its likelihood to be normal.
 
     N samples tell theta1 to ((1 - theta1^2) / N)^1/2, and so artanh theta1 to cosh(artanh theta1) / N^1/2;
@@ -235,7 +240,7 @@ def last_is_normal(prepared: Prepared, summaries: Summaries) -> bool:
     return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
 
 
-def _has_another_end(prepared: Prepared, summaries: Summaries) -> bool:
+def _has_another_end(prepared: Prepared, summaries: Sites) -> bool:
     """Whether far from the summaries' centres, along the last parameter, traces are nearly as likely.
 
     A search may have stopped on a shelf, from which the likelihood rises slowly to where it is level.
@@ -256,12 +261,12 @@ def _value_and_slope(
     model: TraceModel,
     y: Array,
     data: TraceData,
-    summaries: Summaries,
-    profile: Profile | None,
-    warp: Warp,
+    summaries: Sites,
+    profile: LikelihoodGrid | None,
+    warp: SinhArcsinh,
 ) -> tuple[Array, Array]:
     """Minus the log density of the spreads' coordinates, and its gradient."""
-    own = partial(spreads_model, model)
+    own = partial(marginal_model, model)
 
     def potential(y: Array) -> Array:
         return potential_energy(own, (data, summaries, profile, warp), {}, {COORDINATES: y})
@@ -272,7 +277,7 @@ def _value_and_slope(
 class _SpreadsFinder:
     """Posterior mode of the standard deviations, and the coordinates that make it a normal's."""
 
-    def __init__(self, model: TraceModel, data: TraceData, profile: Profile | None = None) -> None:
+    def __init__(self, model: TraceModel, data: TraceData, profile: LikelihoodGrid | None = None) -> None:
         self._model, self.profile = model, profile
         self.data = data._replace(record=None)  # type: ignore[arg-type]
 
@@ -280,15 +285,17 @@ class _SpreadsFinder:
     def _names(self) -> tuple[str, ...]:
         return names_of(self._model, profiled=self.profile is not None)
 
-    def at(self, y: np.ndarray, summaries: Summaries, warp: Warp | None = None) -> tuple[float, np.ndarray]:
+    def at(
+        self, y: np.ndarray, summaries: Sites, warp: SinhArcsinh | None = None
+    ) -> tuple[float, np.ndarray]:
         warp = warp or straight(len(y))
         value, slope = _value_and_slope(self._model, y, self.data, summaries, self.profile, warp)
         return float(value), np.asarray(slope)
 
-    def mode(self, summaries: Summaries, start: np.ndarray | None) -> np.ndarray:
+    def mode(self, summaries: Sites, start: np.ndarray | None) -> np.ndarray:
         return find_mode(self._model, self._names, lambda flat: self.at(flat, summaries), start)
 
-    def at_best_last(self, summaries: Summaries, flat: np.ndarray) -> np.ndarray:
+    def at_best_last(self, summaries: Sites, flat: np.ndarray) -> np.ndarray:
         """The same place where the last location's standard normal is most likely."""
         places = np.repeat(flat[None], len(_PLACES), axis=0)
         places[:, -1] = _PLACES
@@ -298,12 +305,14 @@ class _SpreadsFinder:
         """The mean of the last parameter there."""
         return float(self.data.location_mean[-1] + self._model.locations.sd[-1] * flat[-1])
 
-    def expectation(self, summaries: Summaries, flat: np.ndarray) -> Expectations:
+    def expectation(self, summaries: Sites, flat: np.ndarray) -> ConditionalPriors:
         """There, b having its conditional mean."""
         raw = dict(zip(self._names, np.reshape(flat, (-1, 1)), strict=True))
-        return expectations(self._model, self.data, summaries, raw, np.zeros((1, self._model.locations.size)))
+        return conditional_priors(
+            self._model, self.data, summaries, raw, np.zeros((1, self._model.locations.size))
+        )
 
-    def coordinates(self, summaries: Summaries, mode: np.ndarray) -> Coordinates:
+    def coordinates(self, summaries: Sites, mode: np.ndarray) -> Coordinates:
         scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, summaries)[1], mode)))
         warp = warp_about(lambda flat: -self.at(flat, summaries)[0], mode, scale)
         about = covariance_about(lambda y: self.at(y, summaries, warp)[1], np.zeros(len(mode)))
@@ -311,7 +320,7 @@ class _SpreadsFinder:
 
 
 def potential_at(
-    prepared: Prepared, summarised: Summarised, y: Float[np.ndarray, " coordinate"]
+    prepared: Prepared, summarised: Approximation, y: Float[np.ndarray, " coordinate"]
 ) -> tuple[float, Float[np.ndarray, " coordinate"]]:
     """Minus the log density of the spreads' coordinates there, and its gradient; no trace is asked for."""
     finder = _SpreadsFinder(prepared.model, prepared.data, summarised.profile)
@@ -323,17 +332,15 @@ def names_of(model: TraceModel, *, profiled: bool) -> tuple[str, ...]:
     return (*model.spreads, LAST) if profiled else model.spreads
 
 
-def spreads_of_summaries(
-    prepared: Prepared, summaries: Summaries, near: Mapping[str, np.ndarray]
-) -> Coordinates:
+def spreads_of_summaries(prepared: Prepared, summaries: Sites, near: Mapping[str, np.ndarray]) -> Coordinates:
     """The spreads' coordinates given other summaries, their mode sought from ``near`` on, unconstrained."""
     finder = _SpreadsFinder(prepared.model, prepared.data)
     begin = np.array([near[name] for name in prepared.model.spreads])
     return finder.coordinates(summaries, finder.mode(summaries, begin))
 
 
-def _anchored_at(last: float, found: Expectations) -> Anchor:
+def _anchored_at(last: float, found: ConditionalPriors) -> ConditionalPrior:
     """The population's anchor with the last parameter held at a value."""
     mean, precision = (np.array(part) for part in found.anchor(0))
     mean[:, -1], precision[-1, -1] = last, _HELD
-    return Anchor(mean, precision)
+    return ConditionalPrior(mean, precision)

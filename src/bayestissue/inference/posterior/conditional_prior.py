@@ -11,16 +11,16 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, located
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
-from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.inference.factors.laplace import ConditionalPrior
 
 # Draws of one call: as few as are asked for then, so that one compilation serves any number.
 DRAWS = 64
 
 
-class Expectations(NamedTuple):
+class ConditionalPriors(NamedTuple):
     """The population of each draw, the summaries given: u of every impact is N(about, precision^-1).
 
     Attributes:
@@ -36,22 +36,22 @@ class Expectations(NamedTuple):
     precision: Float[np.ndarray, "draw parameter parameter"]
 
     @property
-    def anchors(self) -> Anchor:
+    def anchors(self) -> ConditionalPrior:
         """Those of all draws."""
-        return Anchor(self.about, self.precision[:, None])
+        return ConditionalPrior(self.about, self.precision[:, None])
 
-    def anchor(self, draw: int) -> Anchor:
+    def anchor(self, draw: int) -> ConditionalPrior:
         """That of one draw."""
-        return Anchor(self.about[draw], self.precision[draw])
+        return ConditionalPrior(self.about[draw], self.precision[draw])
 
 
-def expectations(
+def conditional_priors(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
+    summaries: Sites,
     raw: Mapping[str, Any],
     z_b: Float[np.ndarray, "draw location"],
-) -> Expectations:
+) -> ConditionalPriors:
     """What each draw of the population expects of every impact.
 
     Args:
@@ -63,19 +63,19 @@ def expectations(
     """
     bare = data._replace(record=None)  # type: ignore[arg-type]
     rows = ({name: raw[name] for name in model.spreads}, z_b)
-    return in_calls(partial(expectations_of, model, bare, summaries), rows, DRAWS)
+    return in_calls(partial(conditional_priors_of, model, bare, summaries), rows, DRAWS)
 
 
 @compiled_sooner("model")
-def expectations_of(
-    model: TraceModel, data: TraceData, summaries: Summaries, raw: dict[str, Array], z_b: Array, number: int
-) -> Expectations:
-    """What is compiled of `expectations`: the first so many of `DRAWS` draws."""
+def conditional_priors_of(
+    model: TraceModel, data: TraceData, summaries: Sites, raw: dict[str, Array], z_b: Array, number: int
+) -> ConditionalPriors:
+    """What is compiled of `conditional_priors`: the first so many of `DRAWS` draws."""
 
-    def one(place: Any) -> Expectations:
+    def one(place: Any) -> ConditionalPriors:
         sites = constrained(model, {name: values[place] for name, values in raw.items()})
         b, about, conditional = located(model, data, summaries, sites, z_b[place])
         prior = jnp.stack([jnp.stack(row) for row in conditional.parts.prior])
-        return Expectations(sites, b, jnp.stack(about, axis=-1), prior)  # type: ignore[arg-type]
+        return ConditionalPriors(sites, b, jnp.stack(about, axis=-1), prior)  # type: ignore[arg-type]
 
     return first_rows(one, DRAWS, number)

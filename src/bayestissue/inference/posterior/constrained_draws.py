@@ -14,20 +14,20 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formula import GROUPS
-from bayestissue.hierarchy.gaussian.conditional import Summaries
-from bayestissue.hierarchy.population import SharedError, Spread, of_impacts
+from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.population import Covariances, SharedMassError, of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
 from bayestissue.inference.execution.compiling import DRAWS, Helper, compiled_sooner, in_pieces
 from bayestissue.inference.factors.moments import normals
-from bayestissue.inference.posterior.conditional_prior import expectations
-from bayestissue.inference.posterior.scores import Told, of_draws
+from bayestissue.inference.posterior.conditional_prior import conditional_priors
+from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
 from bayestissue.inference.samplers.sampling import Draws
 
 
 @dataclass(frozen=True)
-class Unfolded:
+class ConstrainedDraws:
     """Draws of everything, each array [chain, draw, ...].
 
     ``sites`` are the hierarchy's quantities by the names of `bayestissue.hierarchy.effects`, ``impacts``
@@ -42,15 +42,15 @@ class Unfolded:
     kept: np.ndarray | None = None
 
 
-def unfold(
+def constrained_draws(
     prepared: Prepared,
-    summaries: Summaries,
+    summaries: Sites,
     draws: Draws,
     key: Array,
     helper: Helper | None = None,
     *,
-    told: Told | None = None,
-) -> Unfolded:
+    told: LikelihoodApproximation | None = None,
+) -> ConstrainedDraws:
     """Map all draws back, some of them by the helper, if there is one.
 
     Args:
@@ -64,16 +64,16 @@ def unfold(
     model, data = prepared.model, prepared.data
     shape = next(iter(draws.sites.values())).shape[:2]
     flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
-    expected = expectations(model, data, summaries, flat, flat["standard_locations"])
+    expected = conditional_priors(model, data, summaries, flat, flat["standard_locations"])
     u = normals(summaries, expected.anchors).at(flat["standard_impacts"])
     keys = jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1])
     rows = (expected.sites, expected.b, expected.about, u, keys)
-    b, impacts = in_pieces(helper or Helper(), DRAWS, partial(unfold_all, model), (data,), rows)
-    scores = of_draws(prepared, told or Told(summaries), expected)
+    b, impacts = in_pieces(helper or Helper(), DRAWS, partial(constrain_rows, model), (data,), rows)
+    scores = of_draws(prepared, told or LikelihoodApproximation(summaries), expected)
     sites, b, impacts, scores = jax.tree.map(
         lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (expected.sites, b, impacts, scores)
     )
-    return Unfolded(named_sites(prepared, sites, b), impacts, scores)
+    return ConstrainedDraws(named_sites(prepared, sites, b), impacts, scores)
 
 
 def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarray) -> dict[str, np.ndarray]:
@@ -94,7 +94,7 @@ def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarra
 
 
 @compiled_sooner("model")
-def unfold_all(
+def constrain_rows(
     model: TraceModel,
     data: TraceData,
     sites: dict[str, Array],
@@ -149,7 +149,7 @@ def impact_quantities(
 def _mass_error(
     model: TraceModel,
     data: TraceData,
-    spread: Spread,
+    spread: Covariances,
     b: Array,
     u: list[Array],
     about: list[Array],
@@ -168,7 +168,9 @@ def _mass_error(
     return b, impact_error(model, spread, u, about, key)
 
 
-def impact_error(model: TraceModel, spread: Spread, u: list[Array], about: list[Array], key: Array) -> Array:
+def impact_error(
+    model: TraceModel, spread: Covariances, u: list[Array], about: list[Array], key: Array
+) -> Array:
     """The error of the log mass where it is each impact's own, given u and its expectation."""
     kk, kc, cc = spread.own
     variance = model.log_mass_sd**2
@@ -179,7 +181,7 @@ def impact_error(model: TraceModel, spread: Spread, u: list[Array], about: list[
     return mean + jnp.sqrt(left) * jax.random.normal(key, mean.shape)
 
 
-def error_of_people(sd: Array, shared: SharedError, b: Array, key: Array) -> Array:
+def error_of_people(sd: Array, shared: SharedMassError, b: Array, key: Array) -> Array:
     """The error e given what is seen of a person's effects, f = s - e, all of them normal and independent.
 
     Its mean is -v (C f_K + K f_C) / (K C + v (K + C)), with variances v of e, K of s_K and C of s_C.

@@ -15,7 +15,7 @@ from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 from scipy.stats import norm
 
-from bayestissue.hierarchy.warp import Warp
+from bayestissue.hierarchy.warp import SinhArcsinh
 
 Density = Callable[[Float[np.ndarray, " coordinate"]], float]
 
@@ -43,7 +43,7 @@ class Coordinates:
     """
 
     names: tuple[str, ...]
-    warp: Warp
+    warp: SinhArcsinh
     covariance: Float[np.ndarray, "coordinate coordinate"]
 
     def raw(self, y: Float[np.ndarray, "*draw coordinate"]) -> dict[str, Float[np.ndarray, "*draw"]]:
@@ -57,14 +57,14 @@ class Coordinates:
         return self.raw(np.zeros(len(self.names)))
 
 
-def straight(size: int) -> Warp:
+def straight(size: int) -> SinhArcsinh:
     """The map of so many numbers that changes nothing."""
-    return Warp(np.zeros(size), np.ones(size), np.zeros(size))
+    return SinhArcsinh(np.zeros(size), np.ones(size), np.zeros(size))
 
 
 def warp_about(
     log_density: Density, mode: Float[np.ndarray, " coordinate"], scale: Float[np.ndarray, " coordinate"]
-) -> Warp:
+) -> SinhArcsinh:
     """The warp that gives the density along each axis a normal's 5, 50 and 95 % quantiles.
 
     Args:
@@ -72,21 +72,21 @@ def warp_about(
         mode: where it is greatest.
         scale: of each coordinate there.
     """
-    warp = Warp(mode, scale, np.zeros_like(mode))
+    warp = SinhArcsinh(mode, scale, np.zeros_like(mode))
     last = np.full((3, len(mode)), np.inf)
     for _ in range(_MOST_TIMES):
         found = np.array([_quantiles(log_density, warp, place) for place in range(len(mode))]).T
         low, middle, high = found
         along = (high - low) / (2 * _TAIL)
         bend = (high + low - 2 * middle) / (2 * (np.sqrt(1 + _TAIL**2) - 1))
-        warp = Warp(middle, along, np.clip(bend, -_MOST_BENT * along, _MOST_BENT * along))
+        warp = SinhArcsinh(middle, along, np.clip(bend, -_MOST_BENT * along, _MOST_BENT * along))
         if (np.abs(found - last) < _SETTLED * along).all():
             break
         last = found
     return warp
 
 
-def _quantiles(log_density: Density, warp: Warp, place: int) -> Float[np.ndarray, 3]:
+def _quantiles(log_density: Density, warp: SinhArcsinh, place: int) -> Float[np.ndarray, 3]:
     """Of one coordinate, all others at the middle of the warp."""
     about, own = np.array(warp.location), warp.part(place)
     x = np.asarray(own(_POINTS))

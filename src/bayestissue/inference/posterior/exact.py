@@ -13,14 +13,14 @@ import numpy as np
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceModel, sampled_model, warped
-from bayestissue.inference.posterior.approximate import Summarised
+from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.samplers.nuts import Start, run_chains
 from bayestissue.inference.samplers.sampling import Draws, Progress, silent
 
 
 def exact_draws(
     prepared: Prepared,
-    summarised: Summarised,
+    summarised: Approximation,
     settings: Sampler,
     seed: int,
     *,
@@ -44,7 +44,7 @@ def exact_draws(
 
 
 def straightened(
-    model: TraceModel, summarised: Summarised, sites: dict[str, np.ndarray]
+    model: TraceModel, summarised: Approximation, sites: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
     """Draws as if no coordinate had been warped: the spreads' unconstrained values, and standard normals."""
     count, warp = len(model.spreads), summarised.spreads.warp
@@ -62,7 +62,7 @@ def model_of(model: TraceModel) -> Callable[..., None]:
     return partial(sampled_model, model)
 
 
-def start_of(prepared: Prepared, summarised: Summarised) -> Start:
+def start_of(prepared: Prepared, summarised: Approximation) -> Start:
     """Chains begin at the middle of the spreads given the summaries, and of all standard normals."""
     middle = {
         "standard_locations": np.zeros(prepared.model.locations.size),

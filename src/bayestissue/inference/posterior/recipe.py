@@ -18,7 +18,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
@@ -29,21 +29,25 @@ from bayestissue.inference.execution.compiling import (
     compiled_quickly,
     in_pieces,
 )
-from bayestissue.inference.factors import regression as wide_summaries
-from bayestissue.inference.factors.grid import Profile
-from bayestissue.inference.factors.importance_ratios import Ratios, compare_over, corrections
-from bayestissue.inference.factors.laplace import Anchor
+from bayestissue.inference.factors import regression
+from bayestissue.inference.factors.grid import LikelihoodGrid
+from bayestissue.inference.factors.importance_ratios import (
+    ImportanceRatios,
+    importance_ratios,
+    log_evidence_corrections,
+)
+from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_summary, normals, standard_points
+from bayestissue.inference.factors.moments import log_site, normals, standard_points
 from bayestissue.inference.posterior.approximate import (
     LAST,
-    Summarised,
+    Approximation,
+    approximate,
+    marginal_model,
     potential_at,
-    spreads_model,
     spreads_of_summaries,
-    summarise,
 )
-from bayestissue.inference.posterior.conditional_prior import Expectations, expectations
+from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.posterior.coordinates import Coordinates
 from bayestissue.inference.samplers.diagnostics import Check
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
@@ -51,7 +55,7 @@ from bayestissue.inference.samplers.psis import below_greatest, pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws, Progress, silent
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
-# Summaries beside a discrepancy are made about so many draws of the population, once for each number, before
+# Sites beside a discrepancy are made about so many draws of the population, once for each number, before
 # any chain; and again about the chains', so often at most, while less of the draws' worth is left. Of
 # Maxwell's on the example one pass of 512 left 8 to 71 %, and these leave 73 to 89 %.
 _DRAWS_BEFORE = (256, 512)
@@ -75,7 +79,7 @@ class Correction:
 
     pareto_k: float
     effective: float
-    ratios: Ratios | None = None
+    ratios: ImportanceRatios | None = None
 
     @property
     def told(self) -> float:
@@ -125,35 +129,35 @@ def corrected_draws(
     settings: Sampler,
     seed: int,
     *,
-    summarised: Summarised | None = None,
+    summarised: Approximation | None = None,
     say: Progress = silent,
     progress: Progress = silent,
     helper: Helper | None = None,
-) -> tuple[Summarised, Draws, Correction]:
-    """Summaries, and draws made with them; of the better of two kinds if need be.
+) -> tuple[Approximation, Draws, Correction]:
+    """Sites, and draws made with them; of the better of two kinds if need be.
 
     Whether a last parameter that may be open passes for normal is judged before the chains; where the
     correction then can't be trusted, the other kind of summary may still be right. ``summarised`` is what
-    `summarise` found, if it was asked before.
+    `approximate` found, if it was asked before.
     """
     helper = helper or Helper()
-    summarised = summarised or summarise(prepared, say=say, helper=helper)
+    summarised = summarised or approximate(prepared, say=say, helper=helper)
     if prepared.model.discrepancy:
         return _beside_a_discrepancy(prepared, summarised, settings, seed, progress, helper)
-    sample = partial(summary_draws, prepared, settings=settings, seed=seed, progress=progress, helper=helper)
+    sample = partial(marginal_draws, prepared, settings=settings, seed=seed, progress=progress, helper=helper)
     made = [(summarised, *sample(summarised))]
-    if prepared.model.last_may_be_open and not made[0][2].trusted:
+    if prepared.model.weakly_identified and not made[0][2].trusted:
         other = made[0][0].profile is not None
-        again = summarise(prepared, normal=other, say=say, helper=helper)
+        again = approximate(prepared, normal=other, say=say, helper=helper)
         made.append((again, *sample(again)))
     return min(
         made, key=lambda attempt: (not attempt[2].trusted, np.nan_to_num(attempt[2].pareto_k, nan=np.inf))
     )
 
 
-def summary_draws(
+def marginal_draws(
     prepared: Prepared,
-    summarised: Summarised,
+    summarised: Approximation,
     settings: Sampler,
     seed: int,
     *,
@@ -170,19 +174,19 @@ def summary_draws(
 
 
 def _with_impacts(
-    prepared: Prepared, summarised: Summarised, found: _Population, settings: Sampler, helper: Helper
+    prepared: Prepared, summarised: Approximation, found: _Population, settings: Sampler, helper: Helper
 ) -> tuple[Draws, Correction]:
     """The population's draws, and each impact's parameters under every one."""
     model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
     candidates = _candidates(model, found.ratios, profile, found.compared)
-    choose = partial(standard_impacts, model)
+    choose = partial(sir_proposals, model)
     seeds = found.rng.integers(2**32, size=len(found.z_b))
     shared, rows = (
         (prepared.data, summaries, candidates),
         (found.expected.about, found.expected.precision, seeds),
     )
     z_u = in_pieces(helper, CHOICE, choose, shared, rows)
-    sites = {**found.raw, "standard_locations": found.z_b, "standard_impacts": z_u}
+    sites = {**found.raw, "standard_locations": found.z_b, "sir_proposals": z_u}
     shape = (settings.chains, settings.draws)
     draws = Draws(
         {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
@@ -209,16 +213,16 @@ class _Population(NamedTuple):
     chains: Draws
     raw: dict[str, np.ndarray]
     z_b: np.ndarray
-    expected: Expectations
+    expected: ConditionalPriors
     correction: Correction
-    compared: Expectations
-    ratios: Ratios
+    compared: ConditionalPriors
+    ratios: ImportanceRatios
     rng: np.random.Generator
 
 
 def _population_draws(
     prepared: Prepared,
-    summarised: Summarised,
+    summarised: Approximation,
     settings: Sampler,
     seed: int,
     progress: Progress,
@@ -229,7 +233,7 @@ def _population_draws(
     # The record stays behind: the population asks only for the summaries.
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
     chains = run_chains(
-        spreads_of(model),
+        marginal_of(model),
         (data, summaries, profile, summarised.spreads.warp),
         _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
         settings,
@@ -246,12 +250,12 @@ def _population_draws(
     if profile is not None:
         z_b[:, -1] = raw.pop(LAST)
     helper.wait(CORRECTION)
-    every = expectations(model, data, summaries, raw, z_b)
+    every = conditional_priors(model, data, summaries, raw, z_b)
     standard = standard_points(summaries.centre.shape[1])
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
     compared = _rows(every, some)
-    ratios = compare_over(model, prepared.data, summaries, compared.anchors, standard, profile)
-    smoothed, k = pareto_smoothed(corrections(summaries, ratios, every.anchors).sum(-1))
+    ratios = importance_ratios(model, prepared.data, summaries, compared.anchors, standard, profile)
+    smoothed, k = pareto_smoothed(log_evidence_corrections(summaries, ratios, every.anchors).sum(-1))
     weight = np.exp(smoothed.reshape(shape))
     chosen = _resample(weight, settings.draws, rng)
     effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
@@ -260,18 +264,18 @@ def _population_draws(
     return _Population(chains, raw, z_b[chosen], _rows(every, chosen), correction, compared, ratios, rng)
 
 
-def _rows(every: Expectations, chosen: np.ndarray) -> Expectations:
+def _rows(every: ConditionalPriors, chosen: np.ndarray) -> ConditionalPriors:
     return jax.tree.map(lambda values: values[chosen], every)
 
 
 def _beside_a_discrepancy(
     prepared: Prepared,
-    summarised: Summarised,
+    summarised: Approximation,
     settings: Sampler,
     seed: int,
     progress: Progress,
     helper: Helper,
-) -> tuple[Summarised, Draws, Correction]:
+) -> tuple[Approximation, Draws, Correction]:
     """`corrected_draws` by summaries that serve all of the posterior: see `wide_summaries`.
 
     Where the posterior is, summaries tell to second order, each time better, and then, if need be, corrected
@@ -303,16 +307,20 @@ def _to_second_order(
 
 
 def _about_draws(
-    prepared: Prepared, summarised: Summarised, draws: tuple[dict[str, np.ndarray], np.ndarray], seed: int
-) -> Summarised:
-    """Summaries made anew about draws of the population."""
-    expected = expectations(prepared.model, prepared.data, summarised.summaries, *draws)
-    summaries = wide_summaries.regressed(prepared.model, prepared.data, summarised.summaries, expected, seed)
+    prepared: Prepared, summarised: Approximation, draws: tuple[dict[str, np.ndarray], np.ndarray], seed: int
+) -> Approximation:
+    """Sites made anew about draws of the population."""
+    expected = conditional_priors(prepared.model, prepared.data, summarised.summaries, *draws)
+    summaries = regression.regression_sites(
+        prepared.model, prepared.data, summarised.summaries, expected, seed
+    )
     near = {name: np.asarray(values.mean()) for name, values in draws[0].items()}
-    return Summarised(summaries, spreads_of_summaries(prepared, summaries, near), None)
+    return Approximation(summaries, spreads_of_summaries(prepared, summaries, near), None)
 
 
-def _candidates(model: TraceModel, ratios: Ratios, profile: Profile | None, part: Expectations) -> int:
+def _candidates(
+    model: TraceModel, ratios: ImportanceRatios, profile: LikelihoodGrid | None, part: ConditionalPriors
+) -> int:
     """How many candidates an impact's parameters are chosen from.
 
     The choice is off the truth by about v / n, v being the variance of likelihood over summary relative to
@@ -326,7 +334,7 @@ def _candidates(model: TraceModel, ratios: Ratios, profile: Profile | None, part
     return int(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES))
 
 
-_over = compiled_quickly()(Profile.over)
+_over = compiled_quickly()(LikelihoodGrid.over)
 
 
 def _relative_variance(log_weight: Array) -> float:
@@ -336,7 +344,7 @@ def _relative_variance(log_weight: Array) -> float:
     return float(np.mean(weight.var(0) / mean**2)) if (mean > 0).all() else np.inf
 
 
-def _begun(prepared: Prepared, summarised: Summarised, chains: int, rng: np.random.Generator) -> Start:
+def _begun(prepared: Prepared, summarised: Approximation, chains: int, rng: np.random.Generator) -> Start:
     """Scattered by half a standard deviation, which lets R-hat see chains that did not forget it."""
     root = np.linalg.cholesky(summarised.spreads.covariance)
     points = 0.5 * rng.standard_normal((chains, len(root))) @ root.T
@@ -351,9 +359,9 @@ def start_at(spreads: Coordinates, known: Known) -> Start:
 
 
 @lru_cache(maxsize=8)
-def spreads_of(model: TraceModel) -> Callable[..., None]:
+def marginal_of(model: TraceModel) -> Callable[..., None]:
     """The same function each time, so that what is compiled for it serves again."""
-    return partial(spreads_model, model)
+    return partial(marginal_model, model)
 
 
 def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.ndarray:
@@ -372,10 +380,10 @@ def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.n
     return np.concatenate(chosen)
 
 
-def standard_impacts(
+def sir_proposals(
     model: TraceModel,
     data: TraceData,
-    summaries: Summaries,
+    summaries: Sites,
     candidates: int,
     about: Float[np.ndarray, "draw impact parameter"],
     precision: Float[np.ndarray, "draw parameter parameter"],
@@ -383,14 +391,14 @@ def standard_impacts(
 ) -> Float[np.ndarray, "draw impact parameter"]:
     """Standard normals of every impact, one of a few candidates each, chosen by likelihood over summary."""
     given, rng = (
-        normals(summaries, Anchor(about, np.asarray(precision)[:, None])),
+        normals(summaries, ConditionalPrior(about, np.asarray(precision)[:, None])),
         np.random.default_rng(seeds),
     )
     best, most = np.zeros(about.shape), np.full(about.shape[:2], -np.inf)
     for number in range(candidates):
         z = rng.standard_normal(about.shape)
         u = given.at(z)
-        ratio = log_likelihoods(model, data, u) - log_summary(summaries, u)
+        ratio = log_likelihoods(model, data, u) - log_site(summaries, u)
         # The greatest of these sums is a choice by likelihood over summary (Gumbel 1954).
         value = ratio + rng.gumbel(size=ratio.shape)
         better = (value > most) | (number == 0)

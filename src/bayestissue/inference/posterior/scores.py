@@ -17,21 +17,25 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formula import GROUPS
-from bayestissue.hierarchy.gaussian.conditional import Summaries
+from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
-from bayestissue.inference.factors.grid import Profile
-from bayestissue.inference.factors.importance_ratios import Ratios, compare_over, corrections
-from bayestissue.inference.factors.laplace import Anchor, times
+from bayestissue.inference.factors.grid import LikelihoodGrid
+from bayestissue.inference.factors.importance_ratios import (
+    ImportanceRatios,
+    importance_ratios,
+    log_evidence_corrections,
+)
+from bayestissue.inference.factors.laplace import ConditionalPrior, times
 from bayestissue.inference.factors.moments import inverse_of_whole, log_evidence, standard_points
-from bayestissue.inference.posterior.conditional_prior import Expectations
+from bayestissue.inference.posterior.conditional_prior import ConditionalPriors
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
 
 
-class Told(NamedTuple):
+class LikelihoodApproximation(NamedTuple):
     """All that is known of the traces' likelihoods.
 
     Attributes:
@@ -40,12 +44,14 @@ class Told(NamedTuple):
         ratios: of likelihood over summary and profile; found by `of_draws` unless given.
     """
 
-    summaries: Summaries
-    profile: Profile | None = None
-    ratios: Ratios | None = None
+    summaries: Sites
+    profile: LikelihoodGrid | None = None
+    ratios: ImportanceRatios | None = None
 
 
-def of_draws(prepared: Prepared, told: Told, expected: Expectations) -> dict[str, np.ndarray]:
+def of_draws(
+    prepared: Prepared, told: LikelihoodApproximation, expected: ConditionalPriors
+) -> dict[str, np.ndarray]:
     """Log densities under each draw of the population: "trace" [draw, impact], "traces_of_subject" and so on.
 
     That of an impact is its summary's evidence, times the profile's, times the mean of likelihood over both:
@@ -59,7 +65,7 @@ def of_draws(prepared: Prepared, told: Told, expected: Expectations) -> dict[str
         told: of the traces' likelihoods.
         expected: what the draws expect; its sites are those of the draws.
     """
-    besides = besides_summaries(prepared.model, prepared.data, told, expected.anchors)
+    besides = log_evidence_ratios(prepared.model, prepared.data, told, expected.anchors)
     parts = [
         _of_some(prepared, told.summaries, expected, besides, slice(begin, begin + _AT_ONCE))
         for begin in range(0, len(besides), _AT_ONCE)
@@ -67,39 +73,39 @@ def of_draws(prepared: Prepared, told: Told, expected: Expectations) -> dict[str
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def besides_summaries(
-    model: TraceModel, data: TraceData, told: Told, anchors: Anchor
+def log_evidence_ratios(
+    model: TraceModel, data: TraceData, told: LikelihoodApproximation, anchors: ConditionalPrior
 ) -> Float[np.ndarray, "draw impact"]:
     """Log of each trace's evidence over its summary's, where draws of the population expect its impact."""
     ratios = told.ratios
     if ratios is None:
         standard = standard_points(told.summaries.centre.shape[1])
         some = np.linspace(0, len(anchors.mean) - 1, len(standard)).astype(int)
-        few = Anchor(*(part[some] for part in anchors))
-        ratios = compare_over(model, data, told.summaries, few, standard, told.profile)
-    found = corrections(told.summaries, ratios, anchors)
+        few = ConditionalPrior(*(part[some] for part in anchors))
+        ratios = importance_ratios(model, data, told.summaries, few, standard, told.profile)
+    found = log_evidence_corrections(told.summaries, ratios, anchors)
     return found if told.profile is None else found + _of_profile(told.profile, anchors)
 
 
-def _of_profile(profile: Profile, anchors: Anchor) -> Float[np.ndarray, "draw impact"]:
+def _of_profile(profile: LikelihoodGrid, anchors: ConditionalPrior) -> Float[np.ndarray, "draw impact"]:
     sd = anchors.precision[:, 0, -1, -1] ** -0.5
     return in_calls(partial(_profile_evidence, profile), (anchors.mean[..., -1], sd), _AT_ONCE)
 
 
 @compiled_sooner()
-def _profile_evidence(profile: Profile, mean: Array, sd: Array, number: int) -> Array:
+def _profile_evidence(profile: LikelihoodGrid, mean: Array, sd: Array, number: int) -> Array:
     return first_rows(lambda place: profile.log_evidence(mean[place], sd[place]), _AT_ONCE, number)
 
 
 def _of_some(
     prepared: Prepared,
-    summaries: Summaries,
-    expected: Expectations,
+    summaries: Sites,
+    expected: ConditionalPriors,
     besides: Float[np.ndarray, "draw impact"],
     some: slice,
 ) -> dict[str, np.ndarray]:
     model, design = prepared.model, prepared.design
-    anchors = Anchor(*(part[some] for part in expected.anchors))
+    anchors = ConditionalPrior(*(part[some] for part in expected.anchors))
     sites = {name: values[some] for name, values in expected.sites.items()}
     b, besides = expected.b[some], besides[some]
     centre, slope, own, _ = (np.asarray(part) for part in summaries)

@@ -17,7 +17,7 @@ from bayestissue.hierarchy.derived import group_effect
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.many.kept import some_impacts
-from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
 from bayestissue.inference.quantities.secant_population import shifted
 
@@ -27,7 +27,7 @@ _SPREADS = np.geomspace(1e-4, 10.0, 500)
 
 
 def mass_exponents_of_secants(
-    prepared: Prepared, unfolded: Unfolded, seed: int
+    prepared: Prepared, unfolded: ConstrainedDraws, seed: int
 ) -> dict[str, Float[np.ndarray, "chain draw"]]:
     """Slopes on log mass, all else equal, of log K_common_depth and log K_secant.
 

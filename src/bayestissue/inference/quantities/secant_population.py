@@ -14,10 +14,10 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 
 
-def of_secant(prepared: Prepared, unfolded: Unfolded) -> Unfolded:
+def of_secant(prepared: Prepared, unfolded: ConstrainedDraws) -> ConstrainedDraws:
     """Draws in which K means the secant stiffness, of impacts and of the population.
 
     In each draw log(K_secant / K) of the impacts is laid out over log K's formula: its least-squares line

@@ -24,7 +24,7 @@ from bayestissue.hierarchy.traces import (
     with_normal_errors,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.factors.laplace import loose_anchor, summarise_traces
+from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.results.tree import PREDICTIVE_DRAWS, replicates
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, displacement_record
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
@@ -136,7 +136,7 @@ def _information(prepared: Prepared, data: TraceData, u: np.ndarray) -> Matrices
 
     What tells of the noise alone is left out, and a 1 put in its place.
     """
-    found = summarise_traces(prepared.model, data, u, loose_anchor(u), 0)
+    found = laplace_sites(prepared.model, data, u, weak_prior(u), 0)
     apart = _named(prepared, _OF_NOISE)
     both = apart[:, None] | apart
     return np.where(both, np.diag(apart.astype(float)), np.asarray(found.precision))
@@ -179,7 +179,7 @@ def shorter_window(prepared: Prepared, u: Float[np.ndarray, "impact parameter"])
     fewer = np.minimum(n, np.maximum(np.ceil(_SHORTER * n), FEWEST_SAMPLES)).astype(n.dtype)
     shorter = _with_traces(whole.record, np.asarray(observed(whole)), fewer)
     found = [
-        summarise_traces(prepared.model, data, u, loose_anchor(u), _ITERATIONS)
+        laplace_sites(prepared.model, data, u, weak_prior(u), _ITERATIONS)
         for data in (whole, whole._replace(record=shorter))
     ]
     centres = [np.asarray(each.centre)[:, :2] for each in found]

@@ -13,7 +13,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.many.kept import some_impacts
-from bayestissue.inference.posterior.constrained_draws import Unfolded, thinned
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, thinned
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.discrepancy import integrals
 from bayestissue.likelihood.element.impact import MeasuredImpact
@@ -24,7 +24,7 @@ PREDICTIVE_DRAWS = 100
 PRIOR_DRAWS = 1000
 
 
-def predicted(prepared: Prepared, unfolded: Unfolded, seed: int) -> dict[str, np.ndarray]:
+def predicted(prepared: Prepared, unfolded: ConstrainedDraws, seed: int) -> dict[str, np.ndarray]:
     """About a hundred replicates of every trace, as displacement and as deceleration."""
     parameters = unfolded.impacts["parameters"]
     if unfolded.kept is not None:

@@ -17,7 +17,7 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.many.kept import some_impacts, some_of
-from bayestissue.inference.posterior.constrained_draws import Unfolded, named_sites
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, named_sites
 from bayestissue.inference.quantities.elements import per_impact
 from bayestissue.inference.quantities.secant_exponents import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.results.labels import labelled, labelled_statistics, of_one_person
@@ -39,7 +39,7 @@ def posterior_tree(
     prepared: Prepared,
     specification: ModelSpecification,
     draws: Draws,
-    unfolded: Unfolded,
+    unfolded: ConstrainedDraws,
     seed: int,
 ) -> xr.DataTree:
     """All groups of a finished fit; see `bayestissue.inference.results.labels` for units and meanings.

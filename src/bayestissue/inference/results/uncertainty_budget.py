@@ -17,11 +17,11 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.population import Spread
+from bayestissue.hierarchy.population import Covariances
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import population
 from bayestissue.inference.many.kept import some_of
-from bayestissue.inference.posterior.constrained_draws import Unfolded
+from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.results.errors import (
     ELEMENT,
     NOISE,
@@ -51,7 +51,7 @@ _NUISANCE = {
 }
 
 
-def interval_sources(prepared: Prepared, unfolded: Unfolded) -> pd.DataFrame:
+def uncertainty_budget(prepared: Prepared, unfolded: ConstrainedDraws) -> pd.DataFrame:
     """What each source makes of the posterior variance of log K and log C.
 
     Args:
@@ -93,7 +93,9 @@ def interval_sources(prepared: Prepared, unfolded: Unfolded) -> pd.DataFrame:
     return pd.concat(tables, ignore_index=True)[COLUMNS]
 
 
-def _spread(prepared: Prepared, unfolded: Unfolded, middle: Callable[[np.ndarray], np.floating]) -> Spread:
+def _spread(
+    prepared: Prepared, unfolded: ConstrainedDraws, middle: Callable[[np.ndarray], np.floating]
+) -> Covariances:
     """The standard deviations at the middle of their draws."""
     sites = {name: jnp.asarray(middle(unfolded.sites[name])) for name in prepared.model.spreads}
     if "residual_correlation" in sites:
@@ -105,7 +107,7 @@ def _root_mean_square(values: np.ndarray) -> np.floating:
     return np.sqrt(np.mean(values**2))
 
 
-def _scatter(prepared: Prepared, spread: Spread) -> dict[str, Float[np.ndarray, "parameter parameter"]]:
+def _scatter(prepared: Prepared, spread: Covariances) -> dict[str, Float[np.ndarray, "parameter parameter"]]:
     """Covariance of u about X b by source, an error of mass left out."""
     model = prepared.model
     kk, kc, cc = (np.asarray(value) for value in spread.own)
@@ -123,7 +125,7 @@ def _scatter(prepared: Prepared, spread: Spread) -> dict[str, Float[np.ndarray, 
 class _Hierarchy:
     """The normal hierarchy with its standard deviations given, every covariance by source."""
 
-    def __init__(self, prepared: Prepared, spread: Spread, errors: TraceErrors) -> None:
+    def __init__(self, prepared: Prepared, spread: Covariances, errors: TraceErrors) -> None:
         self._prepared, self._spread = prepared, spread
         self._scatter = _scatter(prepared, spread)
         size = errors.total.shape[1]
@@ -208,7 +210,9 @@ class _Hierarchy:
         return {q: {name: v[:, place] for name, v in made.items()} for place, q in enumerate(RESPONSES)}
 
 
-def _with_scatter(means: dict[str, dict[str, float]], unfolded: Unfolded) -> dict[str, dict[str, float]]:
+def _with_scatter(
+    means: dict[str, dict[str, float]], unfolded: ConstrainedDraws
+) -> dict[str, dict[str, float]]:
     """What a new person, condition and impact add to the population's mean."""
     found = {}
     for response in RESPONSES:
@@ -234,7 +238,7 @@ def _of_impacts(made: dict[str, dict[str, np.ndarray]], drawn: dict[str, np.ndar
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _of_population(level: str, made: dict[str, dict[str, float]], unfolded: Unfolded) -> pd.DataFrame:
+def _of_population(level: str, made: dict[str, dict[str, float]], unfolded: ConstrainedDraws) -> pd.DataFrame:
     rows = []
     for response, by_source in made.items():
         total = sum(by_source.values())
