@@ -171,7 +171,7 @@ def _with_impacts(
     choose = partial(sir_proposals, model, prepared.data, summaries, candidates)
     seeds = found.rng.integers(2**32, size=len(found.z_b))
     z_u = in_calls(choose, (found.expected.about, found.expected.precision, seeds), _DRAWS_AT_ONCE)
-    sites = {**found.raw, "standard_locations": found.z_b, "sir_proposals": z_u}
+    sites = {**found.raw, "standard_locations": found.z_b, "standard_impacts": z_u}
     shape = (settings.chains, settings.draws)
     draws = Draws(
         {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
@@ -257,7 +257,7 @@ def _beside_a_discrepancy(
     seed: int,
     progress: Progress,
 ) -> tuple[Approximation, Draws, Correction]:
-    """`corrected_draws` by summaries that serve all of the posterior: see `wide_summaries`.
+    """`corrected_draws` by summaries that serve all of the posterior: see `factors.regression`.
 
     Where the posterior is, summaries tell to second order, each time better, and then, if need be, corrected
     draws.
