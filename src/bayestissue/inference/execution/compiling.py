@@ -1,15 +1,102 @@
-"""How functions are compiled that are called a few times only."""
+"""How functions are compiled: for few shapes, and as well as they are worth.
+
+All that knows about compilation is here. What is compiled is written as if it were not: its arguments are
+filled up to a few sizes (`bayestissue.padding`), and its results cut, so that tomorrow's dataset finds
+compiled what today's needed.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from functools import lru_cache, wraps
+from inspect import signature
+from typing import Any, get_type_hints
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from bayestissue.padding import cut, padded, sizes_of
+
 Function = Callable[..., Any]
+Static = str | Sequence[str]
+# XLA spends most of a compilation on making the result fast.
+_QUICKLY, _SOONER = {"xla_backend_optimization_level": 0}, {"xla_backend_optimization_level": 1}
+
+
+def compiled_quickly(static_argnames: Static = ()) -> Callable[[Function], Function]:
+    """`jax.jit` for what takes longer to compile than to run: half the wait, and slower steps.
+
+    Arguments are filled up along the axes that the annotations name, and the result is cut.
+
+    Not to be called from within another compiled function, which has options of its own.
+
+    Args:
+        static_argnames: as of `jax.jit`.
+    """
+    return lambda function: _for_few_shapes(function, static_argnames, _QUICKLY)
+
+
+def compiled_sooner(static_argnames: Static = ()) -> Callable[[Function], Function]:
+    """`jax.jit` for what runs about as long as it compiles: a fifth less wait, and steps as fast.
+
+    Not for slopes, which were measured to take up to four times as long; otherwise as `compiled_quickly`.
+    """
+    return lambda function: _for_few_shapes(function, static_argnames, _SOONER)
+
+
+def _for_few_shapes(function: Function, static_argnames: Static, options: dict[str, Any]) -> Function:
+    jitted = jax.jit(function, static_argnames=static_argnames, compiler_options=options)
+
+    @lru_cache(maxsize=1)
+    def annotations() -> tuple[tuple[Any, ...], Any]:
+        # Only when it is called is everything defined that the annotations name.
+        hints = get_type_hints(function)
+        return tuple(hints.get(name) for name in signature(function).parameters), hints.get("return")
+
+    @wraps(function)
+    def called(*arguments: Any) -> Any:
+        given, returned = annotations()
+        given = given[: len(arguments)]
+        sizes = sizes_of(arguments, given)
+        if not sizes:
+            return jitted(*arguments)
+        pairs = zip(arguments, given, strict=True)
+        return cut(jitted(*(_filled(*pair, sizes) for pair in pairs)), returned, sizes)
+
+    called.jitted = jitted  # type: ignore[attr-defined]
+    return called
+
+
+def filled_up(value: Any) -> Any:
+    """A tuple of named tuples filled up along the axes that their annotations name, for `run_chains`."""
+    sizes = sizes_of(value, (None,) * len(value))
+    return tuple(_filled(part, None, sizes) for part in value)
+
+
+def _filled(value: Any, annotation: Any, sizes: dict[str, int]) -> Any:
+    if not hasattr(value, "_fields"):
+        return padded(value, annotation, sizes)
+    return _filled_once(_Same(value), tuple(sizes.items()))
+
+
+class _Same:
+    """A key that is equal to that of the same object only, which it keeps."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.value is other.value
+
+
+@lru_cache(maxsize=8)
+def _filled_once(same: _Same, sizes: tuple[tuple[str, int], ...]) -> Any:
+    """A dataset is asked for hundreds of times."""
+    return jax.device_put(padded(same.value, None, dict(sizes)))
 
 
 def in_calls(function: Function, rows: Any, size: int) -> Any:
@@ -35,27 +122,3 @@ def first_rows(one: Function, size: int, number: Any) -> Any:
     shapes = jax.eval_shape(one, 0)
     empty = jax.tree.map(lambda shape: jnp.zeros((size, *shape.shape), shape.dtype), shapes)
     return jax.lax.fori_loop(0, number, add, empty)
-
-
-# XLA spends most of a compilation on making the result fast.
-_QUICKLY, _SOONER = {"xla_backend_optimization_level": 0}, {"xla_backend_optimization_level": 1}
-Static = str | Sequence[str]
-
-
-def compiled_quickly(static_argnames: Static = ()) -> Callable[[Callable[..., Any]], Any]:
-    """`jax.jit` for what takes longer to compile than to run: half the wait, and slower steps.
-
-    Not to be called from within another compiled function, which has options of its own.
-
-    Args:
-        static_argnames: as of `jax.jit`.
-    """
-    return lambda function: jax.jit(function, static_argnames=static_argnames, compiler_options=_QUICKLY)
-
-
-def compiled_sooner(static_argnames: Static = ()) -> Callable[[Callable[..., Any]], Any]:
-    """`jax.jit` for what runs about as long as it compiles: a fifth less wait, and steps as fast.
-
-    Not for slopes, which were measured to take up to four times as long; otherwise as `compiled_quickly`.
-    """
-    return lambda function: jax.jit(function, static_argnames=static_argnames, compiler_options=_SOONER)

@@ -253,7 +253,7 @@ def _has_another_end(prepared: Prepared, summaries: Sites) -> bool:
 _PLACES = np.linspace(-8.0, 8.0, 321)
 
 
-@compiled_quickly("model")
+@compiled_quickly()
 def _value_and_slope(
     model: TraceModel,
     y: Array,

@@ -89,12 +89,15 @@ def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarra
     for response in RESPONSES:
         for group in GROUPS:
             count = len(getattr(prepared.design, f"{group}s"))
+            if f"{group}_effect_{response}" in sites:
+                # Without the levels that only fill up.
+                sites[f"{group}_effect_{response}"] = sites[f"{group}_effect_{response}"][..., :count]
             sites.setdefault(f"{group}_effect_{response}", np.zeros((*b.shape[:2], count)))
             sites.setdefault(f"sd_{group}_{response}", np.zeros(b.shape[:2]))
     return sites
 
 
-@compiled_sooner("model")
+@compiled_sooner()
 def constrain_rows(
     model: TraceModel,
     data: TraceData,
@@ -104,7 +107,7 @@ def constrain_rows(
     u: Float[Array, "draw impact parameter"],
     keys: Array,
     number: int,
-) -> tuple[Array, dict[str, Array]]:
+) -> tuple[Array, dict[str, Float[Array, "draw impact ..."]]]:
     """Locations at people's true masses, and every impact's quantities, of the first so many draws."""
 
     def one(place: Any) -> tuple[Array, dict[str, Array]]:

@@ -8,9 +8,8 @@ true conditional.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -22,7 +21,7 @@ from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
-from bayestissue.inference.execution.compiling import compiled_quickly, in_calls
+from bayestissue.inference.execution.compiling import compiled_quickly, filled_up, in_calls
 from bayestissue.inference.factors import regression
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
@@ -217,8 +216,8 @@ def _population_draws(
     # The record stays behind: the population asks only for the summaries.
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
     chains = run_chains(
-        marginal_of(model),
-        (data, summaries, profile, summarised.spreads.warp),
+        marginal_model,
+        (model, *filled_up((data, summaries, profile)), summarised.spreads.warp),
         _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
         settings,
         seed,
@@ -337,12 +336,6 @@ def _begun(prepared: Prepared, summarised: Approximation, chains: int, rng: np.r
 def start_at(spreads: Coordinates, known: Known) -> Start:
     """Of chains that begin at these points of the coordinates."""
     return Start({COORDINATES: np.zeros(len(spreads.names))}, (COORDINATES,), spreads.covariance, known)
-
-
-@lru_cache(maxsize=8)
-def marginal_of(model: TraceModel) -> Callable[..., None]:
-    """The same function each time, so that what is compiled for it serves again."""
-    return partial(marginal_model, model)
 
 
 def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.ndarray:
