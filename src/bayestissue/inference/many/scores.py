@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import jax
 import numpy as np
 from jax import Array
@@ -54,7 +52,7 @@ def _codes(prepared: Prepared, cells: Cells) -> dict[str, Int[np.ndarray, " plac
     return codes
 
 
-@partial(jax.jit, static_argnames="model")
+@jax.jit
 def _population(
     model: TraceModel, cells: Cells, codes: dict[str, Array], raw: dict[str, Array], z: Array
 ) -> tuple[Array, dict[str, Array]]:

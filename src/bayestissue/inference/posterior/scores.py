@@ -93,7 +93,9 @@ def _of_profile(profile: LikelihoodGrid, anchors: ConditionalPrior) -> Float[np.
 
 
 @compiled_sooner()
-def _profile_evidence(profile: LikelihoodGrid, mean: Array, sd: Array, number: int) -> Array:
+def _profile_evidence(
+    profile: LikelihoodGrid, mean: Float[Array, "draw impact"], sd: Array, number: int
+) -> Float[Array, "draw impact"]:
     return first_rows(lambda place: profile.log_evidence(mean[place], sd[place]), _AT_ONCE, number)
 
 
@@ -130,10 +132,14 @@ def _of_some(
     return scores
 
 
-@compiled_quickly(("model", "group"))
+@compiled_quickly("group")
 def _gained(
-    model: TraceModel, group: str, sites: dict[str, Any], weight: list[Array], pull: list[Array]
-) -> Array:
+    model: TraceModel,
+    group: str,
+    sites: dict[str, Any],
+    weight: list[Float[Array, "draw level"]],
+    pull: list[Float[Array, "draw level"]],
+) -> Float[Array, "draw level"]:
     columns = {name: values[:, None] for name, values in sites.items()}
     return integrated_effects(model, columns, group, weight, pull)
 
