@@ -126,7 +126,7 @@ def fit_points(
 
 
 def _batches(count: int) -> Iterator[np.ndarray]:
-    """Equal batches of 1, 2, 4 ... impacts, so that few sizes are ever compiled; filled up with the last one."""
+    """Batches of 1, 2, 4 ... impacts, so that few sizes are ever compiled; filled up with the last impact."""
     size = 2 ** (-(-count // -(-count // BATCH)) - 1).bit_length()
     for begin in range(0, count, size):
         yield np.minimum(np.arange(begin, begin + size), count - 1)
