@@ -17,7 +17,6 @@ from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.priors import Priors
 
 MassError = Literal["impact", "subject"]
@@ -107,20 +106,22 @@ def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
 
     One column for a hundred people here, where the matrices need a hundred.
     """
-    keys = [design.subject, design.trial]
+    keys = [grouping.code for grouping in design.groupings.values()]
     for part in design.responses.values():
         keys += [*part.covariates.T, *([] if part.log_mass is None else [part.log_mass])]
+        keys += [column.covariate for column in part.terms.values()]
     _, first, row = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_inverse=True)
     responses = {
         name: replace(
             part,
             covariates=part.covariates[first],
             log_mass=None if part.log_mass is None else part.log_mass[first],
+            terms={term: replace(each, covariate=each.covariate[first]) for term, each in part.terms.items()},
         )
         for name, part in design.responses.items()
     }
-    kept = replace(design, responses=responses, subject=design.subject[first], trial=design.trial[first])
-    return kept, row.reshape(-1)
+    groupings = {name: replace(each, code=each.code[first]) for name, each in design.groupings.items()}
+    return replace(design, responses=responses, groupings=groupings), row.reshape(-1)
 
 
 def _response(
@@ -138,12 +139,11 @@ def _response(
         covariate = getattr(priors.covariate, response)
         matrices.append(part.covariates)
         pieces.append((f"covariate_effect_{response}", len(part.names), covariate.mean, covariate.sd, ""))
-    for group in GROUPS:
-        if group in part.groups:
-            codes = getattr(design, group)
-            levels = len(getattr(design, f"{group}s"))
-            matrices.append((codes[:, None] == np.arange(levels)).astype(float))
-            pieces.append((f"{group}_effect_{response}", levels, 0.0, np.nan, f"sd_{group}_{response}"))
+    for term, column in part.terms.items():
+        grouping = design.groupings[term.grouping]
+        levels = len(grouping.levels)
+        matrices.append((grouping.code[:, None] == np.arange(levels)) * column.covariate[:, None])
+        pieces.append((term.effect(response), levels, 0.0, np.nan, term.sd(response)))
     return np.concatenate(matrices, axis=1), pieces
 
 
