@@ -28,12 +28,12 @@ def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:
         for number, name in enumerate(part.names):
             column = sites[f"covariate_effect_{response}"][..., number]
             kept[f"effect_of_{name}_{response}"] = column / part.scale[number]
-        for term, column in part.terms.items():
-            kept[term.sd(response)] = sites[term.sd(response)] / column.scale
+        for term, group in part.terms.items():
+            kept[term.sd(response)] = sites[term.sd(response)] / group.scale
             if not term.slope:
                 kept[term.effect(response)] = sites[term.effect(response)]
                 continue
-            deviation = sites[term.effect(response)] / column.scale
+            deviation = sites[term.effect(response)] / group.scale
             shared = _coefficient(kept, term.slope, response)
             kept[term.own(response)] = deviation + np.asarray(shared)[..., None]
         kept[f"sd_impact_{response}"] = sites[f"sd_impact_{response}"]

@@ -100,8 +100,8 @@ def _scores(
         away = [d - own.in_impacts(slots, b, a) if a < 2 else d for a, d in enumerate(moved)]
         value, pull = at(away)
 
-        def total(values: Array, level: Array = own.level, levels: int = levels) -> Array:
-            return jax.ops.segment_sum(values, level, levels)
+        def total(values: Array, own: OwnEffects = own, levels: int = levels) -> Array:
+            return jax.ops.segment_sum(values, own.level, levels)
 
         weight = {
             (s, t): total(sums.entry(of[s], of[t]) * (own.value[s] * own.value[t])) for s, t in slots.together

@@ -52,7 +52,7 @@ class OwnEffects(NamedTuple):
     element: Int[np.ndarray | Array, "slot level"]
     value: Float[np.ndarray | Array, "slot impact"]
 
-    def in_impacts(self, slots: Slots, b: Array, response: int) -> Array | float:
+    def in_impacts(self, slots: Slots, b: np.ndarray | Array, response: int) -> np.ndarray | Array | float:
         """What the levels' own effects add to log K (0) or log C (1) of each impact, [..., impact]."""
         return sum(
             (
@@ -71,7 +71,10 @@ def own_effects(model: TraceModel, design: Design) -> dict[str, tuple[Slots, Own
 
 def _of(model: TraceModel, design: Design, grouping: Grouping) -> tuple[Slots, OwnEffects]:
     impacts, levels = len(grouping.code), len(grouping.levels)
-    elements, values, response, spread = [], [], [], []
+    elements: list[np.ndarray] = []
+    values: list[np.ndarray] = []
+    response: list[int] = []
+    spread: list[str] = []
     people: dict[int, list[int]] = {0: [], 1: []}
     for a, q in enumerate(RESPONSES):
         for term, column in design.responses[q].terms.items():

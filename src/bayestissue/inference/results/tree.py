@@ -54,17 +54,18 @@ def posterior_tree(
     multiplies draws by impacts once more (predictions, priors, log densities) is of some impacts.
     """
     rng = np.random.default_rng(seed)
-    named = {"dimensions": _dimensions(prepared.design), "attributes": group_attributes(prepared.design)}
-    put = partial(labelled, coordinates=_coordinates(prepared), **named)
+    named = partial(
+        labelled, dimensions=_dimensions(prepared.design), attributes=group_attributes(prepared.design)
+    )
+    put = partial(named, coordinates=_coordinates(prepared))
     every, whole = put, prepared
     if unfolded.kept is not None:
         rows = some_impacts(len(prepared.impacts))
         prepared = some_of(prepared, rows)
         fewer = {**_coordinates(prepared), "kept_draw": unfolded.kept}
-        put = partial(labelled, coordinates=fewer, **named)
+        put = partial(named, coordinates=fewer)
         every = partial(
-            labelled,
-            **named,
+            named,
             coordinates={**_coordinates(whole), "kept_draw": unfolded.kept},
             kept=frozenset({*PER_IMPACT, *EXPONENTS, *(name for names in ERRORS.values() for name in names)}),
         )
