@@ -58,18 +58,16 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
         made = DecelerationRecord.of(
             traces, n_samples, first, dt, velocity, error_sd, np.asarray(record.uniform)
         )
-        # Point estimates, from which the summaries start, ask for a displacement.
-        x = _integrated(traces, velocity, dt)
+        # First guesses, from which the summaries start, ask for the motion.
+        v = velocity[:, None] - np.cumsum(traces, axis=1) * dt[:, None]
+        x = np.cumsum(v, axis=1) * dt[:, None]
+        motion = {"x": x, "v": v, "deceleration": traces}
     else:
-        made, x = displacement_record(traces, n_samples, first, dt, error_sd), traces
+        made = displacement_record(traces, n_samples, first, dt, error_sd)
+        motion = {"x": traces}
     noise = np.exp(np.asarray(prepared.data.log_peak) + prepared.model.priors.noise.mean)
-    signal = replace(signal, x=x, n_samples=n_samples, first_sample_s=first, noise_sd=noise)
+    signal = replace(signal, **motion, n_samples=n_samples, first_sample_s=first, noise_sd=noise)
     return replace(prepared, data=prepared.data._replace(record=made), signal=signal)
-
-
-def _integrated(d: np.ndarray, velocity: np.ndarray, dt: np.ndarray) -> np.ndarray:
-    lost = np.cumsum(d, axis=1) * dt[:, None]
-    return np.cumsum(velocity[:, None] - lost, axis=1) * dt[:, None]
 
 
 def blank(kind: str) -> Prepared:
@@ -122,9 +120,9 @@ def ranks_of_one(
                 values[name] = (
                     values.pop(f"subject_mass_exponent_deviation_{q}") + values[f"mass_exponent_{q}"]
                 )
-    own = np.concatenate([drawn["log_K_and_C"][0], [drawn[name][0] for name in model.nuisance]])
+    first = np.concatenate([drawn["log_K_and_C"][0], [drawn[name][0] for name in model.nuisance]])
     for i, name in enumerate(("K", "C", *model.nuisance)):
-        truth[f"{name} of an impact"] = own[i]
+        truth[f"{name} of an impact"] = first[i]
         posterior[f"{name} of an impact"] = found.impacts["parameters"][..., 0, i]
     return {name: _rank(posterior[name], truth[name]) for name in truth} | {"pareto_k": correction.pareto_k}
 

@@ -1,19 +1,20 @@
 """Calibration of fits of a design with two sides a person, sessions, and people's own mass exponents.
 
     .venv/bin/python benchmarks/calibration_designs.py
-    .venv/bin/python benchmarks/calibration_designs.py --lane 1 --lanes 2    # one half of them, beside --lane 2
+    .venv/bin/python benchmarks/calibration_designs.py --lane 1 --lanes 2    # a half, beside --lane 2
 
-As calibration.py does it: 300 times everything is drawn from the model itself, top down, the draw is fitted as
-`path = "automatic"` does it, and the rank of each drawn value among 99 thinned draws is uniform if that samples
-the posterior. Of the effects the first level's are ranked, and the first person's own mass exponent. Five people
-are hit on two sides in four conditions, 0.375 to 1.333 kg, each impact in one of four sessions. Ranks are added
-to calibration_ranks_designs.csv as they are made; the same command goes on where it stopped. With all of them the
-table of tests goes to calibration.csv. Model: calibration-designs.toml.
+As calibration.py does it: 300 times everything is drawn from the model itself, top down, the draw is fitted
+as `path = "automatic"` does it, and the rank of each drawn value among 99 thinned draws is uniform if that
+samples the posterior. Of the effects the first level's are ranked, and the first person's own mass exponent.
+Five people are hit on two sides in four conditions, 0.375 to 1.333 kg, each impact in one of four sessions.
+Ranks are added to calibration_ranks_designs.csv as they are made; the same command goes on where it stopped,
+and puts the table of tests into calibration.csv. Model: calibration-designs.toml.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import time
 from pathlib import Path
 
@@ -56,13 +57,12 @@ def made_before() -> pd.DataFrame:
 
 
 def add(row: dict[str, float]) -> None:
-    """Add a line, the header too where there is none; one write, so that two lanes may share the file."""
+    """Add a line, after a header where there is none; in one write, so that two lanes may share the file."""
     frame = pd.DataFrame([row])
-    text = frame.to_csv(
-        index=False, header=not RANKS_FILE.is_file(), float_format="%.3f", lineterminator="\n"
-    )
+    with contextlib.suppress(FileExistsError), RANKS_FILE.open("x", encoding="utf-8") as file:
+        file.write(",".join(frame.columns) + "\n")
     with RANKS_FILE.open("a", encoding="utf-8") as file:
-        file.write(text)
+        file.write(frame.to_csv(index=False, header=False, float_format="%.3f", lineterminator="\n"))
 
 
 def run(campaigns: int, seconds: float, lane: int, lanes: int) -> None:

@@ -32,6 +32,8 @@ class Sites(NamedTuple):
         log_likelihood: log L(m).
     """
 
+    # Zeros say nothing of an impact.
+    EMPTY = True
     centre: Float[Array, "impact parameter"]
     slope: Float[Array, "impact parameter"]
     precision: Float[Array, "impact parameter parameter"]

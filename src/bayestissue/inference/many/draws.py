@@ -170,7 +170,7 @@ def _of_impacts(
     return impacts, kept
 
 
-@partial(jax.jit, static_argnames="model")
+@jax.jit
 def _draw_block(
     model: TraceModel,
     data: TraceData,

@@ -52,7 +52,7 @@ def _by_place(own: OwnEffects, cells: Cells) -> OwnEffects:
     return OwnEffects(level, own.element, value)
 
 
-@partial(jax.jit, static_argnames=("model", "slots"))
+@partial(jax.jit, static_argnames="slots")
 def _population(
     model: TraceModel,
     slots: tuple[tuple[str, Slots], ...],

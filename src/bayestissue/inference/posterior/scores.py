@@ -93,7 +93,9 @@ def _of_profile(profile: LikelihoodGrid, anchors: ConditionalPrior) -> Float[np.
 
 
 @compiled_sooner()
-def _profile_evidence(profile: LikelihoodGrid, mean: Array, sd: Array, number: int) -> Array:
+def _profile_evidence(
+    profile: LikelihoodGrid, mean: Float[Array, "draw impact"], sd: Array, number: int
+) -> Float[Array, "draw impact"]:
     return first_rows(lambda place: profile.log_evidence(mean[place], sd[place]), _AT_ONCE, number)
 
 
@@ -132,4 +134,4 @@ def _of_some(
     return scores
 
 
-gained_by_integration = compiled_quickly(("model", "slots"))(gained)
+gained_by_integration = compiled_quickly("slots")(gained)
