@@ -186,7 +186,7 @@ def _with_impacts(
         (found.expected.about, found.expected.precision, seeds),
     )
     z_u = in_pieces(helper, CHOICE, choose, shared, rows)
-    sites = {**found.raw, "standard_locations": found.z_b, "sir_proposals": z_u}
+    sites = {**found.raw, "standard_locations": found.z_b, "standard_impacts": z_u}
     shape = (settings.chains, settings.draws)
     draws = Draws(
         {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
