@@ -276,7 +276,7 @@ def _beside_a_discrepancy(
     progress: Progress,
     helper: Helper,
 ) -> tuple[Approximation, Draws, Correction]:
-    """`corrected_draws` by summaries that serve all of the posterior: see `wide_summaries`.
+    """`corrected_draws` by summaries that serve all of the posterior: see `factors.regression`.
 
     Where the posterior is, summaries tell to second order, each time better, and then, if need be, corrected
     draws.
