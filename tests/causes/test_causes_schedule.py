@@ -126,7 +126,7 @@ def test_a_scheduler_that_does_not_answer_is_an_input_error(
     batches: list[Batch], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("bayestissue.causes.schedule._PATIENCE_S", 0.5)
+    monkeypatch.setattr("bayestissue.inference.execution.workers._PATIENCE_S", 0.5)
     with pytest.raises(InputError, match="dask worker"):
         run_batches(batches, scheduler="tcp://127.0.0.1:1")
 
