@@ -135,8 +135,8 @@ def _fit_of_batch(
 
 
 def _batches(count: int) -> Iterator[np.ndarray]:
-    """Equal batches, so that one compilation serves all; the last is filled up with its last impact."""
-    size = -(-count // -(-count // BATCH))
+    """Batches of 1, 2, 4 ... impacts, so that few sizes are ever compiled; filled up with the last impact."""
+    size = 2 ** (-(-count // -(-count // BATCH)) - 1).bit_length()
     for begin in range(0, count, size):
         yield np.minimum(np.arange(begin, begin + size), count - 1)
 

@@ -7,7 +7,7 @@ import logging
 import pandas as pd
 import xarray as xr
 
-from bayestissue.inference.comparing.stacking import PARETO_LIMIT, importance_scores
+from bayestissue.inference.comparing.stacking import above, importance_scores
 
 COLUMNS = ["scheme", "label", "elpd", "pareto_k", "warning"]
 
@@ -16,7 +16,7 @@ def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
     """Expected log predictive density of each impact, subject, trial and other level, given all the others.
 
     By Pareto-smoothed importance sampling (Vehtari, Gelman and Gabry 2017), what is left out having its own
-    parameters and effects integrated out in closed form; ``warning`` where Pareto k is above 0.7.
+    parameters and effects integrated out in closed form; ``warning`` where Pareto k is above its threshold.
     """
     rows = []
     for dimension, (_, variable) in schemes(tree).items():
@@ -25,8 +25,8 @@ def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
         if len(labels) < 2:
             continue
         score = importance_scores({"fit": only}, variable)["fit"]
-        for element, elpd, k in zip(labels, score.elpd, score.pareto_k, strict=True):
-            warning = f"Pareto k above {PARETO_LIMIT}" if k > PARETO_LIMIT else ""
+        for element, elpd, k, high in zip(labels, score.elpd, score.pareto_k, score.high, strict=True):
+            warning = above(score.limit) if high else ""
             rows.append((scheme_words(dimension), str(element), float(elpd), float(k), warning))
     return pd.DataFrame(rows, columns=COLUMNS)
 
