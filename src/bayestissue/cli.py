@@ -59,8 +59,8 @@ Scheduler = Annotated[
     typer.Option(
         "--scheduler",
         metavar="ADDRESS",
-        help="A running Dask scheduler, such as tcp://host:8786, whose workers compute what is done impact by "
-        "impact: the same numbers.",
+        help="A running Dask scheduler, such as tcp://host:8786. Its workers compute what is done impact by "
+        "impact, where there are hundreds.",
     ),
 ]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0)]

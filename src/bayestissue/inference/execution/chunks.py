@@ -72,10 +72,8 @@ def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *ordered)
 
 
-def _item(
-    function: OfBlock, data: TraceData, share: list[Rows]
-) -> tuple[OfBlock, TraceData, list[Rows], int]:
-    """What a worker needs for some blocks: the data of their impacts alone, the first of which has this number."""
+def _item(function: OfBlock, data: TraceData, share: list[Rows]) -> Item:
+    """What a worker needs for some blocks: of the data their impacts alone, and the number of the first."""
     first, last = int(share[0][0]), int(share[-1][-1])
     return function, impacts_of(data, np.arange(first, last + 1)), share, first
 
