@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import jax
@@ -59,6 +59,7 @@ def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent
     alone = jobs == 1 and scheduler is None
     each = 1 if alone else _SHARE
     shares = [rows[begin : begin + each] for begin in range(0, blocks, each)]
+    found: Iterator[tuple[int, list[Any]]]
     if alone:
         found = enumerate(_of_share((function, data, share, 0)) for share in shares)
     else:
