@@ -173,7 +173,7 @@ def analyse(
     say("checking and scoring", 0, 1)
     # First what the other process has no part in: it is still at the sources.
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
-    summary = summary_table(posterior, helper)
+    summary = summary_table(posterior)
     further = () if correction is None else correction.checks()
     diagnostics = diagnose(summary, statistics_of_transitions(draws), further)
     return TraceAnalysis(
