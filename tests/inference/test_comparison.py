@@ -128,7 +128,12 @@ def test_the_sensitivity_to_priors_and_data_is_arviz_s() -> None:
             "posterior": xr.Dataset({"mean": (dims, mean), "sd": (dims, np.exp(sd))}),
             "log_prior": xr.Dataset({"mean": (dims, -8 * mean**2), "sd": (dims, -0.1 * sd**2)}),
             "log_likelihood": xr.Dataset(
-                {"trace": ((*dims, "impact"), norm(mean[..., None], np.exp(sd)[..., None]).logpdf([0.1, 2.0]))}
+                {
+                    "trace": (
+                        (*dims, "impact"),
+                        norm(mean[..., None], np.exp(sd)[..., None]).logpdf([0.1, 2.0]),
+                    )
+                }
             ),
         }
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -14,19 +15,17 @@ import xarray as xr
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.conditional import Sites
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
+from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
-from bayestissue.inference.execution.ahead import second_process
-from bayestissue.inference.execution.compiling import PREDICTIONS, Helper
-from bayestissue.inference.execution.second_core import SecondCore
 from bayestissue.inference.many.approximate import summarise_many
 from bayestissue.inference.many.draws import MANY, many_draws
-from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded, last_is_normal
+from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.recipe import Correction, corrected_draws
+from bayestissue.inference.posterior.recipe import corrected_draws
+from bayestissue.inference.posterior.route import Route, duration
 from bayestissue.inference.posterior.scores import LikelihoodApproximation
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
 from bayestissue.inference.quantities.secant_population import of_secant
@@ -36,7 +35,7 @@ from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.inference.samplers.sampling import Draws, Progress
 
 Say = Callable[[str, int, int], None]
 
@@ -61,7 +60,6 @@ def fit_traces(
     say: Say,
     *,
     checkpoints: Path | None = None,
-    core: SecondCore | None = None,
 ) -> TraceAnalysis | dict[str, Any]:
     """Sample the posterior of every impact and of the population, check it, and label everything.
 
@@ -71,45 +69,39 @@ def fit_traces(
         seed: of all draws.
         say: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
-        core: where half of the work is done; one for this fit alone, unless given.
 
     Many impacts go by a summary path of their own, unless the model file says "exact": see
     `bayestissue.inference.many.draws`.
 
-    By the summary path the population is sampled with each trace's summary in its place, and the draws are
-    then corrected; "automatic" goes on to the exact path, every trace in every step, where the Pareto k of
-    the correction says that it can't be trusted. Where the model file leaves a discrepancy to the program,
-    and the best fits show plainly that one is needed, this is all that is returned: see `misfit_precheck`.
+    By the summary path the population is sampled with each trace's site in its place, and the draws are then
+    corrected; "automatic" goes on to the exact path, every trace in every step, where no correction can be
+    trusted: see `Correction.checks`. Where the model file leaves a discrepancy to the program, and the best
+    fits show plainly that one is needed, this is all that is returned: see `misfit_precheck`.
     """
     done = partial(say, "summarising each trace")
     done(0, 1)
     if specification.sampler.path != "exact" and len(prepared.impacts) >= MANY:
         many = summarise_many(prepared, say=done)
         drawn, unfolded, corrected = many_draws(prepared, many, specification.sampler, seed, say)
-        return analyse(prepared, specification, unfolded, drawn, seed, say, corrected)
-    path, settings = specification.sampler.path, specification.sampler
-    if path == "exact":
-        return _exactly(prepared, specification, seed, say, checkpoints)
+        return analyse(prepared, specification, unfolded, drawn, seed, say, Route("summary", corrected))
+    settings = specification.sampler
+    if settings.path == "exact":
+        return _exactly(prepared, specification, seed, say, checkpoints, Route("exact"))
     doubted = specification.may_add_discrepancy and not prepared.model.discrepancy
-    with second_process(prepared, settings, core) as helper:
-        # Of an element that the tissue may well not be, nothing is compiled that may not be asked for.
-        if not doubted or prepared.model.element == SIDE_BY_SIDE:
-            helper.compile_ahead()
-        expansions = expanded(prepared)
-        wrong = misfit_precheck(prepared, expansions, seed) if doubted else None
-        if wrong is not None:
-            return wrong
-        guess = not last_is_normal(prepared, expansions) if prepared.model.weakly_identified else None
-        helper.compile_ahead(profiled=guess)
-        first = approximate(prepared, expansions=expansions, say=done, helper=helper)
-        sampling = partial(say, "sampling the population")
-        summarised, draws, correction = corrected_draws(
-            prepared, settings, seed, summarised=first, say=done, progress=sampling, helper=helper
-        )
-        if path == "summary" or correction.trusted:
-            told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
-            return label(prepared, specification, told.summaries, draws, seed, say, told, correction, helper)
-    return _exactly(prepared, specification, seed, say, checkpoints, summarised)
+    expansions = expanded(prepared)
+    wrong = misfit_precheck(prepared, expansions, seed) if doubted else None
+    if wrong is not None:
+        return wrong
+    first = approximate(prepared, expansions=expansions, say=done)
+    sampling = partial(say, "sampling the population")
+    summarised, draws, correction = corrected_draws(
+        prepared, settings, seed, summarised=first, say=done, progress=sampling
+    )
+    route = Route(settings.path, correction)
+    if route.exact:
+        return _exactly(prepared, specification, seed, say, checkpoints, route, summarised)
+    told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
+    return label(prepared, specification, told.summaries, draws, seed, say, told, route)
 
 
 def _exactly(
@@ -118,17 +110,31 @@ def _exactly(
     seed: int,
     say: Say,
     checkpoints: Path | None,
+    route: Route,
     scored: Approximation | None = None,
 ) -> TraceAnalysis:
+    say(f"sampling by the exact path, {route.why}", 0, 1)
     # Here the summaries only whiten; scores ask for those that stand for the traces.
     done = partial(say, "summarising each trace")
     summarised = approximate(prepared, refinements=0, say=done)
     scored = scored or approximate(prepared, say=done)
-    sampling = partial(say, "sampling the posterior")
-    settings = specification.sampler
+    settings, sampling = specification.sampler, _with_estimate(say)
     draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)
     told = LikelihoodApproximation(scored.summaries, scored.profile)
-    return label(prepared, specification, summarised.summaries, draws, seed, say, told)
+    return label(prepared, specification, summarised.summaries, draws, seed, say, told, route)
+
+
+def _with_estimate(say: Say) -> Progress:
+    """Tells the transitions done by the exact path, and from the first ones on how long all of them take."""
+    stage, began = ["first transitions of the exact path"], time.monotonic()
+
+    def told(done: int, total: int) -> None:
+        if done and len(stage) == 1:
+            each = (time.monotonic() - began) / done
+            stage.append(f"exact path, {each:.2g} s a transition, about {duration(each * total)} in all")
+        say(stage[-1], done, total)
+
+    return told
 
 
 def label(
@@ -139,16 +145,13 @@ def label(
     seed: int,
     say: Say,
     told: LikelihoodApproximation,
-    correction: Correction | None = None,
-    helper: Helper | None = None,
+    route: Route,
 ) -> TraceAnalysis:
     """Everything that follows from the draws, which are in these summaries' coordinates."""
-    helper = helper or Helper()
     say("predicting", 0, 1)
     key = jax.random.PRNGKey(seed)
-    unfolded = of_secant(prepared, constrained_draws(prepared, summaries, draws, key, helper, told=told))
-    helper.wait(PREDICTIONS)
-    return analyse(prepared, specification, unfolded, draws, seed, say, correction, helper)
+    unfolded = of_secant(prepared, constrained_draws(prepared, summaries, draws, key, told=told))
+    return analyse(prepared, specification, unfolded, draws, seed, say, route)
 
 
 def analyse(
@@ -158,11 +161,9 @@ def analyse(
     draws: Draws,
     seed: int,
     say: Say,
-    correction: Correction | None = None,
-    helper: Helper | None = None,
+    route: Route,
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of draws of everything."""
-    sources = (helper or Helper()).begin(uncertainty_budget, prepared, unfolded)
     tree = posterior_tree(prepared, specification, draws, unfolded, seed)
     posterior = tree["posterior"].dataset
     exponents = {
@@ -171,19 +172,17 @@ def analyse(
         if f"mass_exponent_{q}" in posterior
     }
     say("checking and scoring", 0, 1)
-    # First what the other process has no part in: it is still at the sources.
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
     summary = summary_table(posterior)
-    further = () if correction is None else correction.checks()
-    diagnostics = diagnose(summary, statistics_of_transitions(draws), further)
+    diagnostics = diagnose(summary, statistics_of_transitions(draws), route.checks())
     return TraceAnalysis(
         tree,
         summary,
-        diagnostics | form,
+        diagnostics | form | {"route": route.record()},
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         scores,
         sensitivity,
-        sources(),
+        uncertainty_budget(prepared, unfolded),
     )
 
 

@@ -14,6 +14,7 @@ import xarray as xr
 from scipy.special import logsumexp
 
 from bayestissue.inference.samplers.convergence import effective_size, elements_of
+from bayestissue.inference.samplers.psis import k_threshold
 
 COLUMNS = [
     "scheme",
@@ -28,7 +29,6 @@ COLUMNS = [
 ]
 BY_IMPACT = "leave one impact out"
 BY_TRIAL = "leave one trial out"
-PARETO_LIMIT = 0.7
 FEW = 30
 # A difference tells two models apart above both: below four nats it is small, and its standard error is no
 # guide (Sivula, Magnusson, Matamoros and Vehtari 2020).
@@ -61,7 +61,8 @@ def by_importance(
 
     Returns:
         `COLUMNS`, one row a model, the best first. ``warning`` counts the elements whose Pareto k̂ is above
-        0.7, and says where people or conditions are too few for a standard error to be trusted.
+        its threshold (`k_threshold`), and says where people or conditions are too few for a standard error to
+        be trusted.
     """
     scores = _leave_one_out(trees, variable)
     pointwise = {name: score.elpd_i.to_numpy().ravel() for name, score in scores.items()}
@@ -71,8 +72,7 @@ def by_importance(
     table["weight"] = [weights[name] for name in table["model"]]
     few = "" if scheme == BY_IMPACT else _few(len(next(iter(pointwise.values()))), elements)
     table["warning"] = [
-        "; ".join(filter(None, (_high(scores[name].pareto_k.to_numpy(), elements), few)))
-        for name in table["model"]
+        "; ".join(filter(None, (_high(scores[name], elements), few))) for name in table["model"]
     ]
     return table
 
@@ -96,9 +96,15 @@ def _stacking_weights(scores: Mapping[str, Any]) -> dict[str, float]:
     return {name: float(weights[name]) for name in scores}
 
 
-def _high(pareto_k: np.ndarray, elements: str) -> str:
-    count = int((pareto_k > PARETO_LIMIT).sum())
-    return f"{count} of {pareto_k.size} {elements} with Pareto k above {PARETO_LIMIT}" if count else ""
+def _high(score: Any, elements: str) -> str:
+    pareto_k, limit = score.pareto_k.to_numpy(), k_threshold(score.n_samples)
+    count = int((pareto_k > limit).sum())
+    return f"{count} of {pareto_k.size} {elements} with {above(limit)}" if count else ""
+
+
+def above(limit: float) -> str:
+    """What is wrong with a Pareto k̂ beyond its threshold."""
+    return f"Pareto k above {limit:.2g}"
 
 
 def _few(count: int, elements: str) -> str:
@@ -107,10 +113,16 @@ def _few(count: int, elements: str) -> str:
 
 @dataclass(frozen=True)
 class ImportanceScores:
-    """Pointwise expected log predictive densities, and the Pareto k̂ that tells which can be trusted."""
+    """Pointwise expected log predictive densities, Pareto k̂ of each, and the limit of a trusted k̂."""
 
     elpd: np.ndarray
     pareto_k: np.ndarray
+    limit: float
+
+    @property
+    def high(self) -> np.ndarray:
+        """Where k̂ is beyond the limit."""
+        return self.pareto_k > self.limit
 
 
 def importance_scores(
@@ -121,7 +133,11 @@ def importance_scores(
     ``reff`` is the `relative_size` of the draws, if it is at hand.
     """
     return {
-        name: ImportanceScores(np.array(score.elpd_i.to_numpy().ravel()), score.pareto_k.to_numpy().ravel())
+        name: ImportanceScores(
+            np.array(score.elpd_i.to_numpy().ravel()),
+            score.pareto_k.to_numpy().ravel(),
+            k_threshold(score.n_samples),
+        )
         for name, score in _leave_one_out(trees, variable, reff).items()
     }
 
@@ -198,4 +214,5 @@ def _table(scheme: str, pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:
 
 
 def _standard_error(values: np.ndarray) -> float:
-    return float(np.sqrt(len(values) * values.var(ddof=1)))
+    # One value tells nothing of how they scatter.
+    return float(np.sqrt(len(values) * values.var(ddof=1))) if len(values) > 1 else np.nan

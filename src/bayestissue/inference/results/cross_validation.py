@@ -7,41 +7,51 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.inference.comparing.stacking import PARETO_LIMIT, importance_scores, relative_size
+from bayestissue.inference.comparing.stacking import above, importance_scores, relative_size
 from bayestissue.inference.samplers.convergence import elements_of
 
-SCHEMES = {
-    "impact": ("leave one impact out", "log_likelihood", "trace"),
-    "subject": ("leave one subject out", "log_likelihood_of_groups", "traces_of_subject"),
-    "trial": ("leave one trial out", "log_likelihood_of_groups", "traces_of_trial"),
-}
 COLUMNS = ["scheme", "label", "elpd", "pareto_k", "warning"]
 # Powers of prior and likelihood, and the sensitivity above which the posterior depends on either.
 _POWERS, _SENSITIVE = (0.99, 1.01), 0.05
 
 
 def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
-    """Expected log predictive density of each impact, subject and trial, given all the others.
+    """Expected log predictive density of each impact, subject, trial and other level, given all the others.
 
     By Pareto-smoothed importance sampling (Vehtari, Gelman and Gabry 2017), what is left out having its own
-    parameters and effects integrated out in closed form; ``warning`` where Pareto k is above 0.7.
+    parameters and effects integrated out in closed form; ``warning`` where Pareto k is above its threshold.
     """
     rows, reff = [], relative_size(tree)
-    for dimension, (scheme, _, variable) in SCHEMES.items():
+    for dimension, (_, variable) in schemes(tree).items():
         only = densities_of(tree, dimension)
         labels = only["log_likelihood"].dataset[dimension].to_numpy()
         if len(labels) < 2:
             continue
         score = importance_scores({"fit": only}, variable, reff)["fit"]
-        for element, elpd, k in zip(labels, score.elpd, score.pareto_k, strict=True):
-            warning = f"Pareto k above {PARETO_LIMIT}" if k > PARETO_LIMIT else ""
-            rows.append((scheme, str(element), float(elpd), float(k), warning))
+        for element, elpd, k, high in zip(labels, score.elpd, score.pareto_k, score.high, strict=True):
+            warning = above(score.limit) if high else ""
+            rows.append((scheme_words(dimension), str(element), float(elpd), float(k), warning))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
+def schemes(tree: xr.DataTree) -> dict[str, tuple[str, str]]:
+    """What can be left out of a fit: by dimension the group and variable of its log densities."""
+    of_groups = tree["log_likelihood_of_groups"].dataset
+    found = {"impact": ("log_likelihood", "trace")}
+    for name in of_groups.data_vars:
+        if str(name).startswith("traces_of_"):
+            found[str(of_groups[name].dims[-1])] = ("log_likelihood_of_groups", str(name))
+    return found
+
+
+def scheme_words(dimension: str) -> str:
+    """What tables call leaving out one of a dimension."""
+    return f"leave one {dimension} out"
+
+
 def densities_of(tree: xr.DataTree, dimension: str) -> xr.DataTree:
-    """The posterior with the log densities of one scheme alone ("impact", "subject" or "trial")."""
-    _, group, variable = SCHEMES[dimension]
+    """The posterior with the log densities of one of `schemes` alone."""
+    group, variable = schemes(tree)[dimension]
     posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
     return xr.DataTree.from_dict({"posterior": posterior, "log_likelihood": tree[group].dataset[[variable]]})
 
