@@ -101,8 +101,8 @@ def corrected_draws(
     sites = summarised or approximate(prepared, say=say)
     if prepared.model.discrepancy:
         for number, count in enumerate(_DRAWS_BEFORE):
-            draws = _to_second_order(prepared, sites.spreads, count, rng)
-            sites = _about_draws(prepared, sites, draws, seed + number)
+            about = _to_second_order(prepared, sites.spreads, count, rng)
+            sites = _about_draws(prepared, sites, about, seed + number)
 
     def sample(sites: Approximation, settings: Sampler = settings) -> Attempt:
         return Attempt(sites, _population_draws(prepared, sites, settings, seed, progress))
