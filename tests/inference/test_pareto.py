@@ -74,7 +74,7 @@ def test_ratios_where_one_impact_has_no_likelihood_and_one_no_summary(monkeypatc
         return found
 
     monkeypatch.setattr(ratios, "log_likelihoods", density)
-    monkeypatch.setattr(ratios, "log_summary", summary)
+    monkeypatch.setattr(ratios, "log_site", summary)
     own = np.broadcast_to(np.eye(size), (impacts, size, size))
     zero = np.zeros((impacts, size))
     summaries = ratios.Summaries(zero, zero, own, np.zeros(impacts))  # type: ignore[arg-type]

@@ -51,7 +51,7 @@ class TraceAnalysis:
     hypotheses: pd.DataFrame
     cross_validation: pd.DataFrame
     sensitivity: pd.DataFrame
-    uncertainty_budget: pd.DataFrame
+    interval_sources: pd.DataFrame
 
 
 def fit_traces(

@@ -186,7 +186,7 @@ def _with_impacts(
         (found.expected.about, found.expected.precision, seeds),
     )
     z_u = in_pieces(helper, CHOICE, choose, shared, rows)
-    sites = {**found.raw, "standard_locations": found.z_b, "sir_proposals": z_u}
+    sites = {**found.raw, "standard_locations": found.z_b, "standard_impacts": z_u}
     shape = (settings.chains, settings.draws)
     draws = Draws(
         {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
@@ -276,7 +276,7 @@ def _beside_a_discrepancy(
     progress: Progress,
     helper: Helper,
 ) -> tuple[Approximation, Draws, Correction]:
-    """`corrected_draws` by summaries that serve all of the posterior: see `wide_summaries`.
+    """`corrected_draws` by summaries that serve all of the posterior: see `factors.regression`.
 
     Where the posterior is, summaries tell to second order, each time better, and then, if need be, corrected
     draws.
