@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from numpyro.infer.util import log_density, potential_energy
 
 from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.population import PopulationDesign, population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import Formulas

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.inference.factors import regression as wide_summaries
 from bayestissue.inference.factors.laplace import _MOST_GAIN as MOST_GAIN
 from bayestissue.inference.factors.regression import _nearest, _parabola

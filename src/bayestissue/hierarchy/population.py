@@ -13,11 +13,12 @@ from typing import Literal
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
+from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formula import GROUPS
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.priors import Priors
 
@@ -128,6 +129,15 @@ def _response(
             matrices.append((codes[:, None] == np.arange(levels)).astype(float))
             pieces.append((f"{group}_effect_{response}", levels, 0.0, np.nan, f"sd_{group}_{response}"))
     return np.concatenate(matrices, axis=1), pieces
+
+
+def of_impacts(
+    design: PopulationDesign, covariances: Covariances, values: Float[Array, " person"]
+) -> Float[Array, " impact"]:
+    """Each impact's person's value, where people share an error of mass."""
+    assert covariances.shared is not None  # noqa: S101 - the callers ask
+    alone = jnp.zeros(len(covariances.locations)).at[covariances.shared.effect_on_K].set(values)
+    return expected(design, alone)[0]
 
 
 def covariances_of(

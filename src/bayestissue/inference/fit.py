@@ -13,7 +13,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking.misfit import misfit_precheck

@@ -100,8 +100,11 @@ def arrange(
     part, _, _ = _positions(np.asarray(cell), len(columns[0]))
     (of_place, _), place = _distinct(np.asarray(cell), part)
     part, slot, slots = _positions(nesting.level[of_place], nesting.levels)
-    (level, _), row = _distinct(nesting.level[of_place], part)
-    at, places = row * slots + slot, len(level) * slots
+    every = np.arange(nesting.levels)
+    (level, _), row = _distinct(
+        np.append(nesting.level[of_place], every), np.append(part, np.zeros_like(every))
+    )
+    at, places = row[: len(slot)] * slots + slot, len(level) * slots
     inner, inner_element, rest, rest_element = [], [], [], []
     for matrix, begin in zip(columns, begins[:-1], strict=True):
         element = nesting.elements(begin, begin + matrix.shape[1])
@@ -160,15 +163,18 @@ def _nestings(
     for factor in present:
         if not (factor.sum(1) == 1).all():
             continue
-        values, level = np.unique(factor.argmax(1), return_inverse=True)
+        level, levels = factor.argmax(1), factor.shape[1]
         of_element = nothing.copy()
         for group, own in zip(groups, present, strict=True):
             cells, effects = np.nonzero(own)
-            least, greatest = np.full(own.shape[1], len(values)), np.full(own.shape[1], -1)
+            least, greatest = np.full(own.shape[1], levels), np.full(own.shape[1], -1)
             np.minimum.at(least, effects, level[cells])
             np.maximum.at(greatest, effects, level[cells])
-            of_element[group] = np.where(least == greatest, least, -1)
-        yield _Nesting(level, len(values), of_element, begins)
+            # Effects without any cell go where they cost nothing: to the factor's levels, which they match.
+            unused = np.arange(levels) if len(least) == levels else -1
+            nested = np.where(least == greatest, least, -1)
+            of_element[group] = np.where(greatest < 0, unused, nested)
+        yield _Nesting(level, levels, of_element, begins)
 
 
 def _positions(

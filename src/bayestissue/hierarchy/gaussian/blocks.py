@@ -81,6 +81,12 @@ def outer(left: Float[Array, "row *block"], right: Float[Array, "column *block"]
     return left[:, None] * right[None]
 
 
+def with_axes(values: Array, first: int, axes: int) -> Array:
+    """The same with so many axes behind the ``first``, those that are missing of length one."""
+    missing = (1,) * (axes + first - values.ndim)
+    return values.reshape(*values.shape[:first], *missing, *values.shape[first:])
+
+
 def transposed(matrix: Float[Array, "row column *block"]) -> Float[Array, "column row *block"]:
     """Rows and columns exchanged."""
     return matrix.swapaxes(0, 1)

@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jax.scipy.linalg import cho_solve, solve_triangular
 from jaxtyping import Float
@@ -109,6 +110,29 @@ def effects_from_standard(
     half, rest_half = conditional.solve_upper(half, rest_half)
     moved = jnp.zeros(len(mean) + 1).at[rest].set(rest_half).at[own].set(half)
     return mean + moved[:-1]
+
+
+def integrated_levels(
+    weight: Float[Array, "effect effect *level"],
+    pull: Float[Array, "effect *level"],
+    root: Float[Array, "effect effect *#level"],
+) -> Float[Array, "*level"]:
+    """What the log density of each level's data gains by its effects being integrated out, from 0.
+
+    The log of the mean of exp(e'p - e'W e / 2) over e ~ N(0, R R') is (R'p)' M^-1 (R'p) / 2 - log det M / 2 with
+    M = 1 + R'W R, whatever standard deviation tends to 0.
+
+    Args:
+        weight: W, sums over each level's data.
+        pull: p, where the effects are 0.
+        root: R.
+    """
+    turned = blocks.transposed(root)
+    size = len(pull)
+    one = np.eye(size).reshape(size, size, *[1] * (pull.ndim - 1))
+    factor = blocks.cholesky(one + blocks.product(blocks.product(turned, weight), root))
+    half = blocks.solve_lower(factor, blocks.times(turned, pull))
+    return (half**2).sum(0) / 2 - blocks.log_diagonal(factor)
 
 
 def _elements(design: PopulationDesign) -> tuple[Array, Array]:

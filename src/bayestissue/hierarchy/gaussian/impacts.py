@@ -8,7 +8,8 @@ keeps its digits where a standard deviation tends to 0, and is 0 where the site 
 
 from __future__ import annotations
 
-from functools import partial
+from dataclasses import dataclass
+from functools import cached_property, partial
 from typing import Any, NamedTuple
 
 import jax
@@ -54,7 +55,8 @@ class ImpactPrior(NamedTuple):
     log_determinant: Float[Array, " *#impact"]
 
 
-class ImpactConditional(NamedTuple):
+@dataclass(frozen=True)
+class ImpactConditional:
     """u of impacts given X b, all of it with the parameters first, as `parameters_first` makes them.
 
     Attributes:
@@ -69,32 +71,48 @@ class ImpactConditional(NamedTuple):
 
     @classmethod
     def of(cls, prior: ImpactPrior, sites: Sites) -> ImpactConditional:
-        """Of sites with the parameters first."""
-        return cls(prior, sites, blocks.cholesky(sites.precision + prior.precision))
+        """Of sites with the parameters first; either may lack leading axes that the other has."""
+        axes = max(prior.precision.ndim, sites.precision.ndim) - 2
+        precision = blocks.with_axes(sites.precision, 2, axes)
+        centre, slope = (blocks.with_axes(part, 1, axes) for part in sites[:2])
+        prior = prior._replace(precision=blocks.with_axes(prior.precision, 2, axes))
+        factor = blocks.cholesky(precision + prior.precision)
+        return cls(prior, Sites(centre, slope, precision, sites.log_likelihood), factor)
 
-    @property
+    @cached_property
     def covariance(self) -> Any:
         """V."""
         root = blocks.inverse_factor(self.factor)
         return blocks.product(blocks.transposed(root), root)
 
-    @property
+    @cached_property
+    def shrinkage(self) -> Any:
+        """V P, by which the mean of u moves from X b towards what the site says."""
+        return blocks.product(self.covariance, self.sites.precision)
+
+    @cached_property
     def weight(self) -> Any:
         """W = D V P, the precision with which a site tells X b."""
-        return blocks.product(self.prior.precision, blocks.product(self.covariance, self.sites.precision))
+        return blocks.product(self.prior.precision, self.shrinkage)
 
-    @property
-    def pull(self) -> Any:
-        """D V g, the slope of `log_density` where X b is the centre."""
-        return blocks.times(self.prior.precision, blocks.times(self.covariance, self.sites.slope))
+    def moved(self, about: Any) -> Any:
+        """The mean of u less X b, where that is ``about``: V g - V P (X b - m)."""
+        away = about - self.sites.centre
+        return blocks.times(self.covariance, self.sites.slope) - blocks.times(self.shrinkage, away)
+
+    def pull(self, about: Any) -> Any:
+        """The slope of `log_density`: D V g - W (X b - m)."""
+        return blocks.times(self.prior.precision, self.moved(about))
 
     def log_density(self, about: Any) -> Any:
         """Log of the sites, u integrated out, where X b is ``about``."""
-        away = about - self.sites.centre
-        half = blocks.solve_lower(self.factor, self.sites.slope)
-        gained = away * (self.pull - blocks.times(self.weight, away) / 2) + half**2 / 2
+        away, (_, slope, precision, level) = about - self.sites.centre, self.sites
+        half = blocks.solve_lower(self.factor, slope)
+        # (X b - m)' (D V g - W (X b - m) / 2), in factors.
+        near = half - blocks.solve_lower(self.factor, blocks.times(precision, away)) / 2
+        gained = near * blocks.solve_lower(self.factor, blocks.times(self.prior.precision, away))
         scale = self.prior.log_determinant / 2 - blocks.log_diagonal(self.factor)
-        return self.sites.log_likelihood + scale + gained.sum(0)
+        return level + scale + (gained + half**2 / 2).sum(0)
 
     def toward(self, about: Any) -> Any:
         """L^-1 (g + D (X b - m)), where X b is ``about``."""
@@ -167,15 +185,10 @@ def _over_blocks(function: Any, laid: Sites) -> Any:
     return jax.lax.scan(add, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), first), laid)[0]
 
 
-def _spread_out(prior: ImpactPrior) -> ImpactPrior:
-    return ImpactPrior(prior.precision[..., None, None], prior.log_determinant)
-
-
 def _sums_of_block(prior: ImpactPrior, about: Array, sites: Sites) -> CellSums:
-    given = ImpactConditional.of(_spread_out(prior), sites)
-    weight, away = given.weight, about[:, None] - sites.centre
-    pull = given.pull - blocks.times(weight, away)
-    return CellSums(weight.sum(-2), pull.sum(-2), given.log_density(about[:, None]).sum(-2))
+    given, about = ImpactConditional.of(prior, sites), about[:, None]
+    made = given.weight, given.pull(about), given.log_density(about)
+    return CellSums(*(values.sum(-2) for values in made))
 
 
 def _forward(prior: ImpactPrior, about: Array, laid: Sites) -> tuple[CellSums, Any]:
@@ -192,16 +205,14 @@ def _backward(given: Any, change: CellSums) -> tuple[ImpactPrior, None, None]:
 def _change_of_block(prior: ImpactPrior, about: Array, change: CellSums, sites: Sites) -> Array:
     """By D: T W T' + (T p t' + t p' T') / 2 - c (V + t t') / 2 with changes W, p and c of the three sums.
 
-    T is V P, and t the mean of u - X b where X b is ``about``.
+    T is V P, and t the mean of u - X b.
     """
-    covariance = ImpactConditional.of(_spread_out(prior), sites).covariance
-    shrink = blocks.product(covariance, sites.precision)
-    toward = sites.slope - blocks.times(sites.precision, about[:, None] - sites.centre)
-    mean = blocks.times(covariance, toward)
+    given = ImpactConditional.of(prior, sites)
+    shrink, mean = given.shrinkage, given.moved(about[:, None])
     of_weight, of_pull, of_constant = (part[..., None, :] for part in change)
     bent = blocks.product(blocks.product(shrink, of_weight), blocks.transposed(shrink))
     pulled = blocks.outer(blocks.times(shrink, of_pull), mean)
-    squares = covariance + blocks.outer(mean, mean)
+    squares = given.covariance + blocks.outer(mean, mean)
     whole = bent + (pulled + blocks.transposed(pulled) - of_constant * squares) / 2
     return whole.sum((-2, -1))
 

@@ -23,8 +23,19 @@ Rows = Int[np.ndarray, " row"]
 OfBlock = Callable[[TraceData, Rows], Any]
 
 
+def of_each(
+    function: Callable[..., Any], data: TraceData, *given: Any, progress: Progress = silent
+) -> Any:
+    """``function(data, *given)`` block by block, every array of ``given`` having impacts along its first axis."""
+
+    def one(part: TraceData, rows: Rows) -> Any:
+        return function(part, *jax.tree.map(lambda leaf: np.asarray(leaf)[rows], given))
+
+    return in_blocks(data, one, progress=progress)
+
+
 def impacts_of(data: TraceData, rows: Rows) -> TraceData:
-    """Some impacts' traces, masses and cells."""
+    """Some impacts' traces and masses; the design is still that of all."""
 
     def chosen(leaf: Any) -> Any:
         # Sums run over blocks of samples first, so that there the impacts come second.
@@ -33,7 +44,6 @@ def impacts_of(data: TraceData, rows: Rows) -> TraceData:
 
     return data._replace(
         record=jax.tree.map(chosen, data.record),
-        design=data.design._replace(cell=np.asarray(data.design.cell)[rows]),
         log_mass=chosen(data.log_mass),
         log_peak=chosen(data.log_peak),
     )
@@ -49,8 +59,10 @@ def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent
     count = len(data.log_mass)
     blocks = -(-count // BLOCK)
     size = -(-count // blocks)
-    # The design matrices stay behind: what is done block by block is told X b.
-    data = data._replace(design=data.design._replace(columns=()))
+    # The design stays behind: what is done block by block is told X b.
+    data = data._replace(design=None)  # type: ignore[arg-type]
+    if blocks == 1:
+        return _of_block(function, data, np.arange(count))
     rows = [np.minimum(np.arange(number * size, (number + 1) * size), count - 1) for number in range(blocks)]
     if jax.default_backend() == "cpu" and runtime.cores() > 1 and blocks >= _FEW:
         parts = _in_processes(data, function, rows, progress)

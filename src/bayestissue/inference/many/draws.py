@@ -24,8 +24,8 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, log
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.factors.moments import POINTS
 from bayestissue.inference.many.approximate import ManySummarised
-from bayestissue.inference.many.correction import PopulationDraws, residual_log_weights, rows_of
-from bayestissue.inference.many.kept import kept_draws
+from bayestissue.inference.posterior.correction import PopulationDraws, residual_log_weights, rows_of
+from bayestissue.inference.execution.kept import kept_draws
 from bayestissue.inference.many.population import cells_model
 from bayestissue.inference.many.scores import locations_and_scores, scores_of_some
 from bayestissue.inference.posterior.constrained_draws import (

@@ -18,8 +18,8 @@ from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.moments import log_evidence
 from bayestissue.inference.many.approximate import ManySummarised
-from bayestissue.inference.many.correction import PopulationDraws, anchors_of, told_of_rows
-from bayestissue.inference.many.kept import some_impacts, some_of
+from bayestissue.inference.posterior.correction import PopulationDraws, anchors_of, told_of_rows
+from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.posterior.scores import (
     LikelihoodApproximation,
     integrated_effects,

@@ -14,8 +14,9 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formula import GROUPS
-from bayestissue.hierarchy.gaussian.conditional import Sites
-from bayestissue.hierarchy.population import Covariances, SharedMassError, of_impacts
+from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
+from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
 from bayestissue.inference.execution.compiling import DRAWS, Helper, compiled_sooner, in_pieces
@@ -164,7 +165,7 @@ def _mass_error(
     if spread.shared is not None:
         error = error_of_people(spread.locations, spread.shared, b, key)
         b = b.at[spread.shared.effect_on_K].add(error).at[spread.shared.effect_on_C].add(error)
-        return b, of_impacts(data.design, spread.shared, error)
+        return b, of_impacts(data.design, spread, error)
     return b, impact_error(model, spread, u, about, key)
 
 

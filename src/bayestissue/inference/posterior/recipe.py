@@ -18,10 +18,10 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
+from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel, gaussian
 from bayestissue.inference.execution.compiling import (
     CHOICE,
     CORRECTION,
@@ -234,7 +234,7 @@ def _population_draws(
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
     chains = run_chains(
         marginal_of(model),
-        (data, summaries, profile, summarised.spreads.warp),
+        (gaussian(data, summaries), profile, summarised.spreads.warp),
         _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
         settings,
         seed,

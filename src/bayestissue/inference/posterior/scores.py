@@ -10,25 +10,25 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formula import GROUPS
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.effects import integrated_levels
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
+from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
     importance_ratios,
     log_evidence_corrections,
 )
-from bayestissue.inference.factors.laplace import ConditionalPrior, times
-from bayestissue.inference.factors.moments import inverse_of_whole, log_evidence, standard_points
+from bayestissue.inference.factors.laplace import ConditionalPrior
+from bayestissue.inference.factors.moments import normals, standard_points
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
@@ -108,66 +108,33 @@ def _of_some(
     anchors = ConditionalPrior(*(part[some] for part in expected.anchors))
     sites = {name: values[some] for name, values in expected.sites.items()}
     b, besides = expected.b[some], besides[some]
-    centre, slope, own, _ = (np.asarray(part) for part in summaries)
-    inverse = inverse_of_whole(summaries, anchors)
-    scores = {"trace": log_evidence(summaries, anchors, inverse) + besides}
-    # W = D V P, the precision with which a trace tells X b, and D V g, with V = (P + D)^-1.
-    half = (anchors.precision @ inverse.matrix)[..., :2, :]
-    weight, pull = half @ own, times(half, slope[None])
+    given, about = normals(summaries, anchors)
+    scores = {"trace": given.log_density(about) + besides}
     for group in GROUPS:
         codes, count = getattr(design, group), len(getattr(design, f"{group}s"))
-        mean = anchors.mean.copy()
+        mean = about.copy()
         for place, response in enumerate(RESPONSES):
             name = f"{group}_effect_{response}"
             if name in model.locations.parts:
-                mean[..., place] -= b[:, model.locations.parts[name]][:, codes]
-        alone = log_evidence(summaries, anchors._replace(mean=mean), inverse) + besides
-        here = pull - times(weight, mean - centre)
+                mean[place] -= b[:, model.locations.parts[name]][:, codes]
+        alone, pull = given.log_density(mean) + besides, given.pull(mean)
         member = (codes[:, None] == np.arange(count)).astype(float)
-        sums = [weight[..., a, c] @ member for a, c in ((0, 0), (0, 1), (1, 1))]
-        gained = _gained(model, group, sites, sums, [here[..., a] @ member for a in (0, 1)])
-        scores[f"traces_of_{group}"] = alone @ member + np.asarray(gained)
+        root = root_of_effects(model, sites, group)[..., None]
+        gained = integrated_levels(given.weight[:2, :2] @ member, pull[:2] @ member, root)
+        scores[f"traces_of_{group}"] = alone @ member + gained
     return scores
 
 
-@compiled_quickly(("model", "group"))
-def _gained(
-    model: TraceModel, group: str, sites: dict[str, Any], weight: list[Array], pull: list[Array]
-) -> Array:
-    columns = {name: values[:, None] for name, values in sites.items()}
-    return integrated_effects(model, columns, group, weight, pull)
-
-
-def integrated_effects(
-    model: TraceModel, sites: dict[str, Array], group: str, weight: list[Array], pull: list[Array]
-) -> Array:
-    """What the log density of each level's traces gains by the level's two effects being integrated out.
-
-    Args:
-        model: the model.
-        sites: the standard deviations.
-        group: "subject" or "trial".
-        weight: each level's sums of W, as (KK, KC, CC).
-        pull: its sums of the log evidence's slopes by log K and log C, the effects being 0.
-    """
-    (l00, l10), l11 = _factor_of_effects(model, sites, group)
-    w00, w01, w11 = weight
-    m00 = 1 + l00**2 * w00 + 2 * l00 * l10 * w01 + l10**2 * w11
-    m01 = l11 * (l00 * w01 + l10 * w11)
-    m11 = 1 + l11**2 * w11
-    h0, h1 = l00 * pull[0] + l10 * pull[1], l11 * pull[1]
-    determinant = m00 * m11 - m01**2
-    return (m11 * h0**2 - 2 * m01 * h0 * h1 + m00 * h1**2) / (2 * determinant) - jnp.log(determinant) / 2
-
-
-def _factor_of_effects(
-    model: TraceModel, sites: dict[str, Array], group: str
-) -> tuple[tuple[Array, Array], Array]:
-    """Columns of the lower Cholesky factor of the covariance of a group's two effects."""
-    sd_K, sd_C = (sites.get(f"sd_{group}_{q}", jnp.zeros(())) for q in RESPONSES)
-    if group != "subject" or model.mass_error == "impact":
-        return (sd_K, jnp.zeros(())), sd_C
-    variance = model.log_mass_sd**2
-    first = jnp.sqrt(sd_K**2 + variance)
+def root_of_effects(model: TraceModel, sites: dict[str, Any], group: str) -> Any:
+    """The lower Cholesky factor of the covariance of a group's effects on log K and log C."""
+    first = next(iter(sites.values()))
+    xp = first.__array_namespace__()
+    zero = xp.zeros_like(first)
+    sd_K, sd_C = (sites.get(f"sd_{group}_{q}", zero) for q in RESPONSES)
+    shared = group == "subject" and model.mass_error == "subject"
+    variance = model.log_mass_sd**2 if shared else 0.0
+    of_K = xp.sqrt(sd_K**2 + variance)
     # C + v - v^2 / (K + v), without the difference of near equals
-    return (first, variance / first), jnp.sqrt(sd_C**2 + variance * sd_K**2 / first**2)
+    across = variance / of_K if shared else zero
+    of_C = xp.sqrt(sd_C**2 + across * sd_K**2 / of_K) if shared else sd_C
+    return xp.stack([xp.stack([of_K, zero]), xp.stack([across, of_C])])

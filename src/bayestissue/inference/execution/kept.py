@@ -40,9 +40,7 @@ def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
         return value[rows] if len(value) == count else value
 
     data = impacts_of(prepared.data, rows)
-    cells, cell = np.unique(data.design.cell, return_inverse=True)
-    columns = tuple(np.asarray(matrix)[cells] for matrix in data.design.columns)
-    data = jax.tree.map(jnp.asarray, data._replace(design=data.design._replace(columns=columns, cell=cell)))
+    data = jax.tree.map(jnp.asarray, data._replace(design=data.design.some(rows)))
     return replace(
         prepared,
         data=data,
