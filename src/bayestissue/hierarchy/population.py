@@ -8,7 +8,8 @@ intercepts, mass exponents and covariates are all parts of b, so everything line
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import cached_property
+from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -21,28 +22,63 @@ from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.priors import Priors
+from bayestissue.padding import bucket
 
 MassError = Literal["impact", "subject"]
 
 
-@dataclass(frozen=True)
-class Effects:
-    """Names and places of the parts of b.
+class EffectPart(NamedTuple):
+    """Elements of b with one name and one prior.
 
-    ``parts`` has the slice of each part, such as ``intercept_K`` or ``subject_effect_C``; ``mean`` and
-    ``sd`` [location] are the prior's, with NaN for the sd of an effect whose spread is itself unknown,
-    named in ``spread`` [location].
+    Attributes:
+        name: such as ``intercept_K`` or ``subject_effect_C``.
+        width: how many, of a group term's effects the `bucket` of its levels.
+        mean: the prior's.
+        sd: the prior's; None where it is itself unknown.
+        spread: name of that unknown standard deviation, or "".
     """
 
-    parts: dict[str, slice]
-    mean: np.ndarray
-    sd: np.ndarray
-    spread: tuple[str, ...]
+    name: str
+    width: int
+    mean: float
+    sd: float | None
+    spread: str
+
+
+@dataclass(frozen=True)
+class Effects:
+    """The parts of b in their order; equal by value, whatever dataset they were made for."""
+
+    each: tuple[EffectPart, ...]
+
+    @cached_property
+    def parts(self) -> dict[str, slice]:
+        """Where each part is. Group effects beyond the levels that there are keep their prior."""
+        ends = np.cumsum([part.width for part in self.each]).tolist()
+        return {part.name: slice(end - part.width, end) for part, end in zip(self.each, ends, strict=True)}
+
+    @cached_property
+    def mean(self) -> Float[np.ndarray, " location"]:
+        """Of the prior."""
+        return self._of_all([part.mean for part in self.each])
+
+    @cached_property
+    def sd(self) -> Float[np.ndarray, " location"]:
+        """Of the prior, NaN where it is unknown."""
+        return self._of_all([np.nan if part.sd is None else part.sd for part in self.each])
+
+    @cached_property
+    def spread(self) -> tuple[str, ...]:
+        """Name of each element's unknown standard deviation, or ""."""
+        return tuple(part.spread for part in self.each for _ in range(part.width))
 
     @property
     def size(self) -> int:
         """Number of elements of b."""
         return len(self.mean)
+
+    def _of_all(self, values: list[float]) -> np.ndarray:
+        return np.repeat(np.array(values, float), [part.width for part in self.each])
 
 
 def population_design(
@@ -59,30 +95,20 @@ def population_design(
         What the elements of b are, and X with rows that repeat kept once, arranged for elimination.
     """
     design, row = _distinct_rows(design)
-    parts: dict[str, slice] = {}
+    parts: list[EffectPart] = []
     rows: list[np.ndarray] = []
-    mean: list[float] = []
-    sd: list[float] = []
-    spread: list[str] = []
     for response in RESPONSES:
-        matrix, pieces = _response(design, design.responses[response], response, priors)
-        for name, width, prior_mean, prior_sd, unknown in pieces:
-            parts[name] = slice(len(mean), len(mean) + width)
-            mean += [prior_mean] * width
-            sd += [prior_sd] * width
-            spread += [unknown] * width
+        matrix, own = _response(design, design.responses[response], response, priors)
+        parts += own
         rows.append(matrix)
     for name in nuisance:
         prior = priors.of_mean(name)
-        parts[f"{name}_mean"] = slice(len(mean), len(mean) + 1)
-        mean.append(prior.mean)
-        sd.append(prior.sd)
-        spread.append("")
+        parts.append(EffectPart(f"{name}_mean", 1, prior.mean, prior.sd, ""))
         rows.append(np.ones((len(design.subject), 1)))
     whole = np.concatenate(rows, axis=1)
     _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
-    found = Effects(parts, np.array(mean, float), np.array(sd, float), tuple(spread))
-    groups = [part for part in parts.values() if spread[part.start]]
+    found = Effects(tuple(parts))
+    groups = [found.parts[part.name] for part in parts if part.spread]
     return found, arrange([matrix[first] for matrix in rows], cell.reshape(-1)[row], groups)
 
 
@@ -109,25 +135,27 @@ def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
 
 def _response(
     design: Design, part: ResponseDesign, response: str, priors: Priors
-) -> tuple[np.ndarray, list[tuple[str, int, float, float, str]]]:
+) -> tuple[np.ndarray, list[EffectPart]]:
     count = len(design.subject)
     matrices = [np.ones((count, 1))]
     intercept = getattr(priors.intercept, response)
-    pieces = [(f"intercept_{response}", 1, intercept.mean, intercept.sd, "")]
+    pieces = [EffectPart(f"intercept_{response}", 1, intercept.mean, intercept.sd, "")]
     if part.log_mass is not None:
         exponent = getattr(priors.mass_exponent, response)
         matrices.append(part.log_mass[:, None])
-        pieces.append((f"mass_exponent_{response}", 1, exponent.mean, exponent.sd, ""))
+        pieces.append(EffectPart(f"mass_exponent_{response}", 1, exponent.mean, exponent.sd, ""))
     if part.names:
         covariate = getattr(priors.covariate, response)
         matrices.append(part.covariates)
-        pieces.append((f"covariate_effect_{response}", len(part.names), covariate.mean, covariate.sd, ""))
+        name, width = f"covariate_effect_{response}", len(part.names)
+        pieces.append(EffectPart(name, width, covariate.mean, covariate.sd, ""))
     for group in GROUPS:
         if group in part.groups:
             codes = getattr(design, group)
-            levels = len(getattr(design, f"{group}s"))
+            levels = bucket(len(getattr(design, f"{group}s")))
             matrices.append((codes[:, None] == np.arange(levels)).astype(float))
-            pieces.append((f"{group}_effect_{response}", levels, 0.0, np.nan, f"sd_{group}_{response}"))
+            name, spread = f"{group}_effect_{response}", f"sd_{group}_{response}"
+            pieces.append(EffectPart(name, levels, 0.0, None, spread))
     return np.concatenate(matrices, axis=1), pieces
 
 

@@ -142,6 +142,11 @@ class Priors(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def __hash__(self) -> int:
+        # That of pydantic would ask the mapping of elements for one.
+        return hash(self.model_dump_json())
+
     intercept: PairOfLocations = PairOfLocations(K=_normal(5.0, 3.0), C=_normal(2.0, 3.0))
     mass_exponent: PairOfLocations = PairOfLocations(K=_normal(0.5, 1.0), C=_normal(0.5, 1.0))
     covariate: PairOfLocations = PairOfLocations(K=_normal(0.0, 0.5), C=_normal(0.0, 0.5))

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpyro.distributions import biject_to
 
 from bayestissue.elements import element as element_named
@@ -43,6 +45,10 @@ RECORDED = (DecelerationRecord, ElementRecord)
 LOG_2 = 0.6931471805599453
 # The site that holds the coordinates of all spreads where they are warped.
 COORDINATES = "coordinates"
+_SHAPE_OF_MODEL = [
+    *("kind", "locations", "priors", "correlated"),
+    *("mass_error", "element", "discrepancy", "autoregressive"),
+]
 
 
 class TraceData(NamedTuple):
@@ -64,9 +70,13 @@ class TraceData(NamedTuple):
     log_peak: Float[Array, " impact"]
 
 
-@dataclass(frozen=True, eq=False)
+@partial(jax.tree_util.register_dataclass, data_fields=["log_mass_sd"], meta_fields=_SHAPE_OF_MODEL)
+@dataclass(frozen=True)
 class TraceModel:
     """What is assumed: the likelihood, the parts of b, the priors, and the error of the recorded mass.
+
+    A tree of one leaf, ``log_mass_sd``, which the dataset states; all else is compared by value, so that what
+    is compiled for one dataset serves every other of the same model file and sizes.
 
     ``mass_error`` says whether each impact has an error of its own, or all impacts of a person the same,
     ``element`` what the impactor meets, ``discrepancy`` whether it meets something else besides,
@@ -274,13 +284,18 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
 
 
 def sampled_model(
-    model: TraceModel, data: TraceData, summaries: Sites, warp: SinhArcsinh | None = None
+    model: TraceModel,
+    data: TraceData,
+    summaries: Sites,
+    warp: SinhArcsinh | None = None,
+    present: Bool[Array, " impact"] | None = None,
 ) -> None:
     """The same density over standard normals; `from_standard` gives b and u back.
 
     The factor is log p(b, u) + log |d(b, u) / d(standard normals)| less the standard normals' own density.
     ``warp`` is the map from the coordinates that are sampled to the spreads' unconstrained ones, and to the
     last location's standard normal if that is far from normal in the posterior: see `sample_warped`.
+    Of the traces those that are not ``present`` are left out, whose sites must be zero.
     """
     count = len(model.spreads)
     sites = (
@@ -295,8 +310,12 @@ def sampled_model(
     found = from_standard(model, data, summaries, sites, z_b, z_u)
     density = found.conditional.log_marginal - summaries.log_density(jnp.stack(found.u, axis=-1)).sum()
     numpyro.factor("change_of_variables", density)
-    with numpyro.plate("impact", number):
-        numpyro.sample("trace", trace_distribution(model, data, found.u), obs=observed(data))
+    u = found.u
+    if present is not None:
+        # Slopes of what is left out must be numbers too.
+        u = [jnp.where(present, values, values[:1]) for values in u]
+    with numpyro.plate("impact", number), numpyro.handlers.mask(mask=True if present is None else present):
+        numpyro.sample("trace", trace_distribution(model, data, u), obs=observed(data))
 
 
 def warped(z_b: Float[Array, "*batch location"], warp: SinhArcsinh) -> Float[Array, "*batch location"]:

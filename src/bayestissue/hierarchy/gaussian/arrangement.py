@@ -18,6 +18,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
+from bayestissue.padding import bucket
+
 # So many impacts are worked on at once: what is made of them stays in a processor's cache.
 AT_ONCE = 4096
 # Places as many times as those that are needed, if that makes all levels equally long.
@@ -44,7 +46,7 @@ class PopulationDesign(NamedTuple):
     members: Int[np.ndarray | Array, "block repeat place"]
     level: Int[np.ndarray | Array, " row"]
     inner: tuple[Float[np.ndarray | Array, "own row slot"], ...]
-    inner_element: tuple[Int[np.ndarray | Array, "own level"], ...]
+    inner_element: tuple[Int[np.ndarray | Array, "own group"], ...]
     rest: tuple[Float[np.ndarray | Array, "place part"], ...]
     rest_element: tuple[Int[np.ndarray | Array, " part"], ...]
 
@@ -100,6 +102,7 @@ def arrange(
     part, _, _ = _positions(np.asarray(cell), len(columns[0]))
     (of_place, _), place = _distinct(np.asarray(cell), part)
     part, slot, slots = _positions(nesting.level[of_place], nesting.levels)
+    slots = bucket(slots)
     every = np.arange(nesting.levels)
     (level, _), row = _distinct(
         np.append(nesting.level[of_place], every), np.append(part, np.zeros_like(every))
@@ -199,6 +202,7 @@ def _distinct(*keys: Int[np.ndarray, " item"]) -> tuple[Int[np.ndarray, "key one
 
 def _members(place: Int[np.ndarray, " impact"], places: int) -> Int[np.ndarray, "block repeat place"]:
     _, position, repeats = _positions(place, places, most_empty=np.inf)
+    repeats = bucket(repeats)
     blocks = -(-repeats * places // max(AT_ONCE, places))
     each = -(-repeats // blocks)
     members = np.full((blocks * each, places), len(place))

@@ -27,6 +27,7 @@ from bayestissue.hierarchy.gaussian.impacts import (
     ImpactConditional,
     ImpactPrior,
     Sites,
+    SitesFirst,
     cell_sums,
     parameters_first,
 )
@@ -85,7 +86,7 @@ class Data(NamedTuple):
 
     design: PopulationDesign
     mean: Float[Array, " location"]
-    laid: Sites
+    laid: SitesFirst
     expansion: Expansion | None = None
 
     def sums(self, covariances: Covariances) -> CellSums:

@@ -31,16 +31,30 @@ class Sites(NamedTuple):
         log_likelihood: l, the log likelihood at m.
     """
 
-    centre: Float[Array, "*impact parameter"]
-    slope: Float[Array, "*impact parameter"]
-    precision: Float[Array, "*impact parameter parameter"]
-    log_likelihood: Float[Array, "*impact"]
+    # Zeros say nothing of an impact.
+    EMPTY = True
+    centre: Float[Array, "impact parameter"]
+    slope: Float[Array, "impact parameter"]
+    precision: Float[Array, "impact parameter parameter"]
+    log_likelihood: Float[Array, " impact"]
 
     def log_density(self, u: Float[Array, "*point impact parameter"]) -> Float[Array, "*point impact"]:
         """Log of the sites at ``u``."""
         away = u - self.centre
         bent = (self.precision * away[..., None, :]).sum(-1)
         return self.log_likelihood + (away * (self.slope - bent / 2)).sum(-1)
+
+
+class SitesFirst(NamedTuple):
+    """`Sites` with the axes of parameters before those of impacts, of which there may be several.
+
+    Laid out by `lay` they have one axis more before all of these, of blocks.
+    """
+
+    centre: Float[Array, "..."]
+    slope: Float[Array, "..."]
+    precision: Float[Array, "..."]
+    log_likelihood: Float[Array, "..."]
 
 
 class ImpactPrior(NamedTuple):
@@ -66,18 +80,18 @@ class ImpactConditional:
     """
 
     prior: ImpactPrior
-    sites: Sites
+    sites: SitesFirst
     factor: Any
 
     @classmethod
-    def of(cls, prior: ImpactPrior, sites: Sites) -> ImpactConditional:
+    def of(cls, prior: ImpactPrior, sites: SitesFirst) -> ImpactConditional:
         """Of sites with the parameters first; either may lack leading axes that the other has."""
         axes = max(prior.precision.ndim, sites.precision.ndim) - 2
         precision = blocks.with_axes(sites.precision, 2, axes)
         centre, slope = (blocks.with_axes(part, 1, axes) for part in sites[:2])
         prior = prior._replace(precision=blocks.with_axes(prior.precision, 2, axes))
         factor = blocks.cholesky(precision + prior.precision)
-        return cls(prior, Sites(centre, slope, precision, sites.log_likelihood), factor)
+        return cls(prior, SitesFirst(centre, slope, precision, sites.log_likelihood), factor)
 
     @cached_property
     def covariance(self) -> Any:
@@ -124,11 +138,11 @@ class ImpactConditional:
         return self.sites.centre + blocks.solve_upper(self.factor, self.toward(about) + standard)
 
 
-def parameters_first(sites: Sites) -> Sites:
+def parameters_first(sites: Sites) -> SitesFirst:
     """The same with the axes of parameters before those of impacts."""
     centre, slope, precision, level = sites
     move = precision.__array_namespace__().moveaxis
-    return Sites(move(centre, -1, 0), move(slope, -1, 0), move(precision, (-2, -1), (0, 1)), level)
+    return SitesFirst(move(centre, -1, 0), move(slope, -1, 0), move(precision, (-2, -1), (0, 1)), level)
 
 
 class CellSums(NamedTuple):
@@ -144,7 +158,7 @@ class CellSums(NamedTuple):
     constant: Float[Array, " place"]
 
 
-def lay(design: PopulationDesign, sites: Sites) -> Sites:
+def lay(design: PopulationDesign, sites: Sites) -> SitesFirst:
     """The sites, parameters first, of every place's impacts: [block, parameter, ..., repeat, place].
 
     Places without an impact have sites that say nothing, of which nothing is left in any sum.
@@ -155,11 +169,11 @@ def lay(design: PopulationDesign, sites: Sites) -> Sites:
         none = xp.zeros((1, *values.shape[1:]))
         return xp.moveaxis(xp.concat([values, none])[design.members], (1, 2), (-2, -1))
 
-    return Sites(*map(laid, sites))
+    return SitesFirst(*map(laid, sites))
 
 
 @jax.custom_vjp
-def cell_sums(prior: ImpactPrior, about: Float[Array, "parameter place"], laid: Sites) -> CellSums:
+def cell_sums(prior: ImpactPrior, about: Float[Array, "parameter place"], laid: SitesFirst) -> CellSums:
     """Integrate every impact's parameters out, and sum what is left over each place's impacts.
 
     Differentiable by the prior alone, once, and backwards: the derivatives of the sums by D are expectations
@@ -173,25 +187,25 @@ def cell_sums(prior: ImpactPrior, about: Float[Array, "parameter place"], laid: 
     return _over_blocks(partial(_sums_of_block, prior, about), laid)
 
 
-def _over_blocks(function: Any, laid: Sites) -> Any:
+def _over_blocks(function: Any, laid: SitesFirst) -> Any:
     """Sum over blocks of what ``function`` makes of each, one after the other."""
     if len(laid.centre) == 1:
         return function(jax.tree.map(lambda leaf: leaf[0], laid))
 
-    def add(total: Any, block: Sites) -> tuple[Any, None]:
+    def add(total: Any, block: SitesFirst) -> tuple[Any, None]:
         return jax.tree.map(jnp.add, total, function(block)), None
 
     first = jax.eval_shape(function, jax.tree.map(lambda leaf: leaf[0], laid))
     return jax.lax.scan(add, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), first), laid)[0]
 
 
-def _sums_of_block(prior: ImpactPrior, about: Array, sites: Sites) -> CellSums:
+def _sums_of_block(prior: ImpactPrior, about: Array, sites: SitesFirst) -> CellSums:
     given, about = ImpactConditional.of(prior, sites), about[:, None]
     made = given.weight, given.pull(about), given.log_density(about)
     return CellSums(*(values.sum(-2) for values in made))
 
 
-def _forward(prior: ImpactPrior, about: Array, laid: Sites) -> tuple[CellSums, Any]:
+def _forward(prior: ImpactPrior, about: Array, laid: SitesFirst) -> tuple[CellSums, Any]:
     return cell_sums(prior, about, laid), (prior, about, laid)
 
 
@@ -202,7 +216,7 @@ def _backward(given: Any, change: CellSums) -> tuple[ImpactPrior, None, None]:
     return ImpactPrior(of_precision, slots * change.constant.sum() / 2), None, None
 
 
-def _change_of_block(prior: ImpactPrior, about: Array, change: CellSums, sites: Sites) -> Array:
+def _change_of_block(prior: ImpactPrior, about: Array, change: CellSums, sites: SitesFirst) -> Array:
     """By D: T W T' + (T p t' + t p' T') / 2 - c (V + t t') / 2 with changes W, p and c of the three sums.
 
     T is V P, and t the mean of u - X b.

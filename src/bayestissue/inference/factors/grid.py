@@ -31,6 +31,7 @@ class LikelihoodGrid(NamedTuple):
         log_likelihood: relative to the summary, which has no word on the last parameter.
     """
 
+    EMPTY = True
     first: Array
     step: Array
     log_likelihood: Float[Array, "grid impact"]

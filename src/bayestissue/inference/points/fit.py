@@ -21,6 +21,7 @@ from bayestissue.likelihood.arma.arma21 import LOG_2PI
 from bayestissue.likelihood.quadratic import log_determinant
 from bayestissue.likelihood.transforms import FILLED
 from bayestissue.oscillator import arccos_branch, from_differences, peak_displacement, spring_damper
+from bayestissue.padding import bucket
 
 Method = Literal["exact", "dds"]
 Column = Float[np.ndarray, " impact"]
@@ -133,9 +134,7 @@ def _batches(count: int) -> Iterator[np.ndarray]:
 
 def _width(samples: int) -> int:
     """A width not much above ``samples`` from a short list, so that few widths are ever compiled."""
-    blocks = max(1, -(-(samples - 2) // FILLED))
-    step = max(1, 2 ** (blocks.bit_length() - 3))
-    return 2 + FILLED * step * -(-blocks // step)
+    return 2 + FILLED * bucket(max(1, -(-(samples - 2) // FILLED)))
 
 
 def _prepared(x: np.ndarray, n_samples: np.ndarray, *, centred: bool) -> SineTransforms:
@@ -147,7 +146,9 @@ def _prepared(x: np.ndarray, n_samples: np.ndarray, *, centred: bool) -> SineTra
     return data._replace(spread=jnp.broadcast_to(data.spread, shape))
 
 
-def _fit(data: SineTransforms, dt: Array, mass: Array, method: Method) -> tuple[Profile, dict[str, Array]]:
+def _fit(
+    data: SineTransforms, dt: Float[Array, " impact"], mass: Float[Array, " impact"], method: Method
+) -> tuple[Profile, dict[str, Float[Array, " impact"]]]:
     if method == "dds":
         fit, covariance = fit_conditional(data)
         log_scale = jnp.zeros_like(data.size)

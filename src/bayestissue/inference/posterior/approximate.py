@@ -30,7 +30,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.inference.execution.chunks import of_each
-from bayestissue.inference.execution.compiling import Helper, compiled_quickly
+from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.grid import (
     LikelihoodGrid,
     cleared_of_last,
@@ -208,7 +208,6 @@ def approximate(
     normal: bool | None = None,
     refinements: int | None = None,
     say: Progress = silent,
-    helper: Helper | None = None,
 ) -> Approximation:
     """Sites of the traces, each made where the whole data set says that its parameters are.
 
@@ -225,7 +224,6 @@ def approximate(
             one that only whitens, as on the exact path, is better without: under a population whose spread
             has its mode next to 0, moments tell of a trace what is not there.
         say: told how many of these passes are done, and of how many.
-        helper: told whether there will be a profile.
     """
     model, data = prepared.model, prepared.data
     if refinements is None:
@@ -239,7 +237,8 @@ def approximate(
     summaries = expansions or expanded(prepared, told(0))
     impacts = len(summaries.centre)
     say(1, passes)
-    profile = flat_grid(impacts) if model.weakly_identified else None
+    # One flat grid stands for those of however many impacts.
+    profile = flat_grid(impacts if impacts <= BLOCK else 1) if model.weakly_identified else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
     anchor = finder.expectation(summaries, mode).anchor(0)
@@ -254,7 +253,6 @@ def approximate(
     if not model.weakly_identified:
         return Approximation(summaries, finder.coordinates(summaries, mode), None)
     normal = last_is_normal(prepared, summaries) if normal is None else normal
-    (helper or Helper()).decided(profiled=not normal)
     if normal:
         finder.grid = None
         return Approximation(summaries, finder.coordinates(summaries, mode[:-1]), None)
@@ -313,7 +311,7 @@ def _has_another_end(prepared: Prepared, summaries: Sites) -> bool:
 _PLACES = np.linspace(-8.0, 8.0, 321)
 
 
-@compiled_quickly("model")
+@compiled_quickly()
 def _value_and_slope(
     model: TraceModel,
     y: Array,
@@ -425,11 +423,15 @@ def names_of(model: TraceModel, *, profiled: bool) -> tuple[str, ...]:
     return (*model.spreads, LAST) if profiled else model.spreads
 
 
-def spreads_of_summaries(prepared: Prepared, summaries: Sites, near: Mapping[str, np.ndarray]) -> Coordinates:
-    """The spreads' coordinates given other summaries, their mode sought from ``near`` on, unconstrained."""
-    finder = _SpreadsFinder(prepared.model, prepared.data)
-    begin = np.array([near[name] for name in prepared.model.spreads])
-    return finder.coordinates(summaries, finder.mode(summaries, begin))
+def spreads_of_summaries(
+    prepared: Prepared, found: Approximation, near: Mapping[str, np.ndarray]
+) -> Coordinates:
+    """The spreads' coordinates given other sites, their mode sought from ``near`` on, unconstrained."""
+    finder = _SpreadsFinder(prepared.model, prepared.data, found.grid, found.expansion)
+    begin = np.array([near.get(name, 0.0) for name in names_of(prepared.model, profiled=found.grid is not None)])
+    if found.grid is not None:
+        begin = finder.at_best_last(found.summaries, begin)
+    return finder.coordinates(found.summaries, finder.mode(found.summaries, begin))
 
 
 def _anchored_at(last: float, found: ConditionalPriors) -> ConditionalPrior:

@@ -64,7 +64,7 @@ def conditional_priors(
     return in_calls(partial(conditional_priors_of, model, data), rows, DRAWS)
 
 
-@compiled_sooner("model")
+@compiled_sooner()
 def conditional_priors_of(
     model: TraceModel, data: Data, raw: dict[str, Array], z_b: Array, number: int
 ) -> ConditionalPriors:

@@ -18,13 +18,16 @@ from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassEr
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
-from bayestissue.inference.execution.compiling import DRAWS, Helper, compiled_sooner, in_pieces
+from bayestissue.hierarchy.traces import TraceData, TraceModel, gaussian, physical, population, trace_distribution
+from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
 from bayestissue.inference.factors.moments import normals
 from bayestissue.inference.posterior.conditional_prior import conditional_priors
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
 from bayestissue.inference.samplers.sampling import Draws
+
+# Draws of one call, so that one compilation serves any number.
+DRAWS = 256
 
 
 @dataclass(frozen=True)
@@ -48,28 +51,26 @@ def constrained_draws(
     summaries: Sites,
     draws: Draws,
     key: Array,
-    helper: Helper | None = None,
     *,
     told: LikelihoodApproximation | None = None,
 ) -> ConstrainedDraws:
-    """Map all draws back, some of them by the helper, if there is one.
+    """Map all draws back.
 
     Args:
         prepared: the fit.
         summaries: in whose coordinates the draws are.
         draws: of the sampler.
         key: of what is drawn besides.
-        helper: shares what is done draw by draw.
         told: of the traces' likelihoods, for the log densities; these summaries unless given.
     """
     model, data = prepared.model, prepared.data
     shape = next(iter(draws.sites.values())).shape[:2]
     flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
-    expected = conditional_priors(model, data, summaries, flat, flat["standard_locations"])
+    expected = conditional_priors(model, gaussian(data, summaries), flat, flat["standard_locations"])
     u = normals(summaries, expected.anchors).at(flat["standard_impacts"])
     keys = jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1])
     rows = (expected.sites, expected.b, expected.about, u, keys)
-    b, impacts = in_pieces(helper or Helper(), DRAWS, partial(constrain_rows, model), (data,), rows)
+    b, impacts = in_calls(partial(constrain_rows, model, data), rows, DRAWS)
     scores = of_draws(prepared, told or LikelihoodApproximation(summaries), expected)
     sites, b, impacts, scores = jax.tree.map(
         lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (expected.sites, b, impacts, scores)
@@ -89,12 +90,15 @@ def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarra
     for response in RESPONSES:
         for group in GROUPS:
             count = len(getattr(prepared.design, f"{group}s"))
+            if f"{group}_effect_{response}" in sites:
+                # Without the levels that only fill up.
+                sites[f"{group}_effect_{response}"] = sites[f"{group}_effect_{response}"][..., :count]
             sites.setdefault(f"{group}_effect_{response}", np.zeros((*b.shape[:2], count)))
             sites.setdefault(f"sd_{group}_{response}", np.zeros(b.shape[:2]))
     return sites
 
 
-@compiled_sooner("model")
+@compiled_sooner()
 def constrain_rows(
     model: TraceModel,
     data: TraceData,
@@ -103,17 +107,19 @@ def constrain_rows(
     about: Float[Array, "draw impact parameter"],
     u: Float[Array, "draw impact parameter"],
     keys: Array,
-) -> tuple[Array, dict[str, Array]]:
-    """Locations at people's true masses, and every impact's quantities, of each draw along a first axis."""
+    number: int,
+) -> tuple[Array, dict[str, Float[Array, "draw impact ..."]]]:
+    """Locations at people's true masses, and every impact's quantities, of the first so many draws."""
 
-    def one(draw: tuple[dict[str, Array], Array, Array, Array, Array]) -> tuple[Array, dict[str, Array]]:
-        own, locations, here, values, key = draw
+    def one(place: Any) -> tuple[Array, dict[str, Array]]:
+        own = {name: values[place] for name, values in sites.items()}
+        locations, here, values, key = b[place], about[place], u[place], keys[place]
         of_mass, of_errors = jax.random.split(key)
         spread, columns = population(model, own), list(values.T)
         locations, mass_error = _mass_error(model, data, spread, locations, columns, list(here.T), of_mass)
         return locations, impact_quantities(model, data, columns, mass_error, of_errors)
 
-    return jax.lax.map(one, (sites, b, about, u, keys))
+    return first_rows(one, DRAWS, number)
 
 
 def impact_quantities(

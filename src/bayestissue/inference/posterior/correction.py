@@ -10,7 +10,6 @@ draws can be trusted.
 
 from __future__ import annotations
 
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -165,7 +164,7 @@ def told_of_rows(
     return own, profile._replace(log_likelihood=jnp.asarray(np.asarray(profile.log_likelihood)[:, rows]))
 
 
-@partial(jax.jit, static_argnames="model")
+@jax.jit
 def _expanded(
     model: TraceModel, design: PopulationDesign, expansion: Expansion, draws: PopulationDraws
 ) -> Array:

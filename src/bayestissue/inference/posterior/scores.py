@@ -10,14 +10,17 @@ from __future__ import annotations
 from functools import partial
 from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formula import GROUPS
+from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.effects import integrated_levels
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.impacts import CellSums, Sites
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
@@ -93,7 +96,9 @@ def _of_profile(profile: LikelihoodGrid, anchors: ConditionalPrior) -> Float[np.
 
 
 @compiled_sooner()
-def _profile_evidence(profile: LikelihoodGrid, mean: Array, sd: Array, number: int) -> Array:
+def _profile_evidence(
+    profile: LikelihoodGrid, mean: Float[Array, "draw impact"], sd: Array, number: int
+) -> Float[Array, "draw impact"]:
     return first_rows(lambda place: profile.log_evidence(mean[place], sd[place]), _AT_ONCE, number)
 
 
@@ -122,6 +127,52 @@ def _of_some(
         root = root_of_effects(model, sites, group)[..., None]
         gained = integrated_levels(given.weight[:2, :2] @ member, pull[:2] @ member, root)
         scores[f"traces_of_{group}"] = alone @ member + gained
+    return scores
+
+
+def scores_of_groups(
+    model: TraceModel,
+    sums: CellSums,
+    moved: Float[Array, "parameter place"],
+    codes: dict[str, Int[Array, " place"]],
+    sites: dict[str, Array],
+    b: Float[Array, " location"],
+) -> dict[str, Array]:
+    """The same of one draw from the sums of cells, whatever the number of impacts; and of all traces together.
+
+    Args:
+        model: the model.
+        sums: what the impacts of each place say of X b.
+        moved: X b of each place, less that at b's prior mean.
+        codes: person and condition of each place.
+        sites: the standard deviations.
+        b: the effects.
+    """
+    parts = model.locations.parts
+
+    def at(away: Array) -> tuple[Array, Array]:
+        bent = blocks.times(sums.weight, away)
+        return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
+
+    scores = {"traces": at(moved)[0].sum()}
+    for group in GROUPS:
+        names = [f"{group}_effect_{q}" for q in RESPONSES]
+        count = max((parts[name].stop - parts[name].start for name in names if name in parts), default=0)
+        if not count:
+            continue
+        away = moved
+        for place, name in enumerate(names):
+            if name in parts:
+                away = away.at[place].add(-b[parts[name]][codes[group]])
+
+        def total(values: Array, group: str = group, count: int = count) -> Array:
+            summed = jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), codes[group], count)
+            return jnp.moveaxis(summed, 0, -1)
+
+        value, pull = at(away)
+        root = root_of_effects(model, sites, group)[..., None]
+        gained = integrated_levels(total(sums.weight[:2, :2]), total(pull[:2]), root)
+        scores[f"traces_of_{group}"] = total(value) + gained
     return scores
 
 

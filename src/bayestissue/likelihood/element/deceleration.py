@@ -29,6 +29,7 @@ from bayestissue.likelihood.linear_errors import (
 from bayestissue.likelihood.quadratic import sums_over_frequencies
 from bayestissue.likelihood.transforms import FILLED, in_blocks
 from bayestissue.oscillator import impact_motion
+from bayestissue.padding import bucket
 
 
 class DecelerationRecord(NamedTuple):
@@ -63,7 +64,7 @@ class DecelerationRecord(NamedTuple):
         """
         d, n_samples, first_time, dt, velocity, error_sd, uniform = (jnp.asarray(array) for array in arrays)
         d = jnp.where(jnp.arange(d.shape[1]) < n_samples[:, None], d, 0.0)
-        width = FILLED * -(-d.shape[1] // FILLED)
+        width = FILLED * bucket(-(-d.shape[1] // FILLED))
         padded = np.pad(np.asarray(d), ((0, 0), (0, width - d.shape[1])))
         return cls(d, n_samples, first_time, dt, velocity, error_sd, uniform, in_blocks(padded))
 
