@@ -7,11 +7,11 @@ import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
+from bayestissue.hierarchy.gaussian.cell_solution import locations_of, solve
+from bayestissue.hierarchy.gaussian.cells import Cells, arrange, expected_by_place, in_cells
 from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.gaussian.cell_solution import locations_of, solve
-from bayestissue.hierarchy.gaussian.cells import Cells, arrange, expected_by_place, in_cells
 from bayestissue.hierarchy.gaussian.conditional import Sites, integrate_out
 from bayestissue.hierarchy.population import (
     Covariances,

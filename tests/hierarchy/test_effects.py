@@ -13,7 +13,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
-from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
+from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 
 CASES = [
     ("no groups", 3, 0.0),

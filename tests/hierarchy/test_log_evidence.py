@@ -6,12 +6,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from bayestissue.hierarchy.gaussian.log_evidence import log_evidence
 from dense_normal import Dense
 from jax.flatten_util import ravel_pytree
 from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.gaussian.conditional import integrate_out
-from bayestissue.hierarchy.gaussian.log_evidence import log_evidence
 
 
 @pytest.mark.parametrize("scale", [1.0, 1e-4, 1e3])

@@ -16,11 +16,11 @@ from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference import fit as traces
 from bayestissue.inference.execution import chunks as trace_blocks
-from bayestissue.inference.execution.chunks import in_blocks
-from bayestissue.inference.factors.grid import LikelihoodGrid, flat_grid
 from bayestissue.inference.execution import kept as many_kept
-from bayestissue.inference.factors.grid_sum import surface_of
+from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
+from bayestissue.inference.factors.grid import LikelihoodGrid, flat_grid
+from bayestissue.inference.factors.grid_sum import surface_of
 from bayestissue.inference.results.summary import summarise
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.simulation import simulate

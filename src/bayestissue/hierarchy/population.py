@@ -18,7 +18,6 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.priors import Priors
@@ -117,20 +116,22 @@ def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
 
     One column for a hundred people here, where the matrices need a hundred.
     """
-    keys = [design.subject, design.trial]
+    keys = [grouping.code for grouping in design.groupings.values()]
     for part in design.responses.values():
         keys += [*part.covariates.T, *([] if part.log_mass is None else [part.log_mass])]
+        keys += [column.covariate for column in part.terms.values()]
     _, first, row = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_inverse=True)
     responses = {
         name: replace(
             part,
             covariates=part.covariates[first],
             log_mass=None if part.log_mass is None else part.log_mass[first],
+            terms={term: replace(each, covariate=each.covariate[first]) for term, each in part.terms.items()},
         )
         for name, part in design.responses.items()
     }
-    kept = replace(design, responses=responses, subject=design.subject[first], trial=design.trial[first])
-    return kept, row.reshape(-1)
+    groupings = {name: replace(each, code=each.code[first]) for name, each in design.groupings.items()}
+    return replace(design, responses=responses, groupings=groupings), row.reshape(-1)
 
 
 def _response(
@@ -149,13 +150,11 @@ def _response(
         matrices.append(part.covariates)
         name, width = f"covariate_effect_{response}", len(part.names)
         pieces.append(EffectPart(name, width, covariate.mean, covariate.sd, ""))
-    for group in GROUPS:
-        if group in part.groups:
-            codes = getattr(design, group)
-            levels = bucket(len(getattr(design, f"{group}s")))
-            matrices.append((codes[:, None] == np.arange(levels)).astype(float))
-            name, spread = f"{group}_effect_{response}", f"sd_{group}_{response}"
-            pieces.append(EffectPart(name, levels, 0.0, None, spread))
+    for term, column in part.terms.items():
+        grouping = design.groupings[term.grouping]
+        levels = bucket(len(grouping.levels))
+        matrices.append((grouping.code[:, None] == np.arange(levels)) * column.covariate[:, None])
+        pieces.append(EffectPart(term.effect(response), levels, 0.0, None, term.sd(response)))
     return np.concatenate(matrices, axis=1), pieces
 
 

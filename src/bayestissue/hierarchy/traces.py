@@ -121,7 +121,7 @@ class TraceModel:
         if name == "residual_correlation":
             return self.priors.residual_correlation.numpyro()
         if name.endswith(("_K", "_C")):
-            prior = getattr(getattr(self.priors, name[:-2]), name[-1])
+            prior = self.priors.of_sd(name)
         else:
             prior = self.priors.of_spread(name.removeprefix("sd_"))
         return HalfNormalSpread(prior.scale) if isinstance(prior, HalfNormal) else prior.numpyro()

@@ -34,7 +34,7 @@ class PopulationDesign(NamedTuple):
 
     Attributes:
         cell: of each impact, its place in the table.
-        members: the impacts of each place, some repeats at once; one past the last impact where there is none.
+        members: the impacts of each place, some repeats at once; one past the last impact where none is.
         level: of each row of the table.
         inner: of each parameter of an impact, the values of the columns of its own effects at every place.
         inner_element: which elements of b these are, one past the last of b where a level has fewer.
@@ -183,7 +183,7 @@ def _nestings(
 def _positions(
     codes: Int[np.ndarray, " item"], count: int, *, most_empty: float = _MOST_EMPTY
 ) -> tuple[Int[np.ndarray, " item"], Int[np.ndarray, " item"], int]:
-    """Items of the same code in parts of one length: of each its part, its position there, and that length."""
+    """Items of the same code in parts of one length: of each its part, its place there, and the length."""
     order = np.argsort(codes, kind="stable")
     number = np.bincount(codes, minlength=count)
     position = np.empty_like(order)

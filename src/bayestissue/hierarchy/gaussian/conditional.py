@@ -124,7 +124,7 @@ class Conditional(NamedTuple):
     log_marginal: Float[Array, ""]
 
     def draw_effects(self, standard: Float[Array, " location"] | None = None) -> Float[Array, " location"]:
-        """b from standard normals, its conditional mean without them."""
+        """B from standard normals, its conditional mean without them."""
         return effects_from_standard(self.design, self.effects, self.mean, standard)
 
     def draw_impacts(

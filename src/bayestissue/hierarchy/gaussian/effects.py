@@ -92,7 +92,7 @@ def effects_from_standard(
     mean: Float[Array, " location"],
     standard: Float[Array, " location"] | None = None,
 ) -> Float[Array, " location"]:
-    """b from standard normals, its conditional mean without them.
+    """B from standard normals, its conditional mean without them.
 
     The last element of b depends on the last standard normal alone, if the data say nothing of it.
 
@@ -114,7 +114,7 @@ def effects_from_standard(
 
 def integrated_levels(
     weight: Float[Array, "effect effect *level"],
-    pull: Float[Array, "effect *level"],
+    pull: Float[Array, effect * level],
     root: Float[Array, "effect effect *#level"],
 ) -> Float[Array, "*level"]:
     """What the log density of each level's data gains by its effects being integrated out, from 0.
@@ -227,7 +227,9 @@ def _backward(kept: tuple[EffectsConditional, PopulationDesign], change: Array) 
         return value.ravel() + design.rest[a] @ rest[rest_parts[a]]
 
     def one_side(a: int, b: int) -> Array:
-        between = jnp.einsum("iqr,rsq->irs", across[inner_parts[a], rest_parts[b]][..., rows], rest_columns[b])
+        between = jnp.einsum(
+            "iqr,rsq->irs", across[inner_parts[a], rest_parts[b]][..., rows], rest_columns[b]
+        )
         return (design.inner[a] * between).sum(0).ravel()
 
     def scatter(a: int, b: int) -> Array:

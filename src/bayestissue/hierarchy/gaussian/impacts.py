@@ -51,10 +51,10 @@ class SitesFirst(NamedTuple):
     Laid out by `lay` they have one axis more before all of these, of blocks.
     """
 
-    centre: Float[Array, "..."]
-    slope: Float[Array, "..."]
-    precision: Float[Array, "..."]
-    log_likelihood: Float[Array, "..."]
+    centre: Float[Array, ...]
+    slope: Float[Array, ...]
+    precision: Float[Array, ...]
+    log_likelihood: Float[Array, ...]
 
 
 class ImpactPrior(NamedTuple):
@@ -134,7 +134,7 @@ class ImpactConditional:
         return blocks.solve_lower(self.factor, right)
 
     def draw(self, about: Any, standard: Any) -> Any:
-        """u from standard normals: N(m + V (g + D (X b - m)), V)."""
+        """U from standard normals: N(m + V (g + D (X b - m)), V)."""
         return self.sites.centre + blocks.solve_upper(self.factor, self.toward(about) + standard)
 
 

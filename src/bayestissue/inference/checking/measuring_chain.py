@@ -36,8 +36,8 @@ from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.model_form import LIMIT, judged
 from bayestissue.inference.checking.words import in_words
 from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.execution.kept import some_impacts, some_of
+from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import expanded, first_guess
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 from bayestissue.inference.results.tree import error_names

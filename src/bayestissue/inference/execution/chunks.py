@@ -23,9 +23,7 @@ Rows = Int[np.ndarray, " row"]
 OfBlock = Callable[[TraceData, Rows], Any]
 
 
-def of_each(
-    function: Callable[..., Any], data: TraceData, *given: Any, progress: Progress = silent
-) -> Any:
+def of_each(function: Callable[..., Any], data: TraceData, *given: Any, progress: Progress = silent) -> Any:
     """``function(data, *given)`` block by block, every array of ``given`` having impacts along its first axis."""
 
     def one(part: TraceData, rows: Rows) -> Any:

@@ -428,7 +428,9 @@ def spreads_of_summaries(
 ) -> Coordinates:
     """The spreads' coordinates given other sites, their mode sought from ``near`` on, unconstrained."""
     finder = _SpreadsFinder(prepared.model, prepared.data, found.grid, found.expansion)
-    begin = np.array([near.get(name, 0.0) for name in names_of(prepared.model, profiled=found.grid is not None)])
+    begin = np.array(
+        [near.get(name, 0.0) for name in names_of(prepared.model, profiled=found.grid is not None)]
+    )
     if found.grid is not None:
         begin = finder.at_best_last(found.summaries, begin)
     return finder.coordinates(found.summaries, finder.mode(found.summaries, begin))

@@ -13,12 +13,19 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, gaussian, physical, population, trace_distribution
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    gaussian,
+    physical,
+    population,
+    trace_distribution,
+)
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
 from bayestissue.inference.factors.moments import normals
 from bayestissue.inference.posterior.conditional_prior import conditional_priors
@@ -81,20 +88,20 @@ def constrained_draws(
 def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarray) -> dict[str, np.ndarray]:
     """The hierarchy's quantities by name, from the spreads and the locations b, all [chain, draw, ...].
 
-    Effects that the formulas leave out are zero, so that what follows need not ask.
+    Effects of groups that a formula leaves out are zero, so that what follows need not ask.
     """
     sites = dict(spreads)
+    single = {f"{name}_{q}" for q in RESPONSES for name in ("intercept", "mass_exponent")}
+    single |= {f"{name}_mean" for name in prepared.model.nuisance}
     for name, part in prepared.model.locations.parts.items():
-        values = b[..., part]
-        sites[name] = values if name.startswith(("subject_", "trial_", "covariate_")) else values[..., 0]
-    for response in RESPONSES:
-        for group in GROUPS:
-            count = len(getattr(prepared.design, f"{group}s"))
-            if f"{group}_effect_{response}" in sites:
-                # Without the levels that only fill up.
-                sites[f"{group}_effect_{response}"] = sites[f"{group}_effect_{response}"][..., :count]
-            sites.setdefault(f"{group}_effect_{response}", np.zeros((*b.shape[:2], count)))
-            sites.setdefault(f"sd_{group}_{response}", np.zeros(b.shape[:2]))
+        sites[name] = b[..., part.start] if name in single else b[..., part]
+    for term in (SUBJECT, TRIAL, *prepared.design.terms):
+        levels = len(prepared.design.groupings[term.grouping].levels)
+        for response in RESPONSES:
+            effect = term.effect(response)
+            # Without the levels that only fill up.
+            sites[effect] = sites.get(effect, np.zeros((*b.shape[:2], levels)))[..., :levels]
+            sites.setdefault(term.sd(response), np.zeros(b.shape[:2]))
     return sites
 
 

@@ -123,9 +123,7 @@ def residual_log_weights(
 
     def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
         own, own_profile = told_of_rows(summaries, profile, rows)
-        points = importance_ratios(
-            model, part, own, _of_cells(compared, cell[rows]), standard, own_profile
-        )
+        points = importance_ratios(model, part, own, _of_cells(compared, cell[rows]), standard, own_profile)
         return log_evidence_corrections(own, points, _of_cells(seen, cell[rows])).T
 
     exact = in_blocks(data, one, progress=progress).sum(0)

@@ -50,6 +50,7 @@ from bayestissue.inference.posterior.correction import (
     rows_of,
     told_of_rows,
 )
+from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, own_effects
 from bayestissue.inference.posterior.recipe import CANDIDATES, Correction, sample_marginal
 from bayestissue.inference.posterior.scores import (
     LikelihoodApproximation,
@@ -165,22 +166,29 @@ def _population(
     if last is not None:
         z = z.at[:, -1].set(last)
     data = jax.tree.map(jnp.asarray, summarised.data(prepared.data))
-    b, scores = _effects_and_scores(model, data, _codes(prepared), raw, z)
+    found = own_effects(model, prepared.design)
+    groups = tuple((name, slots) for name, (slots, _) in found.items())
+    own = {name: _by_place(prepared, each) for name, (_, each) in found.items()}
+    b, scores = _effects_and_scores(model, groups, data, own, raw, z)
     return PopulationDraws(raw, b), scores
 
 
-def _codes(prepared: Prepared) -> dict[str, Int[np.ndarray, " place"]]:
-    """Person and condition of each place; 0 for an empty one, which adds nothing."""
-    design, codes = prepared.data.design, {}
-    for group in ("subject", "trial"):
-        codes[group] = np.zeros(design.members.shape[2], int)
-        codes[group][np.asarray(design.cell)] = getattr(prepared.design, group)
-    return codes
+def _by_place(prepared: Prepared, own: OwnEffects) -> OwnEffects:
+    """The same of each place, whose impacts are alike; an empty one has level 0 and adds nothing."""
+    cell, places = np.asarray(prepared.data.design.cell), prepared.data.design.members.shape[2]
+    level, value = np.zeros(places, int), np.zeros((len(own.value), places))
+    level[cell], value[:, cell] = own.level, own.value
+    return OwnEffects(level, own.element, value)
 
 
-@jax.jit
+@partial(jax.jit, static_argnames="groups")
 def _effects_and_scores(
-    model: TraceModel, data: Data, codes: dict[str, Array], raw: dict[str, Array], z: Array
+    model: TraceModel,
+    groups: tuple[tuple[str, Slots], ...],
+    data: Data,
+    own: dict[str, OwnEffects],
+    raw: dict[str, Array],
+    z: Array,
 ) -> tuple[Array, dict[str, Array]]:
     """All effects of each draw, and the log densities of all traces of each person and condition."""
 
@@ -189,7 +197,7 @@ def _effects_and_scores(
         given = integrate_out(data, population(model, sites))
         b = given.draw_effects(draw[1])
         moved = expected_by_cell(data.design, b) - expected_by_cell(data.design, data.mean)
-        return b, scores_of_groups(model, given.sums, moved, codes, sites, b)
+        return b, scores_of_groups(model, given.sums, moved, groups, own, sites, b)
 
     return jax.lax.map(one, (raw, z))
 

@@ -14,13 +14,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.gaussian import blocks
-from bayestissue.hierarchy.gaussian.effects import integrated_levels
 from bayestissue.hierarchy.gaussian.impacts import CellSums, Sites
+from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
@@ -33,6 +31,7 @@ from bayestissue.inference.factors.importance_ratios import (
 from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.moments import normals, standard_points
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors
+from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, gained, own_effects
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
@@ -58,10 +57,11 @@ def of_draws(
     """Log densities under each draw of the population: "trace" [draw, impact], "traces_of_subject" and so on.
 
     That of an impact is its summary's evidence, times the profile's, times the mean of likelihood over both:
-    see `bayestissue.inference.factors.importance_ratios`. Of a person's or condition's traces the two effects
-    are integrated out of the summaries, and the factors besides are those at the effects that the draw has:
-    these being a draw of the posterior, the mean of one over such a density, which leaving out asks for, is
-    the true one.
+    see `bayestissue.inference.factors.importance_ratios`. Of a person's or condition's traces all effects
+    that only these have are integrated out of the summaries (see
+    `bayestissue.inference.posterior.own_effects`), and the factors besides are those at the effects that the
+    draw has: these being a draw of the posterior, the mean of one over such a density, which leaving out
+    asks for, is the true one.
 
     Args:
         prepared: the fit.
@@ -115,18 +115,16 @@ def _of_some(
     b, besides = expected.b[some], besides[some]
     given, about = normals(summaries, anchors)
     scores = {"trace": given.log_density(about) + besides}
-    for group in GROUPS:
-        codes, count = getattr(design, group), len(getattr(design, f"{group}s"))
-        mean = about.copy()
-        for place, response in enumerate(RESPONSES):
-            name = f"{group}_effect_{response}"
-            if name in model.locations.parts:
-                mean[place] -= b[:, model.locations.parts[name]][:, codes]
-        alone, pull = given.log_density(mean) + besides, given.pull(mean)
-        member = (codes[:, None] == np.arange(count)).astype(float)
-        root = root_of_effects(model, sites, group)[..., None]
-        gained = integrated_levels(given.weight[:2, :2] @ member, pull[:2] @ member, root)
-        scores[f"traces_of_{group}"] = alone @ member + gained
+    for name, (slots, own) in own_effects(model, design).items():
+        mean = without(slots, own, b, about)
+        alone = given.log_density(mean) + besides
+        member = (own.level[:, None] == np.arange(own.element.shape[1])).astype(float)
+
+        def total(values: np.ndarray, member: np.ndarray = member) -> np.ndarray:
+            return values @ member
+
+        added = gained(model, slots, own, sites, given.weight, given.pull(mean), total)
+        scores[f"traces_of_{stem_of(name)}"] = total(alone) + added
     return scores
 
 
@@ -134,7 +132,8 @@ def scores_of_groups(
     model: TraceModel,
     sums: CellSums,
     moved: Float[Array, "parameter place"],
-    codes: dict[str, Int[Array, " place"]],
+    groups: tuple[tuple[str, Slots], ...],
+    own_of: dict[str, OwnEffects],
     sites: dict[str, Array],
     b: Float[Array, " location"],
 ) -> dict[str, Array]:
@@ -144,48 +143,34 @@ def scores_of_groups(
         model: the model.
         sums: what the impacts of each place say of X b.
         moved: X b of each place, less that at b's prior mean.
-        codes: person and condition of each place.
+        groups: what each grouping's own effects are.
+        own_of: where they are, with places for impacts.
         sites: the standard deviations.
         b: the effects.
     """
-    parts = model.locations.parts
 
     def at(away: Array) -> tuple[Array, Array]:
         bent = blocks.times(sums.weight, away)
         return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
 
     scores = {"traces": at(moved)[0].sum()}
-    for group in GROUPS:
-        names = [f"{group}_effect_{q}" for q in RESPONSES]
-        count = max((parts[name].stop - parts[name].start for name in names if name in parts), default=0)
-        if not count:
+    for name, slots in groups:
+        own = own_of[name]
+        if not slots.spread:
             continue
-        away = moved
-        for place, name in enumerate(names):
-            if name in parts:
-                away = away.at[place].add(-b[parts[name]][codes[group]])
 
-        def total(values: Array, group: str = group, count: int = count) -> Array:
-            summed = jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), codes[group], count)
+        def total(values: Array, own: OwnEffects = own) -> Array:
+            summed = jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), own.level, own.element.shape[1])
             return jnp.moveaxis(summed, 0, -1)
 
-        value, pull = at(away)
-        root = root_of_effects(model, sites, group)[..., None]
-        gained = integrated_levels(total(sums.weight[:2, :2]), total(pull[:2]), root)
-        scores[f"traces_of_{group}"] = total(value) + gained
+        value, pull = at(without(slots, own, b, moved))
+        added = gained(model, slots, own, sites, sums.weight, pull, total)
+        scores[f"traces_of_{stem_of(name)}"] = total(value) + added
     return scores
 
 
-def root_of_effects(model: TraceModel, sites: dict[str, Any], group: str) -> Any:
-    """The lower Cholesky factor of the covariance of a group's effects on log K and log C."""
-    first = next(iter(sites.values()))
-    xp = first.__array_namespace__()
-    zero = xp.zeros_like(first)
-    sd_K, sd_C = (sites.get(f"sd_{group}_{q}", zero) for q in RESPONSES)
-    shared = group == "subject" and model.mass_error == "subject"
-    variance = model.log_mass_sd**2 if shared else 0.0
-    of_K = xp.sqrt(sd_K**2 + variance)
-    # C + v - v^2 / (K + v), without the difference of near equals
-    across = variance / of_K if shared else zero
-    of_C = xp.sqrt(sd_C**2 + across * sd_K**2 / of_K) if shared else sd_C
-    return xp.stack([xp.stack([of_K, zero]), xp.stack([across, of_C])])
+def without(slots: Slots, own: OwnEffects, b: Any, about: Any) -> Any:
+    """X b less what levels' own effects add to it."""
+    added = [own.in_impacts(slots, b, a) + 0 * about[a] for a in range(2)]
+    xp = about.__array_namespace__()
+    return xp.concat([about[:2] - xp.stack(added), about[2:]])

@@ -121,9 +121,7 @@ def _propose(
 
 
 @partial(jax.jit, static_argnames=("model", "site"))
-def _log_density(
-    model: Callable[..., None], site: str, points: Array, arguments: tuple[Any, ...]
-) -> Array:
+def _log_density(model: Callable[..., None], site: str, points: Array, arguments: tuple[Any, ...]) -> Array:
     def one(point: Array) -> Array:
         return -potential_energy(model, arguments, {}, {site: point})
 

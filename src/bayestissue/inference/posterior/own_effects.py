@@ -1,0 +1,146 @@
+"""Effects that the impacts of one level of a grouping alone have: without them only the prior tells these.
+
+Of a person these are the person's effects on log K and log C, a mass exponent of the person's own, and the
+effects of all that lies within the person, such as each side.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from jax import Array
+from jaxtyping import Float, Int
+
+from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.gaussian import blocks
+from bayestissue.hierarchy.gaussian.effects import integrated_levels
+from bayestissue.hierarchy.group_terms import SUBJECT, Grouping
+from bayestissue.hierarchy.traces import TraceModel
+
+
+@dataclass(frozen=True)
+class Slots:
+    """What a level's own effects are, the same for all levels; one with fewer has empty slots.
+
+    Attributes:
+        response: 0 of an effect on log K, 1 on log C.
+        spread: the names of their standard deviations.
+        shared: pairs of slots whose effects a person's error of mass moves alike.
+    """
+
+    response: tuple[int, ...]
+    spread: tuple[str, ...]
+    shared: tuple[tuple[int, int], ...]
+
+
+class OwnEffects(NamedTuple):
+    """Where a level's own effects are.
+
+    Attributes:
+        level: of each impact.
+        element: of b, in each slot of each level; 0 where it is empty.
+        value: what each slot's effect multiplies in each impact; 0 where the impact lacks it.
+    """
+
+    level: Int[np.ndarray | Array, " impact"]
+    element: Int[np.ndarray | Array, "slot level"]
+    value: Float[np.ndarray | Array, "slot impact"]
+
+    def in_impacts(self, slots: Slots, b: np.ndarray | Array, response: int) -> np.ndarray | Array | float:
+        """What the levels' own effects add to log K (0) or log C (1) of each impact, [..., impact]."""
+        return sum(
+            (
+                b[..., self.element[slot]][..., self.level] * self.value[slot]
+                for slot, of in enumerate(slots.response)
+                if of == response
+            ),
+            0.0,
+        )
+
+
+def own_effects(model: TraceModel, design: Design) -> dict[str, tuple[Slots, OwnEffects]]:
+    """Of every grouping of a design the effects that its levels do not share."""
+    return {name: _of(model, design, grouping) for name, grouping in design.groupings.items()}
+
+
+def _of(model: TraceModel, design: Design, grouping: Grouping) -> tuple[Slots, OwnEffects]:
+    impacts, levels = len(grouping.code), len(grouping.levels)
+    elements: list[np.ndarray] = []
+    values: list[np.ndarray] = []
+    response: list[int] = []
+    spread: list[str] = []
+    people: dict[int, list[int]] = {0: [], 1: []}
+    for a, q in enumerate(RESPONSES):
+        for term, column in design.responses[q].terms.items():
+            inner = design.groupings[term.grouping]
+            pairs = np.unique(np.stack([inner.code, grouping.code]), axis=1)
+            if pairs.shape[1] > len(inner.levels):
+                continue
+            # The how-manieth inner level of its own outer level each inner level is.
+            outer = pairs[1]
+            rank = pd.Series(outer).groupby(outer).cumcount().to_numpy()
+            begin = model.locations.parts[term.effect(q)].start
+            for number in range(rank.max() + 1):
+                element = np.zeros(levels, int)
+                element[outer[rank == number]] = begin + np.flatnonzero(rank == number)
+                if term == SUBJECT and model.mass_error == "subject":
+                    people[a].append(len(elements))
+                elements.append(element)
+                values.append(np.where(rank[inner.code] == number, column.covariate, 0.0))
+                response.append(a)
+                spread.append(term.sd(q))
+    value = np.array(values).reshape(len(elements), impacts)
+    slots = Slots(
+        tuple(response),
+        tuple(spread),
+        tuple(zip(people[0], people[1], strict=True)),
+    )
+    return slots, OwnEffects(grouping.code, np.array(elements, int).reshape(len(elements), levels), value)
+
+
+def gained(
+    model: TraceModel,
+    slots: Slots,
+    own: OwnEffects,
+    sites: dict[str, Any],
+    weight: Float[Any, "parameter parameter *draw impact"],
+    pull: Float[Any, "parameter *draw impact"],
+    total: Callable[[Any], Any],
+) -> Any:
+    """What the log density of each level's traces gains by the level's own effects being integrated out.
+
+    Args:
+        model: the model.
+        slots: what the effects are.
+        own: where they are.
+        sites: the standard deviations, [*draw] each.
+        weight: W, the precision with which each impact's trace tells X b.
+        pull: the slopes of its log evidence by X b, the level's own effects being 0.
+        total: from values of impacts, along a last axis, to their sums over each level.
+    """
+    if not slots.spread:
+        return 0.0
+    of, axes = np.array(slots.response), pull.ndim - 1
+    value = blocks.with_axes(own.value, 1, axes)
+    squares = total(weight[of][:, of] * blocks.outer(value, value))
+    return integrated_levels(squares, total(pull[of] * value), _root(model, slots, sites)[..., None])
+
+
+def _root(model: TraceModel, slots: Slots, sites: dict[str, Any]) -> Float[Any, "slot slot *draw"]:
+    """The lower Cholesky factor of the prior covariance of a level's effects."""
+    sd = {slot: sites[name] for slot, name in enumerate(slots.spread)}
+    entries = {(slot, slot): value for slot, value in sd.items()}
+    xp = sd[0].__array_namespace__()
+    variance = model.log_mass_sd**2
+    for K, C in slots.shared:
+        first = xp.sqrt(sd[K] ** 2 + variance)
+        # C + v - v^2 / (K + v), without the difference of near equals
+        last = xp.sqrt(sd[C] ** 2 + variance * sd[K] ** 2 / first**2)
+        entries |= {(K, K): first, (C, K): variance / first, (C, C): last}
+    count, zero = range(len(slots.spread)), xp.zeros_like(sd[0])
+    return xp.stack([xp.stack([entries.get((s, t), zero) for t in count]) for s in count])
