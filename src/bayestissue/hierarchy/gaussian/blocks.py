@@ -25,8 +25,8 @@ def cholesky(matrix: Float[Array, "row row *block"]) -> Float[Array, "row row *b
 
 
 def solve_lower(
-    factor: Float[Array, "row row *block"], right: Num[Array, row * right]
-) -> Float[Array, row * right]:
+    factor: Float[Array, "row row *block"], right: Num[Array, " row *right"]
+) -> Float[Array, " row *right"]:
     """L^-1 right; the blocks are the last axes of ``right`` too, and other axes may come before them."""
     solved: list[Array] = []
     for i in range(len(factor)):
@@ -38,8 +38,8 @@ def solve_lower(
 
 
 def solve_upper(
-    factor: Float[Array, "row row *block"], right: Num[Array, row * right]
-) -> Float[Array, row * right]:
+    factor: Float[Array, "row row *block"], right: Num[Array, " row *right"]
+) -> Float[Array, " row *right"]:
     """L'^-1 right, as `solve_lower`."""
     solved: list[Array] = []
     for i in reversed(range(len(factor))):
@@ -71,12 +71,12 @@ def product(
 
 def times(
     matrix: Float[Array, "row column *#block"], vector: Float[Array, "column *#block"]
-) -> Float[Array, row * block]:
+) -> Float[Array, " row *block"]:
     """Matrices times vectors."""
     return (matrix * vector[None]).sum(1)
 
 
-def outer(left: Float[Array, row * block], right: Float[Array, column * block]) -> Array:
+def outer(left: Float[Array, " row *block"], right: Float[Array, " column *block"]) -> Array:
     """Products of every entry with every entry."""
     return left[:, None] * right[None]
 

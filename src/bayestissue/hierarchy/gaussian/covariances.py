@@ -39,7 +39,7 @@ class EffectsPrecision(NamedTuple):
     partner: Int[Array, " location+1"] | None
     between: Float[Array, " location+1"] | None
 
-    def among(self, elements: Int[Array, own * level]) -> Float[Array, "own own *level"]:
+    def among(self, elements: Int[Array, " own *level"]) -> Float[Array, "own own *level"]:
         """The entries among some elements of b, level by level."""
         size = len(elements)
         one = jnp.eye(size).reshape(size, size, *[1] * (elements.ndim - 1))

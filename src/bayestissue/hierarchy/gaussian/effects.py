@@ -114,13 +114,13 @@ def effects_from_standard(
 
 def integrated_levels(
     weight: Float[Array, "effect effect *level"],
-    pull: Float[Array, effect * level],
+    pull: Float[Array, " effect *level"],
     root: Float[Array, "effect effect *#level"],
 ) -> Float[Array, "*level"]:
     """What the log density of each level's data gains by its effects being integrated out, from 0.
 
-    The log of the mean of exp(e'p - e'W e / 2) over e ~ N(0, R R') is (R'p)' M^-1 (R'p) / 2 - log det M / 2 with
-    M = 1 + R'W R, whatever standard deviation tends to 0.
+    The log of the mean of exp(e'p - e'W e / 2) over e ~ N(0, R R') is (R'p)' M^-1 (R'p) / 2 - log det M / 2
+    with M = 1 + R'W R, whatever standard deviation tends to 0.
 
     Args:
         weight: W, sums over each level's data.

@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
@@ -33,12 +34,12 @@ class Sites(NamedTuple):
 
     # Zeros say nothing of an impact.
     EMPTY = True
-    centre: Float[Array, "impact parameter"]
-    slope: Float[Array, "impact parameter"]
-    precision: Float[Array, "impact parameter parameter"]
-    log_likelihood: Float[Array, " impact"]
+    centre: Float[np.ndarray | Array, "impact parameter"]
+    slope: Float[np.ndarray | Array, "impact parameter"]
+    precision: Float[np.ndarray | Array, "impact parameter parameter"]
+    log_likelihood: Float[np.ndarray | Array, " impact"]
 
-    def log_density(self, u: Float[Array, "*point impact parameter"]) -> Float[Array, "*point impact"]:
+    def log_density(self, u: Any) -> Any:
         """Log of the sites at ``u``."""
         away = u - self.centre
         bent = (self.precision * away[..., None, :]).sum(-1)
@@ -51,10 +52,10 @@ class SitesFirst(NamedTuple):
     Laid out by `lay` they have one axis more before all of these, of blocks.
     """
 
-    centre: Float[Array, ...]
-    slope: Float[Array, ...]
-    precision: Float[Array, ...]
-    log_likelihood: Float[Array, ...]
+    centre: Float[Array, " ..."]
+    slope: Float[Array, " ..."]
+    precision: Float[Array, " ..."]
+    log_likelihood: Float[Array, " ..."]
 
 
 class ImpactPrior(NamedTuple):

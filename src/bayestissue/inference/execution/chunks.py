@@ -24,7 +24,7 @@ OfBlock = Callable[[TraceData, Rows], Any]
 
 
 def of_each(function: Callable[..., Any], data: TraceData, *given: Any, progress: Progress = silent) -> Any:
-    """``function(data, *given)`` block by block, every array of ``given`` having impacts along its first axis."""
+    """``function(data, *given)`` block by block; arrays of ``given`` have impacts along their first axis."""
 
     def one(part: TraceData, rows: Rows) -> Any:
         return function(part, *jax.tree.map(lambda leaf: np.asarray(leaf)[rows], given))

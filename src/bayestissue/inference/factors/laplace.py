@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -35,8 +36,8 @@ class ConditionalPrior(NamedTuple):
         precision: of each impact, or one of all.
     """
 
-    mean: Float[np.ndarray, "impact parameter"]
-    precision: Float[np.ndarray, "*#impact parameter parameter"]
+    mean: Float[np.ndarray | Array, "impact parameter"]
+    precision: Float[np.ndarray | Array, "*#impact parameter parameter"]
 
     def of_each(self) -> ConditionalPrior:
         """The same with a precision of each impact."""

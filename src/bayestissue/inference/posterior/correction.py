@@ -127,10 +127,9 @@ def residual_log_weights(
         return log_evidence_corrections(own, points, _of_cells(seen, cell[rows])).T
 
     exact = in_blocks(data, one, progress=progress).sum(0)
-    expanded = 0.0
     if expansion is not None:
-        expanded = np.asarray(_expanded(model, data.design, expansion, checked))
-    return (exact - expanded) - (exact - expanded).mean()
+        exact = exact - np.asarray(_expanded(model, data.design, expansion, checked))
+    return exact - exact.mean()
 
 
 def anchors_of(model: TraceModel, design: PopulationDesign, draws: PopulationDraws) -> ConditionalPrior:
@@ -191,7 +190,7 @@ def _expand(
 def _correction(points: ImportanceRatios, summaries: Sites, v: Array) -> Array:
     """Each impact's correction, as a function of what the population says of it."""
     size = summaries.centre.shape[1]
-    own, nuisance = v[:, size : size + 3].T, jnp.sqrt(v[:, size + 3 :]).T
-    prior = Covariances(tuple(own), tuple(nuisance), jnp.zeros(0)).of_impact()
+    kk, kc, cc = v[:, size : size + 3].T
+    prior = Covariances((kk, kc, cc), tuple(jnp.sqrt(v[:, size + 3 :]).T), jnp.zeros(0)).of_impact()
     precision = jnp.moveaxis(prior.precision, -1, 0)
     return log_corrections(points, summaries, ConditionalPrior(v[:, :size], precision))

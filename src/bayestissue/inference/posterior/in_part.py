@@ -156,7 +156,7 @@ def _population(
     *,
     middle: bool = False,
 ) -> tuple[PopulationDraws, dict[str, Array]]:
-    """The population's draws and the scores of groups under each; b of the first is its mean for ``middle``."""
+    """The population's draws, the first with the mean of b for ``middle``, and the groups' scores."""
     model = prepared.model
     raw = {name: jnp.asarray(values) for name, values in summarised.spreads.raw(y).items()}
     z = jax.random.normal(key, (len(y), model.locations.size))

@@ -143,4 +143,5 @@ def _root(model: TraceModel, slots: Slots, sites: dict[str, Any]) -> Float[Any, 
         last = xp.sqrt(sd[C] ** 2 + variance * sd[K] ** 2 / first**2)
         entries |= {(K, K): first, (C, K): variance / first, (C, C): last}
     count, zero = range(len(slots.spread)), xp.zeros_like(sd[0])
-    return xp.stack([xp.stack([entries.get((s, t), zero) for t in count]) for s in count])
+    rows = [xp.stack([entries.get((s, t), zero) for t in count]) for s in count]  # noqa: PD013
+    return xp.stack(rows)  # noqa: PD013

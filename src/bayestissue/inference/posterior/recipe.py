@@ -242,7 +242,7 @@ def _population_draws(
 def sample_marginal(
     prepared: Prepared, summarised: Approximation, settings: Sampler, seed: int, progress: Progress
 ) -> Draws:
-    """Draws of the marginal posterior's coordinates: independent proposals where these serve, or else NUTS."""
+    """Draws of the marginal posterior's coordinates, by independent proposals where these serve, or NUTS."""
     data = summarised.data(prepared.data)
     arguments = (prepared.model, *filled_up((data, summarised.grid)), summarised.spreads.warp)
     progress(0, 1)

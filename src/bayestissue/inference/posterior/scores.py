@@ -120,7 +120,7 @@ def _of_some(
         alone = given.log_density(mean) + besides
         member = (own.level[:, None] == np.arange(own.element.shape[1])).astype(float)
 
-        def total(values: np.ndarray, member: np.ndarray = member) -> np.ndarray:
+        def total(values: Any, member: Any = member) -> Any:
             return values @ member
 
         added = gained(model, slots, own, sites, given.weight, given.pull(mean), total)
@@ -137,7 +137,7 @@ def scores_of_groups(
     sites: dict[str, Array],
     b: Float[Array, " location"],
 ) -> dict[str, Array]:
-    """The same of one draw from the sums of cells, whatever the number of impacts; and of all traces together.
+    """The same of one draw from the sums of cells, and that of all traces together.
 
     Args:
         model: the model.
