@@ -62,7 +62,8 @@ def columns_of(term: str, rows: np.ndarray) -> np.ndarray:
 class Dense:
     """Everything as one normal over (b, all u), and sites as observations m + P^-1 g of u."""
 
-    def __init__(self, name: str, repeats: int = 1, *, shared: float = 0.0) -> None:
+    def __init__(self, name: str, repeats: int = 1, *, shared: float = 0.0, scale: float = 1.0) -> None:
+        self.scale = scale
         self.rng = np.random.default_rng(repeats)
         rows = rows_of_campaign(repeats)
         self.number = len(rows)
@@ -92,8 +93,8 @@ class Dense:
         self.people = people
         self.shared = shared
         self.covariances = Covariances(
-            tuple(map(jnp.asarray, (OWN[0, 0], OWN[0, 1], OWN[1, 1]))),
-            tuple(map(jnp.asarray, NUISANCE_SD)),
+            tuple(jnp.asarray(scale**2 * entry) for entry in (OWN[0, 0], OWN[0, 1], OWN[1, 1])),
+            tuple(jnp.asarray(scale * sd) for sd in NUISANCE_SD),
             jnp.asarray(self.sd),
             SharedMassError(*people, shared**2) if shared else None,
         )
@@ -143,7 +144,7 @@ class Dense:
         """Covariance of an impact's parameters about X b."""
         found = np.diag(np.square([0, 0, *NUISANCE_SD]))
         found[:2, :2] = OWN
-        return found
+        return self.scale**2 * found
 
     @property
     def inverses(self) -> np.ndarray:

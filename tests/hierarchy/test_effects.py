@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -16,15 +17,15 @@ from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 
 CASES = [
-    ("no groups", 3, 0.0),
-    ("people", 1, 0.0),
-    ("people and trials", 3, 0.0),
-    ("people and trials", 2, 0.3),
-    ("one formula with people, one with trials", 1, 0.0),
-    ("people's sides", 2, 0.3),
-    ("people's own mass exponents", 2, 0.0),
-    ("sessions across operators", 1, 0.0),
-    ("trials of which one has no impact", 2, 0.0),
+    ("no groups", 3, 0.0, 1.0),
+    ("people", 1, 0.0, 1e3),
+    ("people and trials", 3, 0.0, 1e-4),
+    ("people and trials", 2, 0.3, 1.0),
+    ("one formula with people, one with trials", 1, 0.0, 1.0),
+    ("people's sides", 2, 0.3, 1.0),
+    ("people's own mass exponents", 2, 0.0, 1.0),
+    ("sessions across operators", 1, 0.0, 1.0),
+    ("trials of which one has no impact", 2, 0.0, 1.0),
 ]
 
 
@@ -39,12 +40,12 @@ class Case(NamedTuple):
     root: np.ndarray
 
 
-@pytest.fixture(scope="module", params=CASES, ids=lambda case: f"{case[0]}, {case[1]} each, {case[2]}")
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: f"{case[0]}, {case[1]} each, {case[2]}, {case[3]}")
 def case(request: pytest.FixtureRequest) -> Case:
-    name, repeats, shared = request.param
-    dense = Dense(name, repeats, shared=shared)
+    name, repeats, shared, scale = request.param
+    dense = Dense(name, repeats, shared=shared, scale=scale)
 
-    @jax.jit
+    @partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
     def found() -> tuple[jax.Array, ...]:
         own = (dense.covariances.own, dense.covariances.nuisance, dense.covariances.locations)
         value, slopes = jax.value_and_grad(lambda own: dense.log_density(*own))(own)
@@ -91,9 +92,11 @@ def test_derivatives_are_those_of_the_dense_density(case: Case) -> None:
     by_whole = (np.outer(turned, turned) - inverse) / 2
     by_u = np.einsum("iaib->ab", by_whole.reshape(dense.number, SIZE, dense.number, SIZE))
     own, nuisance, locations = case.slopes
-    assert_allclose(own, [by_u[0, 0], 2 * by_u[0, 1], by_u[1, 1]], rtol=1e-8, atol=1e-8)
-    sd = np.asarray(dense.covariances.nuisance)
-    assert_allclose(nuisance, 2 * sd * np.diag(by_u)[2:], rtol=1e-8, atol=1e-8)
+    # By logs, as chains move; the terms that cancel in a slope are about as many as there are impacts.
+    entries, sd = np.asarray(dense.covariances.own), np.asarray(dense.covariances.nuisance)
+    by_entries = np.array([by_u[0, 0], 2 * by_u[0, 1], by_u[1, 1]])
+    assert_allclose(entries * np.asarray(own), entries * by_entries, rtol=1e-7, atol=1e-7)
+    assert_allclose(sd * np.asarray(nuisance), 2 * sd**2 * np.diag(by_u)[2:], rtol=1e-7, atol=1e-7)
     by_b = np.diag(dense.X.T @ by_whole @ dense.X)
     assert_allclose(locations, 2 * dense.sd * by_b, rtol=1e-8, atol=1e-8)
 
