@@ -40,7 +40,7 @@ class Case(NamedTuple):
     root: np.ndarray
 
 
-@pytest.fixture(scope="module", params=CASES, ids=lambda case: f"{case[0]}, {case[1]} each, {case[2]}, {case[3]}")
+@pytest.fixture(scope="module", params=CASES, ids=lambda case: ", ".join(map(str, case)))
 def case(request: pytest.FixtureRequest) -> Case:
     name, repeats, shared, scale = request.param
     dense = Dense(name, repeats, shared=shared, scale=scale)

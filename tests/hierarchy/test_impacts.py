@@ -48,9 +48,7 @@ def test_a_site_with_u_integrated_out_is_the_dense_integral(dense: Dense, scale:
     about = np.random.default_rng(1).normal(size=(SIZE, dense.number))
     of_u = scale**2 * dense.of_u
     found, whole = conditional(dense, of_u), dense.inverses + of_u
-    direct = [
-        multivariate_normal(about[:, i], whole[i]).logpdf(dense.seen[i]) for i in range(dense.number)
-    ]
+    direct = [multivariate_normal(about[:, i], whole[i]).logpdf(dense.seen[i]) for i in range(dense.number)]
     assert_allclose(found.log_density(about), direct + dense.constants, rtol=1e-10)
     weight = np.linalg.inv(whole)
     assert_allclose(np.moveaxis(found.weight, -1, 0), weight, rtol=1e-8, atol=1e-10 * np.abs(weight).max())

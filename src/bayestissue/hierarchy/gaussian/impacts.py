@@ -20,8 +20,10 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
+from bayestissue.padding import adds_nothing
 
 
+@adds_nothing
 class Sites(NamedTuple):
     """Gaussian sites: each trace's log likelihood to second order.
 
@@ -32,8 +34,6 @@ class Sites(NamedTuple):
         log_likelihood: l, the log likelihood at m.
     """
 
-    # Zeros say nothing of an impact.
-    EMPTY = True
     centre: Float[np.ndarray | Array, "impact parameter"]
     slope: Float[np.ndarray | Array, "impact parameter"]
     precision: Float[np.ndarray | Array, "impact parameter parameter"]

@@ -33,6 +33,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
+from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors.moments import POINTS, log_evidence
 from bayestissue.inference.posterior.approximate import LAST, Approximation, spreads_of_summaries
 from bayestissue.inference.posterior.constrained_draws import (
@@ -42,7 +43,8 @@ from bayestissue.inference.posterior.constrained_draws import (
     impact_quantities,
     named_sites,
 )
-from bayestissue.inference.posterior.correction import (
+from bayestissue.inference.posterior.correction import Correction
+from bayestissue.inference.posterior.expansion import (
     PopulationDraws,
     anchors_of,
     expand,
@@ -51,14 +53,13 @@ from bayestissue.inference.posterior.correction import (
     told_of_rows,
 )
 from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, own_effects
-from bayestissue.inference.posterior.recipe import CANDIDATES, Correction, sample_marginal
+from bayestissue.inference.posterior.recipe import CANDIDATES, sample_marginal
 from bayestissue.inference.posterior.scores import (
     LikelihoodApproximation,
     log_evidence_ratios,
     scores_of_groups,
 )
-from bayestissue.inference.samplers.psis import pareto_smoothed
-from bayestissue.inference.samplers.sampling import Draws, Progress, silent
+from bayestissue.inference.samplers.sampling import Draws
 
 CHECKS = 40
 EXPANSIONS = 2
@@ -93,9 +94,7 @@ def draws_in_part(
         draws.some(CHECKS),
         progress=partial(say, "comparing traces and summaries"),
     )
-    smoothed, k = pareto_smoothed(weights)
-    weight = np.exp(np.asarray(smoothed))
-    correction = Correction(float(k), float(weight.sum() ** 2 / np.square(weight).sum() / CHECKS))
+    correction = Correction.of(weights[None], CHECKS)
     densities = {name: np.asarray(v).reshape(*shape, *v.shape[1:]) for name, v in scores.items()}
     hyper = constrained(model, draws.raw)
     true_b, error = _with_true_masses(model, hyper, draws.b, keys[1])
