@@ -6,10 +6,10 @@
 
 Each element's model file fits the example campaign (90 impacts, a spring and damper side by side), and the
 same campaign made by a tissue of its own kind. `first` is with nothing compiled yet, `again` the same command
-once more, `other` the same command on another campaign of about that size, nine people instead of ten. Seconds of the clock, and of the
-processor (`_cpu_s`), which other work on the machine changes less. `--program` names checkouts whose programs
-are timed in turn, all by this Python and its libraries; `--cores` how many cores each is bound to. A row goes
-to fit_time.csv as soon as it is there; earlier rows of the same kind go.
+once more, `other` the same command on a campaign of nine people instead of ten. Seconds of the clock, and of
+the processor (`_cpu_s`), which other work on the machine changes less. `--program` names checkouts whose
+programs are timed in turn, all by this Python and its libraries; `--cores` how many cores each is bound to. A
+row goes to fit_time.csv as soon as it is there; earlier rows of the same kind go.
 """
 
 from __future__ import annotations
