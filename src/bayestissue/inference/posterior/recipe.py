@@ -243,10 +243,12 @@ def _population_draws(
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
     compared = _rows(every, some)
     ratios = importance_ratios(model, prepared.data, summaries, compared.anchors, standard, profile)
-    log_weight = log_evidence_corrections(summaries, ratios, every.anchors).sum(-1).reshape(shape)
+    of_impacts = log_evidence_corrections(summaries, ratios, every.anchors)
+    log_weight = of_impacts.sum(-1).reshape(shape)
     correction = Correction.of(log_weight, settings.chains * settings.draws, ratios)
     places = systematic(correction.weight, settings.draws, rng)
     chosen = np.ravel(places + shape[1] * np.arange(shape[0])[:, None])
+    correction = replace(correction, of_impacts=of_impacts[chosen])
     raw = {name: values[chosen] for name, values in raw.items()}
     return _Population(chains, raw, z_b[chosen], _rows(every, chosen), correction, compared, ratios, rng)
 
