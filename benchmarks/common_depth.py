@@ -118,7 +118,7 @@ def measure(case: str, campaigns: int, seconds: float) -> None:
         if number in set(rows["campaign"]):
             continue
         dataset = simulate(campaign(case, number)).dataset("common depth")
-        fits = fits or Fits(model_of(case), dataset, least=128)
+        fits = fits or Fits(model_of(case), dataset)
         prepared = fits.prepared(dataset)
         found, correction = fits.fit(prepared, number)
         found = of_secant(prepared, found)

@@ -9,7 +9,7 @@ import pytest
 from jaxtyping import Array, Float
 from numpy.testing import assert_array_equal
 
-from bayestissue.padding import bucket, cut, padded, sizes_of
+from bayestissue.padding import adds_nothing, bucket, cut, padded, sizes_of
 
 
 class Record(NamedTuple):
@@ -18,8 +18,8 @@ class Record(NamedTuple):
     absent: Float[Array, " impact"] | None = None
 
 
+@adds_nothing
 class Sums(NamedTuple):
-    EMPTY = True
     level: Float[Array, " impact"]
 
 

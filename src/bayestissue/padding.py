@@ -2,8 +2,8 @@
 
 The axes are those of the annotations: ``Float[Array, "impact parameter"]`` has one of impacts. An impact that
 is added repeats the first, whose numbers are as good as any, and what is found of it is cut off again. Where
-numbers are summed over impacts, as those of Gaussian sites are, it must add nothing: a named tuple that says
-``EMPTY = True`` gets zeros. So does every other axis.
+numbers are summed over impacts, as those of Gaussian sites are, it must add nothing: a named tuple that is
+marked by `adds_nothing` gets zeros. So does every other axis.
 """
 
 from __future__ import annotations
@@ -17,6 +17,13 @@ import numpy as np
 AXES = ("impact", "sample", "cell", "level")
 Sizes = Mapping[str, int]
 _Change = Callable[[Any, dict[str, int], bool], Any]
+_ADD_NOTHING: set[type] = set()
+
+
+def adds_nothing[Owner: type](owner: Owner) -> Owner:
+    """Mark a named tuple in which an impact of zeros adds nothing to what is summed over impacts."""
+    _ADD_NOTHING.add(owner)
+    return owner
 
 
 def bucket(size: int) -> int:
@@ -72,7 +79,8 @@ def cut(value: Any, annotation: Any, sizes: Sizes) -> Any:
 def _changed(value: Any, annotation: Any, change: _Change, empty: bool = False) -> Any:
     """Every array in ``value`` that has a named axis, changed."""
     if hasattr(value, "_fields"):
-        hints, empty = _hints(type(value)), getattr(type(value), "EMPTY", False)
+        owner: Any = type(value)
+        hints, empty = _hints(owner), owner in _ADD_NOTHING
         parts = zip(value._fields, value, strict=True)
         return value._replace(
             **{name: _changed(part, hints.get(name), change, empty) for name, part in parts}
@@ -89,7 +97,7 @@ def _changed(value: Any, annotation: Any, change: _Change, empty: bool = False) 
 
 
 @cache
-def _hints(owner: type) -> dict[str, Any]:
+def _hints(owner: Any) -> dict[str, Any]:
     return get_type_hints(owner)
 
 

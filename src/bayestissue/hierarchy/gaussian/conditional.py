@@ -20,8 +20,10 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.population import Covariances, PopulationDesign, expected
 from bayestissue.likelihood import small
+from bayestissue.padding import adds_nothing
 
 
+@adds_nothing
 class Sites(NamedTuple):
     """Second-order expansion of each trace's log likelihood.
 
@@ -32,8 +34,6 @@ class Sites(NamedTuple):
         log_likelihood: log L(m).
     """
 
-    # Zeros say nothing of an impact.
-    EMPTY = True
     centre: Float[Array, "impact parameter"]
     slope: Float[Array, "impact parameter"]
     precision: Float[Array, "impact parameter parameter"]

@@ -180,10 +180,13 @@ class MeasuredDeceleration(dist.Distribution):
 
     def products(self, value: Array | None = None) -> Products:
         """Products of the residual at ``value`` (the record's own unless given) and the errors' columns."""
-        value = self.record.d if value is None else value
+        count = self.record.n_samples + 0.0
+        if value is None:
+            motion = _motion(self.omega_n, self.zeta, self.record)
+            entries = _entries(*_parts(motion, self.omega_n, self.zeta, self.record))
+            return Products(from_lower_entries(entries), jnp.zeros_like(count), count)
         expected, columns, inside = self._columns()
         parts = (jnp.where(inside, value - expected, 0.0), *columns)
-        count = self.record.n_samples + 0.0
         return Products(gram(parts, jnp.ones(())), jnp.zeros_like(count), count)
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
