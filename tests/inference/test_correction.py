@@ -183,7 +183,7 @@ def test_sites_are_fitted_before_any_chain_where_they_do_not_serve_draws_to_seco
         recipe, "_to_second_order", lambda *_: ({"sd": np.arange(256.0)}, np.arange(256.0)[:, None])
     )
     monkeypatch.setattr(recipe, "conditional_priors", lambda *_: None)
-    monkeypatch.setattr(recipe, "_log_weights", lambda *_: (next(log_weights), None, None))
+    monkeypatch.setattr(recipe, "_log_weights", lambda *_: (next(log_weights)[:, None], None, None))
     monkeypatch.setattr(recipe, "_about_draws", about_draws)
     prepared: Any = SimpleNamespace(model=SimpleNamespace(discrepancy=discrepancy), data=None)
     sites: Any = SimpleNamespace(spreads=None, summaries=None)

@@ -100,7 +100,9 @@ def fit_traces(
     route = Route(settings.path, correction)
     if route.exact:
         return _exactly(prepared, specification, seed, say, checkpoints, route, summarised)
-    told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
+    told = LikelihoodApproximation(
+        summarised.summaries, summarised.profile, correction.ratios, correction.of_impacts
+    )
     return label(prepared, specification, told.summaries, draws, seed, say, told, route)
 
 

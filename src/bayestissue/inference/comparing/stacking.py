@@ -13,6 +13,7 @@ import pandas as pd
 import xarray as xr
 from scipy.special import logsumexp
 
+from bayestissue.inference.samplers.convergence import effective_size, elements_of
 from bayestissue.inference.samplers.psis import k_threshold
 
 COLUMNS = [
@@ -77,7 +78,7 @@ def by_importance(
 
 
 def _stacking_weights(scores: Mapping[str, Any]) -> dict[str, float]:
-    import arviz as az
+    import arviz_stats as az
 
     if len(scores) < 2:
         return dict.fromkeys(scores, float("nan"))
@@ -124,32 +125,52 @@ class ImportanceScores:
         return self.pareto_k > self.limit
 
 
-def importance_scores(trees: Mapping[str, xr.DataTree], variable: str) -> dict[str, ImportanceScores]:
-    """Leave-one-out densities by Pareto-smoothed importance sampling, for each element of ``variable``."""
+def importance_scores(
+    trees: Mapping[str, xr.DataTree], variable: str, reff: float | None = None
+) -> dict[str, ImportanceScores]:
+    """Leave-one-out densities by Pareto-smoothed importance sampling, for each element of ``variable``.
+
+    ``reff`` is the `relative_size` of the draws, if it is at hand.
+    """
     return {
         name: ImportanceScores(
             np.array(score.elpd_i.to_numpy().ravel()),
             score.pareto_k.to_numpy().ravel(),
             k_threshold(score.n_samples),
         )
-        for name, score in _leave_one_out(trees, variable).items()
+        for name, score in _leave_one_out(trees, variable, reff).items()
     }
 
 
-def _leave_one_out(trees: Mapping[str, xr.DataTree], variable: str) -> dict[str, Any]:
-    import arviz as az
+def _leave_one_out(
+    trees: Mapping[str, xr.DataTree], variable: str, reff: float | None = None
+) -> dict[str, Any]:
+    import arviz_stats as az
 
     with warnings.catch_warnings():
         # Both callers read pareto_k themselves: one reports it, the other refits where it is high.
         warnings.simplefilter("ignore", UserWarning)
         found = {}
         for name, tree in trees.items():
+            own = relative_size(tree) if reff is None else reff
+            asked = {"pointwise": True, "var_name": variable, "reff": own}
             try:
-                found[name] = az.loo(tree, pointwise=True, var_name=variable)
+                found[name] = az.loo(tree, **asked)
             except ValueError:
                 # Nearly all draws are one and the same, so that the weights have no tail to be smoothed.
-                found[name] = az.loo(tree, pointwise=True, var_name=variable, **_unsmoothed(tree, variable))
+                found[name] = az.loo(tree, **asked, **_unsmoothed(tree, variable))
         return found
+
+
+def relative_size(tree: xr.DataTree) -> float:
+    """Effective sample size over number of draws, the mean over all quantities of the posterior.
+
+    It sets the length of the tail that is smoothed, 3 (S / r_eff)^1/2 of S draws.
+    """
+    posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
+    draws = np.concatenate([elements_of(array) for array in posterior.data_vars.values()])
+    chains, length = draws.shape[1:]
+    return float(effective_size(draws).mean() / (chains * length)) if chains > 1 else 1.0
 
 
 def _unsmoothed(tree: xr.DataTree, variable: str) -> dict[str, xr.DataArray]:

@@ -36,6 +36,7 @@ class Correction:
         pareto_k: of all chains' weights together.
         needed: effective number of draws that the run asks for; see `needed_size`.
         ratios: likelihood over site, of which the weights were made.
+        of_impacts: log of each impact's evidence over its site's, at the draws that were kept.
         attempts: what was tried, this among it, in order: see `Correction.row`.
     """
 
@@ -43,6 +44,7 @@ class Correction:
     pareto_k: float
     needed: float
     ratios: ImportanceRatios | None = None
+    of_impacts: Float[np.ndarray, "draw impact"] | None = None
     attempts: tuple[dict[str, float | None], ...] = ()
 
     @classmethod

@@ -240,10 +240,12 @@ def _population_draws(
     if profile is not None:
         z_b[:, -1] = raw.pop(LAST)
     every = conditional_priors(model, data, summaries, raw, z_b)
-    log_weight, ratios, compared = _log_weights(prepared, summarised, every)
-    correction = Correction.of(log_weight.reshape(shape), settings.chains * settings.draws, ratios)
+    of_impacts, ratios, compared = _log_weights(prepared, summarised, every)
+    log_weight = of_impacts.sum(-1).reshape(shape)
+    correction = Correction.of(log_weight, settings.chains * settings.draws, ratios)
     places = systematic(correction.weight, settings.draws, rng)
     chosen = np.ravel(places + shape[1] * np.arange(shape[0])[:, None])
+    correction = replace(correction, of_impacts=of_impacts[chosen])
     raw = {name: values[chosen] for name, values in raw.items()}
     return _Population(chains, raw, z_b[chosen], _rows(every, chosen), correction, compared, ratios, rng)
 
@@ -263,7 +265,7 @@ def _about_second_order(
         raw, z_b = _to_second_order(prepared, sites.spreads, count, rng)
         if not prepared.model.discrepancy:
             every = conditional_priors(prepared.model, prepared.data, sites.summaries, raw, z_b)
-            weight = np.exp(below_greatest(_log_weights(prepared, sites, every)[0]))
+            weight = np.exp(below_greatest(_log_weights(prepared, sites, every)[0].sum(-1)))
             if effective_size(weight) > _PLACED * count:
                 return sites
             (chosen,) = systematic(weight[None], count, rng)
@@ -274,15 +276,15 @@ def _about_second_order(
 
 def _log_weights(
     prepared: Prepared, sites: Approximation, every: ConditionalPriors
-) -> tuple[Float[np.ndarray, " draw"], ImportanceRatios, ConditionalPriors]:
-    """Log importance weights of draws of the population; the ratios, and the draws at which these are."""
+) -> tuple[Float[np.ndarray, "draw impact"], ImportanceRatios, ConditionalPriors]:
+    """Each impact's part of draws' log importance weights; the ratios, and the draws at which these are."""
     standard = standard_points(sites.summaries.centre.shape[1])
     compared = _rows(every, np.linspace(0, len(every.b) - 1, len(standard)).astype(int))
     ratios = importance_ratios(
         prepared.model, prepared.data, sites.summaries, compared.anchors, standard, sites.profile
     )
-    log_weight = log_evidence_corrections(sites.summaries, ratios, every.anchors).sum(-1)
-    return np.where(np.isfinite(log_weight), log_weight, -np.inf), ratios, compared
+    of_impacts = log_evidence_corrections(sites.summaries, ratios, every.anchors)
+    return np.where(np.isfinite(of_impacts), of_impacts, -np.inf), ratios, compared
 
 
 def _to_second_order(
