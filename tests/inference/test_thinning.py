@@ -6,10 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import numpyro
 import numpyro.distributions as dist
-import pytest
 
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.posterior.recipe import _resample
 from bayestissue.inference.results.labels import labelled_statistics, statistics_of_transitions
 from bayestissue.inference.samplers.sampling import Draws, PosteriorSampler
 
@@ -62,16 +60,3 @@ def test_a_sampler_keeps_as_many_draws_as_it_was_asked_for() -> None:
     (found,) = PosteriorSampler(model, settings).run(0, [(jnp.zeros(3),)])
     assert found.sites["mean"].shape == (2, 100)
     assert found.statistics["diverging"].shape == (2, 300)
-
-
-@pytest.mark.parametrize("number", [10, 50, 100])
-def test_draws_are_chosen_as_often_as_their_weights_say(number: int) -> None:
-    rng = np.random.default_rng(4)
-    weight = rng.gamma(0.5, size=(3, 100))
-    chosen = _resample(weight, number, rng).reshape(3, number)
-    for chain, places in enumerate(chosen):
-        times = np.bincount(places - 100 * chain, minlength=100)
-        wanted = number * weight[chain] / weight[chain].sum()
-        # Systematic resampling is never off by one whole draw, and keeps the chain's order.
-        assert (np.abs(times - wanted) < 1).all()
-        assert (np.diff(places) >= 0).all()

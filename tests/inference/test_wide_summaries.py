@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from bayestissue.hierarchy.gaussian.conditional import Sites
-from bayestissue.inference.factors import regression as wide_summaries
+from bayestissue.inference.factors import regression
 from bayestissue.inference.factors.laplace import _MOST_GAIN as MOST_GAIN
 from bayestissue.inference.factors.regression import _nearest, _parabola
 
@@ -62,9 +62,9 @@ def test_a_trace_of_which_the_points_tell_too_little_keeps_its_summary(
     weight = np.ones(value.shape)
     # The second trace has no likelihood anywhere, and so weights that are no numbers.
     value[..., 1], weight[..., 1] = -np.inf, np.nan
-    monkeypatch.setattr(wide_summaries, "_points", lambda *_: (u, value, weight))
+    monkeypatch.setattr(regression, "_points", lambda *_: (u, value, weight))
     old = Sites(*(jnp.full(shape, 9.0) for shape in ((2, 3), (2, 3), (2, 3, 3), (2,))))
-    found = wide_summaries.regressed(None, None, old, None, 0)  # type: ignore[arg-type]
+    found = regression.regression_sites(None, None, old, None, 0)  # type: ignore[arg-type]
     np.testing.assert_allclose(found.precision[0], np.eye(3), atol=1e-6)
     for new, before in zip(found, old, strict=True):
         np.testing.assert_array_equal(new[1], before[1])

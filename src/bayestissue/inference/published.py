@@ -278,7 +278,7 @@ def _comparison(
     cases = [
         (name, trial)
         for name, score in scores.items()
-        for trial in np.array(any_design.trials)[score.pareto_k > comparison.PARETO_LIMIT].tolist()
+        for trial in np.array(any_design.trials)[score.high].tolist()
     ]
     if cases:
         for (name, trial), draws in zip(cases, fit([*cases], "refitting without a trial"), strict=True):

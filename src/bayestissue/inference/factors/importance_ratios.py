@@ -27,8 +27,11 @@ from bayestissue.inference.factors.moments import log_site
 from bayestissue.inference.samplers.psis import below_greatest
 from bayestissue.likelihood import small
 
-# Among an impact's parameters: the noise, and after it theta1.
-NOISE, BESIDES = 2, 3
+# Among an impact's parameters: the noise, after log K and log C.
+_NOISE = 2
+# The last ones of `TraceModel.nuisance` that have no table: beside a discrepancy no parameter's ratio is that
+# of its own times those of the others.
+_WITHOUT_TABLE = ("discrepancy", "atanh_noise_correlation")
 # Draws of one call of `log_evidence_corrections`.
 DRAWS = 64
 _NODES = 9
@@ -66,9 +69,10 @@ class TabulatedRatio(NamedTuple):
 class ImportanceRatios(NamedTuple):
     """Likelihood over summary of each impact.
 
-    The noise is tabulated, whose spread between impacts may be next to nothing, and theta1, where it is part
-    of the summary, which has a long tail towards 1. The points lie at the references of both. A last
-    parameter that has a profile is no part of it: what is compared is the rest, whatever that parameter is.
+    The noise, theta1 and an element's further parameters are tabulated, where they are part of the summary:
+    their spread between impacts may be next to nothing, and theta1 has a long tail towards 1. The points lie
+    at the references of these. A last parameter that has a profile is no part of it: what is compared is the
+    rest, whatever that parameter is.
 
     Attributes:
         u: points, [point, impact, parameter].
@@ -148,8 +152,7 @@ def importance_ratios(
 def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:
     """How many of an impact's parameters are compared, and how many of these have a table."""
     known = 2 + len(model.nuisance) - profiled
-    besides = model.nuisance[BESIDES - NOISE : known - NOISE]
-    return known, 2 if besides and besides[0] == "atanh_theta1" else 1
+    return known, sum(name not in _WITHOUT_TABLE for name in model.nuisance[: known - _NOISE])
 
 
 def shapes(model: TraceModel, points: int, impacts: int, *, profiled: bool) -> ImportanceRatios:
@@ -259,7 +262,7 @@ def log_corrections(
 
 def _order(size: int, tables: int) -> list[int]:
     """An impact's first ``size`` parameters, those with a table last."""
-    tabulated = [BESIDES, NOISE][-tables:]
+    tabulated = list(reversed(range(_NOISE, _NOISE + tables)))
     return [a for a in range(size) if a not in tabulated] + tabulated
 
 

@@ -35,10 +35,11 @@ from bayestissue.inference.posterior.constrained_draws import (
     impact_quantities,
     named_sites,
 )
-from bayestissue.inference.posterior.recipe import CANDIDATES, PARETO_LIMIT, Correction
+from bayestissue.inference.posterior.correction import Correction
+from bayestissue.inference.posterior.recipe import CANDIDATES
 from bayestissue.inference.samplers.independence import independence_chains
 from bayestissue.inference.samplers.nuts import Start, run_chains
-from bayestissue.inference.samplers.psis import pareto_smoothed
+from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.samplers.sampling import Draws, Progress
 
 MANY = 5000
@@ -75,9 +76,7 @@ def many_draws(
         draws.some(CHECKS),
         progress=partial(say, "comparing traces and summaries"),
     )
-    smoothed, k = pareto_smoothed(weights)
-    weight = np.exp(np.asarray(smoothed))
-    correction = Correction(float(k), float(weight.sum() ** 2 / np.square(weight).sum() / CHECKS))
+    correction = Correction.of(np.asarray(weights)[None], CHECKS)
     densities = {name: _by_chain(values, shape) for name, values in scores.items()}
     true_b, error = _with_true_masses(model, constrained(model, raw), b, keys[1])
     impacts, kept = _of_impacts(prepared, summarised, raw, b, error, shape, keys[2], say)
@@ -101,7 +100,7 @@ def _chains(
     target, spreads = (summarised.cells, summarised.surface), summarised.spreads
     progress(0, 1)
     found = independence_chains(_cells_of(model), target, spreads, settings, seed)
-    if found.pareto_k < PARETO_LIMIT:
+    if found.pareto_k < k_threshold(found.draws.statistics["energy"].size):
         return found.draws
     start = Start(spreads.mode, tuple(sorted(spreads.mode)), spreads.covariance)
     return run_chains(_cells_of(model), target, start, settings, seed, progress=progress)

@@ -41,11 +41,14 @@ class LikelihoodApproximation(NamedTuple):
         summaries: of the traces.
         profile: of the last parameter, where the summaries are cleared of it.
         ratios: of likelihood over summary and profile; found by `of_draws` unless given.
+        corrections: what the ratios make of each impact's evidence at the draws that are scored, as
+            `log_evidence_corrections` has it; found by `of_draws` unless given.
     """
 
     summaries: Sites
     profile: LikelihoodGrid | None = None
     ratios: ImportanceRatios | None = None
+    corrections: Float[np.ndarray, "draw impact"] | None = None
 
 
 def of_draws(
@@ -77,13 +80,14 @@ def log_evidence_ratios(
     model: TraceModel, data: TraceData, told: LikelihoodApproximation, anchors: ConditionalPrior
 ) -> Float[np.ndarray, "draw impact"]:
     """Log of each trace's evidence over its summary's, where draws of the population expect its impact."""
-    ratios = told.ratios
+    ratios, found = told.ratios, told.corrections
     if ratios is None:
         standard = standard_points(told.summaries.centre.shape[1])
         some = np.linspace(0, len(anchors.mean) - 1, len(standard)).astype(int)
         few = ConditionalPrior(*(part[some] for part in anchors))
         ratios = importance_ratios(model, data, told.summaries, few, standard, told.profile)
-    found = log_evidence_corrections(told.summaries, ratios, anchors)
+    if found is None:
+        found = log_evidence_corrections(told.summaries, ratios, anchors)
     return found if told.profile is None else found + _of_profile(told.profile, anchors)
 
 

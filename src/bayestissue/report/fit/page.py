@@ -169,6 +169,7 @@ def _checks(run: FitRun) -> dict[str, Any]:
         "limits": words.limits(run),
         "coverage_table": words.coverage_table(run),
         "diagnostics_table": posterior_tables.diagnostics_table(run.diagnostics),
+        "route": run.diagnostics.get("route", {}).get("words", ""),
     }
 
 
