@@ -23,7 +23,6 @@ import sys
 import tempfile
 import time
 import tomllib
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -65,22 +64,21 @@ def timed(
     """Seconds of the clock and of the processor of every run, and the folder of the last."""
     environment = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
     environment |= {"XDG_CACHE_HOME": str(folder / "cache"), "PYTHONPATH": str(program / "src")}
-    bound = partial(os.sched_setaffinity, 0, sorted(os.sched_getaffinity(0))[:cores])
+    free = os.sched_getaffinity(0)
     found, model = {}, str(program / "models" / f"{FILES.get(name, name)}.toml")
     for run, dataset in datasets.items():
         out = folder / run
         command = [sys.executable, "-m", "bayestissue", "fit", str(dataset), "--out", str(out)]
         begun, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
+        # The command inherits what this process is bound to.
+        os.sched_setaffinity(0, sorted(free)[:cores])
         try:
-            subprocess.run(  # noqa: S603 - our own program
-                [*command, "--model", model, "--quiet"],
-                env=environment,
-                timeout=MOST_S,
-                check=False,
-                preexec_fn=bound,
-            )
+            command += ["--model", model, "--quiet"]
+            subprocess.run(command, env=environment, timeout=MOST_S, check=False)  # noqa: S603 - our own program
         except subprocess.TimeoutExpired:
             return found | {f"{run}_s": MOST_S}, out
+        finally:
+            os.sched_setaffinity(0, free)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         found[f"{run}_s"] = round(time.perf_counter() - begun, 1)
         found[f"{run}_cpu_s"] = round(sum(after[:2]) - sum(before[:2]), 1)

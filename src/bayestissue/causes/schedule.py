@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import pandas as pd
 
 from bayestissue.causes.batches import Batch, run_batch
+from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.execution.workers import computed
 from bayestissue.results import whole_file
-
-Progress = Callable[[int, int], None]
 
 
 def run_batches(
@@ -20,7 +19,7 @@ def run_batches(
     jobs: int = 1,
     scheduler: str | None = None,
     kept: Path | None = None,
-    progress: Progress = lambda done, total: None,
+    progress: Progress = silent,
 ) -> list[pd.DataFrame]:
     """The tables of all batches, in their order.
 

@@ -11,8 +11,8 @@ from jaxtyping import Int
 
 from bayestissue import runtime
 from bayestissue.hierarchy.traces import TraceData
+from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.execution.workers import cluster, computed
-from bayestissue.inference.samplers.sampling import Progress, silent
 
 BLOCK = 512
 # With fewer blocks a second process takes longer to begin than it saves.

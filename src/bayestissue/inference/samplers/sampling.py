@@ -17,13 +17,9 @@ from scipy.optimize import minimize
 
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler
+from bayestissue.inference.execution.progress import Progress, silent
 
-Progress = Callable[[int, int], None]
 STATISTICS = ("diverging", "num_steps", "accept_prob", "energy", "potential_energy")
-
-
-def silent(done: int, total: int) -> None:
-    """A `Progress` that says nothing."""
 
 
 @dataclass(frozen=True)
