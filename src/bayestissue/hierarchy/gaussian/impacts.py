@@ -136,7 +136,10 @@ class ImpactConditional:
 
     def draw(self, about: Any, standard: Any) -> Any:
         """U from standard normals: N(m + V (g + D (X b - m)), V)."""
-        return self.sites.centre + blocks.solve_upper(self.factor, self.toward(about) + standard)
+        half = self.toward(about)
+        axes = max(half.ndim, standard.ndim) - 1
+        centre, half, standard = (blocks.with_axes(v, 1, axes) for v in (self.sites.centre, half, standard))
+        return centre + blocks.solve_upper(self.factor, half + standard)
 
 
 def parameters_first(sites: Sites) -> SitesFirst:
