@@ -322,7 +322,7 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "wall_time_s": round(fit.wall_time_s, 1),
         **_kept_of_impacts(fit),
         **_discrepancy(fit),
-        "route": fit.diagnostics["route"],
+        "route": fit.diagnostics.get("route", {}),
         "verdict": {
             "passed": fit.diagnostics["passed"],
             "headline": headline(fit.diagnostics),

@@ -74,7 +74,9 @@ def prior_sensitivity(tree: xr.DataTree) -> pd.DataFrame:
     groups = tree["log_likelihood_of_groups"].dataset if "log_likelihood_of_groups" in tree else {}
     data = groups[["traces"]] if "traces" in groups else tree["log_likelihood"].dataset
     columns = {
-        name: _sensitivity(draws, sum(elements_of(array).sum(0) for array in densities.data_vars.values()))
+        name: _sensitivity(
+            draws, np.sum([elements_of(a).sum(0) for a in densities.data_vars.values()], axis=0)
+        )
         for name, densities in (("prior", tree["log_prior"].dataset), ("likelihood", data))
     }
     table = pd.DataFrame({"variable": list(scalars), **columns})
