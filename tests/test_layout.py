@@ -1,4 +1,4 @@
-"""The house: few modules a folder, few floors, no circle. What today's falls short of is held, and is to fall."""
+"""The house: few modules a folder, few floors, no circle; what falls short of it is held where it is."""
 
 from __future__ import annotations
 
