@@ -70,6 +70,19 @@ def population_design(
     """
     number = len(design.subject)
     design, row = _distinct_rows(design)
+    effects, rows = effects_of(design, priors, nuisance)
+    whole = np.concatenate(rows, axis=1)
+    _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
+    cell = cell.reshape(-1)[row]
+    if len(first) == number:
+        first, cell = row, np.arange(number)
+    return effects, PopulationDesign(tuple(matrix[first] for matrix in rows), cell)
+
+
+def effects_of(
+    design: Design, priors: Priors, nuisance: tuple[str, ...]
+) -> tuple[Effects, list[Float[np.ndarray, "row part"]]]:
+    """What the elements of b are, and of each parameter its columns of X, row by row of the design."""
     parts: dict[str, slice] = {}
     rows: list[np.ndarray] = []
     mean: list[float] = []
@@ -90,16 +103,7 @@ def population_design(
         sd.append(prior.sd)
         spread.append("")
         rows.append(np.ones((len(design.subject), 1)))
-    whole = np.concatenate(rows, axis=1)
-    _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
-    cell = cell.reshape(-1)[row]
-    if len(first) == number:
-        first, cell = row, np.arange(number)
-    columns = tuple(matrix[first] for matrix in rows)
-    return (
-        Effects(parts, np.array(mean, float), np.array(sd, float), tuple(spread)),
-        PopulationDesign(columns, cell),
-    )
+    return Effects(parts, np.array(mean, float), np.array(sd, float), tuple(spread)), rows
 
 
 def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:

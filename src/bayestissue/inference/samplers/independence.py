@@ -7,6 +7,7 @@ each of its draws, each of them three times the price of a value.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -21,11 +22,16 @@ from numpyro.infer.util import potential_energy
 from scipy.stats import multivariate_t
 
 from bayestissue.hierarchy.specification import Sampler
+from bayestissue.inference.execution.compiling import first_rows, in_calls
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 
+# Sites in the order of their coordinates, and each one's shape.
+Layout = tuple[tuple[str, tuple[int, ...]], ...]
+
 DEGREES = 7.0
 ROUNDS = 3
+# So many at once: to adapt the proposals, and in each call of what is compiled.
 POINTS = 500
 
 
@@ -38,9 +44,10 @@ class IndependenceDraws(NamedTuple):
 
 @dataclass(frozen=True)
 class Spreads:
-    """The standard deviations' posterior given the summaries, to second order, unconstrained.
+    """The posterior of the hyperparameters given the sites, to second order, unconstrained.
 
-    ``mode`` has each site's value, ``covariance`` the inverse of the curvature there.
+    ``mode`` has each site's value, ``covariance`` the inverse of the curvature there, over the coordinates of
+    the sites in alphabetical order.
     """
 
     mode: Mapping[str, np.ndarray]
@@ -62,13 +69,11 @@ def independence_chains(
         settings: how many chains and draws.
         seed: of all of it.
     """
-    names = tuple(sorted(start.mode))
-    shapes = {name: np.shape(start.mode[name]) for name in names}
-    assert not any(shapes.values()), "every site is a number"  # noqa: S101
+    layout = tuple((name, np.shape(start.mode[name])) for name in sorted(start.mode))
     rng = np.random.default_rng([seed, 31])
-    mean, covariance = np.array([float(start.mode[name]) for name in names]), start.covariance
+    mean, covariance = np.concatenate([np.ravel(start.mode[name]) for name, _ in layout]), start.covariance
     for _ in range(ROUNDS):
-        points, log_weight, _ = _propose(model, arguments, names, mean, covariance, POINTS, rng)
+        points, log_weight, _ = _propose(model, arguments, layout, mean, covariance, POINTS, rng)
         smoothed, _ = pareto_smoothed(log_weight)
         weight = np.exp(np.asarray(smoothed) - np.max(smoothed))
         weight = weight / weight.sum()
@@ -78,7 +83,7 @@ def independence_chains(
         mean = weight @ points
         covariance = (points - mean).T @ ((points - mean) * weight[:, None])
     count = settings.chains * settings.transitions
-    points, log_weight, density = _propose(model, arguments, names, mean, covariance, count, rng)
+    points, log_weight, density = _propose(model, arguments, layout, mean, covariance, count, rng)
     _, k = pareto_smoothed(log_weight)
     shape = (settings.chains, settings.transitions)
     share = np.exp(log_weight - log_weight.max())
@@ -96,14 +101,14 @@ def independence_chains(
         "energy": energy,
         "potential_energy": energy,
     }
-    sites = {name: points[place, column] for column, name in enumerate(names)}
+    sites = _parts(points[place], layout)
     return IndependenceDraws(Draws(sites, statistics, settings.max_tree_depth), float(k))
 
 
 def _propose(
     model: Callable[..., None],
     arguments: tuple[Any, ...],
-    names: tuple[str, ...],
+    layout: Layout,
     mean: np.ndarray,
     covariance: np.ndarray,
     number: int,
@@ -113,21 +118,49 @@ def _propose(
     scale = covariance * (DEGREES - 2) / DEGREES
     proposal = multivariate_t(mean, scale, df=DEGREES, seed=rng)  # type: ignore[call-overload]
     points = proposal.rvs(number).reshape(number, len(mean))
-    density = np.asarray(_log_density(model, names, jnp.asarray(points), arguments))
+    density = log_densities(model, arguments, layout, points)
     density = np.where(np.isfinite(density), density, -np.inf)
     log_weight = density - proposal.logpdf(points)
     # What has no density is as good as never proposed, but Pareto smoothing wants numbers.
     return points, np.maximum(log_weight, log_weight.max() - 600), density
 
 
-@partial(jax.jit, static_argnames=("model", "names"))
-def _log_density(
-    model: Callable[..., None], names: tuple[str, ...], points: Array, arguments: tuple[Any, ...]
-) -> Array:
-    def one(point: Array) -> Array:
-        return -potential_energy(model, arguments, {}, dict(zip(names, point, strict=True)))
+def log_densities(
+    model: Callable[..., None],
+    arguments: tuple[Any, ...],
+    layout: Layout,
+    points: Float[np.ndarray, "point coordinate"],
+) -> Float[np.ndarray, " point"]:
+    """Log density of a numpyro ``model`` at unconstrained points, up to a constant.
 
-    return jax.lax.map(one, points)
+    Args:
+        model: a numpyro model; the same object is compiled once.
+        arguments: of the model, arrays that are traced.
+        layout: the sites in the order of their coordinates, and each one's shape.
+        points: any number of them.
+    """
+    own = partial(_log_densities, model, layout, arguments)
+    return np.asarray(in_calls(own, (points,), POINTS))
+
+
+@partial(jax.jit, static_argnames=("model", "layout"))
+def _log_densities(
+    model: Callable[..., None], layout: Layout, arguments: tuple[Any, ...], points: Array, number: Array
+) -> Array:
+    def one(place: Array) -> Array:
+        return -potential_energy(model, arguments, {}, _parts(points[place], layout))
+
+    return first_rows(one, POINTS, number)
+
+
+def _parts(points: Any, layout: Layout) -> dict[str, Any]:
+    """The sites of points, whose coordinates are along the last axis."""
+    found, begin = {}, 0
+    for name, shape in layout:
+        end = begin + math.prod(shape)
+        found[name] = points[..., begin:end].reshape(*points.shape[:-1], *shape)
+        begin = end
+    return found
 
 
 @jax.jit
