@@ -16,9 +16,11 @@ from __future__ import annotations
 
 import argparse
 import time
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import jax
 import numpy as np
@@ -56,18 +58,16 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
         made = DecelerationRecord.of(
             traces, n_samples, first, dt, velocity, error_sd, np.asarray(record.uniform)
         )
-        # Point estimates, from which the summaries start, ask for a displacement.
-        x = _integrated(traces, velocity, dt)
+        # First guesses, from which the summaries start, ask for the motion.
+        v = velocity[:, None] - np.cumsum(traces, axis=1) * dt[:, None]
+        x = np.cumsum(v, axis=1) * dt[:, None]
+        motion = {"x": x, "v": v, "deceleration": traces}
     else:
-        made, x = displacement_record(traces, n_samples, first, dt, error_sd), traces
+        made = displacement_record(traces, n_samples, first, dt, error_sd)
+        motion = {"x": traces}
     noise = np.exp(np.asarray(prepared.data.log_peak) + prepared.model.priors.noise.mean)
-    signal = replace(signal, x=x, n_samples=n_samples, first_sample_s=first, noise_sd=noise)
+    signal = replace(signal, **motion, n_samples=n_samples, first_sample_s=first, noise_sd=noise)
     return replace(prepared, data=prepared.data._replace(record=made), signal=signal)
-
-
-def _integrated(d: np.ndarray, velocity: np.ndarray, dt: np.ndarray) -> np.ndarray:
-    lost = np.cumsum(d, axis=1) * dt[:, None]
-    return np.cumsum(velocity[:, None] - lost, axis=1) * dt[:, None]
 
 
 def blank(kind: str) -> Prepared:
@@ -82,32 +82,49 @@ def blank(kind: str) -> Prepared:
 def ranks(kind: str, data_sets: int, seconds: float, seed: int) -> pd.DataFrame:
     """One row per drawn data set: the rank of each quantity, and the Pareto k of the correction."""
     base = blank(kind)
-    model, begun, rows = base.model, time.perf_counter(), []
-    draw = jax.jit(partial(Predictive(partial(plain_model, model), num_samples=1), conditioned=False))
+    draw, begun, rows = drawing(base), time.perf_counter(), []
     for number in range(data_sets):
         if time.perf_counter() - begun > seconds:
             break
-        key = jax.random.fold_in(jax.random.PRNGKey(seed), number)
-        drawn = {name: np.asarray(value[0]) for name, value in draw(key, base.data).items()}
-        prepared = with_traces(base, drawn["trace"])
-        summarised, draws, correction = corrected_draws(prepared, SAMPLER, number)
-        if not correction.trusted:
-            draws = exact_draws(prepared, summarised, EXACT, number, processes=False)
-        found = constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(number))
-        truth = {name: drawn[name] for name in model.spreads}
-        posterior = {name: found.sites[name] for name in model.spreads}
-        for name in ("intercept_K", "intercept_C", "mass_exponent_K", "mass_exponent_C"):
-            truth[name] = drawn["locations"][model.locations.parts[name]][0]
-            posterior[name] = found.sites[name]
-        own = np.concatenate([drawn["log_K_and_C"][0], [drawn[name][0] for name in model.nuisance]])
-        for i, name in enumerate(("K", "C", *model.nuisance)):
-            truth[f"{name} of an impact"] = own[i]
-            posterior[f"{name} of an impact"] = found.impacts["parameters"][..., 0, i]
-        rows.append({name: _rank(posterior[name], truth[name]) for name in truth})
-        rows[-1]["pareto_k"] = correction.pareto_k
+        rows.append(ranks_of_one(base, draw, number, seed))
         if number % 20 == 0:
             print(f"{kind}: {number + 1} data sets, {time.perf_counter() - begun:.0f} s", flush=True)
     return pd.DataFrame(rows)
+
+
+def drawing(base: Prepared) -> Callable[..., Any]:
+    """What draws everything from the model top down, compiled."""
+    return jax.jit(partial(Predictive(partial(plain_model, base.model), num_samples=1), conditioned=False))
+
+
+def ranks_of_one(
+    base: Prepared, draw: Callable[..., Any], number: int, seed: int, *, groups: Sequence[str] = ()
+) -> dict[str, float]:
+    """The ranks of one drawn data set; of each part of b in ``groups`` that of its first effect."""
+    model, key = base.model, jax.random.fold_in(jax.random.PRNGKey(seed), number)
+    drawn = {name: np.asarray(value[0]) for name, value in draw(key, base.data).items()}
+    prepared = with_traces(base, drawn["trace"])
+    summarised, draws, correction = corrected_draws(prepared, SAMPLER, number)
+    if not correction.trusted:
+        draws = exact_draws(prepared, summarised, EXACT, number, processes=False)
+    found = constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(number))
+    truth = {name: drawn[name] for name in model.spreads}
+    posterior = {name: found.sites[name] for name in model.spreads}
+    for name in ("intercept_K", "intercept_C", "mass_exponent_K", "mass_exponent_C", *groups):
+        truth[name] = drawn["locations"][model.locations.parts[name]][0]
+        posterior[name] = found.sites[name][..., 0] if name in groups else found.sites[name]
+    for q in "KC":
+        if f"subject_mass_exponent_deviation_{q}" in groups:
+            name = f"subject_mass_exponent_{q}"
+            for values in (truth, posterior):
+                values[name] = (
+                    values.pop(f"subject_mass_exponent_deviation_{q}") + values[f"mass_exponent_{q}"]
+                )
+    first = np.concatenate([drawn["log_K_and_C"][0], [drawn[name][0] for name in model.nuisance]])
+    for i, name in enumerate(("K", "C", *model.nuisance)):
+        truth[f"{name} of an impact"] = first[i]
+        posterior[f"{name} of an impact"] = found.impacts["parameters"][..., 0, i]
+    return {name: _rank(posterior[name], truth[name]) for name in truth} | {"pareto_k": correction.pareto_k}
 
 
 def _rank(draws: np.ndarray, truth: np.ndarray) -> int:

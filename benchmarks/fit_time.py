@@ -2,11 +2,14 @@
 
     .venv/bin/python benchmarks/fit_time.py
     .venv/bin/python benchmarks/fit_time.py --elements maxwell wall --tissue own
+    .venv/bin/python benchmarks/fit_time.py --elements maxwell --tissue own --cores 1 2 --program OLD .
 
 Each element's model file fits the example campaign (90 impacts, a spring and damper side by side), and the
 same campaign made by a tissue of its own kind. `first` is with nothing compiled yet, `again` the same command
-once more. Times are of the clock: bind the script to two cores that nothing else uses. A row goes to
-fit_time.csv as soon as it is there; earlier rows of the same kind go.
+once more, `other` the same command on another campaign of about that size. Seconds of the clock, and of the
+processor (`_cpu_s`), which other work on the machine changes less. `--program` names checkouts whose programs
+are timed in turn, all by this Python and its libraries; `--cores` how many cores each is bound to. A row goes
+to fit_time.csv as soon as it is there; earlier rows of the same kind go.
 """
 
 from __future__ import annotations
@@ -14,11 +17,14 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import resource
 import subprocess
 import sys
 import tempfile
 import time
 import tomllib
+from functools import partial
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -36,35 +42,55 @@ TISSUES = ("example", "own")
 MOST_S = 900
 
 
-def campaign_of(name: str) -> Simulation:
-    """The example campaign on a tissue of this element."""
-    made = tomllib.loads((EXAMPLE / "spec.toml").read_text(encoding="utf-8"))
-    made["tissue"] |= {"element": name, **TISSUE[name]}
-    if element(name).extra:
-        made["tissue"]["sd_impact_parameters"] = 0.05
+def campaign_of(name: str | None, **changed: Any) -> Simulation:
+    """The example campaign on a tissue of this element, its own unless given."""
+    made = tomllib.loads((EXAMPLE / "spec.toml").read_text(encoding="utf-8")) | changed
+    if name is not None:
+        made["tissue"] |= {"element": name, **TISSUE[name]}
+        if element(name).extra:
+            made["tissue"]["sd_impact_parameters"] = 0.05
     return Simulation.model_validate(made)
 
 
-def timed(dataset: Path, name: str, folder: Path) -> tuple[float, float, dict[str, Any]]:
-    """Seconds of the first and of the second run, and the second's folder in short."""
-    out = folder / "run"
-    command = [sys.executable, "-m", "bayestissue", "fit", str(dataset), "--out", str(out), "--overwrite"]
-    command += ["--model", str(ROOT / "models" / f"{FILES.get(name, name)}.toml"), "--quiet"]
+def written(made: Simulation, folder: Path) -> Path:
+    """A campaign in a folder of its own."""
+    folder.mkdir()
+    write_campaign(folder, simulate(made), made)
+    return folder
+
+
+def timed(
+    datasets: dict[str, Path], name: str, folder: Path, program: Path, cores: int
+) -> tuple[dict[str, float], Path]:
+    """Seconds of the clock and of the processor of every run, and the folder of the last."""
     environment = {key: value for key, value in os.environ.items() if key != "JAX_COMPILATION_CACHE_DIR"}
-    environment["XDG_CACHE_HOME"] = str(folder / "cache")
-    seconds = []
-    for _ in ("first", "again"):
-        begun = time.perf_counter()
+    environment |= {"XDG_CACHE_HOME": str(folder / "cache"), "PYTHONPATH": str(program / "src")}
+    bound = partial(os.sched_setaffinity, 0, sorted(os.sched_getaffinity(0))[:cores])
+    found, model = {}, str(program / "models" / f"{FILES.get(name, name)}.toml")
+    for run, dataset in datasets.items():
+        out = folder / run
+        command = [sys.executable, "-m", "bayestissue", "fit", str(dataset), "--out", str(out)]
+        begun, before = time.perf_counter(), resource.getrusage(resource.RUSAGE_CHILDREN)
         try:
-            subprocess.run(command, env=environment, timeout=MOST_S, check=False)  # noqa: S603 - our own program
+            subprocess.run(  # noqa: S603 - our own program
+                [*command, "--model", model, "--quiet"],
+                env=environment,
+                timeout=MOST_S,
+                check=False,
+                preexec_fn=bound,
+            )
         except subprocess.TimeoutExpired:
-            return MOST_S, MOST_S, {}
-        seconds.append(time.perf_counter() - begun)
-    return seconds[0], seconds[1], told(out)
+            return found | {f"{run}_s": MOST_S}, out
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        found[f"{run}_s"] = round(time.perf_counter() - begun, 1)
+        found[f"{run}_cpu_s"] = round(sum(after[:2]) - sum(before[:2]), 1)
+    return found, out
 
 
 def told(out: Path) -> dict[str, Any]:
     """How the run in this folder converged, and by which path."""
+    if not (out / "diagnostics.json").is_file():
+        return {}
     found = json.loads((out / "diagnostics.json").read_text(encoding="utf-8"))
     run = json.loads((out / "run.json").read_text(encoding="utf-8"))
     values = {check["name"]: check["value"] for check in found["checks"]}
@@ -78,22 +104,17 @@ def told(out: Path) -> dict[str, Any]:
     }
 
 
-def row_of(name: str, tissue: str) -> dict[str, Any]:
+def row_of(name: str, tissue: str, program: Path, cores: int) -> dict[str, Any]:
     """One element on one tissue."""
     with tempfile.TemporaryDirectory() as temporary:
-        dataset = EXAMPLE
-        if tissue == "own":
-            dataset, made = Path(temporary) / "campaign", campaign_of(name)
-            dataset.mkdir()
-            write_campaign(dataset, simulate(made), made)
-        first, again, found = timed(dataset, name, Path(temporary))
-    return {
-        "element": name,
-        "tissue": tissue,
-        "first_s": round(first, 1),
-        "again_s": round(again, 1),
-        **found,
-    }
+        folder, of_tissue = Path(temporary), None if tissue == "example" else name
+        dataset = EXAMPLE if of_tissue is None else written(campaign_of(of_tissue), folder / "campaign")
+        # Another tissue, and so traces of other lengths.
+        other = written(campaign_of(of_tissue, seed=77), folder / "other_campaign")
+        runs = {"first": dataset, "again": dataset, "other": other}
+        seconds, out = timed(runs, name, folder, program, cores)
+        found = told(out.with_name("again"))
+    return {"element": name, "tissue": tissue, "cores": cores, "program": program.name, **seconds, **found}
 
 
 def main() -> None:
@@ -102,11 +123,14 @@ def main() -> None:
     )
     parser.add_argument("--elements", nargs="+", choices=element_names(), default=element_names())
     parser.add_argument("--tissue", nargs="+", choices=TISSUES, default=TISSUES)
+    parser.add_argument("--program", nargs="+", type=Path, default=[ROOT], help="checkouts to time")
+    parser.add_argument("--cores", nargs="+", type=int, default=[2], help="how many cores it is bound to")
     asked = parser.parse_args()
-    for tissue in asked.tissue:
-        for name in asked.elements:
-            command = f"benchmarks/fit_time.py --elements {name} --tissue {tissue}"
-            kept_with(TABLE, pd.DataFrame([row_of(name, tissue) | {"command": command}]), "command")
+    for tissue, name, cores, program in product(asked.tissue, asked.elements, asked.cores, asked.program):
+        row = row_of(name, tissue, program.resolve(), cores)
+        command = f"benchmarks/fit_time.py --elements {name} --tissue {tissue}"
+        command += f" --cores {cores} --program {row['program']}"
+        kept_with(TABLE, pd.DataFrame([row | {"command": command}]), "command")
 
 
 if __name__ == "__main__":

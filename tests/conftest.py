@@ -1,13 +1,25 @@
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
 
 from bayestissue import runtime
 
-# The tests are an entry point of their own: float64, and two devices for chains side by side.
-runtime.configure()
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Set up this process, whose tests are an entry point of their own: float64, compiled code kept.
+
+    What one test has compiled serves the others, the suite's other worker, the programs that tests start, and
+    the next run: all of it is kept in the folder that pytest keeps, unless another is named. A test that
+    counts compilations, or wants none kept, names a folder of its own.
+    """
+    if hasattr(config, "cache"):
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("compiled")))
+        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+        runtime.keep_compiled()
+    runtime.configure()
 
 
 @pytest.fixture(scope="session")

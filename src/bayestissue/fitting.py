@@ -6,10 +6,9 @@ import os
 import shutil
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,8 +21,6 @@ from bayestissue.hierarchy.specification import ModelSpecification, read_specifi
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
-from bayestissue.inference.execution.compiling import Result
-from bayestissue.inference.execution.second_core import SecondCore
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.many.draws import MANY
 from bayestissue.inference.points.notes import flagged_recordings
@@ -198,35 +195,30 @@ def fit_prepared(
     say: Say,
     *,
     checkpoints: Path | None = None,
-    core: SecondCore | None = None,
 ) -> Fit:
     """`fit` from prepared data on; ``checkpoints`` is a folder for finished parts, see `fit_traces`.
-
-    ``core`` is a second process that has begun already.
 
     Where the residuals are plainly structured and the model file leaves it to the program, a second fit with
     a discrepancy follows, and is the one that is told; the first is not finished if its best fits show it.
     float64 must be set.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
-    with SecondCore() if core is None else nullcontext(core) as core:
-        estimates = _begun_estimates(dataset, specification, prepared, core)
-        plain = _without_discrepancy(dataset, specification, prepared)
-        found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints, core=core)
-        form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
-        if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
-            prepared = with_discrepancy(dataset, specification, prepared)
-            analysis = _again(prepared, specification, seed, say, checkpoints, core)
-            told = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
-            analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
-        else:
-            analysis = found
-        if dataset.quantity != "displacement":
-            analysis = _with_chain(analysis, plain)
-        analysis = _with_notes(analysis)
-        points = estimates()
-        if flagged := flagged_recordings(points["exact"]["impact"], points["exact"]["flags"]):
-            analysis = replace(analysis, diagnostics=analysis.diagnostics | {"recordings": flagged})
+    plain = _without_discrepancy(dataset, specification, prepared)
+    found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints)
+    form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
+    if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
+        prepared = with_discrepancy(dataset, specification, prepared)
+        analysis = _again(prepared, specification, seed, say, checkpoints)
+        told = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
+        analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
+    else:
+        analysis = found
+    if dataset.quantity != "displacement":
+        analysis = _with_chain(analysis, plain)
+    analysis = _with_notes(analysis)
+    points = point_estimates(dataset, specification.signal, prepared.signal)
+    if flagged := flagged_recordings(*(points["exact"][name].tolist() for name in ("impact", "flags"))):
+        analysis = replace(analysis, diagnostics=analysis.diagnostics | {"recordings": flagged})
     wall_time_s = time.perf_counter() - clock
     return Fit(dataset, specification, prepared, analysis, points, seed, started, wall_time_s)
 
@@ -249,16 +241,6 @@ def _with_chain(analysis: TraceAnalysis, plain: Prepared) -> TraceAnalysis:
 
 def _with_notes(analysis: TraceAnalysis) -> TraceAnalysis:
     return replace(analysis, summary=noted(analysis.summary, analysis.diagnostics))
-
-
-def _begun_estimates(
-    dataset: Dataset, specification: ModelSpecification, prepared: Prepared, core: SecondCore
-) -> Result:
-    """The point estimates, on the second core while that has nothing else to do yet."""
-    arguments = (dataset, specification.signal, prepared.signal)
-    if len(prepared.impacts) >= MANY:
-        return partial(point_estimates, *arguments)
-    return core.begin(point_estimates, *arguments)
 
 
 def point_estimates(
@@ -287,7 +269,6 @@ def _again(
     seed: int,
     say: Say,
     checkpoints: Path | None,
-    core: SecondCore,
 ) -> TraceAnalysis:
     """The fit of ``prepared``, its stages told and its checkpoints kept apart from those of the first."""
     kept = None if checkpoints is None else checkpoints / "discrepancy"
@@ -297,7 +278,7 @@ def _again(
     def told(stage: str, done: int, total: int) -> None:
         say(f"again with a discrepancy: {stage}", done, total)
 
-    found = fit_traces(prepared, specification, seed, told, checkpoints=kept, core=core)
+    found = fit_traces(prepared, specification, seed, told, checkpoints=kept)
     assert isinstance(found, TraceAnalysis)  # noqa: S101 - with a discrepancy there is no other
     return found
 

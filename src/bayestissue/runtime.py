@@ -135,12 +135,6 @@ def _processor() -> str:
     return " ".join(sorted({line for line in lines if line.startswith(("model name", "flags"))}))
 
 
-def settle_on(core: int | None) -> None:
-    """Set up a worker process on one core, any if None."""
-    _bind(core)
-    configure()
-
-
 def settle(places: str, allowed: tuple[int, ...]) -> None:
     """Set up a worker process: bind it to a core that no other worker in ``places`` has taken, then as above.
 

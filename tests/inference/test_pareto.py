@@ -77,7 +77,7 @@ def test_ratios_where_one_impact_has_no_likelihood_and_one_no_summary(monkeypatc
     monkeypatch.setattr(ratios, "log_site", summary)
     own = np.broadcast_to(np.eye(size), (impacts, size, size))
     zero = np.zeros((impacts, size))
-    summaries = ratios.Summaries(zero, zero, own, np.zeros(impacts))  # type: ignore[arg-type]
+    summaries = ratios.Sites(zero, zero, own, np.zeros(impacts))  # type: ignore[arg-type]
     anchors = ConditionalPrior(
         0.1 * rng.normal(size=(64, impacts, size)), np.broadcast_to(np.eye(size), (64, 1, size, size))
     )

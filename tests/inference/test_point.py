@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,6 +15,9 @@ from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to
 
 K, C, DT, VELOCITY = 3000.0, 25.0, 1e-4, 1.5
 Z90 = 1.6449
+# Impacts simulated at once, whatever is asked for.
+MOST = 1000
+motion = jax.jit(impact_motion)
 
 
 def trace(K: np.ndarray, C: np.ndarray, mass: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
@@ -20,17 +25,23 @@ def trace(K: np.ndarray, C: np.ndarray, mass: np.ndarray, rate: float) -> tuple[
     omega_n, zeta = (np.asarray(p) for p in spring_damper_inverse(K, C, mass))
     n = np.floor(np.asarray(time_to_peak(omega_n, zeta)) * rate).astype(int) + 1
     time = np.arange(n.max()) / rate
-    return np.asarray(impact_motion(time, omega_n[:, None], zeta[:, None], VELOCITY).displacement), n
+    return np.asarray(motion(time, omega_n[:, None], zeta[:, None], VELOCITY).displacement), n
 
 
 def driven(count: int, theta1: float, sigma_a: float, mass: float = 0.666, seed: int = 1) -> np.ndarray:
     """Impacts whose noise is the one that the fit assumes."""
     omega_n, zeta = spring_damper_inverse(K, C, mass)
     n = int(time_to_peak(omega_n, zeta) / DT)
+    return np.asarray(_driven(omega_n, zeta, theta1, sigma_a, jax.random.key(seed), n, MOST))[:count]
+
+
+@partial(jax.jit, static_argnames=("n", "count"))
+def _driven(
+    omega_n: float, zeta: float, theta1: float, sigma_a: float, key: jax.Array, n: int, count: int
+) -> jax.Array:
     first = impact_motion(jnp.arange(2) * DT, omega_n, zeta, VELOCITY).displacement
     c1, c2, _ = to_differences(omega_n, zeta, DT)
-    event = ARMA21(c1, c2, theta1, sigma_a, first=first, width=n)
-    return np.asarray(event.sample(jax.random.key(seed), (count,)))
+    return ARMA21(c1, c2, theta1, sigma_a, first=first, width=n).sample(key, (count,))
 
 
 @pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
@@ -145,12 +156,13 @@ def test_accelerometer_noise_leaves_the_estimates_good_and_their_intervals_too_s
     count, mass = 400, 0.666
     omega_n, zeta = spring_damper_inverse(K, C, mass)
     time = np.arange(int(time_to_peak(omega_n, zeta) / DT)) * DT
-    d = np.asarray(impact_motion(time, omega_n, zeta, VELOCITY).deceleration)
+    clean = motion(time, omega_n, zeta, VELOCITY)
+    d = np.asarray(clean.deceleration)
     noisy = 0.005 * d.max() * np.random.default_rng(0).normal(size=(count, len(time)))
     velocity_error, x_error = (np.zeros((count, len(time))) for _ in range(2))
     velocity_error[:, 1:] = -np.cumsum((noisy[:, 1:] + noisy[:, :-1]) / 2, axis=1) * DT
     x_error[:, 1:] = np.cumsum((velocity_error[:, 1:] + velocity_error[:, :-1]) / 2, axis=1) * DT
-    x = np.asarray(impact_motion(time, omega_n, zeta, VELOCITY).displacement) + x_error
+    x = np.asarray(clean.displacement) + x_error
     fit = fit_points(x, np.full(count, len(time)), np.full(count, DT), np.full(count, mass))
     assert np.median(np.abs(fit.K / K - 1)) < 0.01
     assert np.median(np.abs(fit.C / C - 1)) < 0.01

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import jax
 import numpy as np
 import pandas as pd
 import pytest
@@ -21,6 +22,11 @@ COLUMNS = [
 ]
 
 
+@jax.jit
+def deceleration(time: jax.Array, omega_n: jax.Array, zeta: jax.Array) -> jax.Array:
+    return impact_motion(time, omega_n, zeta, 1.5).deceleration
+
+
 def recorded(
     K: np.ndarray,
     C: np.ndarray,
@@ -38,8 +44,10 @@ def recorded(
     longest = float(np.max(time_to_peak(omega_n, zeta)))
     time = np.arange(int((1 + after) * longest * rate + before) + 3) / rate
     since = time - before / rate
-    motion = impact_motion(np.maximum(since, 0), omega_n[:, None], zeta[:, None], 1.5)
-    d = np.where(since >= 0, np.asarray(motion.deceleration), 0.0)
+    # Of a length that other recordings have too, which is compiled once.
+    longer = np.pad(np.maximum(since, 0), (0, 2 ** len(since).bit_length() - len(since)))
+    motion = np.asarray(deceleration(longer, omega_n[:, None], zeta[:, None]))
+    d = np.where(since >= 0, motion[:, : len(since)], 0.0)
     d += noise * d.max(1, keepdims=True) * np.random.default_rng(0).normal(size=d.shape)
     impacts = pd.DataFrame(
         {

@@ -1,8 +1,10 @@
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import pytest
@@ -15,6 +17,8 @@ from bayestissue.likelihood import ARMA21
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
 
 COUNT, MASS, VELOCITY, DT = 500, 0.7, 1.5, 1e-4
+# Of the longest recording.
+WIDTH = 640
 # A share of nine in ten among 500, give or take: three binomial standard errors.
 TOLERANCE = 3 * np.sqrt(0.09 / COUNT)
 
@@ -29,14 +33,18 @@ def driven(K: np.ndarray, C: np.ndarray, sigma: float | None, past: float = 1.0)
 
     Without ``sigma`` the shocks are 0.5 % of the peak deceleration, times the interval squared.
     """
-    omega_n, zeta = (np.asarray(p)[:, None] for p in spring_damper_inverse(K, C, MASS))
-    n = np.floor(past * np.asarray(time_to_peak(omega_n, zeta))[:, 0] / DT).astype(int) + 1
-    motion = impact_motion(DT * np.arange(n.max()), omega_n, zeta, VELOCITY)
+    omega_n, zeta = map(np.asarray, spring_damper_inverse(K, C, MASS))
+    n = np.floor(past * np.asarray(time_to_peak(omega_n, zeta)) / DT).astype(int) + 1
+    return np.asarray(_driven(omega_n, zeta, n, sigma, WIDTH))[:, : n.max()], n
+
+
+@partial(jax.jit, static_argnames="width")
+def _driven(omega_n: jax.Array, zeta: jax.Array, n: jax.Array, sigma: float | None, width: int) -> jax.Array:
+    motion = impact_motion(DT * jnp.arange(width), omega_n[:, None], zeta[:, None], VELOCITY)
     if sigma is None:
         sigma = 0.005 * motion.deceleration.max(1) * DT**2
-    differences = to_differences(omega_n[:, 0], zeta[:, 0], DT)
-    start = {"first": motion.displacement[:, :2], "n_samples": n, "width": int(n.max())}
-    return np.asarray(ARMA21(*differences, sigma, **start).sample(jax.random.key(1))), n
+    start = {"first": motion.displacement[:, :2], "n_samples": n, "width": width}
+    return ARMA21(*to_differences(omega_n, zeta, DT), sigma, **start).sample(jax.random.key(1))
 
 
 def written(folder: Path, K: np.ndarray, C: np.ndarray) -> None:

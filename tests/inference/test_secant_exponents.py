@@ -6,12 +6,14 @@ from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from scipy import stats
 
-from bayestissue.hierarchy.design import Design, ResponseDesign
+from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.priors import Normal
+from bayestissue.hierarchy.specification import Formulas
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.quantities.secant_exponents import (
     _SPREADS,
@@ -32,14 +34,16 @@ EPSILON = np.finfo(float).eps
 
 def prepared(groups: tuple[str, ...] = ("subject", "trial"), *, discrepancy: bool = False) -> Any:
     subject, trial = (each.ravel() for each in np.mgrid[:PEOPLE, :CONDITIONS])
-    none = np.zeros((len(subject), 0))
-    part = ResponseDesign((), none, np.ones(0), LOG_MASS[trial], groups)
-    names = tuple(map(str, range(PEOPLE))), tuple(map(str, range(CONDITIONS)))
+    rows = pd.DataFrame({"subject": subject, "trial": trial, "mass_kg": 0.7 * np.exp(LOG_MASS[trial])})
+    formula = " + ".join(["log(mass_kg)", *(f"(1|{group})" for group in groups)])
+    design = build_design(
+        Formulas(K=formula, C=formula), rows, reference_mass_kg=0.7, source="the model file"
+    )
     prior = Normal(distribution="normal", mean=WIDE[0], sd=WIDE[1])
     priors = SimpleNamespace(mass_exponent=SimpleNamespace(K=prior))
     model = SimpleNamespace(priors=priors, prior_of=lambda name: HalfNormalSpread(SCALE))
     model.discrepancy = discrepancy
-    return SimpleNamespace(design=Design({"K": part, "C": part}, subject, trial, *names, 0.7), model=model)
+    return SimpleNamespace(design=design, model=model)
 
 
 def unfolded(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) -> ConstrainedDraws:

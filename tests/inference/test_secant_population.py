@@ -1,8 +1,10 @@
 """K as the secant stiffness of a fit with a discrepancy."""
 
 import numpy as np
+import pandas as pd
 
-from bayestissue.hierarchy.design import Design, ResponseDesign
+from bayestissue.hierarchy.design import Design, build_design
+from bayestissue.hierarchy.specification import Formulas
 from bayestissue.inference.quantities.secant_population import shifted
 
 PEOPLE, CONDITIONS, DRAWS = 4, 3, 5
@@ -11,10 +13,9 @@ EPSILON = np.finfo(float).eps
 
 def balanced_design() -> Design:
     subject, trial = (each.ravel() for each in np.mgrid[:PEOPLE, :CONDITIONS])
-    log_mass = np.linspace(-0.5, 0.5, CONDITIONS)[trial]
-    part = ResponseDesign((), np.zeros((len(subject), 0)), np.ones(0), log_mass, ("subject", "trial"))
-    names = tuple(map(str, range(PEOPLE))), tuple(map(str, range(CONDITIONS)))
-    return Design({"K": part, "C": part}, subject, trial, *names, 0.7)
+    mass = 0.7 * np.exp(np.linspace(-0.5, 0.5, CONDITIONS)[trial])
+    rows = pd.DataFrame({"subject": subject, "trial": trial, "mass_kg": mass})
+    return build_design(Formulas(), rows, reference_mass_kg=0.7, source="the model file")
 
 
 def test_a_shift_of_the_hierarchy_s_own_shape_goes_where_it_belongs() -> None:

@@ -36,12 +36,14 @@ OF_DISCREPANCY = 1e-3
 # Its slope is off by (3 * 2^2 - 1) / 6 of (omega dt)^2, several times that where force goes with depth^(3/2).
 OF_DAMPING = 3e-3
 EPSILON = np.finfo(float).eps
+# Of all records, so that they share what is compiled: past the longest window.
+WIDTH = 160
 
 
 def measured(name: str, values: dict[str, float], to_peak: np.ndarray, off: int = 0) -> MeasuredImpact:
     """A record whose window ends so many samples after the last before the greatest penetration."""
     count = np.floor((to_peak - FIRST) / DT).astype(int) + 1 + off
-    still = np.zeros((2, count.max()))
+    still = np.zeros((2, WIDTH))
     given = (FIRST, DT, VELOCITY, np.zeros((2, 4)), np.zeros(2, bool), MASS, np.full(2, 0.0318))
     parameters = jnp.array([np.full(2, value) for value in values.values()])
     return MeasuredImpact(element(name), parameters, NONE, ElementRecord.of(still, count, *given))

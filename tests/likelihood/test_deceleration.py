@@ -97,6 +97,13 @@ def test_density_by_the_motion_itself() -> None:
         assert_allclose(exact.log_prob(RECORD.d)[i], direct, rtol=1e-11)
 
 
+def test_products_by_blocks_are_those_by_samples() -> None:
+    by_blocks, by_samples = measured().products(), measured().products(RECORD.d)
+    for own, other in zip(jax.tree.leaves(by_blocks), jax.tree.leaves(by_samples), strict=True):
+        # Sums of some tens of terms, in another order; the residual's are differences of near equals.
+        assert_allclose(own, other, rtol=1e-9, atol=1e-12 * np.abs(np.asarray(other)).max())
+
+
 def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
     inside = np.arange(WIDTH) < LENGTHS[:, None]
     value = jnp.where(inside, RECORD.d, 7.0)

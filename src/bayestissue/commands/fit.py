@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from bayestissue import results, runtime
-from bayestissue.inference.execution.second_core import SecondCore
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -35,11 +34,7 @@ def run(
         InputError: the dataset, the model file or ``out`` are not usable; before any sampling.
     """
     runtime.configure(one_core=True)
-    with (
-        results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as place,
-        SecondCore() as core,
-    ):
-        core.start()
+    with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as place:
         from bayestissue.commands.console import Stages, echo
         from bayestissue.dataset import read_dataset
         from bayestissue.fitting import fit_prepared, resolve, write_run
@@ -57,7 +52,7 @@ def run(
         job = _fingerprint(data, specification, seed)
         with Stages(quiet=quiet) as say:
             with place.unfinished(job) as kept:
-                fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept, core=core)
+                fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept)
                 with place.folder() as folder:
                     write_run(fit, folder, say)
             say("writing the report", 0, 1)

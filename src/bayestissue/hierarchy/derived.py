@@ -9,7 +9,7 @@ import pandas as pd
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formula import GROUPS
+from bayestissue.hierarchy.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, stem_of
 
 Draws = Mapping[str, np.ndarray]
 
@@ -28,19 +28,33 @@ def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:
         for number, name in enumerate(part.names):
             column = sites[f"covariate_effect_{response}"][..., number]
             kept[f"effect_of_{name}_{response}"] = column / part.scale[number]
-        for group in part.groups:
-            kept[f"sd_{group}_{response}"] = sites[f"sd_{group}_{response}"]
-            kept[f"{group}_effect_{response}"] = sites[f"{group}_effect_{response}"]
+        for term, group in part.terms.items():
+            kept[term.sd(response)] = sites[term.sd(response)] / group.scale
+            if not term.slope:
+                kept[term.effect(response)] = sites[term.effect(response)]
+                continue
+            deviation = sites[term.effect(response)] / group.scale
+            shared = _coefficient(kept, term.slope, response)
+            kept[term.own(response)] = deviation + np.asarray(shared)[..., None]
         kept[f"sd_impact_{response}"] = sites[f"sd_impact_{response}"]
     if "residual_correlation" in sites:
         kept["residual_correlation"] = sites["residual_correlation"]
     return kept
 
 
+def _coefficient(kept: Draws, slope: str, response: str) -> np.ndarray | float:
+    """The population's coefficient of a covariate; 0 where the formula has none besides the levels' own."""
+    name = f"mass_exponent_{response}" if slope == MASS_TERM else f"effect_of_{slope}_{response}"
+    return kept.get(name, 0.0)
+
+
 def group_effect(design: Design, sites: Draws, group: str, response: str) -> np.ndarray:
-    """A group's effects [chain, draw, group]; zero where the formula has none."""
-    effects = sites[f"{group}_effect_{response}"]
-    return effects if group in design.responses[response].groups else np.zeros_like(effects)
+    """The effects on the intercept of a grouping's levels [chain, draw, level]; zero where there are none."""
+    term = GroupTerm(design.groupings[group].factors)
+    if term in design.responses[response].terms:
+        return sites[term.effect(response)]
+    levels = len(design.groupings[group].levels)
+    return np.zeros((*sites[f"intercept_{response}"].shape, levels))
 
 
 def common_logs(
@@ -59,11 +73,11 @@ def common_logs(
 
 def row_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
     """The expected log of K or C in every row, [chain, draw, row]."""
-    return (
-        common_logs(design, sites, response)
-        + group_effect(design, sites, "subject", response)[..., design.subject]
-        + group_effect(design, sites, "trial", response)[..., design.trial]
-    )
+    expected = common_logs(design, sites, response)
+    for term, column in design.responses[response].terms.items():
+        code = design.groupings[term.grouping].code
+        expected = expected + sites[term.effect(response)][..., code] * column.covariate
+    return expected
 
 
 def stiffness_and_damping(design: Design, sites: Draws) -> dict[str, np.ndarray]:
@@ -76,22 +90,34 @@ def stiffness_and_damping(design: Design, sites: Draws) -> dict[str, np.ndarray]
 
 
 def people_and_conditions(design: Design, sites: Draws) -> dict[str, np.ndarray]:
-    """K and C of every person and condition, ``*_subject`` [chain, draw, subject] and ``*_trial``.
+    """K and C of every level of every grouping: ``*_subject`` [chain, draw, subject], ``*_trial`` and so on.
 
-    A person's value is at the reference mass, a condition's is a typical person's.
+    A level's value holds the effects of the groupings that it lies in too: that of ``subject:side`` the
+    subject's and the side's. It is at the reference mass; a condition's is a typical person's at the
+    condition's own mass and covariates.
     """
     values = {}
-    first = np.unique(design.trial, return_index=True)[1]
     for response in RESPONSES:
-        intercept = sites[f"intercept_{response}"][..., None]
-        values[f"{response}_subject"] = np.exp(intercept + group_effect(design, sites, "subject", response))
-        typical = common_logs(design, sites, response, first)
-        values[f"{response}_trial"] = np.exp(typical + group_effect(design, sites, "trial", response))
+        for name, grouping in design.groupings.items():
+            logs = sites[f"intercept_{response}"][..., None] + np.zeros(len(grouping.levels))
+            first = np.unique(grouping.code, return_index=True)[1]
+            at_trial = name == "trial"
+            if at_trial:
+                logs = common_logs(design, sites, response, first)
+            for term, column in design.responses[response].terms.items():
+                if set(term.factors) <= set(grouping.factors) and (at_trial or not term.slope):
+                    level = design.groupings[term.grouping].code[first]
+                    logs = logs + sites[term.effect(response)][..., level] * column.covariate[first]
+            values[f"{response}_{stem_of(name)}"] = np.exp(logs)
     return values
 
 
 def new_impact(design: Design, sites: Draws, rng: np.random.Generator) -> dict[str, np.ndarray]:
-    """K and C of one new impact, on a new person, in a new condition at the reference mass, [chain, draw]."""
+    """K and C of one new impact at the reference mass, [chain, draw].
+
+    Every grouping has a new level: a new person, a new condition. A covariate whose coefficient differs
+    between levels is zero there.
+    """
     shape = sites["intercept_K"].shape
     scatter = rng.standard_normal((2, *shape))
     r = sites.get("residual_correlation", np.zeros(shape))
@@ -99,9 +125,12 @@ def new_impact(design: Design, sites: Draws, rng: np.random.Generator) -> dict[s
     values = {}
     for number, response in enumerate(RESPONSES):
         log = sites[f"intercept_{response}"] + sites[f"sd_impact_{response}"] * scatter[number]
-        for group in GROUPS:
-            present = float(group in design.responses[response].groups)
-            log = log + present * sites[f"sd_{group}_{response}"] * rng.standard_normal(shape)
+        terms = [term for term in design.responses[response].terms if not term.slope]
+        # Numbers of both are drawn whether a formula has them or not, so that the others stay the same.
+        for term in dict.fromkeys((SUBJECT, TRIAL, *terms)):
+            standard = rng.standard_normal(shape)
+            if term in terms:
+                log = log + sites[term.sd(response)] * standard
         values[f"{response}_new"] = np.exp(log)
     return values
 

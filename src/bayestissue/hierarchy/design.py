@@ -10,8 +10,22 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.errors import InputError, Problem
-from bayestissue.hierarchy.formula import MASS_TERM, Fault, Judged, adapted, judge
+from bayestissue.hierarchy.formula import Judged, adapted, judge
+from bayestissue.hierarchy.group_terms import MASS_TERM, SUBJECT, TRIAL, Grouping, GroupTerm, grouping_of
+from bayestissue.hierarchy.identifiability import Fault
 from bayestissue.hierarchy.specification import Formulas
+
+
+@dataclass(frozen=True)
+class GroupColumn:
+    """The covariate whose coefficient differs between the levels of a group term's grouping.
+
+    ``covariate`` [row] is 1 for an intercept. Any other is zero at the reference row and scaled to unit
+    standard deviation, ``scale`` being that in the covariate's own unit; the log of mass is not scaled.
+    """
+
+    covariate: np.ndarray
+    scale: float = 1.0
 
 
 @dataclass(frozen=True)
@@ -21,31 +35,60 @@ class ResponseDesign:
     ``covariates`` [row, covariate] are zero at the reference row and scaled to unit standard deviation;
     ``scale`` [covariate] is that standard deviation in the covariate's own unit. The log of mass is kept
     apart in ``log_mass`` [row], centred and never scaled, because its coefficient is the mass exponent.
+    ``terms`` has the group terms and what their effects multiply.
     """
 
     names: tuple[str, ...]
     covariates: np.ndarray
     scale: np.ndarray
     log_mass: np.ndarray | None
-    groups: tuple[str, ...]
+    terms: Mapping[GroupTerm, GroupColumn]
+
+    @property
+    def groups(self) -> tuple[str, ...]:
+        """The groupings whose levels have an intercept of their own."""
+        return tuple(term.grouping for term in self.terms if not term.slope)
 
 
 @dataclass(frozen=True)
 class Design:
-    """Both responses over the same rows, with the index of each row's subject and trial.
+    """Both responses over the same rows, with each row's level of every grouping.
 
-    ``formulas`` are the right-hand sides that were evaluated, ``left_out`` of each response what a formula
-    that nobody wrote would have had besides, and why the rows can't tell it.
+    ``groupings`` by name, such as ``subject:side``: subject and trial, whether a formula has them or not, and
+    then the others of both formulas. ``formulas`` are the right-hand sides that were evaluated, ``left_out``
+    of each response what a formula that nobody wrote would have had besides, and why the rows can't tell it.
     """
 
     responses: dict[str, ResponseDesign]
-    subject: np.ndarray
-    trial: np.ndarray
-    subjects: tuple[str, ...]
-    trials: tuple[str, ...]
+    groupings: Mapping[str, Grouping]
     reference_mass_kg: float
     formulas: Formulas = field(default_factory=Formulas)
     left_out: Mapping[str, tuple[Fault, ...]] = field(default_factory=dict)
+
+    @property
+    def subject(self) -> np.ndarray:
+        """The number of each row's subject."""
+        return self.groupings["subject"].code
+
+    @property
+    def trial(self) -> np.ndarray:
+        """The number of each row's trial."""
+        return self.groupings["trial"].code
+
+    @property
+    def subjects(self) -> tuple[str, ...]:
+        """The subjects' labels."""
+        return self.groupings["subject"].levels
+
+    @property
+    def trials(self) -> tuple[str, ...]:
+        """The trials' labels."""
+        return self.groupings["trial"].levels
+
+    @property
+    def terms(self) -> tuple[GroupTerm, ...]:
+        """The group terms of either response, each once."""
+        return tuple(dict.fromkeys(term for part in self.responses.values() for term in part.terms))
 
     def resolved(self) -> dict[str, Any]:
         """What ``run.json`` says of the model beside its file: the formulas and the reference mass."""
@@ -91,14 +134,11 @@ def build_design(
             problems.append(_refusal(found[response], formula, f"formula.{response}", source))
     if problems:
         raise InputError(problems)
-    subject, subjects = pd.factorize(rows["subject"])
-    trial, trials = pd.factorize(rows["trial"])
+    terms = (SUBJECT, TRIAL, *(term for judged in found.values() for term in judged.groups))
+    groupings = (grouping_of(rows, factors) for factors in dict.fromkeys(term.factors for term in terms))
     return Design(
         {response: _response(judged) for response, judged in found.items()},
-        subject,
-        trial,
-        tuple(map(str, subjects)),
-        tuple(map(str, trials)),
+        {grouping.name: grouping for grouping in groupings},
         float(reference),
         Formulas(**{response: str(judged.terms) for response, judged in found.items()}),
         left_out,
@@ -119,6 +159,10 @@ def _response(judged: Judged) -> ResponseDesign:
     log_mass = columns[:, names.index(MASS_TERM)] if MASS_TERM in names else None
     keep = [i for i, name in enumerate(names) if name != MASS_TERM]
     scale = columns[:, keep].std(axis=0)
-    return ResponseDesign(
-        tuple(names[i] for i in keep), columns[:, keep] / scale, scale, log_mass, judged.groups
-    )
+    terms = {term: _group_column(term, values) for term, values in judged.groups.items()}
+    return ResponseDesign(tuple(names[i] for i in keep), columns[:, keep] / scale, scale, log_mass, terms)
+
+
+def _group_column(term: GroupTerm, values: np.ndarray) -> GroupColumn:
+    scale = float(values.std()) if term.slope and term.slope != MASS_TERM else 1.0
+    return GroupColumn(values / scale, scale)

@@ -2,39 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Float
 
-GROUPS = ("subject", "trial")
-MASS_TERM = "log(mass_kg)"
-DEFAULT_FORMULA = f"{MASS_TERM} + (1|subject) + (1|trial)"
+from bayestissue.hierarchy.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, written
+from bayestissue.hierarchy.identifiability import (
+    PRECISION,
+    Fault,
+    unidentified,
+    unsuited_columns,
+    written_twice,
+)
+
+GROUPS = (SUBJECT.grouping, TRIAL.grouping)
+DEFAULT_FORMULA = f"{MASS_TERM} + {SUBJECT} + {TRIAL}"
 LABELS = ("impact", *GROUPS)
 _INTERCEPT = "Intercept"
 _TIED = {"mass": {"mass_kg"}, "energy": {"energy_J"}, "velocity": {"velocity_m_s"}}
-# The relative precision of a table given to three or four digits: a smaller difference, or a combination of
-# columns below it, is rounding and not information.
-PRECISION = 1e-3
 # Only these functions are within a formula's reach.
 FUNCTIONS = {"log": np.log, "sqrt": np.sqrt}
-
-
-@dataclass(frozen=True)
-class Fault:
-    """A term that these rows can't tell.
-
-    Attributes:
-        term: as it is written, such as ``(1|trial)``; empty where the formula as a whole can't be read.
-        expected: what it would take.
-        reason: what there is instead, as a clause: "the mass is 0.5 kg in every impact".
-    """
-
-    term: str
-    expected: str
-    reason: str
 
 
 @dataclass(frozen=True)
@@ -44,12 +35,14 @@ class Terms:
     Attributes:
         common: the terms of covariates, as written.
         variables: the columns that each of them names.
-        groups: the group effects, as written.
+        groups: the group terms.
+        slopes: the columns that each covariate in a group term names.
     """
 
     common: tuple[str, ...]
     variables: tuple[frozenset[str], ...]
-    groups: tuple[str, ...]
+    groups: tuple[GroupTerm, ...]
+    slopes: Mapping[str, frozenset[str]]
 
     def without(self, gone: Iterable[str]) -> Terms:
         """The same less some terms."""
@@ -58,12 +51,13 @@ class Terms:
         return Terms(
             tuple(self.common[i] for i in kept),
             tuple(self.variables[i] for i in kept),
-            tuple(name for name in self.groups if name not in gone),
+            tuple(term for term in self.groups if str(term) not in gone),
+            self.slopes,
         )
 
     def __str__(self) -> str:
         """The formula that asks for these terms, and an intercept."""
-        return " + ".join([*self.common, *self.groups]) or "1"
+        return " + ".join([*self.common, *written(self.groups)]) or "1"
 
 
 @dataclass(frozen=True)
@@ -74,18 +68,16 @@ class Judged:
         terms: those that the rows can tell.
         columns: [row, column], of the covariates, zero at the reference row.
         names: of the columns.
+        groups: of each group term the covariate whose coefficient it is of, [row]: 1 for an intercept, and
+            else zero at the reference row.
         faults: everything else that the formula asks for, each once.
     """
 
     terms: Terms
     columns: np.ndarray
     names: tuple[str, ...]
+    groups: Mapping[GroupTerm, Float[np.ndarray, " row"]]
     faults: tuple[Fault, ...]
-
-    @property
-    def groups(self) -> tuple[str, ...]:
-        """Columns whose levels have effects of their own."""
-        return tuple(name for name in GROUPS if _effect_of(name) in self.terms.groups)
 
 
 def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
@@ -102,39 +94,33 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
         wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', f"{error}")
         found = judge(DEFAULT_FORMULA, rows, reference_mass_kg)
         return replace(found, faults=(wrong,))
-    faults += [*_unknown(terms, rows), *_of_groups(terms, rows)]
+    faults += [*_unknown(terms, rows), *unsuited_columns(terms.groups, rows)]
     terms = terms.without(fault.term for fault in faults)
-    faults += _tied(terms)
+    groups, wrong_groups = _covariates_of_groups(terms, rows, reference_mass_kg)
+    faults += [*wrong_groups, *unidentified(groups, rows), *_tied(terms)]
     terms = terms.without(fault.term for fault in faults)
     while True:
         columns, names, owners, wrong_terms = _evaluated(terms, rows, reference_mass_kg)
         if not wrong_terms:
             wrong_terms = _dependent(terms, columns, names, owners, rows)
         if not wrong_terms:
-            return Judged(terms, columns, tuple(names), tuple(faults))
+            kept = {term: groups[term] for term in terms.groups}
+            return Judged(terms, columns, tuple(names), kept, tuple(faults))
         faults += wrong_terms
         terms = terms.without(fault.term for fault in wrong_terms)
 
 
 def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
-    """`DEFAULT_FORMULA` less what ``rows`` can't tell, its faults being what is left out and why.
+    """`DEFAULT_FORMULA` less what ``rows`` can't tell, its faults being what is left out and why."""
+    return judge(DEFAULT_FORMULA, rows, reference_mass_kg)
 
-    Besides what would be refused if it were written out, an effect of the condition is left out where every
-    person has one condition and every condition one person: only the sum of the two effects is then told.
-    """
-    found = judge(DEFAULT_FORMULA, rows, reference_mass_kg)
-    people, conditions = rows["subject"].nunique(), rows["trial"].nunique()
-    pairs = len(rows[["subject", "trial"]].drop_duplicates())
-    if found.groups != GROUPS or not people == conditions == pairs:
-        return found
-    alike = Fault(
-        _effect_of("trial"),
-        "people in several conditions, or several people in one",
-        "every person has one condition and every condition one person, so that what is a condition's "
-        "can't be told from what is the person's",
-    )
-    again = judge(str(found.terms.without([alike.term])), rows, reference_mass_kg)
-    return replace(again, faults=(*found.faults, alike))
+
+def group_terms(formula: str | None) -> tuple[GroupTerm, ...]:
+    """The group terms of a formula, of the default one where there is none; none if it can't be read."""
+    try:
+        return _read(formula or DEFAULT_FORMULA)[0].groups
+    except Exception:  # as in `judge`, which says what is wrong
+        return ()
 
 
 def left_out_words(terms: Sequence[Mapping[str, Any]]) -> str:
@@ -152,10 +138,6 @@ def left_out_words(terms: Sequence[Mapping[str, Any]]) -> str:
     return f"Left out of the formula: {'; '.join(told)}."
 
 
-def _effect_of(group: str) -> str:
-    return f"(1|{group})"
-
-
 def _read(formula: str) -> tuple[Terms, list[Fault]]:
     import formulae
 
@@ -168,16 +150,57 @@ def _read(formula: str) -> tuple[Terms, list[Fault]]:
     for term in description.common_terms:
         if term.name == _INTERCEPT:
             continue
-        used = frozenset(getattr(term, "var_names", ())) - {""}
+        used = _columns_of(term)
         names.append(f"`{term.name}`" if used == {term.name} and not term.name.isidentifier() else term.name)
         variables.append(used)
-    groups = tuple(f"({term.name})" for term in description.group_terms)
-    return Terms(tuple(names), tuple(variables), groups), faults
+    faults += written_twice([_groups(part) for part in _parentheses(formula)])
+    groups = {frozenset((*term.factors, f"|{term.slope}")): term for term in reversed(_groups(description))}
+    slopes = {term.expr.name: _columns_of(term.expr) for term in description.group_terms}
+    return Terms(tuple(names), tuple(variables), tuple(reversed(groups.values())), slopes), faults
+
+
+def _columns_of(term: Any) -> frozenset[str]:
+    return frozenset(getattr(term, "var_names", ())) - {""}
+
+
+def _groups(description: Any) -> list[GroupTerm]:
+    """The group terms of a resolved formula."""
+    return [
+        GroupTerm(
+            tuple(str(part.name) for part in term.factor.components),
+            "" if term.expr.name == _INTERCEPT else term.expr.name,
+        )
+        for term in description.group_terms
+    ]
+
+
+def _parentheses(formula: str) -> Iterator[Any]:
+    """What each parenthesis with a bar in it asks for."""
+    from formulae.expr import Binary, Grouping
+    from formulae.parser import Parser
+    from formulae.resolver import Resolver
+    from formulae.scanner import Scanner
+    from formulae.terms import Model
+
+    waiting = [Parser(Scanner(formula).scan()).parse()]
+    while waiting:
+        part = waiting.pop()
+        if isinstance(part, Binary) and part.operator.kind == "PIPE":
+            found = Resolver(part).resolve()
+            yield found if isinstance(found, Model) else Model(found)
+        elif isinstance(part, Binary):
+            waiting += [part.right, part.left]
+        elif isinstance(part, Grouping):
+            waiting.append(part.expression)
 
 
 def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
     usable = [name for name in rows.columns if name != "impact"]
     faults = []
+    for group in terms.groups:
+        if strange := sorted(terms.slopes.get(group.slope, frozenset()) - set(usable)):
+            expected = f"columns of the data: {', '.join(usable)}"
+            faults.append(Fault(str(group), expected, f"there is no column {', '.join(strange)}"))
     for term, variables in zip(terms.common, terms.variables, strict=True):
         strange = sorted(variables - set(usable))
         labels = sorted(variables & set(LABELS))
@@ -185,31 +208,35 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
             expected = f"columns of the data: {', '.join(usable)}"
             faults.append(Fault(term, expected, f"there is no column {', '.join(strange)}"))
         elif labels:
-            wanted = f"{labels[0]} as a group effect, written {_effect_of(labels[0])}"
+            wanted = f"{labels[0]} as a group effect, written (1|{labels[0]})"
             faults.append(Fault(term, wanted, f"{labels[0]} is a name and no covariate"))
     return faults
 
 
-def _of_groups(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
-    faults = []
+def _covariates_of_groups(
+    terms: Terms, rows: pd.DataFrame, reference_mass_kg: float
+) -> tuple[dict[GroupTerm, Float[np.ndarray, " row"]], list[Fault]]:
+    """Of each group term the covariate whose coefficient it is of, and the terms that have no such number."""
+    values, faults = {}, []
     for term in terms.groups:
-        group = term.removeprefix("(1|").removesuffix(")")
-        if group not in GROUPS:
-            expected = "no other group effects than (1|subject) and (1|trial)"
-            faults.append(Fault(term, expected, "this program knows these two alone"))
+        if not term.slope:
+            values[term] = np.ones(len(rows))
             continue
-        counts = rows[group].value_counts()
-        if len(counts) < 2:
-            faults.append(Fault(term, f"more than one {group}", f"there is one {group} only"))
-        elif counts.max() < 2:
-            faults.append(
-                Fault(
-                    term,
-                    f"several impacts for at least one {group}",
-                    f"with one impact of each {group} it can't be told from the impact's own scatter",
-                )
-            )
-    return faults
+        expected = (
+            "one number of every impact left of the bar; a category goes to its right: (1|group:category)"
+        )
+        try:
+            columns, names, _ = _design([term.slope], rows, reference_mass_kg)
+        except Exception as error:  # as in `judge`
+            faults.append(Fault(str(term), expected, f"{error}"))
+            continue
+        if names != [term.slope]:
+            faults.append(Fault(str(term), expected, f"{term.slope} is a category"))
+        elif not np.isfinite(columns).all():
+            faults.append(Fault(str(term), expected, f"{term.slope} is not finite for every impact"))
+        else:
+            values[term] = columns[:, 0]
+    return values, faults
 
 
 def _tied(terms: Terms) -> list[Fault]:

@@ -8,6 +8,7 @@ intercepts, mass exponents and covariates are all parts of b, so everything line
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 import jax.numpy as jnp
@@ -17,30 +18,64 @@ from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.priors import Priors
+from bayestissue.padding import bucket
 
 MassError = Literal["impact", "subject"]
 
 
-@dataclass(frozen=True)
-class Effects:
-    """Names and places of the parts of b.
+class EffectPart(NamedTuple):
+    """Elements of b with one name and one prior.
 
-    ``parts`` has the slice of each part, such as ``intercept_K`` or ``subject_effect_C``; ``mean`` and
-    ``sd`` [location] are the prior's, with NaN for the sd of an effect whose spread is itself unknown,
-    named in ``spread`` [location].
+    Attributes:
+        name: such as ``intercept_K`` or ``subject_effect_C``.
+        width: how many, of a group term's effects the `bucket` of its levels.
+        mean: the prior's.
+        sd: the prior's; None where it is itself unknown.
+        spread: name of that unknown standard deviation, or "".
     """
 
-    parts: dict[str, slice]
-    mean: np.ndarray
-    sd: np.ndarray
-    spread: tuple[str, ...]
+    name: str
+    width: int
+    mean: float
+    sd: float | None
+    spread: str
+
+
+@dataclass(frozen=True)
+class Effects:
+    """The parts of b in their order; equal by value, whatever dataset they were made for."""
+
+    each: tuple[EffectPart, ...]
+
+    @cached_property
+    def parts(self) -> dict[str, slice]:
+        """Where each part is. Group effects beyond the levels that there are keep their prior."""
+        ends = np.cumsum([part.width for part in self.each]).tolist()
+        return {part.name: slice(end - part.width, end) for part, end in zip(self.each, ends, strict=True)}
+
+    @cached_property
+    def mean(self) -> Float[np.ndarray, " location"]:
+        """Of the prior."""
+        return self._of_all([part.mean for part in self.each])
+
+    @cached_property
+    def sd(self) -> Float[np.ndarray, " location"]:
+        """Of the prior, NaN where it is unknown."""
+        return self._of_all([np.nan if part.sd is None else part.sd for part in self.each])
+
+    @cached_property
+    def spread(self) -> tuple[str, ...]:
+        """Name of each element's unknown standard deviation, or ""."""
+        return tuple(part.spread for part in self.each for _ in range(part.width))
 
     @property
     def size(self) -> int:
         """Number of elements of b."""
         return len(self.mean)
+
+    def _of_all(self, values: list[float]) -> np.ndarray:
+        return np.repeat(np.array(values, float), [part.width for part in self.each])
 
 
 class PopulationDesign(NamedTuple):
@@ -74,7 +109,8 @@ def population_design(
     whole = np.concatenate(rows, axis=1)
     _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
     cell = cell.reshape(-1)[row]
-    if len(first) == number:
+    # As many cells as impacts, once both are filled up, are the impacts.
+    if bucket(len(first)) == bucket(number):
         first, cell = row, np.arange(number)
     return effects, PopulationDesign(tuple(matrix[first] for matrix in rows), cell)
 
@@ -83,27 +119,17 @@ def effects_of(
     design: Design, priors: Priors, nuisance: tuple[str, ...]
 ) -> tuple[Effects, list[Float[np.ndarray, "row part"]]]:
     """What the elements of b are, and of each parameter its columns of X, row by row of the design."""
-    parts: dict[str, slice] = {}
+    parts: list[EffectPart] = []
     rows: list[np.ndarray] = []
-    mean: list[float] = []
-    sd: list[float] = []
-    spread: list[str] = []
     for response in RESPONSES:
-        matrix, pieces = _response(design, design.responses[response], response, priors)
-        for name, width, prior_mean, prior_sd, unknown in pieces:
-            parts[name] = slice(len(mean), len(mean) + width)
-            mean += [prior_mean] * width
-            sd += [prior_sd] * width
-            spread += [unknown] * width
+        matrix, own = _response(design, design.responses[response], response, priors)
+        parts += own
         rows.append(matrix)
     for name in nuisance:
         prior = priors.of_mean(name)
-        parts[f"{name}_mean"] = slice(len(mean), len(mean) + 1)
-        mean.append(prior.mean)
-        sd.append(prior.sd)
-        spread.append("")
+        parts.append(EffectPart(f"{name}_mean", 1, prior.mean, prior.sd, ""))
         rows.append(np.ones((len(design.subject), 1)))
-    return Effects(parts, np.array(mean, float), np.array(sd, float), tuple(spread)), rows
+    return Effects(tuple(parts)), rows
 
 
 def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
@@ -111,43 +137,45 @@ def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
 
     One column for a hundred people here, where the matrices need a hundred.
     """
-    keys = [design.subject, design.trial]
+    keys = [grouping.code for grouping in design.groupings.values()]
     for part in design.responses.values():
         keys += [*part.covariates.T, *([] if part.log_mass is None else [part.log_mass])]
+        keys += [column.covariate for column in part.terms.values()]
     _, first, row = np.unique(np.stack(keys, axis=1), axis=0, return_index=True, return_inverse=True)
     responses = {
         name: replace(
             part,
             covariates=part.covariates[first],
             log_mass=None if part.log_mass is None else part.log_mass[first],
+            terms={term: replace(each, covariate=each.covariate[first]) for term, each in part.terms.items()},
         )
         for name, part in design.responses.items()
     }
-    kept = replace(design, responses=responses, subject=design.subject[first], trial=design.trial[first])
-    return kept, row.reshape(-1)
+    groupings = {name: replace(each, code=each.code[first]) for name, each in design.groupings.items()}
+    return replace(design, responses=responses, groupings=groupings), row.reshape(-1)
 
 
 def _response(
     design: Design, part: ResponseDesign, response: str, priors: Priors
-) -> tuple[np.ndarray, list[tuple[str, int, float, float, str]]]:
+) -> tuple[np.ndarray, list[EffectPart]]:
     count = len(design.subject)
     matrices = [np.ones((count, 1))]
     intercept = getattr(priors.intercept, response)
-    pieces = [(f"intercept_{response}", 1, intercept.mean, intercept.sd, "")]
+    pieces = [EffectPart(f"intercept_{response}", 1, intercept.mean, intercept.sd, "")]
     if part.log_mass is not None:
         exponent = getattr(priors.mass_exponent, response)
         matrices.append(part.log_mass[:, None])
-        pieces.append((f"mass_exponent_{response}", 1, exponent.mean, exponent.sd, ""))
+        pieces.append(EffectPart(f"mass_exponent_{response}", 1, exponent.mean, exponent.sd, ""))
     if part.names:
         covariate = getattr(priors.covariate, response)
         matrices.append(part.covariates)
-        pieces.append((f"covariate_effect_{response}", len(part.names), covariate.mean, covariate.sd, ""))
-    for group in GROUPS:
-        if group in part.groups:
-            codes = getattr(design, group)
-            levels = len(getattr(design, f"{group}s"))
-            matrices.append((codes[:, None] == np.arange(levels)).astype(float))
-            pieces.append((f"{group}_effect_{response}", levels, 0.0, np.nan, f"sd_{group}_{response}"))
+        name, width = f"covariate_effect_{response}", len(part.names)
+        pieces.append(EffectPart(name, width, covariate.mean, covariate.sd, ""))
+    for term, column in part.terms.items():
+        grouping = design.groupings[term.grouping]
+        levels = bucket(len(grouping.levels))
+        matrices.append((grouping.code[:, None] == np.arange(levels)) * column.covariate[:, None])
+        pieces.append(EffectPart(term.effect(response), levels, 0.0, None, term.sd(response)))
     return np.concatenate(matrices, axis=1), pieces
 
 

@@ -7,6 +7,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from bayestissue.hierarchy.group_terms import GroupTerm
+
 Positive = Annotated[float, Field(gt=0)]
 
 
@@ -126,12 +128,30 @@ class ElementPrior(BaseModel):
     spread: Scale = _half_normal(0.2)
 
 
+# Of a group term for which a model file says nothing.
+SD_OF_TERM = PairOfScales(K=_half_normal(0.5), C=_half_normal(0.5))
+
+
+def term_of_group(key: str) -> GroupTerm:
+    """The term that a key of ``sd_group`` is of: ``"subject:side"``."""
+    return GroupTerm(tuple(name.strip().strip("`") for name in key.split(":")))
+
+
+def term_of_slope(key: str) -> GroupTerm:
+    """The term that a key of ``sd_slope`` is of: ``"log(mass_kg)|subject"``."""
+    slope, _, grouping = key.rpartition("|")
+    return GroupTerm(term_of_group(grouping).factors, slope.strip())
+
+
 class Priors(BaseModel):
     """Every prior of the hierarchy; each has a default that a model file may replace.
 
     All are on the log scale of K (N/m) and C (N s/m): ``intercept`` is log K at the reference mass,
     ``mass_exponent`` the slope of log K on log mass, ``covariate`` the change of log K for one standard
-    deviation of any other covariate, ``sd_*`` the spread between subjects, trials and impacts. For traces,
+    deviation of any other covariate, ``sd_*`` the spread between subjects, trials and impacts. ``sd_group``
+    has that of any other grouping, such as ``"subject:side"``, and ``sd_slope`` that of a coefficient between
+    levels, such as ``"log(mass_kg)|subject"``: of the mass exponent, or of the change of log K for one
+    standard deviation of another covariate. For traces,
     ``noise`` is the mean over impacts of the log of the noise's standard deviation as a fraction of the
     trace's peak, ``atanh_theta1`` that of artanh theta1, and ``sd_noise`` and ``sd_atanh_theta1`` their
     spread.
@@ -142,11 +162,18 @@ class Priors(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+
+    def __hash__(self) -> int:
+        # That of pydantic would ask the mapping of elements for one.
+        return hash(self.model_dump_json())
+
     intercept: PairOfLocations = PairOfLocations(K=_normal(5.0, 3.0), C=_normal(2.0, 3.0))
     mass_exponent: PairOfLocations = PairOfLocations(K=_normal(0.5, 1.0), C=_normal(0.5, 1.0))
     covariate: PairOfLocations = PairOfLocations(K=_normal(0.0, 0.5), C=_normal(0.0, 0.5))
     sd_subject: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(0.5))
     sd_trial: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(0.5))
+    sd_group: dict[str, PairOfScales] = {}
+    sd_slope: dict[str, PairOfScales] = {}
     sd_impact: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(1.0))
     residual_correlation: Correlation = Correlation(distribution="lkj", concentration=2.0)
     noise: Location = _normal(-10.0, 5.0)
@@ -169,15 +196,37 @@ class Priors(BaseModel):
         part = self.element.get(nuisance.removeprefix("log_"))
         return getattr(self, f"sd_{nuisance}") if part is None else part.spread
 
+    def of_sd(self, name: str) -> Scale:
+        """Of a standard deviation between levels or impacts, by its name: ``sd_subject_side_K``."""
+        return getattr(self._pair_of(name[:-2]), name[-1])
+
+    def _pair_of(self, name: str) -> PairOfScales:
+        own = getattr(self, name, None)
+        if isinstance(own, PairOfScales):
+            return own
+        return {f"sd_{term.stem}": pair for term, pair in self.of_terms().items()}.get(name, SD_OF_TERM)
+
+    def of_terms(self) -> dict[GroupTerm, PairOfScales]:
+        """The priors of ``sd_group`` and ``sd_slope`` by the term that each is of."""
+        groups = {term_of_group(key): pair for key, pair in self.sd_group.items()}
+        return groups | {term_of_slope(key): pair for key, pair in self.sd_slope.items()}
+
     def log_densities(self, sites: Mapping[str, Any]) -> dict[str, Any]:
         """Log prior density of each top-level parameter in ``sites``, elementwise.
 
         Subject and trial effects are not among them: their distribution is part of the model, and scaling
         a prior asks what the priors of its parameters do.
         """
-        densities: dict[str, Any] = {}
+        densities = {
+            term.sd(response): getattr(pair, response).numpyro().log_prob(sites[term.sd(response)])
+            for term, pair in self.of_terms().items()
+            for response in ("K", "C")
+            if term.sd(response) in sites
+        }
         for field in type(self).model_fields:
             prior = getattr(self, field)
+            if field in ("sd_group", "sd_slope"):
+                continue
             if field == "element":
                 densities |= self._of_element(sites)
                 continue

@@ -9,7 +9,9 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from bayestissue.elements.registry import element, element_names
-from bayestissue.hierarchy.priors import ElementPrior, Normal, Priors
+from bayestissue.hierarchy.formula import group_terms
+from bayestissue.hierarchy.group_terms import SUBJECT, TRIAL, GroupTerm
+from bayestissue.hierarchy.priors import SD_OF_TERM, ElementPrior, Normal, Priors
 from bayestissue.settings import checked, parse_toml, read_text
 from bayestissue.signal import SignalOptions
 
@@ -33,6 +35,11 @@ class Formulas(_Table):
 
     K: str | None = None
     C: str | None = None
+
+    def group_terms(self) -> tuple[GroupTerm, ...]:
+        """The group terms that are asked for besides (1|subject) and (1|trial), each once."""
+        asked = (*group_terms(self.K), *group_terms(self.C))
+        return tuple(term for term in dict.fromkeys(asked) if term not in (SUBJECT, TRIAL))
 
 
 class PracticalEquivalence(_Table):
@@ -158,6 +165,17 @@ class ModelSpecification(_Table):
             raise ValueError('likelihood = "impact" beside element: the others are of spring and damper')
         return self
 
+    @model_validator(mode="after")
+    def _of_the_formula(self) -> Self:
+        asked = self.formula.group_terms()
+        if strange := [str(term) for term in self.priors.of_terms() if term not in asked]:
+            raise ValueError(
+                f"priors.sd_group and priors.sd_slope of {', '.join(map(str, asked)) or 'nothing'}, all "
+                "group terms of the formulas besides (1|subject) and (1|trial), without "
+                f"{', '.join(strange)}; those two have priors.sd_subject and priors.sd_trial"
+            )
+        return self
+
     @property
     def may_add_discrepancy(self) -> bool:
         """Whether the program may add a discrepancy: a window that reaches the peak, noise that is white."""
@@ -169,14 +187,24 @@ class ModelSpecification(_Table):
         return self.signal.window in REACH_PEAK
 
     def complete_priors(self) -> Priors:
-        """The priors, those of the element's parameters too that the file leaves out."""
+        """The priors, those of the element's parameters and of group terms too that the file leaves out."""
         own = {
             each.name: ElementPrior(
                 log=Normal(distribution="normal", mean=math.log(each.typical), sd=each.log_sd)
             )
             for each in element(self.element).extra
         }
-        return self.priors.model_copy(update={"element": own | self.priors.element})
+        set_apart = self.priors.of_terms()
+        terms = {term: set_apart.get(term, SD_OF_TERM) for term in self.formula.group_terms()}
+        return self.priors.model_copy(
+            update={
+                "element": own | self.priors.element,
+                "sd_group": {each.grouping: pair for each, pair in terms.items() if not each.slope},
+                "sd_slope": {
+                    f"{each.slope}|{each.grouping}": pair for each, pair in terms.items() if each.slope
+                },
+            }
+        )
 
 
 def read_specification(path: Path) -> ModelSpecification:

@@ -9,13 +9,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import Literal, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpyro
 import numpyro.distributions as dist
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from numpyro.distributions import biject_to
 
 from bayestissue.elements import element as element_named
@@ -54,6 +56,10 @@ RECORDED = (DecelerationRecord, ElementRecord)
 LOG_2 = 0.6931471805599453
 # The site that holds the coordinates of all spreads where they are warped.
 COORDINATES = "coordinates"
+_SHAPE_OF_MODEL = [
+    *("kind", "locations", "priors", "correlated"),
+    *("mass_error", "element", "discrepancy", "autoregressive"),
+]
 
 
 class TraceData(NamedTuple):
@@ -75,9 +81,43 @@ class TraceData(NamedTuple):
     log_peak: Float[Array, " impact"]
 
 
-@dataclass(frozen=True, eq=False)
-class TraceModel:
+class Hyperparameters:
+    """What every hierarchy has: standard deviations of effects and impacts, and a residual correlation."""
+
+    locations: Effects
+    priors: Priors
+    correlated: bool
+
+    @property
+    def nuisance(self) -> tuple[str, ...]:
+        """Names of an impact's parameters besides log K and log C."""
+        return ()
+
+    @property
+    def spreads(self) -> tuple[str, ...]:
+        """Names of the standard deviations and correlations: all that is sampled but standard normals."""
+        groups = sorted({name for name in self.locations.spread if name})
+        own = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
+        return (*groups, *own, *(f"sd_{name}" for name in self.nuisance))
+
+    def prior_of(self, name: str) -> dist.Distribution:
+        """The prior of one of `spreads`."""
+        if name == "residual_correlation":
+            return self.priors.residual_correlation.numpyro()
+        if name.endswith(("_K", "_C")):
+            prior = self.priors.of_sd(name)
+        else:
+            prior = self.priors.of_spread(name.removeprefix("sd_"))
+        return HalfNormalSpread(prior.scale) if isinstance(prior, HalfNormal) else prior.numpyro()
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=["log_mass_sd"], meta_fields=_SHAPE_OF_MODEL)
+@dataclass(frozen=True)
+class TraceModel(Hyperparameters):
     """What is assumed: the likelihood, the parts of b, the priors, and the error of the recorded mass.
+
+    A tree of one leaf, ``log_mass_sd``, which the dataset states; all else is compared by value, so that what
+    is compiled for one dataset serves every other of the same model file and sizes.
 
     ``mass_error`` says whether each impact has an error of its own, or all impacts of a person the same,
     ``element`` what the impactor meets, ``discrepancy`` whether it meets something else besides,
@@ -109,23 +149,6 @@ class TraceModel:
         """
         extra = [f"log_{parameter.name}" for parameter in element_named(self.element).extra]
         return self.nuisance[-1] in {"atanh_theta1", *extra}
-
-    @property
-    def spreads(self) -> tuple[str, ...]:
-        """Names of the standard deviations and correlations: all that is sampled but standard normals."""
-        groups = sorted({name for name in self.locations.spread if name})
-        own = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
-        return (*groups, *own, *(f"sd_{name}" for name in self.nuisance))
-
-    def prior_of(self, name: str) -> dist.Distribution:
-        """The prior of one of `spreads`."""
-        if name == "residual_correlation":
-            return self.priors.residual_correlation.numpyro()
-        if name.endswith(("_K", "_C")):
-            prior = getattr(getattr(self.priors, name[:-2]), name[-1])
-        else:
-            prior = self.priors.of_spread(name.removeprefix("sd_"))
-        return HalfNormalSpread(prior.scale) if isinstance(prior, HalfNormal) else prior.numpyro()
 
 
 class Physical(NamedTuple):
@@ -208,12 +231,14 @@ def with_normal_errors(data: TraceData) -> TraceData:
     return data._replace(record=data.record._replace(uniform=jnp.zeros_like(data.record.uniform)))
 
 
-def sample_hyperparameters(model: TraceModel) -> dict[str, Array]:
+def sample_hyperparameters(model: Hyperparameters) -> dict[str, Array]:
     """Sample all standard deviations and the correlation from their priors."""
     return {name: numpyro.sample(name, model.prior_of(name)) for name in model.spreads}
 
 
-def sample_warped(model: TraceModel, warp: SinhArcsinh) -> tuple[dict[str, Array], Float[Array, " rest"]]:
+def sample_warped(
+    model: Hyperparameters, warp: SinhArcsinh
+) -> tuple[dict[str, Array], Float[Array, " rest"]]:
     """The same on coordinates of one site, `COORDINATES`, in which the posterior is nearly normal.
 
     ``warp`` maps them to the unconstrained ones in the order of `TraceModel.spreads`, and to any others that
@@ -235,7 +260,7 @@ def sample_warped(model: TraceModel, warp: SinhArcsinh) -> tuple[dict[str, Array
     return sites, raw[len(model.spreads) :]
 
 
-def _grouped(model: TraceModel) -> list[tuple[dist.Distribution, list[str]]]:
+def _grouped(model: Hyperparameters) -> list[tuple[dist.Distribution, list[str]]]:
     """The spreads' priors, all half-normal ones as one of a vector."""
     priors = {name: model.prior_of(name) for name in model.spreads}
     alike = [name for name, prior in priors.items() if isinstance(prior, HalfNormalSpread)]
@@ -244,7 +269,7 @@ def _grouped(model: TraceModel) -> list[tuple[dist.Distribution, list[str]]]:
     return together + [(prior, [name]) for name, prior in priors.items() if name not in alike]
 
 
-def constrained(model: TraceModel, raw: Mapping[str, Array]) -> dict[str, Array]:
+def constrained(model: Hyperparameters, raw: Mapping[str, Array]) -> dict[str, Array]:
     """The standard deviations and the correlation from their unconstrained coordinates, of any shape."""
     return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.spreads}
 
@@ -285,13 +310,18 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
 
 
 def sampled_model(
-    model: TraceModel, data: TraceData, summaries: Sites, warp: SinhArcsinh | None = None
+    model: TraceModel,
+    data: TraceData,
+    summaries: Sites,
+    warp: SinhArcsinh | None = None,
+    present: Bool[Array, " impact"] | None = None,
 ) -> None:
     """The same density over standard normals; `from_standard` gives b and u back.
 
     The factor is log p(b, u) + log |d(b, u) / d(standard normals)| less the standard normals' own density.
     ``warp`` is the map from the coordinates that are sampled to the spreads' unconstrained ones, and to the
     last location's standard normal if that is far from normal in the posterior: see `sample_warped`.
+    Of the traces those that are not ``present`` are left out, whose sites must be zero.
     """
     count = len(model.spreads)
     sites = (
@@ -306,8 +336,12 @@ def sampled_model(
     found = from_standard(model, data, summaries, sites, z_b, z_u)
     density = found.conditional.log_evidence - summaries.log_summary(found.u).sum()
     numpyro.factor("change_of_variables", density)
-    with numpyro.plate("impact", number):
-        numpyro.sample("trace", trace_distribution(model, data, found.u), obs=observed(data))
+    u = found.u
+    if present is not None:
+        # Slopes of what is left out must be numbers too.
+        u = [jnp.where(present, values, values[:1]) for values in u]
+    with numpyro.plate("impact", number), numpyro.handlers.mask(mask=True if present is None else present):
+        numpyro.sample("trace", trace_distribution(model, data, u), obs=observed(data))
 
 
 def warped(z_b: Float[Array, "*batch location"], warp: SinhArcsinh) -> Float[Array, "*batch location"]:

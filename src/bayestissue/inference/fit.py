@@ -14,16 +14,13 @@ import xarray as xr
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.conditional import Sites
-from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
+from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
-from bayestissue.inference.execution.ahead import second_process
-from bayestissue.inference.execution.compiling import PREDICTIONS, Helper
-from bayestissue.inference.execution.second_core import SecondCore
 from bayestissue.inference.many.approximate import summarise_many
 from bayestissue.inference.many.draws import MANY, many_draws
-from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded, last_is_normal
+from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.recipe import Correction, corrected_draws
@@ -61,7 +58,6 @@ def fit_traces(
     say: Say,
     *,
     checkpoints: Path | None = None,
-    core: SecondCore | None = None,
 ) -> TraceAnalysis | dict[str, Any]:
     """Sample the posterior of every impact and of the population, check it, and label everything.
 
@@ -71,7 +67,6 @@ def fit_traces(
         seed: of all draws.
         say: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
-        core: where half of the work is done; one for this fit alone, unless given.
 
     Many impacts go by a summary path of their own, unless the model file says "exact": see
     `bayestissue.inference.many.draws`.
@@ -91,24 +86,18 @@ def fit_traces(
     if path == "exact":
         return _exactly(prepared, specification, seed, say, checkpoints)
     doubted = specification.may_add_discrepancy and not prepared.model.discrepancy
-    with second_process(prepared, settings, core) as helper:
-        # Of an element that the tissue may well not be, nothing is compiled that may not be asked for.
-        if not doubted or prepared.model.element == SIDE_BY_SIDE:
-            helper.compile_ahead()
-        expansions = expanded(prepared)
-        wrong = misfit_precheck(prepared, expansions, seed) if doubted else None
-        if wrong is not None:
-            return wrong
-        guess = not last_is_normal(prepared, expansions) if prepared.model.weakly_identified else None
-        helper.compile_ahead(profiled=guess)
-        first = approximate(prepared, expansions=expansions, say=done, helper=helper)
-        sampling = partial(say, "sampling the population")
-        summarised, draws, correction = corrected_draws(
-            prepared, settings, seed, summarised=first, say=done, progress=sampling, helper=helper
-        )
-        if path == "summary" or correction.trusted:
-            told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
-            return label(prepared, specification, told.summaries, draws, seed, say, told, correction, helper)
+    expansions = expanded(prepared)
+    wrong = misfit_precheck(prepared, expansions, seed) if doubted else None
+    if wrong is not None:
+        return wrong
+    first = approximate(prepared, expansions=expansions, say=done)
+    sampling = partial(say, "sampling the population")
+    summarised, draws, correction = corrected_draws(
+        prepared, settings, seed, summarised=first, say=done, progress=sampling
+    )
+    if path == "summary" or correction.trusted:
+        told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
+        return label(prepared, specification, told.summaries, draws, seed, say, told, correction)
     return _exactly(prepared, specification, seed, say, checkpoints, summarised)
 
 
@@ -140,15 +129,12 @@ def label(
     say: Say,
     told: LikelihoodApproximation,
     correction: Correction | None = None,
-    helper: Helper | None = None,
 ) -> TraceAnalysis:
     """Everything that follows from the draws, which are in these summaries' coordinates."""
-    helper = helper or Helper()
     say("predicting", 0, 1)
     key = jax.random.PRNGKey(seed)
-    unfolded = of_secant(prepared, constrained_draws(prepared, summaries, draws, key, helper, told=told))
-    helper.wait(PREDICTIONS)
-    return analyse(prepared, specification, unfolded, draws, seed, say, correction, helper)
+    unfolded = of_secant(prepared, constrained_draws(prepared, summaries, draws, key, told=told))
+    return analyse(prepared, specification, unfolded, draws, seed, say, correction)
 
 
 def analyse(
@@ -159,10 +145,8 @@ def analyse(
     seed: int,
     say: Say,
     correction: Correction | None = None,
-    helper: Helper | None = None,
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of draws of everything."""
-    sources = (helper or Helper()).begin(uncertainty_budget, prepared, unfolded)
     tree = posterior_tree(prepared, specification, draws, unfolded, seed)
     posterior = tree["posterior"].dataset
     exponents = {
@@ -171,9 +155,8 @@ def analyse(
         if f"mass_exponent_{q}" in posterior
     }
     say("checking and scoring", 0, 1)
-    # First what the other process has no part in: it is still at the sources.
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
-    summary = summary_table(posterior, helper)
+    summary = summary_table(posterior)
     further = () if correction is None else correction.checks()
     diagnostics = diagnose(summary, statistics_of_transitions(draws), further)
     return TraceAnalysis(
@@ -183,7 +166,7 @@ def analyse(
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         scores,
         sensitivity,
-        sources(),
+        uncertainty_budget(prepared, unfolded),
     )
 
 

@@ -138,9 +138,7 @@ def pair_covariance(sd: Float[Array, "*batch 2"], correlation: Float[Array, "*ba
     return PairCovariance(sd[..., 0] ** 2, correlation * sd[..., 0] * sd[..., 1], sd[..., 1] ** 2)
 
 
-def pair_log_density(
-    away: Float[Array, "*batch 2"], covariance: PairCovariance
-) -> Float[Array, "*batch"]:
+def pair_log_density(away: Float[Array, "*batch 2"], covariance: PairCovariance) -> Float[Array, "*batch"]:
     """Log density of normal pairs, ``away`` from their mean."""
     K, C = away[..., 0], away[..., 1]
     precision = covariance.inverse()

@@ -11,6 +11,7 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
+from bayestissue.hierarchy.group_terms import MASS_TERM, grouping_of
 from bayestissue.simulation.contact import deceleration, leaves, what_is_met
 from bayestissue.simulation.specification import Recording, Simulation, Tissue
 
@@ -23,7 +24,7 @@ class Campaign:
 
     Attributes:
         impacts: the table that a lab would have: ``impact``, ``subject``, ``trial``, ``mass_kg``,
-            ``velocity_m_s``, ``energy_J``, ``sampling_rate_hz``.
+            ``velocity_m_s``, ``energy_J``, ``sampling_rate_hz``, and the design's further factors.
         truth: one row per impact, with what the lab would like to know.
         n_samples: [impact], samples of each recording.
         time: [sample], s, all recordings one after another; each recorder's clock starts at 0.
@@ -74,10 +75,10 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
         simulation: the specification.
         seed: instead of the specification's.
     """
-    streams = np.random.SeedSequence(simulation.seed if seed is None else seed).spawn(4)
-    tissue, chain, noise, further = (np.random.default_rng(stream) for stream in streams)
-    impacts = _impacts(simulation)
-    truth = _truth(simulation, impacts, tissue, chain, further)
+    streams = np.random.SeedSequence(simulation.seed if seed is None else seed).spawn(6)
+    tissue, chain, noise, further, groups, factors = (np.random.default_rng(stream) for stream in streams)
+    impacts = _impacts(simulation, factors)
+    truth = _truth(simulation, impacts, tissue, chain, further, groups)
     rate = simulation.recording.sampling_rate_hz
     end = truth["contact_time_s"].to_numpy() + leaves(truth)
     n = np.ceil((end + simulation.recording.after_contact_s) * rate).astype(int) + 1
@@ -97,17 +98,27 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
     return Campaign(impacts, truth, n, np.round(sample / rate, 9), value, uncertainty)
 
 
-def _impacts(simulation: Simulation) -> pd.DataFrame:
+def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFrame:
     people = pd.DataFrame({"subject": [f"s{k + 1:02d}" for k in range(simulation.design.subjects)]})
     repeats = pd.DataFrame({"repeat": np.arange(simulation.design.repeats) + 1})
-    impacts = simulation.conditions().merge(people, how="cross").merge(repeats, how="cross")
+    impacts = simulation.conditions().merge(people, how="cross")
+    crossed = [factor for factor in simulation.design.factors if factor.every]
+    for factor in crossed:
+        impacts = impacts.merge(pd.DataFrame({factor.name: factor.levels}), how="cross")
+    impacts = impacts.merge(repeats, how="cross")
+    for factor in simulation.design.factors:
+        if not factor.every:
+            impacts[factor.name] = random.permutation(np.resize(factor.levels, len(impacts)))
     names = impacts["trial"] + "-" + impacts["subject"]
+    for factor in crossed:
+        names += "-" + impacts[factor.name]
     if simulation.design.repeats > 1:
         names += "-r" + impacts["repeat"].astype(str)
     energy = impacts["mass_kg"] * impacts["velocity_m_s"] ** 2 / 2
     rate = simulation.recording.sampling_rate_hz
     table = impacts.drop(columns="repeat").assign(impact=names, energy_J=energy, sampling_rate_hz=rate)
-    columns = ["impact", "subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "sampling_rate_hz"]
+    own = [factor.name for factor in simulation.design.factors]
+    columns = ["impact", "subject", "trial", *own, "mass_kg", "velocity_m_s", "energy_J", "sampling_rate_hz"]
     return table[columns + ["diameter_m"] * ("diameter_m" in table)]
 
 
@@ -117,6 +128,7 @@ def _truth(
     tissue: np.random.Generator,
     chain: np.random.Generator,
     further: np.random.Generator,
+    groups: np.random.Generator,
 ) -> pd.DataFrame:
     recording, count = simulation.recording, len(impacts)
     mass = impacts["mass_kg"].to_numpy() * (1 + recording.relative_mass_sd * chain.standard_normal(count))
@@ -124,8 +136,9 @@ def _truth(
     gain = 1 + recording.relative_gain_sd * chain.standard_normal(count)
     offset = recording.offset_sd_m_s2 * chain.standard_normal(count)
     contact = recording.before_contact_s + chain.uniform(size=count) / recording.sampling_rate_hz
-    effects = _effects(simulation.tissue, impacts, tissue)
     size = np.log(mass / simulation.tissue.reference_mass_kg)
+    effects = _effects(simulation.tissue, impacts, tissue)
+    _add_group_terms(simulation.tissue, impacts, size, groups, effects)
     stiffness, damping = (
         getattr(simulation.tissue, name)
         * np.exp(getattr(simulation.tissue, f"mass_exponent_{name[0]}") * size + effects[name[0]])
@@ -155,15 +168,45 @@ def _effects(tissue: Tissue, impacts: pd.DataFrame, random: np.random.Generator)
         "trial": pd.factorize(impacts["trial"])[0],
         "impact": np.arange(len(impacts)),
     }
-    mixing = np.array([[1, 0], [tissue.correlation, np.sqrt(1 - tissue.correlation**2)]])
     effects: dict[str, np.ndarray] = {"K": np.zeros(len(impacts)), "C": np.zeros(len(impacts))}
     for level, codes in levels.items():
-        standard = random.standard_normal((codes.max() + 1, 2)) @ mixing.T
+        standard = random.standard_normal((codes.max() + 1, 2)) @ _mixing(tissue).T
         for column, name in enumerate(("K", "C")):
             effect = getattr(tissue, f"sd_{level}_{name}") * standard[codes, column]
             effects[f"{level}_effect_{name}"] = effect
             effects[name] = effects[name] + effect
     return effects
+
+
+def _add_group_terms(
+    tissue: Tissue,
+    impacts: pd.DataFrame,
+    log_mass: Float[np.ndarray, " impact"],
+    random: np.random.Generator,
+    effects: dict[str, np.ndarray],
+) -> None:
+    """Add the effects of further group terms, by the names that a posterior gives them.
+
+    Of a slope the truth has the level's own coefficient, the population's included.
+    """
+    for term, spread in tissue.spreads().items():
+        code = grouping_of(impacts, term.factors).code
+        if term.slope == MASS_TERM:
+            covariate = log_mass
+        elif term.slope:
+            covariate = impacts[term.slope].to_numpy() - impacts[term.slope].mean()
+        else:
+            covariate = np.ones(len(impacts))
+        standard = random.standard_normal((code.max() + 1, 2)) @ _mixing(tissue).T
+        for column, name in enumerate(("K", "C")):
+            own = getattr(spread, name) * standard[code, column]
+            effects[name] = effects[name] + own * covariate
+            shared = getattr(tissue, f"mass_exponent_{name}") if term.slope == MASS_TERM else 0.0
+            effects[term.own(name) if term.slope else term.effect(name)] = own + shared
+
+
+def _mixing(tissue: Tissue) -> Float[np.ndarray, "2 2"]:
+    return np.array([[1, 0], [tissue.correlation, np.sqrt(1 - tissue.correlation**2)]])
 
 
 def _recorded(

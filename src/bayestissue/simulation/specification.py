@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from bayestissue.hierarchy.group_terms import MASS_TERM, GroupTerm
+from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.settings import checked, read_toml
 
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
+_NUMBERS = ("mass_kg", "velocity_m_s", "energy_J")
+_COLUMNS = ("impact", "subject", "trial", *_NUMBERS, "sampling_rate_hz", "diameter_m", "trace")
 
 
 class _Table(BaseModel):
@@ -46,6 +50,30 @@ class Condition(_Table):
         return 2 * energy / velocity**2, velocity
 
 
+class Factor(_Table):
+    """A further column of the impacts, such as the side that is hit or the session."""
+
+    name: Annotated[str, Field(min_length=1)]
+    levels: Annotated[tuple[str, ...], Field(min_length=2)]
+    every: bool = Field(
+        default=True,
+        description="every person in every condition at every level; else each impact at one, drawn at "
+        "random, all levels about equally often",
+    )
+
+    @field_validator("levels", mode="before")
+    @classmethod
+    def _counted(cls, levels: Any) -> Any:
+        return [str(number + 1) for number in range(levels)] if type(levels) is int else levels
+
+    @field_validator("name")
+    @classmethod
+    def _new(cls, name: str) -> str:
+        if name in _COLUMNS:
+            raise ValueError(f"another name than {', '.join(_COLUMNS)}")
+        return name
+
+
 class Design(_Table):
     """Who is hit how: every person in every condition, as often as ``repeats`` says."""
 
@@ -55,14 +83,25 @@ class Design(_Table):
         "5.10 and 5.11, with the masses printed there",
     )
     subjects: Annotated[int, Field(ge=1)] = 10
+    factors: tuple[Factor, ...] = ()
     repeats: Annotated[int, Field(ge=1)] = 1
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
+        factors = [factor.name for factor in self.factors]
+        if len(set(factors)) < len(factors):
+            raise ValueError("a different name of each factor")
         names = [condition.trial for condition in self.conditions or ()]
         if len(set(names)) < len(names):
             raise ValueError("a different name of each trial")
         return self
+
+
+class SpreadPair(_Table):
+    """A standard deviation of log K and one of log C."""
+
+    K: Spread = 0.0
+    C: Spread = 0.0
 
 
 class Tissue(_Table):
@@ -71,8 +110,12 @@ class Tissue(_Table):
     K and C are at the reference mass:
     log K = log K_N_per_m + mass_exponent_K log(M / reference_mass_kg) + subject + trial + impact effect,
     each effect normal with the standard deviation given; the same for C. ``correlation`` is that of the
-    effects on K with those on C. ``parameters`` are the element's others, such as ``arm_ratio``, whose logs
-    scatter between impacts with the standard deviation ``sd_impact_parameters``.
+    effects on K with those on C. ``sd_group`` and ``sd_slope`` have the spreads of further group terms by
+    their names in a model file: ``[tissue.sd_group."subject:side"]``, and
+    ``[tissue.sd_slope."log(mass_kg)|subject"]`` of mass exponents that differ between people, or of the
+    slopes of another column of the impacts, taken from its mean. ``parameters`` are the element's others,
+    such as ``arm_ratio``, whose logs scatter between impacts with the standard deviation
+    ``sd_impact_parameters``.
     """
 
     K_N_per_m: Positive
@@ -86,10 +129,17 @@ class Tissue(_Table):
     sd_trial_C: Spread = 0.0
     sd_impact_K: Spread = 0.0
     sd_impact_C: Spread = 0.0
+    sd_group: dict[str, SpreadPair] = {}
+    sd_slope: dict[str, SpreadPair] = {}
     correlation: Annotated[float, Field(ge=-1, le=1)] = 0.0
     element: str = "kelvin_voigt"
     parameters: dict[str, Positive] = {}
     sd_impact_parameters: Spread = 0.0
+
+    def spreads(self) -> dict[GroupTerm, SpreadPair]:
+        """The further group terms and their spreads."""
+        groups = {term_of_group(key): pair for key, pair in self.sd_group.items()}
+        return groups | {term_of_slope(key): pair for key, pair in self.sd_slope.items()}
 
     @model_validator(mode="after")
     def _of_the_element(self) -> Self:
@@ -157,6 +207,22 @@ class Simulation(_Table):
     tissue: Tissue
     recording: Recording = Recording()
     output: Output = Output()
+
+    @model_validator(mode="after")
+    def _known_columns(self) -> Self:
+        known = ("subject", "trial", *(factor.name for factor in self.design.factors))
+        strange = {name for term in self.tissue.spreads() for name in term.factors if name not in known}
+        if strange:
+            raise ValueError(
+                f"tissue.sd_group and tissue.sd_slope of levels of {', '.join(known)}, without "
+                f"{', '.join(sorted(strange))}; further columns are [[design.factors]]"
+            )
+        slopes = {term.slope for term in self.tissue.spreads()} - {"", MASS_TERM, *_NUMBERS}
+        if slopes:
+            raise ValueError(
+                f"tissue.sd_slope on {', '.join((MASS_TERM, *_NUMBERS))}, without {', '.join(sorted(slopes))}"
+            )
+        return self
 
     def conditions(self) -> pd.DataFrame:
         """One row per condition: ``trial``, ``mass_kg``, ``velocity_m_s``."""

@@ -20,8 +20,10 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.population import Covariances, PopulationDesign, expected
 from bayestissue.likelihood import small
+from bayestissue.padding import adds_nothing
 
 
+@adds_nothing
 class Sites(NamedTuple):
     """Second-order expansion of each trace's log likelihood.
 

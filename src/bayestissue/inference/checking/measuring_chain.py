@@ -206,8 +206,10 @@ def _shifted(prepared: Prepared, data: TraceData, name: str, error: np.ndarray) 
     return data._replace(record=record._replace(velocity=jnp.asarray(prepared.signal.velocity + error)))
 
 
-@compiled_quickly("model")
-def _errors(model: TraceModel, data: TraceData, u: Array, keys: Array) -> Float[Array, "draw impact error"]:
+@compiled_quickly()
+def _errors(
+    model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array
+) -> Float[Array, "draw impact error"]:
     """Draws of the chain's errors given the traces, of each draw of the impacts' parameters."""
 
     def one(draw: tuple[Array, Array]) -> Array:

@@ -15,7 +15,7 @@ from bayestissue.inference.comparing.stacking import COLUMNS as SCORES
 from bayestissue.inference.comparing.stacking import by_importance
 from bayestissue.inference.quantities.elements import element_attributes
 from bayestissue.inference.quantities.secant_exponents import EXPONENTS as OF_SECANTS
-from bayestissue.inference.results.cross_validation import SCHEMES, densities_of
+from bayestissue.inference.results.cross_validation import densities_of, scheme_words, schemes
 from bayestissue.inference.results.labels import ATTRIBUTES
 from bayestissue.inference.results.meanings import meaning
 
@@ -77,12 +77,17 @@ def compare_runs(runs: Sequence[FinishedRun]) -> pd.DataFrame:
     groups = of_same_numbers(runs)
     names = _data_names(groups)
     parts = []
-    for dimension, (scheme, _, variable) in SCHEMES.items():
+    for dimension in dict.fromkeys(dimension for run in runs for dimension in schemes(run.tree)):
         for data, group in zip(names, groups, strict=True):
+            of_all = [schemes(run.tree) for run in group]
+            if not all(dimension in of_one for of_one in of_all):
+                continue
             trees = {run.name: densities_of(run.tree, dimension) for run in group}
             if len(group[0].tree["log_likelihood_of_groups"].dataset.get(dimension, (0, 0))) < 2:
                 continue
-            table = by_importance(trees, variable, scheme, _ELEMENTS[dimension]).assign(data=data)
+            elements = _ELEMENTS.get(dimension, f"levels of {dimension}")
+            variable = of_all[0][dimension][1]
+            table = by_importance(trees, variable, scheme_words(dimension), elements).assign(data=data)
             if len(group) == 1:
                 table[["elpd_difference", "se_difference", "weight"]] = np.nan
             others = [run.name for run in runs if run not in group]

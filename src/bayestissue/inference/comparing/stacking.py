@@ -176,4 +176,5 @@ def _table(scheme: str, pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:
 
 
 def _standard_error(values: np.ndarray) -> float:
-    return float(np.sqrt(len(values) * values.var(ddof=1)))
+    # One value tells nothing of how they scatter.
+    return float(np.sqrt(len(values) * values.var(ddof=1))) if len(values) > 1 else np.nan

@@ -1,79 +1,102 @@
-"""How functions are compiled that are called a few times only, and what a second process may do meanwhile."""
+"""How functions are compiled: for few shapes, and as well as they are worth.
+
+All that knows about compilation is here. What is compiled is written as if it were not: its arguments are
+filled up to a few sizes (`bayestissue.padding`), and its results cut, so that tomorrow's dataset finds
+compiled what today's needed.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any
+from functools import lru_cache, wraps
+from inspect import signature
+from typing import Any, get_type_hints
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-# The parts of a fit whose functions another process may compile ahead: see `ahead`.
-CHAINS, CORRECTION, CHOICE = "chains", "correction", "choice"
-DRAWS, PREDICTIONS = "draws", "predictions"
-
+from bayestissue.padding import cut, padded, sizes_of
 
 Function = Callable[..., Any]
-Result = Callable[[], Any]
+Static = str | Sequence[str]
+# XLA spends most of a compilation on making the result fast.
+_QUICKLY, _SOONER = {"xla_backend_optimization_level": 0}, {"xla_backend_optimization_level": 1}
 
 
-class Helper:
-    """Nobody: whoever asks does everything himself. `inference.execution.ahead` has one on another core."""
+def compiled_quickly(static_argnames: Static = ()) -> Callable[[Function], Function]:
+    """`jax.jit` for what takes longer to compile than to run: half the wait, and slower steps.
 
-    def compile_ahead(self, *, profiled: bool | None = None) -> None:
-        """Compile what a fit will need; asked once or more often.
+    Arguments are filled up along the axes that the annotations name, and the result is cut.
 
-        ``profiled`` is a guess of what will be `decided`.
-        """
+    Not to be called from within another compiled function, which has options of its own.
 
-    def decided(self, *, profiled: bool) -> None:
-        """Told as soon as it is known whether the last parameter has a profile, as compiled functions ask."""
-
-    def wait(self, part: str) -> None:
-        """Wait until a part is compiled."""
-
-    def share(
-        self, part: str, function: Function, given: tuple[Any, ...], pieces: Sequence[tuple[Any, ...]]
-    ) -> list[Any]:
-        """``function(*given, *piece)`` of every piece, done by whoever is free."""
-        return [function(*given, *piece) for piece in pieces]
-
-    def begin(self, function: Function, *arguments: Any) -> Result:
-        """Begin any function; what is returned gives the result."""
-        return partial(function, *arguments)
-
-
-def in_pieces(
-    helper: Helper, part: str, function: Function, given: tuple[Any, ...], rows: tuple[Any, ...]
-) -> Any:
-    """``function(*given, *rows)``, of which rows on a first axis are independent, shared with the helper.
-
-    All pieces have one length, so that one compilation serves them, and the numbers are the same whoever
-    makes them.
+    Args:
+        static_argnames: as of `jax.jit`.
     """
-    count = len(jax.tree.leaves(rows)[0])
-    each = length_of_piece(count)
-    # The last rows fill the last piece, which begins with some that the one before it has too.
-    begins = range(0, count, each)
-    starts = [min(begin, count - each) for begin in begins]
-    pieces = [jax.tree.map(lambda leaf: leaf[start : start + each], rows) for start in starts]  # noqa: B023
-    made = helper.share(part, function, given, pieces)
-    own = [
-        jax.tree.map(lambda leaf: leaf[begin - start :], piece)  # noqa: B023
-        for piece, begin, start in zip(made, begins, starts, strict=True)
-    ]
-    return jax.tree.map(lambda *parts: jnp.concatenate(parts), *own)
+    return lambda function: _for_few_shapes(function, static_argnames, _QUICKLY)
 
 
-def length_of_piece(count: int) -> int:
-    """How many of so many rows `in_pieces` asks for at once."""
-    return -(-count // _PIECES)
+def compiled_sooner(static_argnames: Static = ()) -> Callable[[Function], Function]:
+    """`jax.jit` for what runs about as long as it compiles: a fifth less wait, and steps as fast.
+
+    Not for slopes, which were measured to take up to four times as long; otherwise as `compiled_quickly`.
+    """
+    return lambda function: _for_few_shapes(function, static_argnames, _SOONER)
 
 
-# So few that what they share is not sent too often, so many that nobody waits long for another.
-_PIECES = 8
+def _for_few_shapes(function: Function, static_argnames: Static, options: dict[str, Any]) -> Function:
+    jitted = jax.jit(function, static_argnames=static_argnames, compiler_options=options)
+
+    @lru_cache(maxsize=1)
+    def annotations() -> tuple[tuple[Any, ...], Any]:
+        # Only when it is called is everything defined that the annotations name.
+        hints = get_type_hints(function)
+        return tuple(hints.get(name) for name in signature(function).parameters), hints.get("return")
+
+    @wraps(function)
+    def called(*arguments: Any) -> Any:
+        given, returned = annotations()
+        given = given[: len(arguments)]
+        sizes = sizes_of(arguments, given)
+        if not sizes:
+            return jitted(*arguments)
+        pairs = zip(arguments, given, strict=True)
+        return cut(jitted(*(_filled(*pair, sizes) for pair in pairs)), returned, sizes)
+
+    called.jitted = jitted  # type: ignore[attr-defined]
+    return called
+
+
+def filled_up(value: Any) -> Any:
+    """A tuple of named tuples filled up along the axes that their annotations name, for `run_chains`."""
+    sizes = sizes_of(value, (None,) * len(value))
+    return tuple(_filled(part, None, sizes) for part in value)
+
+
+def _filled(value: Any, annotation: Any, sizes: dict[str, int]) -> Any:
+    if not hasattr(value, "_fields"):
+        return padded(value, annotation, sizes)
+    return _filled_once(_Same(value), tuple(sizes.items()))
+
+
+class _Same:
+    """A key that is equal to that of the same object only, which it keeps."""
+
+    def __init__(self, value: Any) -> None:
+        self.value = value
+
+    def __hash__(self) -> int:
+        return id(self.value)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Same) and self.value is other.value
+
+
+@lru_cache(maxsize=8)
+def _filled_once(same: _Same, sizes: tuple[tuple[str, int], ...]) -> Any:
+    """A dataset is asked for hundreds of times."""
+    return jax.device_put(padded(same.value, None, dict(sizes)))
 
 
 def in_calls(function: Function, rows: Any, size: int) -> Any:
@@ -99,27 +122,3 @@ def first_rows(one: Function, size: int, number: Any) -> Any:
     shapes = jax.eval_shape(one, 0)
     empty = jax.tree.map(lambda shape: jnp.zeros((size, *shape.shape), shape.dtype), shapes)
     return jax.lax.fori_loop(0, number, add, empty)
-
-
-# XLA spends most of a compilation on making the result fast.
-_QUICKLY, _SOONER = {"xla_backend_optimization_level": 0}, {"xla_backend_optimization_level": 1}
-Static = str | Sequence[str]
-
-
-def compiled_quickly(static_argnames: Static = ()) -> Callable[[Callable[..., Any]], Any]:
-    """`jax.jit` for what takes longer to compile than to run: half the wait, and slower steps.
-
-    Not to be called from within another compiled function, which has options of its own.
-
-    Args:
-        static_argnames: as of `jax.jit`.
-    """
-    return lambda function: jax.jit(function, static_argnames=static_argnames, compiler_options=_QUICKLY)
-
-
-def compiled_sooner(static_argnames: Static = ()) -> Callable[[Callable[..., Any]], Any]:
-    """`jax.jit` for what runs about as long as it compiles: a fifth less wait, and steps as fast.
-
-    Not for slopes, which were measured to take up to four times as long; otherwise as `compiled_quickly`.
-    """
-    return lambda function: jax.jit(function, static_argnames=static_argnames, compiler_options=_SOONER)

@@ -18,8 +18,10 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.moments import log_site, points_of
+from bayestissue.padding import adds_nothing
 
 
+@adds_nothing
 class LikelihoodGrid(NamedTuple):
     """Log likelihood of each impact's last parameter on an even grid, the others integrated out.
 

@@ -223,7 +223,11 @@ def log_evidence_corrections(
 
 @compiled_sooner()
 def corrections_of(
-    summaries: Sites, ratios: ImportanceRatios, mean: Array, precision: Array, number: int
+    summaries: Sites,
+    ratios: ImportanceRatios,
+    mean: Float[Array, "draw impact parameter"],
+    precision: Array,
+    number: int,
 ) -> Float[Array, "draw impact"]:
     """What is compiled of `log_evidence_corrections`: the first so many of `DRAWS` draws."""
 

@@ -31,7 +31,7 @@ def log_likelihoods(
     return np.where(np.isfinite(found), found, -np.inf)
 
 
-@compiled_sooner("model")
+@compiled_sooner()
 def densities_at(
     model: TraceModel, data: TraceData, u: Float[Array, "point impact parameter"], number: int
 ) -> Float[Array, "point impact"]:

@@ -84,7 +84,10 @@ def many_draws(
     densities["trace"] = scores_of_some(prepared, summarised, draws).reshape(*shape, -1)
     sites = {name: np.asarray(values).reshape(shape) for name, values in constrained(model, raw).items()}
     unfolded = ConstrainedDraws(
-        named_sites(prepared, sites, np.asarray(true_b).reshape(*shape, -1)), impacts, densities, kept
+        named_sites(model, prepared.design, sites, np.asarray(true_b).reshape(*shape, -1)),
+        impacts,
+        densities,
+        kept,
     )
     population_draws = Draws(
         {name: np.asarray(values).reshape(shape) for name, values in raw.items()},
@@ -170,7 +173,7 @@ def _of_impacts(
     return impacts, kept
 
 
-@partial(jax.jit, static_argnames="model")
+@jax.jit
 def _draw_block(
     model: TraceModel,
     data: TraceData,

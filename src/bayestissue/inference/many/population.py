@@ -164,7 +164,7 @@ class MarginalMode:
         return float(value), np.asarray(slope)
 
 
-@partial(jax.jit, static_argnames=("model", "names"))
+@partial(jax.jit, static_argnames="names")
 def _value_and_slope(
     model: TraceModel, names: tuple[str, ...], flat: Array, cells: Cells, surface: GridSum | None
 ) -> tuple[Array, Array]:
@@ -177,7 +177,7 @@ def _value_and_slope(
     return jax.value_and_grad(potential)(flat)
 
 
-@partial(jax.jit, static_argnames="model")
+@jax.jit
 def _locations(model: TraceModel, cells: Cells, raw: dict[str, Array], z: Array) -> Array:
     def one(draw: tuple[dict[str, Array], Array]) -> Array:
         solution, _ = solve(cells, population(model, constrained(model, draw[0])))

@@ -7,12 +7,12 @@ from functools import partial
 import jax
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
-from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.gaussian.cell_solution import locations_of, solve
 from bayestissue.hierarchy.gaussian.cell_sums import CellSums
 from bayestissue.hierarchy.gaussian.cells import Cells, expected_by_place
+from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.factors.laplace import ConditionalPrior
@@ -20,11 +20,8 @@ from bayestissue.inference.factors.moments import log_evidence
 from bayestissue.inference.many.approximate import ManySummarised
 from bayestissue.inference.many.correction import PopulationDraws, anchors_of, told_of_rows
 from bayestissue.inference.many.kept import some_impacts, some_of
-from bayestissue.inference.posterior.scores import (
-    LikelihoodApproximation,
-    integrated_effects,
-    log_evidence_ratios,
-)
+from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, gained, own_effects
+from bayestissue.inference.posterior.scores import LikelihoodApproximation, log_evidence_ratios
 
 # Draws at a time: a thousand impacts' matrices take memory.
 _AT_ONCE = 64
@@ -41,22 +38,28 @@ def locations_and_scores(
         raw: the spreads' draws, unconstrained, [draw].
         z: standard normals of the locations.
     """
-    return _population(prepared.model, cells, _codes(prepared, cells), raw, z)
+    found = own_effects(prepared.model, prepared.design)
+    own = {name: _by_place(each, cells) for name, (_, each) in found.items()}
+    slots = tuple((name, each) for name, (each, _) in found.items())
+    return _population(prepared.model, slots, cells, own, raw, z)
 
 
-def _codes(prepared: Prepared, cells: Cells) -> dict[str, Int[np.ndarray, " place"]]:
-    """Person and condition of each place; 0 for an empty one, which adds nothing."""
-    place = np.asarray(cells.arrangement.place)
-    codes = {}
-    for group in GROUPS:
-        codes[group] = np.zeros(cells.level.shape[0], int)
-        codes[group][place] = getattr(prepared.design, group)
-    return codes
+def _by_place(own: OwnEffects, cells: Cells) -> OwnEffects:
+    """The same of each place, whose impacts are alike; an empty one has level 0 and adds nothing."""
+    place, places = np.asarray(cells.arrangement.place), cells.level.shape[0]
+    level, value = np.zeros(places, int), np.zeros((len(own.value), places))
+    level[place], value[:, place] = own.level, own.value
+    return OwnEffects(level, own.element, value)
 
 
-@partial(jax.jit, static_argnames="model")
+@partial(jax.jit, static_argnames="slots")
 def _population(
-    model: TraceModel, cells: Cells, codes: dict[str, Array], raw: dict[str, Array], z: Array
+    model: TraceModel,
+    slots: tuple[tuple[str, Slots], ...],
+    cells: Cells,
+    own: dict[str, OwnEffects],
+    raw: dict[str, Array],
+    z: Array,
 ) -> tuple[Array, dict[str, Array]]:
     """All locations of each draw, and the log densities of all traces of each person and condition."""
 
@@ -64,21 +67,22 @@ def _population(
         sites = constrained(model, draw[0])
         solution, sums = solve(cells, population(model, sites))
         b = locations_of(cells, solution, draw[1])
-        return b, _scores(model, cells, sums, codes, sites, b)
+        return b, _scores(model, slots, cells, sums, own, sites, b)
 
     return jax.lax.map(one, (raw, z))
 
 
 def _scores(
     model: TraceModel,
+    slots_of: tuple[tuple[str, Slots], ...],
     cells: Cells,
     sums: CellSums,
-    codes: dict[str, Array],
+    own_of: dict[str, OwnEffects],
     sites: dict[str, Array],
     b: Array,
 ) -> dict[str, Array]:
     """Log densities of all traces together, and of a person's or a condition's with its effects left out."""
-    size, parts = len(cells.slope), model.locations.parts
+    size = len(cells.slope)
     here = expected_by_place(cells.arrangement, b)[:size]
     start = expected_by_place(cells.arrangement, cells.reference)[:size]
     moved = [v - v0 for v, v0 in zip(here, start, strict=True)]
@@ -90,27 +94,22 @@ def _scores(
         return value, [sums.pull[a] - bent[a] for a in range(size)]
 
     scores = {"traces": at(moved)[0].sum()}
-    for group in GROUPS:
-        names = [f"{group}_effect_{q}" for q in ("K", "C")]
-        # Counted from the model, so that the sums have a fixed size.
-        own = [b[parts[name]] if name in parts else None for name in names]
-        count = max((len(each) for each in own if each is not None), default=0)
-        if not count:
-            continue
-        away = [d if e is None else d - e[codes[group]] for d, e in zip(moved[:2], own, strict=True)]
-        value, pull = at([*away, *moved[2:]])
+    for name, slots in slots_of:
+        own = own_of[name]
+        levels, of = own.element.shape[1], slots.response
+        away = [d - own.in_impacts(slots, b, a) if a < 2 else d for a, d in enumerate(moved)]
+        value, pull = at(away)
 
-        def total(values: Array, group: str = group, count: int = count) -> Array:
-            return jax.ops.segment_sum(values, codes[group], count)
+        def total(values: Array, own: OwnEffects = own, levels: int = levels) -> Array:
+            return jax.ops.segment_sum(values, own.level, levels)
 
-        gained = integrated_effects(
-            model,
-            sites,
-            group,
-            [total(sums.entry(0, 0)), total(sums.entry(0, 1)), total(sums.entry(1, 1))],
-            [total(pull[0]), total(pull[1])],
-        )
-        scores[f"traces_of_{group}"] = total(value) + gained
+        weight = {
+            (s, t): total(sums.entry(of[s], of[t]) * (own.value[s] * own.value[t])) for s, t in slots.together
+        }
+        score = [total(pull[a] * value) for a, value in zip(of, own.value, strict=True)]
+        if score:
+            added = gained(model, slots, sites, weight, score)
+            scores[f"traces_of_{stem_of(name)}"] = total(value) + added
     return scores
 
 

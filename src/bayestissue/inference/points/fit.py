@@ -21,6 +21,7 @@ from bayestissue.likelihood.arma.arma21 import LOG_2PI
 from bayestissue.likelihood.quadratic import log_determinant
 from bayestissue.likelihood.transforms import FILLED
 from bayestissue.oscillator import arccos_branch, from_differences, peak_displacement, spring_damper
+from bayestissue.padding import bucket
 
 Method = Literal["exact", "dds"]
 Column = Float[np.ndarray, " impact"]
@@ -125,17 +126,15 @@ def fit_points(
 
 
 def _batches(count: int) -> Iterator[np.ndarray]:
-    """Equal batches, so that one compilation serves all; the last is filled up with its last impact."""
-    size = -(-count // -(-count // BATCH))
+    """Batches of 1, 2, 4 ... impacts, so that few sizes are ever compiled; filled up with the last impact."""
+    size = 2 ** (-(-count // -(-count // BATCH)) - 1).bit_length()
     for begin in range(0, count, size):
         yield np.minimum(np.arange(begin, begin + size), count - 1)
 
 
 def _width(samples: int) -> int:
     """A width not much above ``samples`` from a short list, so that few widths are ever compiled."""
-    blocks = max(1, -(-(samples - 2) // FILLED))
-    step = max(1, 2 ** (blocks.bit_length() - 3))
-    return 2 + FILLED * step * -(-blocks // step)
+    return 2 + FILLED * bucket(max(1, -(-(samples - 2) // FILLED)))
 
 
 def _prepared(x: np.ndarray, n_samples: np.ndarray, *, centred: bool) -> SineTransforms:
@@ -147,7 +146,9 @@ def _prepared(x: np.ndarray, n_samples: np.ndarray, *, centred: bool) -> SineTra
     return data._replace(spread=jnp.broadcast_to(data.spread, shape))
 
 
-def _fit(data: SineTransforms, dt: Array, mass: Array, method: Method) -> tuple[Profile, dict[str, Array]]:
+def _fit(
+    data: SineTransforms, dt: Float[Array, " impact"], mass: Float[Array, " impact"], method: Method
+) -> tuple[Profile, dict[str, Float[Array, " impact"]]]:
     if method == "dds":
         fit, covariance = fit_conditional(data)
         log_scale = jnp.zeros_like(data.size)

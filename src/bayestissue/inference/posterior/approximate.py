@@ -27,7 +27,7 @@ from bayestissue.hierarchy.traces import (
     with_normal_errors,
 )
 from bayestissue.hierarchy.warp import SinhArcsinh
-from bayestissue.inference.execution.compiling import Helper, compiled_quickly
+from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.grid import (
     LikelihoodGrid,
     cleared_of_last,
@@ -155,7 +155,6 @@ def approximate(
     normal: bool | None = None,
     refinements: int | None = None,
     say: Progress = silent,
-    helper: Helper | None = None,
 ) -> Approximation:
     """Sites of the traces, each made where the whole data set says that its parameters are.
 
@@ -172,7 +171,6 @@ def approximate(
             one that only whitens, as on the exact path, is better without: under a population whose spread
             has its mode next to 0, moments tell of a trace what is not there.
         say: told how many of these passes are done, and of how many.
-        helper: told whether there will be a profile.
     """
     model, data = prepared.model, prepared.data
     if refinements is None:
@@ -200,7 +198,6 @@ def approximate(
     if not model.weakly_identified:
         return Approximation(summaries, finder.coordinates(summaries, mode), None)
     normal = last_is_normal(prepared, summaries) if normal is None else normal
-    (helper or Helper()).decided(profiled=not normal)
     if normal:
         finder.profile = None
         return Approximation(summaries, finder.coordinates(summaries, mode[:-1]), None)
@@ -256,7 +253,7 @@ def _has_another_end(prepared: Prepared, summaries: Sites) -> bool:
 _PLACES = np.linspace(-8.0, 8.0, 321)
 
 
-@compiled_quickly("model")
+@compiled_quickly()
 def _value_and_slope(
     model: TraceModel,
     y: Array,

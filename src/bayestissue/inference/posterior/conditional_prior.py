@@ -66,7 +66,7 @@ def conditional_priors(
     return in_calls(partial(conditional_priors_of, model, bare, summaries), rows, DRAWS)
 
 
-@compiled_sooner("model")
+@compiled_sooner()
 def conditional_priors_of(
     model: TraceModel, data: TraceData, summaries: Sites, raw: dict[str, Array], z_b: Array, number: int
 ) -> ConditionalPriors:

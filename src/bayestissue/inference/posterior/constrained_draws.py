@@ -12,18 +12,29 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.population import Covariances, SharedMassError, of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
-from bayestissue.inference.execution.compiling import DRAWS, Helper, compiled_sooner, in_pieces
+from bayestissue.hierarchy.traces import (
+    Hyperparameters,
+    TraceData,
+    TraceModel,
+    physical,
+    population,
+    trace_distribution,
+)
+from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
 from bayestissue.inference.factors.moments import normals
 from bayestissue.inference.posterior.conditional_prior import conditional_priors
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
 from bayestissue.inference.samplers.sampling import Draws
+
+# Draws of one call, so that one compilation serves any number.
+DRAWS = 256
 
 
 @dataclass(frozen=True)
@@ -47,18 +58,16 @@ def constrained_draws(
     summaries: Sites,
     draws: Draws,
     key: Array,
-    helper: Helper | None = None,
     *,
     told: LikelihoodApproximation | None = None,
 ) -> ConstrainedDraws:
-    """Map all draws back, some of them by the helper, if there is one.
+    """Map all draws back.
 
     Args:
         prepared: the fit.
         summaries: in whose coordinates the draws are.
         draws: of the sampler.
         key: of what is drawn besides.
-        helper: shares what is done draw by draw.
         told: of the traces' likelihoods, for the log densities; these summaries unless given.
     """
     model, data = prepared.model, prepared.data
@@ -68,32 +77,37 @@ def constrained_draws(
     u = normals(summaries, expected.anchors).at(flat["standard_impacts"])
     keys = jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1])
     rows = (expected.sites, expected.b, expected.about, u, keys)
-    b, impacts = in_pieces(helper or Helper(), DRAWS, partial(constrain_rows, model), (data,), rows)
+    b, impacts = in_calls(partial(constrain_rows, model, data), rows, DRAWS)
     scores = of_draws(prepared, told or LikelihoodApproximation(summaries), expected)
     sites, b, impacts, scores = jax.tree.map(
         lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (expected.sites, b, impacts, scores)
     )
-    return ConstrainedDraws(named_sites(prepared, sites, b), impacts, scores)
+    return ConstrainedDraws(named_sites(model, prepared.design, sites, b), impacts, scores)
 
 
-def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarray) -> dict[str, np.ndarray]:
+def named_sites(
+    model: Hyperparameters, design: Design, spreads: dict[str, np.ndarray], b: np.ndarray
+) -> dict[str, np.ndarray]:
     """The hierarchy's quantities by name, from the spreads and the locations b, all [chain, draw, ...].
 
-    Effects that the formulas leave out are zero, so that what follows need not ask.
+    Effects of groups that a formula leaves out are zero, so that what follows need not ask.
     """
     sites = dict(spreads)
-    for name, part in prepared.model.locations.parts.items():
-        values = b[..., part]
-        sites[name] = values if name.startswith(("subject_", "trial_", "covariate_")) else values[..., 0]
-    for response in RESPONSES:
-        for group in GROUPS:
-            count = len(getattr(prepared.design, f"{group}s"))
-            sites.setdefault(f"{group}_effect_{response}", np.zeros((*b.shape[:2], count)))
-            sites.setdefault(f"sd_{group}_{response}", np.zeros(b.shape[:2]))
+    single = {f"{name}_{q}" for q in RESPONSES for name in ("intercept", "mass_exponent")}
+    single |= {f"{name}_mean" for name in model.nuisance}
+    for name, part in model.locations.parts.items():
+        sites[name] = b[..., part.start] if name in single else b[..., part]
+    for term in (SUBJECT, TRIAL, *design.terms):
+        levels = len(design.groupings[term.grouping].levels)
+        for response in RESPONSES:
+            effect = term.effect(response)
+            # Without the levels that only fill up.
+            sites[effect] = sites.get(effect, np.zeros((*b.shape[:2], levels)))[..., :levels]
+            sites.setdefault(term.sd(response), np.zeros(b.shape[:2]))
     return sites
 
 
-@compiled_sooner("model")
+@compiled_sooner()
 def constrain_rows(
     model: TraceModel,
     data: TraceData,
@@ -102,17 +116,19 @@ def constrain_rows(
     about: Float[Array, "draw impact parameter"],
     u: Float[Array, "draw impact parameter"],
     keys: Array,
-) -> tuple[Array, dict[str, Array]]:
-    """Locations at people's true masses, and every impact's quantities, of each draw along a first axis."""
+    number: int,
+) -> tuple[Array, dict[str, Float[Array, "draw impact ..."]]]:
+    """Locations at people's true masses, and every impact's quantities, of the first so many draws."""
 
-    def one(draw: tuple[dict[str, Array], Array, Array, Array, Array]) -> tuple[Array, dict[str, Array]]:
-        own, locations, here, values, key = draw
+    def one(place: Any) -> tuple[Array, dict[str, Array]]:
+        own = {name: values[place] for name, values in sites.items()}
+        locations, here, values, key = b[place], about[place], u[place], keys[place]
         of_mass, of_errors = jax.random.split(key)
         spread, columns = population(model, own), list(values.T)
         locations, mass_error = _mass_error(model, data, spread, locations, columns, list(here.T), of_mass)
         return locations, impact_quantities(model, data, columns, mass_error, of_errors)
 
-    return jax.lax.map(one, (sites, b, about, u, keys))
+    return first_rows(one, DRAWS, number)
 
 
 def impact_quantities(

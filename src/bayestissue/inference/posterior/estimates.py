@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import numpy as np
@@ -46,6 +46,21 @@ _STEP = 1e-4
 # The sites follow the mode, which then moves a little; and then, if need be, corrected draws, while less of
 # the draws' worth is left.
 _ABOUT_MODE, _MOST_AGAIN, _WELL_PLACED = 3, 2, 0.7
+_OTHER_SEED = 1_000_003
+
+
+class Chains(NamedTuple):
+    """Draws of the hyperparameters, and of the effects given each, by the sites and not corrected.
+
+    Attributes:
+        coordinates: the hyperparameters', along a first axis of all chains' draws.
+        drawn: the effects, with the densities.
+        sampled: the chains.
+    """
+
+    coordinates: Float[np.ndarray, "draw coordinate"]
+    drawn: EffectsDraw
+    sampled: Draws
 
 
 @dataclass(frozen=True)
@@ -53,83 +68,90 @@ class EstimatesPosterior:
     """Draws of everything, and how they came about.
 
     Attributes:
-        draws: hyperparameters and effects by name, [chain, draw, ...].
-        rows: log density of every row's data, [chain, draw, row].
-        trials: that of every trial's, its own effect integrated out, [chain, draw, trial].
+        draws: the hyperparameters by name, [chain, draw].
+        b: the effects.
+        rows: log density of every row's data.
         correction: of the draws; None where nothing had to be corrected.
-        scatter: where the tables' sites were made.
+        data: with the place at which the tables' sites were made.
         coordinates: of the hyperparameters.
+        chains: before the correction; None where there was none.
     """
 
     draws: Draws
+    b: Float[np.ndarray, "chain draw location"]
     rows: Float[np.ndarray, "chain draw row"]
-    trials: Float[np.ndarray, "chain draw trial"]
     correction: Correction | None
-    scatter: Float[np.ndarray, "table 2"]
+    data: EstimatesData
     coordinates: Coordinates
+    chains: Chains | None
 
 
 def sample_posterior(
-    model: EstimatesModel,
-    data: EstimatesData,
-    trials: int,
-    settings: Sampler,
-    seed: int,
-    *,
-    near: EstimatesPosterior | None = None,
-    progress: Progress = silent,
+    model: EstimatesModel, data: EstimatesData, settings: Sampler, seed: int, progress: Progress = silent
 ) -> EstimatesPosterior:
     """Draw from the posterior.
 
     Args:
         model: what is assumed.
         data: the rows.
-        trials: how many trials there are.
         settings: how many chains and draws, and by which path.
         seed: of all of it.
-        near: a posterior of the same formula with nothing held out, from which the search then begins.
         progress: told how many of the chains' transitions are done, where it takes long.
     """
-    if near is None:
-        data, coordinates = _approximated(model, data, trials, np.random.default_rng([seed, 24]))
-    else:
-        data, coordinates = data._replace(scatter=near.scatter), near.coordinates
-    if settings.path != "exact":
-        found = _corrected(model, data, trials, coordinates, settings, seed, progress)
-        assert found.correction is not None  # noqa: S101 - it was corrected
-        if settings.path == "summary" or found.correction.trusted:
-            return found
-    return _exact(model, data, trials, coordinates, settings, seed, progress)
+    data, coordinates = approximated(model, data, seed)
+    if settings.path == "exact":
+        return _exact(model, data, coordinates, settings, seed, progress)
+    made: list[EstimatesPosterior] = []
+    for again in range(1 + _MOST_AGAIN):
+        chains = sample_chains(model, data, coordinates, settings, seed + again * _OTHER_SEED, progress)
+        made.append(_corrected(model, data, coordinates, chains, settings, seed))
+        if _worth(made[-1])[1] > _WELL_PLACED:
+            break
+        data = data._replace(scatter=chains.drawn.scatter.mean(0))
+    best = max(made, key=_worth)
+    if settings.path == "summary" or _worth(best)[0]:
+        return best
+    return _exact(model, data, coordinates, settings, seed, progress)
+
+
+def sample_chains(
+    model: EstimatesModel,
+    data: EstimatesData,
+    coordinates: Coordinates,
+    settings: Sampler,
+    seed: int,
+    progress: Progress = silent,
+) -> Chains:
+    """Chains of the hyperparameters, by independent proposals where they serve; and the effects."""
+    middle = {COORDINATES: np.zeros(len(coordinates.names))}
+    target, own = (data, coordinates.warp), _marginal_of(model)
+    found = independence_chains(own, target, Spreads(middle, coordinates.covariance), settings, seed)
+    sampled = found.draws
+    if found.pareto_k >= PARETO_LIMIT:
+        start = Start(middle, (COORDINATES,), coordinates.covariance)
+        sampled = run_chains(own, target, start, settings, seed, progress=progress, processes=False)
+    y = sampled.sites[COORDINATES].reshape(-1, len(coordinates.names))
+    z = np.random.default_rng([seed, 21]).standard_normal((len(y), model.locations.size))
+    return Chains(y, draw_all(model, data, coordinates.warp, y, z), sampled)
 
 
 def _corrected(
     model: EstimatesModel,
     data: EstimatesData,
-    trials: int,
     coordinates: Coordinates,
+    chains: Chains,
     settings: Sampler,
     seed: int,
-    progress: Progress,
 ) -> EstimatesPosterior:
-    """Of sites made anew about corrected draws while too little of the draws' worth is left, the best."""
-    made: list[EstimatesPosterior] = []
-    for again in range(1 + _MOST_AGAIN):
-        rng = np.random.default_rng([seed, 21, again])
-        chains = _chains(model, data, coordinates, settings, seed + 1000003 * again, progress)
-        shape = (settings.chains, settings.transitions)
-        y = chains.sites[COORDINATES].reshape(-1, len(coordinates.names))
-        z = rng.standard_normal((len(y), model.locations.size))
-        drawn = _drawn(model, data, trials, coordinates.warp, y, z)
-        smoothed, k = pareto_smoothed(drawn.log_ratio)
-        weight = np.exp(smoothed)
-        effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
-        chosen = _resample(weight.reshape(shape), settings.draws, rng)
-        drawn, correction = jax.tree.map(lambda v: v[chosen], drawn), Correction(k, float(effective))  # noqa: B023
-        made.append(_labelled(model, data, coordinates, chains, y[chosen], drawn, settings, correction))
-        if effective > _WELL_PLACED:
-            break
-        data = data._replace(scatter=drawn.scatter.mean(0))
-    return max(made, key=_worth)
+    """Draws chosen by the lost tables' factors over their sites."""
+    smoothed, k = pareto_smoothed(chains.drawn.log_ratio)
+    weight = np.exp(smoothed)
+    effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
+    weight = weight.reshape(settings.chains, settings.transitions)
+    chosen = _resample(weight, settings.draws, np.random.default_rng([seed, 22]))
+    y, drawn = chains.coordinates[chosen], jax.tree.map(lambda values: values[chosen], chains.drawn)
+    found = _by_chain(model, data, coordinates, chains.sampled, y, drawn, settings)
+    return replace(found, correction=Correction(k, float(effective)), chains=chains)
 
 
 def _worth(found: EstimatesPosterior) -> tuple[bool, float]:
@@ -140,7 +162,6 @@ def _worth(found: EstimatesPosterior) -> tuple[bool, float]:
 def _exact(
     model: EstimatesModel,
     data: EstimatesData,
-    trials: int,
     coordinates: Coordinates,
     settings: Sampler,
     seed: int,
@@ -150,79 +171,44 @@ def _exact(
     size = len(coordinates.names)
     centre = {COORDINATES: np.zeros(size), "standard_locations": np.zeros(model.locations.size)}
     start = Start(centre, (COORDINATES,), coordinates.covariance)
-    chains = run_chains(
-        _sampled_of(model, trials), (data, coordinates.warp), start, settings, seed, progress=progress
-    ).thinned(settings.thinning)
-    y, z = (chains.sites[name].reshape(-1, *np.shape(centre[name])) for name in centre)
-    drawn = _drawn(model, data, trials, coordinates.warp, y, z)
-    return _labelled(model, data, coordinates, chains, y, drawn, settings, None)
+    arguments = (data, coordinates.warp)
+    sampled = run_chains(_sampled_of(model), arguments, start, settings, seed, progress=progress)
+    sampled = sampled.thinned(settings.thinning)
+    y, z = (sampled.sites[name].reshape(-1, *np.shape(centre[name])) for name in centre)
+    drawn = draw_all(model, data, coordinates.warp, y, z)
+    return _by_chain(model, data, coordinates, sampled, y, drawn, settings)
 
 
-def _labelled(
+def _by_chain(
     model: EstimatesModel,
     data: EstimatesData,
     coordinates: Coordinates,
-    chains: Draws,
+    sampled: Draws,
     y: Float[np.ndarray, "draw coordinate"],
     drawn: EffectsDraw,
     settings: Sampler,
-    correction: Correction | None,
 ) -> EstimatesPosterior:
-    """Draws by name and by chain."""
     shape = (settings.chains, settings.draws)
-    sites = dict(constrained(model, coordinates.raw(y)))
-    sites |= named_effects(model, drawn.b)
-    by_chain = {name: np.asarray(v).reshape(*shape, *v.shape[1:]) for name, v in sites.items()}
-    rows, each_trial = (v.reshape(*shape, -1) for v in (drawn.rows, drawn.trials))
-    draws = replace(chains, sites=by_chain)
-    return EstimatesPosterior(draws, rows, each_trial, correction, np.asarray(data.scatter), coordinates)
+    sites = constrained(model, coordinates.raw(y))
+    draws = replace(sampled, sites={name: np.asarray(v).reshape(shape) for name, v in sites.items()})
+    b, rows = (values.reshape(*shape, -1) for values in (drawn.b, drawn.rows))
+    return EstimatesPosterior(draws, b, rows, None, data, coordinates, None)
 
 
-def named_effects(
-    model: EstimatesModel, b: Float[np.ndarray, "*draw location"]
-) -> dict[str, Float[np.ndarray, "*draw ..."]]:
-    """The parts of b by name; intercepts and mass exponents are numbers."""
-    parts = model.locations.parts
-    numbers = ("intercept_", "mass_exponent_")
-    return {
-        name: b[..., part.start] if name.startswith(numbers) else b[..., part] for name, part in parts.items()
-    }
-
-
-def _chains(
+def draw_all(
     model: EstimatesModel,
     data: EstimatesData,
-    coordinates: Coordinates,
-    settings: Sampler,
-    seed: int,
-    progress: Progress,
-) -> Draws:
-    """The hyperparameters: independent proposals where they serve, else trajectories."""
-    middle = {COORDINATES: np.zeros(len(coordinates.names))}
-    target, own = (data, coordinates.warp), _marginal_of(model)
-    found = independence_chains(own, target, Spreads(middle, coordinates.covariance), settings, seed)
-    if found.pareto_k < PARETO_LIMIT:
-        return found.draws
-    start = Start(middle, (COORDINATES,), coordinates.covariance)
-    return run_chains(own, target, start, settings, seed, progress=progress, processes=False)
-
-
-def _drawn(
-    model: EstimatesModel,
-    data: EstimatesData,
-    trials: int,
     warp: SinhArcsinh,
     y: Float[np.ndarray, "draw coordinate"],
     z: Float[np.ndarray, "draw location"],
 ) -> EffectsDraw:
     """Effects for every draw of the coordinates, as numpy arrays."""
-    return EffectsDraw(*in_calls(partial(_draw_rows, model, trials, data, warp), (y, z), POINTS))
+    return EffectsDraw(*in_calls(partial(_draw_rows, model, data, warp), (y, z), POINTS))
 
 
-@partial(jax.jit, static_argnums=(0, 1))
+@partial(jax.jit, static_argnums=0)
 def _draw_rows(
     model: EstimatesModel,
-    trials: int,
     data: EstimatesData,
     warp: SinhArcsinh,
     y: Array,
@@ -231,7 +217,7 @@ def _draw_rows(
 ) -> EffectsDraw:
     def one(place: Array) -> EffectsDraw:
         sites = constrained(model, dict(zip(model.spreads, warp(y[place]), strict=True)))
-        return draw_effects(model, data, sites, z[place], trials)
+        return draw_effects(model, data, sites, z[place])
 
     return EffectsDraw(*first_rows(lambda place: tuple(one(place)), POINTS, number))
 
@@ -255,15 +241,13 @@ class _Finder(NamedTuple):
         return float(value), (ahead - behind) / (2 * _STEP)
 
 
-def _approximated(
-    model: EstimatesModel, data: EstimatesData, trials: int, rng: np.random.Generator
-) -> tuple[EstimatesData, Coordinates]:
+def approximated(model: EstimatesModel, data: EstimatesData, seed: int) -> tuple[EstimatesData, Coordinates]:
     """Sites of the lost tables about the posterior mode of the hyperparameters, and coordinates there."""
     names, mode = model.spreads, None
-    z = rng.standard_normal((POINTS, model.locations.size))
+    z = np.random.default_rng([seed, 24]).standard_normal((POINTS, model.locations.size))
     for _ in range(_ABOUT_MODE):
         mode = find_mode(model, names, _Finder(model, data).at, mode)
-        drawn = _drawn(model, data, trials, straight(len(names)), np.repeat(mode[None], len(z), axis=0), z)
+        drawn = draw_all(model, data, straight(len(names)), np.repeat(mode[None], len(z), axis=0), z)
         data = data._replace(scatter=drawn.scatter.mean(0))
     finder = _Finder(model, data)
     scale = np.sqrt(np.diagonal(covariance_about(lambda y: finder.at(y)[1], mode)))
@@ -279,10 +263,6 @@ def _marginal_of(model: EstimatesModel) -> Callable[..., None]:
 
 
 @lru_cache(maxsize=8)
-def _sampled_of(model: EstimatesModel, trials: int) -> Callable[..., Any]:
+def _sampled_of(model: EstimatesModel) -> Callable[..., None]:
     """The same of `sampled_model`."""
-    return partial(_sampled, model, trials)
-
-
-def _sampled(model: EstimatesModel, trials: int, data: EstimatesData, warp: SinhArcsinh) -> None:
-    sampled_model(model, data, warp, trials)
+    return partial(sampled_model, model)

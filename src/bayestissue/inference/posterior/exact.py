@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache, partial
 from pathlib import Path
 
 import jax.numpy as jnp
@@ -13,9 +11,11 @@ import numpy as np
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceModel, sampled_model, warped
+from bayestissue.inference.execution.compiling import filled_up
 from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.samplers.nuts import Start, run_chains
 from bayestissue.inference.samplers.sampling import Draws, Progress, silent
+from bayestissue.padding import bucket
 
 
 def exact_draws(
@@ -29,9 +29,11 @@ def exact_draws(
     processes: bool = True,
 ) -> Draws:
     """Draws of the sites of `sampled_model`, whose coordinates the summaries make; see `run_chains`."""
+    impacts = len(prepared.impacts)
+    present = np.arange(bucket(impacts)) < impacts
     draws = run_chains(
-        model_of(prepared.model),
-        (prepared.data, summarised.summaries, summarised.spreads.warp),
+        sampled_model,
+        (prepared.model, *filled_up((prepared.data, summarised.summaries)), summarised.spreads.warp, present),
         start_of(prepared, summarised),
         settings,
         seed,
@@ -53,20 +55,16 @@ def straightened(
     if summarised.profile is not None:
         z_b = np.asarray(warped(jnp.asarray(z_b), warp))
     rest = {name: values for name, values in sites.items() if name != COORDINATES}
+    rest["standard_impacts"] = rest["standard_impacts"][:, :, : len(summarised.summaries.centre)]
     return rest | {"standard_locations": z_b} | dict(zip(model.spreads, np.moveaxis(raw, -1, 0), strict=True))
-
-
-@lru_cache(maxsize=8)
-def model_of(model: TraceModel) -> Callable[..., None]:
-    """The same function each time, so that what is compiled for it serves again."""
-    return partial(sampled_model, model)
 
 
 def start_of(prepared: Prepared, summarised: Approximation) -> Start:
     """Chains begin at the middle of the spreads given the summaries, and of all standard normals."""
+    impacts, size = summarised.summaries.centre.shape
     middle = {
         "standard_locations": np.zeros(prepared.model.locations.size),
-        "standard_impacts": np.zeros(summarised.summaries.centre.shape),
+        "standard_impacts": np.zeros((bucket(impacts), size)),
     }
     count = len(prepared.model.spreads)
     covariance = summarised.spreads.covariance[:count, :count]

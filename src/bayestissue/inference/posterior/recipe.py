@@ -8,9 +8,8 @@ true conditional.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -22,13 +21,7 @@ from bayestissue.hierarchy.gaussian.conditional import Sites
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
-from bayestissue.inference.execution.compiling import (
-    CHOICE,
-    CORRECTION,
-    Helper,
-    compiled_quickly,
-    in_pieces,
-)
+from bayestissue.inference.execution.compiling import compiled_quickly, filled_up, in_calls
 from bayestissue.inference.factors import regression
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
@@ -55,6 +48,8 @@ from bayestissue.inference.samplers.psis import below_greatest, pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws, Progress, silent
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
+# A matrix of each impact under each of so many draws takes little memory.
+_DRAWS_AT_ONCE = 500
 # Sites beside a discrepancy are made about so many draws of the population, once for each number, before
 # any chain; and again about the chains', so often at most, while less of the draws' worth is left. Of
 # Maxwell's on the example one pass of 512 left 8 to 71 %, and these leave 73 to 89 %.
@@ -132,7 +127,6 @@ def corrected_draws(
     summarised: Approximation | None = None,
     say: Progress = silent,
     progress: Progress = silent,
-    helper: Helper | None = None,
 ) -> tuple[Approximation, Draws, Correction]:
     """Sites, and draws made with them; of the better of two kinds if need be.
 
@@ -140,15 +134,14 @@ def corrected_draws(
     correction then can't be trusted, the other kind of summary may still be right. ``summarised`` is what
     `approximate` found, if it was asked before.
     """
-    helper = helper or Helper()
-    summarised = summarised or approximate(prepared, say=say, helper=helper)
+    summarised = summarised or approximate(prepared, say=say)
     if prepared.model.discrepancy:
-        return _beside_a_discrepancy(prepared, summarised, settings, seed, progress, helper)
-    sample = partial(marginal_draws, prepared, settings=settings, seed=seed, progress=progress, helper=helper)
+        return _beside_a_discrepancy(prepared, summarised, settings, seed, progress)
+    sample = partial(marginal_draws, prepared, settings=settings, seed=seed, progress=progress)
     made = [(summarised, *sample(summarised))]
     if prepared.model.weakly_identified and not made[0][2].trusted:
         other = made[0][0].profile is not None
-        again = approximate(prepared, normal=other, say=say, helper=helper)
+        again = approximate(prepared, normal=other, say=say)
         made.append((again, *sample(again)))
     return min(
         made, key=lambda attempt: (not attempt[2].trusted, np.nan_to_num(attempt[2].pareto_k, nan=np.inf))
@@ -162,30 +155,21 @@ def marginal_draws(
     seed: int,
     *,
     progress: Progress = silent,
-    helper: Helper | None = None,
 ) -> tuple[Draws, Correction]:
-    """Draws of the same sites as `sampled_model` has, corrected to the same posterior.
-
-    ``helper`` may have compiled what is asked for, and shares what is done draw by draw.
-    """
-    helper = helper or Helper()
-    found = _population_draws(prepared, summarised, settings, seed, progress, helper)
-    return _with_impacts(prepared, summarised, found, settings, helper)
+    """Draws of the same sites as `sampled_model` has, corrected to the same posterior."""
+    found = _population_draws(prepared, summarised, settings, seed, progress)
+    return _with_impacts(prepared, summarised, found, settings)
 
 
 def _with_impacts(
-    prepared: Prepared, summarised: Approximation, found: _Population, settings: Sampler, helper: Helper
+    prepared: Prepared, summarised: Approximation, found: _Population, settings: Sampler
 ) -> tuple[Draws, Correction]:
     """The population's draws, and each impact's parameters under every one."""
     model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
     candidates = _candidates(model, found.ratios, profile, found.compared)
-    choose = partial(sir_proposals, model)
+    choose = partial(sir_proposals, model, prepared.data, summaries, candidates)
     seeds = found.rng.integers(2**32, size=len(found.z_b))
-    shared, rows = (
-        (prepared.data, summaries, candidates),
-        (found.expected.about, found.expected.precision, seeds),
-    )
-    z_u = in_pieces(helper, CHOICE, choose, shared, rows)
+    z_u = in_calls(choose, (found.expected.about, found.expected.precision, seeds), _DRAWS_AT_ONCE)
     sites = {**found.raw, "standard_locations": found.z_b, "standard_impacts": z_u}
     shape = (settings.chains, settings.draws)
     draws = Draws(
@@ -226,21 +210,19 @@ def _population_draws(
     settings: Sampler,
     seed: int,
     progress: Progress,
-    helper: Helper,
 ) -> _Population:
     """Chains of the population and their correction."""
     model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
     # The record stays behind: the population asks only for the summaries.
     data = prepared.data._replace(record=None)  # type: ignore[arg-type]
     chains = run_chains(
-        marginal_of(model),
-        (data, summaries, profile, summarised.spreads.warp),
+        marginal_model,
+        (model, *filled_up((data, summaries, profile)), summarised.spreads.warp),
         _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
         settings,
         seed,
         progress=progress,
         processes=False,
-        helper=helper,
     )
     shape = (settings.chains, settings.transitions)
     rng = np.random.default_rng([seed, 21])
@@ -249,7 +231,6 @@ def _population_draws(
     z_b = rng.standard_normal((count, model.locations.size))
     if profile is not None:
         z_b[:, -1] = raw.pop(LAST)
-    helper.wait(CORRECTION)
     every = conditional_priors(model, data, summaries, raw, z_b)
     standard = standard_points(summaries.centre.shape[1])
     some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
@@ -274,7 +255,6 @@ def _beside_a_discrepancy(
     settings: Sampler,
     seed: int,
     progress: Progress,
-    helper: Helper,
 ) -> tuple[Approximation, Draws, Correction]:
     """`corrected_draws` by summaries that serve all of the posterior: see `factors.regression`.
 
@@ -287,7 +267,7 @@ def _beside_a_discrepancy(
         summarised = _about_draws(prepared, summarised, draws, seed + number)
     made = []
     for again in range(1 + _MOST_AGAIN):
-        found = _population_draws(prepared, summarised, settings, seed, progress, helper)
+        found = _population_draws(prepared, summarised, settings, seed, progress)
         made.append((summarised, found))
         if found.correction.effective > _WELL_PLACED or again == _MOST_AGAIN:
             break
@@ -295,7 +275,7 @@ def _beside_a_discrepancy(
         draws = {name: values[some] for name, values in found.raw.items()}, found.z_b[some]
         summarised = _about_draws(prepared, summarised, draws, seed + len(_DRAWS_BEFORE) + again)
     summarised, found = max(made, key=lambda attempt: attempt[1].correction.effective)
-    return summarised, *_with_impacts(prepared, summarised, found, settings, helper)
+    return summarised, *_with_impacts(prepared, summarised, found, settings)
 
 
 def _to_second_order(
@@ -358,12 +338,6 @@ def start_at(spreads: Coordinates, known: Known) -> Start:
     return Start({COORDINATES: np.zeros(len(spreads.names))}, (COORDINATES,), spreads.covariance, known)
 
 
-@lru_cache(maxsize=8)
-def marginal_of(model: TraceModel) -> Callable[..., None]:
-    """The same function each time, so that what is compiled for it serves again."""
-    return partial(marginal_model, model)
-
-
 def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.ndarray:
     """Indices of so many draws of each chain, as often as their weights say (systematic resampling).
 
@@ -388,12 +362,15 @@ def sir_proposals(
     about: Float[np.ndarray, "draw impact parameter"],
     precision: Float[np.ndarray, "draw parameter parameter"],
     seeds: Int[np.ndarray, " draw"],
+    number: int | None = None,
 ) -> Float[np.ndarray, "draw impact parameter"]:
-    """Standard normals of every impact, one of a few candidates each, chosen by likelihood over summary."""
-    given, rng = (
-        normals(summaries, ConditionalPrior(about, np.asarray(precision)[:, None])),
-        np.random.default_rng(seeds),
-    )
+    """Standard normals of every impact, one of a few candidates each, chosen by likelihood over summary.
+
+    Of the first ``number`` draws, all of them unless given.
+    """
+    about, precision, seeds = (values[:number] for values in (about, precision, seeds))
+    given = normals(summaries, ConditionalPrior(about, np.asarray(precision)[:, None]))
+    rng = np.random.default_rng(seeds)
     best, most = np.zeros(about.shape), np.full(about.shape[:2], -np.inf)
     for number in range(candidates):
         z = rng.standard_normal(about.shape)

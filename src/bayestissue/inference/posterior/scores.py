@@ -8,16 +8,14 @@ them.
 from __future__ import annotations
 
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
@@ -30,6 +28,7 @@ from bayestissue.inference.factors.importance_ratios import (
 from bayestissue.inference.factors.laplace import ConditionalPrior, times
 from bayestissue.inference.factors.moments import inverse_of_whole, log_evidence, standard_points
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors
+from bayestissue.inference.posterior.own_effects import gained, own_effects
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
@@ -55,10 +54,11 @@ def of_draws(
     """Log densities under each draw of the population: "trace" [draw, impact], "traces_of_subject" and so on.
 
     That of an impact is its summary's evidence, times the profile's, times the mean of likelihood over both:
-    see `bayestissue.inference.factors.importance_ratios`. Of a person's or condition's traces the two effects
-    are integrated out of the summaries, and the factors besides are those at the effects that the draw has:
-    these being a draw of the posterior, the mean of one over such a density, which leaving out asks for, is
-    the true one.
+    see `bayestissue.inference.factors.importance_ratios`. Of a person's or condition's traces all effects
+    that only these have are integrated out of the summaries (see
+    `bayestissue.inference.posterior.own_effects`), and the factors besides are those at the effects that the
+    draw has: these being a draw of the posterior, the mean of one over such a density, which leaving out
+    asks for, is the true one.
 
     Args:
         prepared: the fit.
@@ -93,7 +93,9 @@ def _of_profile(profile: LikelihoodGrid, anchors: ConditionalPrior) -> Float[np.
 
 
 @compiled_sooner()
-def _profile_evidence(profile: LikelihoodGrid, mean: Array, sd: Array, number: int) -> Array:
+def _profile_evidence(
+    profile: LikelihoodGrid, mean: Float[Array, "draw impact"], sd: Array, number: int
+) -> Float[Array, "draw impact"]:
     return first_rows(lambda place: profile.log_evidence(mean[place], sd[place]), _AT_ONCE, number)
 
 
@@ -114,60 +116,22 @@ def _of_some(
     # W = D V P, the precision with which a trace tells X b, and D V g, with V = (P + D)^-1.
     half = (anchors.precision @ inverse.matrix)[..., :2, :]
     weight, pull = half @ own, times(half, slope[None])
-    for group in GROUPS:
-        codes, count = getattr(design, group), len(getattr(design, f"{group}s"))
+    for name, (slots, own_of) in own_effects(model, design).items():
         mean = anchors.mean.copy()
-        for place, response in enumerate(RESPONSES):
-            name = f"{group}_effect_{response}"
-            if name in model.locations.parts:
-                mean[..., place] -= b[:, model.locations.parts[name]][:, codes]
+        for a in (0, 1):
+            mean[..., a] -= own_of.in_impacts(slots, b, a)
         alone = log_evidence(summaries, anchors._replace(mean=mean), inverse) + besides
         here = pull - times(weight, mean - centre)
-        member = (codes[:, None] == np.arange(count)).astype(float)
-        sums = [weight[..., a, c] @ member for a, c in ((0, 0), (0, 1), (1, 1))]
-        gained = _gained(model, group, sites, sums, [here[..., a] @ member for a in (0, 1)])
-        scores[f"traces_of_{group}"] = alone @ member + np.asarray(gained)
+        member = (own_of.level[:, None] == np.arange(own_of.element.shape[1])).astype(float)
+        of = slots.response
+        sums = {
+            (s, t): (weight[..., of[s], of[t]] * (own_of.value[s] * own_of.value[t])) @ member
+            for s, t in slots.together
+        }
+        score = [(here[..., a] * value) @ member for a, value in zip(of, own_of.value, strict=True)]
+        added = gained_by_integration(model, slots, sites, sums, score)
+        scores[f"traces_of_{stem_of(name)}"] = alone @ member + np.asarray(added)
     return scores
 
 
-@compiled_quickly(("model", "group"))
-def _gained(
-    model: TraceModel, group: str, sites: dict[str, Any], weight: list[Array], pull: list[Array]
-) -> Array:
-    columns = {name: values[:, None] for name, values in sites.items()}
-    return integrated_effects(model, columns, group, weight, pull)
-
-
-def integrated_effects(
-    model: TraceModel, sites: dict[str, Array], group: str, weight: list[Array], pull: list[Array]
-) -> Array:
-    """What the log density of each level's traces gains by the level's two effects being integrated out.
-
-    Args:
-        model: the model.
-        sites: the standard deviations.
-        group: "subject" or "trial".
-        weight: each level's sums of W, as (KK, KC, CC).
-        pull: its sums of the log evidence's slopes by log K and log C, the effects being 0.
-    """
-    (l00, l10), l11 = _factor_of_effects(model, sites, group)
-    w00, w01, w11 = weight
-    m00 = 1 + l00**2 * w00 + 2 * l00 * l10 * w01 + l10**2 * w11
-    m01 = l11 * (l00 * w01 + l10 * w11)
-    m11 = 1 + l11**2 * w11
-    h0, h1 = l00 * pull[0] + l10 * pull[1], l11 * pull[1]
-    determinant = m00 * m11 - m01**2
-    return (m11 * h0**2 - 2 * m01 * h0 * h1 + m00 * h1**2) / (2 * determinant) - jnp.log(determinant) / 2
-
-
-def _factor_of_effects(
-    model: TraceModel, sites: dict[str, Array], group: str
-) -> tuple[tuple[Array, Array], Array]:
-    """Columns of the lower Cholesky factor of the covariance of a group's two effects."""
-    sd_K, sd_C = (sites.get(f"sd_{group}_{q}", jnp.zeros(())) for q in RESPONSES)
-    if group != "subject" or model.mass_error == "impact":
-        return (sd_K, jnp.zeros(())), sd_C
-    variance = model.log_mass_sd**2
-    first = jnp.sqrt(sd_K**2 + variance)
-    # C + v - v^2 / (K + v), without the difference of near equals
-    return (first, variance / first), jnp.sqrt(sd_C**2 + variance * sd_K**2 / first**2)
+gained_by_integration = compiled_quickly("slots")(gained)

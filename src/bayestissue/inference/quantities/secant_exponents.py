@@ -13,7 +13,6 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.hierarchy.derived import group_effect
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.many.kept import some_impacts
@@ -97,12 +96,13 @@ def units_of(
     name = next((group for group in ("trial", "subject") if _varies_between(design, group)), "impact")
     if part.names:
         logs = logs - sites["covariate_effect_K"][..., : len(part.names)] @ part.covariates.T
-    for group in part.groups:
-        if group != name:
-            logs = logs - group_effect(design, sites, group, "K")[..., getattr(design, group)]
+    for term, column in part.terms.items():
+        if term.grouping != name or term.slope:
+            code = design.groupings[term.grouping].code
+            logs = logs - sites[term.effect("K")][..., code] * column.covariate
     if name == "impact":
         return Units(name, log_mass, logs)
-    codes = getattr(design, name)
+    codes = design.groupings[name].code
     member = (codes[:, None] == np.unique(codes)).astype(float)
     member /= member.sum(0)
     return Units(name, log_mass @ member, logs @ member)
@@ -110,7 +110,7 @@ def units_of(
 
 def _varies_between(design: Design, group: str) -> bool:
     """Whether the formula of K has the group's effects, and each of the group is of one mass."""
-    part, codes = design.responses["K"], getattr(design, group)
+    part, codes = design.responses["K"], design.groupings[group].code
     first = np.unique(codes, return_index=True)[1]
     return (
         group in part.groups

@@ -21,8 +21,9 @@ def of_secant(prepared: Prepared, unfolded: ConstrainedDraws) -> ConstrainedDraw
     """Draws in which K means the secant stiffness, of impacts and of the population.
 
     In each draw log(K_secant / K) of the impacts is laid out over log K's formula: its least-squares line
-    goes to intercept, mass exponent and covariates, and what is left, averaged, to people and then to
-    conditions. The spreads stay. What the element's own K makes at contact is K_tangent.
+    goes to intercept, mass exponent and covariates, and what is left, averaged, to people, then to
+    conditions, and so on through the formula's group terms. The spreads stay. What the element's own K makes
+    at contact is K_tangent.
 
     Args:
         prepared: the fit; without a discrepancy draws stay as they are.
@@ -50,10 +51,11 @@ def shifted(
     if part.names:
         moved["covariate_effect_K"] = sites["covariate_effect_K"] + line[..., len(names) :]
     left = shift - line @ matrix.T
-    for group in part.groups:
-        codes = getattr(design, group)
-        member = (codes[:, None] == np.arange(len(getattr(design, f"{group}s")))).astype(float)
-        mean = left @ (member / member.sum(0))
-        moved[f"{group}_effect_K"] = sites[f"{group}_effect_K"] + mean
-        left = left - mean[..., codes]
+    for term, column in part.terms.items():
+        grouping = design.groupings[term.grouping]
+        member = (grouping.code[:, None] == np.arange(len(grouping.levels))) * column.covariate[:, None]
+        # Of an intercept the levels' means; a level in which the covariate is always zero keeps its own.
+        slope = left @ (member / np.maximum((member**2).sum(0), np.finfo(float).tiny))
+        moved[term.effect("K")] = sites[term.effect("K")] + slope
+        left = left - slope[..., grouping.code] * column.covariate
     return moved

@@ -9,22 +9,17 @@ import xarray as xr
 
 from bayestissue.inference.comparing.stacking import PARETO_LIMIT, importance_scores
 
-SCHEMES = {
-    "impact": ("leave one impact out", "log_likelihood", "trace"),
-    "subject": ("leave one subject out", "log_likelihood_of_groups", "traces_of_subject"),
-    "trial": ("leave one trial out", "log_likelihood_of_groups", "traces_of_trial"),
-}
 COLUMNS = ["scheme", "label", "elpd", "pareto_k", "warning"]
 
 
 def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
-    """Expected log predictive density of each impact, subject and trial, given all the others.
+    """Expected log predictive density of each impact, subject, trial and other level, given all the others.
 
     By Pareto-smoothed importance sampling (Vehtari, Gelman and Gabry 2017), what is left out having its own
     parameters and effects integrated out in closed form; ``warning`` where Pareto k is above 0.7.
     """
     rows = []
-    for dimension, (scheme, _, variable) in SCHEMES.items():
+    for dimension, (_, variable) in schemes(tree).items():
         only = densities_of(tree, dimension)
         labels = only["log_likelihood"].dataset[dimension].to_numpy()
         if len(labels) < 2:
@@ -32,13 +27,28 @@ def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
         score = importance_scores({"fit": only}, variable)["fit"]
         for element, elpd, k in zip(labels, score.elpd, score.pareto_k, strict=True):
             warning = f"Pareto k above {PARETO_LIMIT}" if k > PARETO_LIMIT else ""
-            rows.append((scheme, str(element), float(elpd), float(k), warning))
+            rows.append((scheme_words(dimension), str(element), float(elpd), float(k), warning))
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
+def schemes(tree: xr.DataTree) -> dict[str, tuple[str, str]]:
+    """What can be left out of a fit: by dimension the group and variable of its log densities."""
+    of_groups = tree["log_likelihood_of_groups"].dataset
+    found = {"impact": ("log_likelihood", "trace")}
+    for name in of_groups.data_vars:
+        if str(name).startswith("traces_of_"):
+            found[str(of_groups[name].dims[-1])] = ("log_likelihood_of_groups", str(name))
+    return found
+
+
+def scheme_words(dimension: str) -> str:
+    """What tables call leaving out one of a dimension."""
+    return f"leave one {dimension} out"
+
+
 def densities_of(tree: xr.DataTree, dimension: str) -> xr.DataTree:
-    """The posterior with the log densities of one scheme alone ("impact", "subject" or "trial")."""
-    _, group, variable = SCHEMES[dimension]
+    """The posterior with the log densities of one of `schemes` alone."""
+    group, variable = schemes(tree)[dimension]
     posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
     return xr.DataTree.from_dict({"posterior": posterior, "log_likelihood": tree[group].dataset[[variable]]})
 

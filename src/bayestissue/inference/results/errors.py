@@ -117,7 +117,7 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
     return data._replace(record=record)
 
 
-@compiled_quickly("model")
+@compiled_quickly()
 def _of_element(model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]) -> ElementRecord:
     """The record with contact where the traces have it, and what the element does from then on as traces."""
     distribution = trace_distribution(model, data, [u[:, a] for a in range(u.shape[1])])

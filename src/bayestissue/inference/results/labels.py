@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.group_terms import MASS_TERM, stem_of
 from bayestissue.inference.quantities.elements import element_attributes
 from bayestissue.inference.results.meanings import meaning
 from bayestissue.inference.samplers.sampling import Draws
@@ -22,6 +25,7 @@ _MEANINGS = {
 }
 _NAMES = {"K": "stiffness K", "C": "damping C"}
 _OF = ("cell", "subject", "trial", "new")
+_ONE_COLUMN = ("subject", "trial")
 
 
 _TRACE_ATTRIBUTES = {
@@ -106,6 +110,35 @@ def _attributes() -> dict[str, dict[str, str]]:
 ATTRIBUTES = _attributes()
 
 
+def group_attributes(design: Design) -> dict[str, dict[str, str]]:
+    """Unit and meaning of the quantities of a design's group terms beside subject and trial."""
+    table: dict[str, dict[str, str]] = {}
+    for name in design.groupings:
+        if name in _ONE_COLUMN:
+            continue
+        stem = stem_of(name)
+        for q, unit in _UNITS.items():
+            of = f"{_NAMES[q]} of a {name} at the reference mass, a typical one of what {name} does not hold"
+            table[f"{q}_{stem}"] = {"unit": unit, "long_name": of}
+        what = f"log density of the traces of a {name}, the effects that it alone has integrated out"
+        table[f"traces_of_{stem}"] = {"unit": "1", "long_name": what}
+        table[f"impact_{stem}"] = {"long_name": f"the impact's {name}"}
+    for term in design.terms:
+        if term.grouping in _ONE_COLUMN and not term.slope:
+            continue
+        for q, name in _NAMES.items():
+            what = f"log {name}"
+            if term.slope:
+                which = "mass exponent of" if term.slope == MASS_TERM else f"effect of {term.slope} on log"
+                table[term.own(q)] = {"unit": "1", "long_name": f"{which} {name} of a {term.grouping} itself"}
+                what = f"the {which} {name}"
+            else:
+                table[term.effect(q)] = {"unit": "1", "long_name": f"effect of the {term.grouping} on {what}"}
+            between = f"standard deviation between levels of {term.grouping} of {what}"
+            table[term.sd(q)] = {"unit": "1", "long_name": between}
+    return table
+
+
 def of_one_person(draws: xr.Dataset) -> None:
     """Say of "this person" what is said of a typical or a new one where there are several."""
     for q in _UNITS:
@@ -122,13 +155,15 @@ def labelled(
     *,
     sampled: bool = True,
     kept: Collection[str] = (),
+    attributes: Mapping[str, Mapping[str, str]] = MappingProxyType({}),
 ) -> xr.Dataset:
     """``arrays`` [chain, draw, ...] as a Dataset with named dimensions, units and meanings.
 
     ``dimensions`` gives what follows chain and draw; a name that it lacks is a scalar. With ``sampled``
     false the arrays have no chain and draw; those named in ``kept`` have some draws only, "kept_draw".
+    ``attributes`` are of names that no other data have.
     """
-    variables, known = {}, ATTRIBUTES | element_attributes()
+    variables, known = {}, ATTRIBUTES | element_attributes() | dict(attributes)
     for name, values in arrays.items():
         leading = ("chain", "kept_draw" if name in kept else "draw") if sampled else ()
         dims = (*leading, *dimensions.get(name, ()))

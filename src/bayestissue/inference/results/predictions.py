@@ -38,8 +38,10 @@ def predicted(prepared: Prepared, unfolded: ConstrainedDraws, seed: int) -> dict
     }
 
 
-@compiled_quickly("model")
-def replicates(model: TraceModel, data: TraceData, u: jax.Array, keys: jax.Array) -> dict[str, jax.Array]:
+@compiled_quickly()
+def replicates(
+    model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array
+) -> dict[str, Float[Array, "draw impact sample"]]:
     """A replicate of every trace for each draw of ``u``; see `_replicate`."""
     return jax.lax.map(lambda part: _replicate(model, data, *part), (u, keys))
 
@@ -81,11 +83,11 @@ def _element_replicate(distribution: MeasuredImpact, key: jax.Array) -> dict[str
     return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
 
 
-@compiled_quickly("model")
+@compiled_quickly()
 def prior_draws(
     model: TraceModel, data: TraceData, key: Array
-) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"], dict[str, Array]]:
-    """Draws from the priors: of every site, of each impact's parameters, and of what has a name in these.
+) -> tuple[dict[str, Array], Float[Array, "draw impact parameter"], dict[str, Float[Array, "draw impact"]]]:
+    """Draws from the priors: of the population, of each impact's parameters, and of what these stand for.
 
     The last are the natural frequency and damping ratio, where the element is spring and damper side by side.
     """
@@ -96,7 +98,8 @@ def prior_draws(
         return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance, *shared],
     )
     drawn = bare(key)
-    u = jnp.concatenate([drawn["log_K_and_C"], *(drawn[name][..., None] for name in model.nuisance)], axis=-1)
+    rest = [drawn.pop(name)[..., None] for name in model.nuisance]
+    u = jnp.concatenate([drawn.pop("log_K_and_C"), *rest], axis=-1)
     if isinstance(data.record, ElementRecord):
         return drawn, u, {}
     at = physical(model, data, [u[..., a] for a in range(u.shape[-1])])

@@ -8,8 +8,6 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.inference.execution.compiling import Helper
-
 QUANTILES = {"eti50_low": 0.25, "eti50_high": 0.75, "eti90_low": 0.05, "eti90_high": 0.95, "median": 0.5}
 COLUMNS = [
     "variable",
@@ -29,26 +27,18 @@ COLUMNS = [
 ]
 
 
-def summarise(posterior: xr.Dataset, helper: Helper | None = None) -> pd.DataFrame:
+def summarise(posterior: xr.Dataset) -> pd.DataFrame:
     """Moments, equal-tailed 50 % and 90 % intervals and reliability of every element of every variable.
 
     ``label`` joins the coordinates of the element's dimensions, such as ``7, s03``; the unit is the
     variable's attribute. Of what has some draws only ("kept_draw"), drawn afresh for each of them, no chain
-    has to be judged: its sample sizes and R-hat are left open. Half is left to the helper, if there is one.
+    has to be judged: its sample sizes and R-hat are left open.
     """
-    table = _of_halves(posterior.drop_dims("kept_draw", errors="ignore"), helper or Helper())
+    table = _of_chains(posterior.drop_dims("kept_draw", errors="ignore"))
     if "kept_draw" not in posterior.dims:
         return table
     kept = [name for name, array in posterior.data_vars.items() if "kept_draw" in array.dims]
     return pd.concat([table, *(_of_kept(str(name), posterior[name]) for name in kept)], ignore_index=True)
-
-
-def _of_halves(posterior: xr.Dataset, helper: Helper) -> pd.DataFrame:
-    names, sizes = list(posterior.data_vars), [array.size for array in posterior.data_vars.values()]
-    first = int(np.searchsorted(np.cumsum(sizes), sum(sizes) / 2)) + 1
-    parts = [posterior[some] for some in (names[:first], names[first:]) if some]
-    others = [helper.begin(_of_chains, part) for part in parts[1:]]
-    return pd.concat([_of_chains(parts[0]), *(other() for other in others)], ignore_index=True)
 
 
 def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:

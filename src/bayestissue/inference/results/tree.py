@@ -12,7 +12,8 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.formula import GROUPS
+from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.compiling import compiled_quickly
@@ -20,7 +21,12 @@ from bayestissue.inference.many.kept import some_impacts, some_of
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, named_sites
 from bayestissue.inference.quantities.elements import per_impact
 from bayestissue.inference.quantities.secant_exponents import EXPONENTS, mass_exponents_of_secants
-from bayestissue.inference.results.labels import labelled, labelled_statistics, of_one_person
+from bayestissue.inference.results.labels import (
+    group_attributes,
+    labelled,
+    labelled_statistics,
+    of_one_person,
+)
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, predicted, prior_draws, replicates
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
@@ -48,16 +54,18 @@ def posterior_tree(
     multiplies draws by impacts once more (predictions, priors, log densities) is of some impacts.
     """
     rng = np.random.default_rng(seed)
-    put = partial(labelled, dimensions=_dimensions(), coordinates=_coordinates(prepared))
+    named = partial(
+        labelled, dimensions=_dimensions(prepared.design), attributes=group_attributes(prepared.design)
+    )
+    put = partial(named, coordinates=_coordinates(prepared))
     every, whole = put, prepared
     if unfolded.kept is not None:
         rows = some_impacts(len(prepared.impacts))
         prepared = some_of(prepared, rows)
         fewer = {**_coordinates(prepared), "kept_draw": unfolded.kept}
-        put = partial(labelled, dimensions=_dimensions(), coordinates=fewer)
+        put = partial(named, coordinates=fewer)
         every = partial(
-            labelled,
-            dimensions=_dimensions(),
+            named,
             coordinates={**_coordinates(whole), "kept_draw": unfolded.kept},
             kept=frozenset({*PER_IMPACT, *EXPONENTS, *(name for names in ERRORS.values() for name in names)}),
         )
@@ -86,26 +94,27 @@ def posterior_tree(
 
 
 def _coordinates(prepared: Prepared) -> dict[str, Any]:
-    design = prepared.design
-    return {
-        "impact": prepared.impacts["impact"].astype(str).tolist(),
-        "subject": list(design.subjects),
-        "trial": list(design.trials),
-    }
+    levels = {name: list(grouping.levels) for name, grouping in prepared.design.groupings.items()}
+    return {"impact": prepared.impacts["impact"].astype(str).tolist(), **levels}
 
 
-def _dimensions() -> dict[str, tuple[str, ...]]:
+def _dimensions(design: Design) -> dict[str, tuple[str, ...]]:
+    stems = {name: stem_of(name) for name in design.groupings}
     errors = {name for names in ERRORS.values() for name in names}
     return {
         **dict.fromkeys((*PER_IMPACT, *errors, "trace"), ("impact",)),
         **{f"{name}_sd": ("impact",) for name in errors},
-        **{f"{q}_{group}": (group,) for q in RESPONSES for group in GROUPS},
-        **{f"{group}_effect_{q}": (group,) for q in RESPONSES for group in GROUPS},
-        **{f"traces_of_{group}": (group,) for group in GROUPS},
+        **{f"{q}_{stem}": (name,) for q in RESPONSES for name, stem in stems.items()},
+        **{
+            (term.own if term.slope else term.effect)(q): (term.grouping,)
+            for q in RESPONSES
+            for term in design.terms
+        },
+        **{f"traces_of_{stem}": (name,) for name, stem in stems.items()},
+        **{f"impact_{stem}": ("impact",) for stem in stems.values()},
         **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "sample")),
         **dict.fromkeys(("mass_kg", "velocity_m_s", "n_samples"), ("impact",)),
         **dict.fromkeys(("sampling_interval_s", "first_sample_s"), ("impact",)),
-        **dict.fromkeys(("impact_subject", "impact_trial"), ("impact",)),
     }
 
 
@@ -146,7 +155,7 @@ def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
 
 
 def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
-    signal, impacts = prepared.signal, prepared.impacts
+    signal = prepared.signal
     error_sd = np.asarray(prepared.data.record.error_sd)
     first = np.asarray(prepared.data.record.first_time)
     time = first[:, None] + np.arange(signal.x.shape[1]) * signal.dt[:, None]
@@ -161,8 +170,10 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
         "n_samples": signal.n_samples,
         "sampling_interval_s": signal.dt,
         "first_sample_s": first,
-        "impact_subject": impacts["subject"].astype(str).to_numpy(),
-        "impact_trial": impacts["trial"].astype(str).to_numpy(),
+        **{
+            f"impact_{stem_of(name)}": np.array(grouping.levels)[grouping.code]
+            for name, grouping in prepared.design.groupings.items()
+        },
         **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(error_names(prepared))},
     }
 
@@ -172,7 +183,9 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
     made, u, ratios = jax.device_get(prior_draws(model, data, key))
     drawn = {name: values[None] for name, values in made.items()}
-    sites = named_sites(prepared, {name: drawn[name] for name in model.spreads}, drawn["locations"])
+    sites = named_sites(
+        model, prepared.design, {name: drawn[name] for name in model.spreads}, drawn["locations"]
+    )
     if "log_mass_error" in drawn:
         person = pd.Index(prepared.design.subjects).get_indexer(
             pd.Index(prepared.impacts["subject"].astype(str))

@@ -17,6 +17,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.population import Covariances
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import population
@@ -43,6 +44,7 @@ MOST_IMPACTS = 100
 _RIDGE = 1e-6
 # Of a standard normal, the median of its absolute value.
 _MEDIAN = 0.6745
+_TERMS = {SUBJECT: PEOPLE, TRIAL: CONDITIONS}
 _NUISANCE = {
     "noise": NOISE,
     "atanh_theta1": NOISE,
@@ -88,8 +90,9 @@ def uncertainty_budget(prepared: Prepared, unfolded: ConstrainedDraws) -> pd.Dat
     if not many:
         # Variances of means are linear in those of the spreads, whose posteriors have long tails.
         means = _Hierarchy(part, _spread(part, unfolded, _root_mean_square), errors).of_means()
-        tables.append(_of_population(TYPICAL_PERSON, means, unfolded))
-    tables.append(_of_population(NEW_PERSON, _with_scatter(means, unfolded), unfolded))
+        tables.append(_of_population(prepared, TYPICAL_PERSON, means, unfolded))
+    of_new = _with_scatter(prepared, means, unfolded)
+    tables.append(_of_population(prepared, NEW_PERSON, of_new, unfolded))
     return pd.concat(tables, ignore_index=True)[COLUMNS]
 
 
@@ -173,12 +176,10 @@ class _Hierarchy:
             # A person's two effects hold the error of the mass too.
             together = pull[spread.shared.effect_on_K] + pull[spread.shared.effect_on_C]
             mass = mass + float(spread.shared.variance * (together**2).sum())
-        groups = {
-            PEOPLE: np.char.startswith(names, "sd_subject"),
-            CONDITIONS: np.char.startswith(names, "sd_trial"),
-            PRIORS: names == "",
-        }
-        return {MASS: mass, **{name: float(made[chosen].sum()) for name, chosen in groups.items()}}
+        groups = dict.fromkeys((PEOPLE, CONDITIONS, *_sources(self._prepared).values(), PRIORS), 0.0)
+        for name, source in {"": PRIORS, **_sources(self._prepared)}.items():
+            groups[source] += float(made[names == name].sum())
+        return {MASS: mass, **groups}
 
     def of_impacts(self, whole: bool) -> dict[str, dict[str, np.ndarray]]:
         """By response and source: the variance of each impact's log, [impact].
@@ -210,8 +211,25 @@ class _Hierarchy:
         return {q: {name: v[:, place] for name, v in made.items()} for place, q in enumerate(RESPONSES)}
 
 
+def _sources(prepared: Prepared) -> dict[str, str]:
+    """What each unknown standard deviation of effects is a source by."""
+    return {
+        term.sd(q): _TERMS.get(term, f"{term.slope and f'{term.slope} by '}{term.grouping}")
+        for term in prepared.design.terms
+        for q in RESPONSES
+    }
+
+
+def _new_levels(prepared: Prepared, unfolded: ConstrainedDraws, response: str) -> dict[str, float]:
+    """The variances that a new level of every grouping and a new impact add at the reference mass."""
+    terms = prepared.design.responses[response].terms
+    spread = {_TERMS.get(term, term.grouping): term.sd(response) for term in terms if not term.slope}
+    spread[IMPACTS] = f"sd_impact_{response}"
+    return {source: float(np.mean(unfolded.sites[name] ** 2)) for source, name in spread.items()}
+
+
 def _with_scatter(
-    means: dict[str, dict[str, float]], unfolded: ConstrainedDraws
+    prepared: Prepared, means: dict[str, dict[str, float]], unfolded: ConstrainedDraws
 ) -> dict[str, dict[str, float]]:
     """What a new person, condition and impact add to the population's mean."""
     found = {}
@@ -219,8 +237,9 @@ def _with_scatter(
         own = dict(means.get(response, {}))
         if not own:
             own[PERSON_AND_CONDITION] = float(np.var(unfolded.sites[f"intercept_{response}"]))
-        for source, group in ((PEOPLE, "subject"), (CONDITIONS, "trial"), (IMPACTS, "impact")):
-            added = float(np.mean(unfolded.sites[f"sd_{group}_{response}"] ** 2))
+        for source in (PEOPLE, CONDITIONS):
+            own.setdefault(source, 0.0)
+        for source, added in _new_levels(prepared, unfolded, response).items():
             own[source] = own.get(source, 0.0) + added
         found[response] = own
     return found
@@ -238,16 +257,15 @@ def _of_impacts(made: dict[str, dict[str, np.ndarray]], drawn: dict[str, np.ndar
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def _of_population(level: str, made: dict[str, dict[str, float]], unfolded: ConstrainedDraws) -> pd.DataFrame:
+def _of_population(
+    prepared: Prepared, level: str, made: dict[str, dict[str, float]], unfolded: ConstrainedDraws
+) -> pd.DataFrame:
     rows = []
     for response, by_source in made.items():
         total = sum(by_source.values())
         drawn = float(np.var(unfolded.sites[f"intercept_{response}"]))
         if level == NEW_PERSON:
-            squares = (
-                np.mean(unfolded.sites[f"sd_{g}_{response}"] ** 2) for g in ("subject", "trial", "impact")
-            )
-            drawn += float(sum(squares))
+            drawn += sum(_new_levels(prepared, unfolded, response).values())
         every = {**by_source, ALL: total, DRAWN: drawn}
         rows += [(level, response, name, v / total, float(np.sqrt(max(v, 0.0)))) for name, v in every.items()]
     return pd.DataFrame(rows, columns=COLUMNS)

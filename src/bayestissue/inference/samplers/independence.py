@@ -30,7 +30,9 @@ from bayestissue.inference.samplers.sampling import Draws
 Layout = tuple[tuple[str, tuple[int, ...]], ...]
 
 DEGREES = 7.0
-ROUNDS = 3
+# Proposals follow the moments of so many points that often, and then, if need be, those of all points.
+ROUNDS, TRIES = 3, 3
+PARETO_LIMIT = 0.7
 # So many at once: to adapt the proposals, and in each call of what is compiled.
 POINTS = 500
 
@@ -72,9 +74,13 @@ def independence_chains(
     layout = tuple((name, np.shape(start.mode[name])) for name in sorted(start.mode))
     rng = np.random.default_rng([seed, 31])
     mean, covariance = np.concatenate([np.ravel(start.mode[name]) for name, _ in layout]), start.covariance
-    for _ in range(ROUNDS):
-        points, log_weight, _ = _propose(model, arguments, layout, mean, covariance, POINTS, rng)
-        smoothed, _ = pareto_smoothed(log_weight)
+    count = settings.chains * settings.transitions
+    for number in range(ROUNDS + TRIES):
+        size = POINTS if number < ROUNDS else count
+        points, log_weight, density = _propose(model, arguments, layout, mean, covariance, size, rng)
+        smoothed, k = pareto_smoothed(log_weight)
+        if number == ROUNDS + TRIES - 1 or (number >= ROUNDS and k < PARETO_LIMIT):
+            break
         weight = np.exp(np.asarray(smoothed) - np.max(smoothed))
         weight = weight / weight.sum()
         if 1 / (weight**2).sum() < 5 * len(mean):
@@ -82,9 +88,6 @@ def independence_chains(
             continue
         mean = weight @ points
         covariance = (points - mean).T @ ((points - mean) * weight[:, None])
-    count = settings.chains * settings.transitions
-    points, log_weight, density = _propose(model, arguments, layout, mean, covariance, count, rng)
-    _, k = pareto_smoothed(log_weight)
     shape = (settings.chains, settings.transitions)
     share = np.exp(log_weight - log_weight.max())
     begin = rng.choice(count, size=settings.chains, p=share / share.sum())

@@ -6,7 +6,7 @@ chain's whole state can be written down; a later run reads them and continues wi
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import wait as wait_for
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
@@ -22,7 +22,7 @@ from numpyro.infer.util import ParamInfo
 
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.execution.compiling import CHAINS, Helper, compiled_quickly
+from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.samplers.sampling import STATISTICS, Draws, Progress, silent
 from bayestissue.results import scratch, whole_file
 
@@ -67,7 +67,6 @@ def run_chains(
     progress: Progress = silent,
     checkpoints: Path | None = None,
     processes: bool = True,
-    helper: Helper | None = None,
 ) -> Draws:
     """Every transition after the warm-up: sites come back unconstrained, [chain, transition, ...].
 
@@ -86,7 +85,6 @@ def run_chains(
         checkpoints: an existing folder to which finished segments are written, and in which those of an
             earlier run of the same job are looked for.
         processes: false runs one chain after the other in this process.
-        helper: runs some of these chains, if there is one.
     """
     job = _Job(model, arguments, start, settings, seed)
     total = settings.chains * (settings.warmup + settings.transitions)
@@ -94,54 +92,21 @@ def run_chains(
     if jax.default_backend() != "cpu":
         parts = [_run(job, range(settings.chains), checkpoints, lambda done: progress(done, total))]
     elif runtime.cores() == 1 or not processes:
-        parts = _one_by_one(job, checkpoints, progress, total, helper)
+        parts = _one_by_one(job, checkpoints, progress, total)
     else:
         parts = _in_processes(job, checkpoints, progress, total)
     sites, statistics = jax.tree.map(lambda *rows: np.concatenate(rows), *parts)
     return Draws(sites, statistics, settings.max_tree_depth)
 
 
-def lowered_chain(
-    model: Callable[..., None], arguments: tuple[Any, ...], start: Start, settings: Sampler
-) -> Iterator[Any]:
-    """What one chain of `run_chains` needs, ready for the compiler: ``arguments`` may be mere shapes."""
-    return _Chains(_Job(model, arguments, start, settings, 0)).lowered()
-
-
-def run_compiled(
-    compiled: Sequence[Any],
-    model: Callable[..., None],
-    settings: Sampler,
-    arguments: tuple[Any, ...],
-    start: Start,
-    seed: int,
-    numbers: Sequence[int],
-) -> list[tuple[Arrays, Arrays]]:
-    """Some chains of `run_chains` by what has been compiled of `lowered_chain`."""
-    chains = _Chains(_Job(model, arguments, start, settings, seed), _Kernel(*compiled))
-    return [chains.run([number], None, lambda _: None) for number in numbers]
-
-
 def _one_by_one(
-    job: _Job, checkpoints: Path | None, progress: Progress, total: int, helper: Helper | None
+    job: _Job, checkpoints: Path | None, progress: Progress, total: int
 ) -> list[tuple[Arrays, Arrays]]:
-    chains, numbers = _Chains(job), range(job.settings.chains)
-    each = total // job.settings.chains
-
-    def run(*given: Any) -> list[tuple[Arrays, Arrays]]:
-        return [
-            chains.run([number], checkpoints, partial(_tell, progress, number * each, total))
-            for number in given[-1]
-        ]
-
-    if helper is None:
-        return run(numbers)
-    # What can be made ready for the compiler meanwhile need not be done afterwards.
-    list(chains.lowered())
-    given = (job.settings, job.arguments, job.start, job.seed)
-    parts = helper.share(CHAINS, run, given, [((number,),) for number in numbers])
-    progress(total, total)
-    return [part for (part,) in parts]
+    chains, each = _Chains(job), total // job.settings.chains
+    return [
+        chains.run([number], checkpoints, partial(_tell, progress, number * each, total))
+        for number in range(job.settings.chains)
+    ]
 
 
 def _tell(progress: Progress, before: int, total: int, done: int) -> None:
@@ -207,7 +172,7 @@ class _Kernel(NamedTuple):
 class _Chains:
     """The chains of one job."""
 
-    def __init__(self, job: _Job, compiled: _Kernel | None = None) -> None:
+    def __init__(self, job: _Job) -> None:
         start, settings = job.start, job.settings
         self._settings, self._seed, self._arguments = settings, job.seed, job.arguments
         self._known = start.known
@@ -217,14 +182,7 @@ class _Chains:
             jnp.asarray(start.inverse_mass),
         )
         target, depth = settings.target_accept, settings.max_tree_depth
-        self._kernel = compiled or _compiled(job.model, start.dense, others, settings.warmup, target, depth)
-
-    def lowered(self) -> Iterator[Any]:
-        """Of both functions, for one chain at a time."""
-        first, given = self._first([0]), (self._start, self._arguments)
-        yield self._kernel.begin.lower(first, given)
-        state = self._kernel.begin.eval_shape(first, given)
-        yield self._kernel.advance.lower(state, self._arguments)
+        self._kernel = _compiled(job.model, start.dense, others, settings.warmup, target, depth)
 
     def _first(self, numbers: Sequence[int]) -> Any:
         """What each of these chains begins with: its key, and where it is if that is known."""

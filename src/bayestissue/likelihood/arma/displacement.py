@@ -30,6 +30,7 @@ from bayestissue.likelihood.linear_errors import (
 from bayestissue.likelihood.quadratic import eigenvalues, log_determinant, sums_over_frequencies
 from bayestissue.likelihood.transforms import FILLED, in_blocks, spread_of
 from bayestissue.oscillator import to_differences
+from bayestissue.padding import bucket
 
 Noise = Literal["arma", "a2"]
 
@@ -79,7 +80,7 @@ def displacement_record(
     inside = np.arange(x.shape[1]) < lengths[:, None]
     x = np.where(inside, x, 0.0)
     time = first_time[:, None] + np.arange(x.shape[1]) * dt[:, None]
-    width = FILLED * -(-(x.shape[1] - 2) // FILLED)
+    width = FILLED * bucket(-(-(x.shape[1] - 2) // FILLED))
     columns = np.zeros((6, len(x), width))
     # padded frequencies count as an eigenvalue of 1 + theta1^2, never zero
     spread = np.full((len(x), width), 2.0)

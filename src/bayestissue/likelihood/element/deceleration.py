@@ -29,6 +29,7 @@ from bayestissue.likelihood.linear_errors import (
 from bayestissue.likelihood.quadratic import sums_over_frequencies
 from bayestissue.likelihood.transforms import FILLED, in_blocks
 from bayestissue.oscillator import impact_motion
+from bayestissue.padding import bucket
 
 
 class DecelerationRecord(NamedTuple):
@@ -63,7 +64,7 @@ class DecelerationRecord(NamedTuple):
         """
         d, n_samples, first_time, dt, velocity, error_sd, uniform = (jnp.asarray(array) for array in arrays)
         d = jnp.where(jnp.arange(d.shape[1]) < n_samples[:, None], d, 0.0)
-        width = FILLED * -(-d.shape[1] // FILLED)
+        width = FILLED * bucket(-(-d.shape[1] // FILLED))
         padded = np.pad(np.asarray(d), ((0, 0), (0, width - d.shape[1])))
         return cls(d, n_samples, first_time, dt, velocity, error_sd, uniform, in_blocks(padded))
 
@@ -179,10 +180,13 @@ class MeasuredDeceleration(dist.Distribution):
 
     def products(self, value: Array | None = None) -> Products:
         """Products of the residual at ``value`` (the record's own unless given) and the errors' columns."""
-        value = self.record.d if value is None else value
+        count = self.record.n_samples + 0.0
+        if value is None:
+            motion = _motion(self.omega_n, self.zeta, self.record)
+            entries = _entries(*_parts(motion, self.omega_n, self.zeta, self.record))
+            return Products(from_lower_entries(entries), jnp.zeros_like(count), count)
         expected, columns, inside = self._columns()
         parts = (jnp.where(inside, value - expected, 0.0), *columns)
-        count = self.record.n_samples + 0.0
         return Products(gram(parts, jnp.ones(())), jnp.zeros_like(count), count)
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:

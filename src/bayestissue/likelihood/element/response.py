@@ -55,7 +55,7 @@ class ElementRecord(NamedTuple):
     basis: Float[Array, "mode impact sample"] | None = None
     share: Float[Array, "impact mode"] | None = None
     quiet: Bool[Array, " impact"] | None = None
-    before: Float[Array, "cell impact width"] | None = None
+    before: Float[Array, "reach impact width"] | None = None
     n_before: Int[Array, " impact"] | None = None
     quiet_sd: Float[Array, " impact"] | None = None
     common_depth: Float[Array, " impact"] | None = None

@@ -52,15 +52,28 @@ def sources_table(run: FitRun) -> Table | None:
     kept = [(level, q) for level in levels for q in _QUANTITIES if (_ALL, level, q) in cells]
     titles = [f"{q}, {levels[level]}" for level, q in kept]
     present = set(found["source"])
+    names = _names(found)
     rows = [
         Row((told, *(_cell(cells.get((name, *place))) for place in kept)))
-        for name, told in _NAMES.items()
+        for name, told in names.items()
         if name in present
     ]
     if "element" not in present:
         rows.append(Row((_NAMES["element"], *("taken as true" for _ in kept))))
     rows.append(Row(("all together", *(_half(cells[(_ALL, *place)]["sd"]) for place in kept))))
     return Table(columns("source", *titles, number=titles), rows)
+
+
+def _names(found: pd.DataFrame) -> dict[str, str]:
+    """The sources in the order of the page, further group terms as the model file has them before priors."""
+    last = ("priors",)
+    known = {*_NAMES, _ALL, _DRAWN, _WINDOW, _BY_NOISE}
+    further = {str(name): str(name) for name in dict.fromkeys(found["source"]) if name not in known}
+    return {
+        **{name: told for name, told in _NAMES.items() if name not in last},
+        **further,
+        **{name: _NAMES[name] for name in last},
+    }
 
 
 def _levels(run: FitRun) -> dict[str, str]:
@@ -99,10 +112,11 @@ def sources_words(run: FitRun) -> list[str]:
 
 
 def _most(found: pd.DataFrame, level: str, quantity: str) -> str:
-    own = found[(found["level"] == level) & (found["quantity"] == quantity) & found["source"].isin(_NAMES)]
+    names = _names(found)
+    own = found[(found["level"] == level) & (found["quantity"] == quantity) & found["source"].isin(names)]
     ordered = own.sort_values("share", ascending=False, kind="stable")
     ordered = ordered[ordered["share"] >= min(_WORTH_NAMING, ordered["share"].max())]
-    named = [f"{_NAMES[row['source']]} {percent(row['share'])}" for row in ordered.to_dict("records")]
+    named = [f"{names[row['source']]} {percent(row['share'])}" for row in ordered.to_dict("records")]
     return f"of {quantity}’s variance {listed(named)}"
 
 

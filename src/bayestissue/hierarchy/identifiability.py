@@ -1,0 +1,208 @@
+"""Which group terms the rows of a design can tell apart, from each other and from the impacts' own scatter.
+
+Term k makes the covariance s_k² Z_k Z_k' of the rows, with Z_k the columns of its levels, and the impacts'
+own scatter s² 1. The standard deviations are identified where no Z_k Z_k' is a combination of 1 and of others
+(Rao and Kleffe 1988, Estimation of Variance Components, section 4.1). Inner products of these matrices are
+||Z_k' Z_l||² in the Frobenius norm, sums over the rows' levels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from jaxtyping import Float
+from scipy.sparse import csr_array
+
+from bayestissue.hierarchy.group_terms import MASS_TERM, Grouping, GroupTerm, grouping_of
+
+# The relative precision of a table given to three or four digits: a smaller difference, or a combination of
+# columns below it, is rounding and not information.
+PRECISION = 1e-3
+# Dimensions of a posterior that are no grouping's.
+_TAKEN = ("impact", "chain", "draw", "kept_draw", "sample")
+# Names that a level's K or C would have to share, such as K_new.
+_TAKEN_AFTER = ("new", "typical_person", "secant", "tangent", "equivalent", "common_depth")
+_WORDS = {"subject": "person", "trial": "condition"}
+
+
+@dataclass(frozen=True)
+class Fault:
+    """A term that these rows can't tell.
+
+    Attributes:
+        term: as it is written, such as ``(1|trial)``; empty where the formula as a whole can't be read.
+        expected: what it would take.
+        reason: what there is instead, as a clause: "the mass is 0.5 kg in every impact".
+    """
+
+    term: str
+    expected: str
+    reason: str
+
+
+def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
+    """Effects that more than one of the parentheses of a formula ask for, each parenthesis' terms given."""
+    seen: set[tuple[str, frozenset[str]]] = set()
+    faults = []
+    for terms in groups:
+        own = {(term.slope, frozenset(term.factors)): term for term in terms}
+        for key in own.keys() & seen:
+            reason = f"{own[key]} is asked for twice; (x|group) is (1|group) and (0 + x|group) together"
+            faults.append(Fault("", "each group effect once", reason))
+        seen |= own.keys()
+    return faults
+
+
+def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fault]:
+    """Terms whose grouping is not made of complete columns, or whose names are another's."""
+    faults, stems = [], set()
+    for term in terms:
+        strange = [name for name in term.factors if name not in rows.columns]
+        missing = [name for name in term.factors if name not in strange and rows[name].isna().any()]
+        if strange:
+            usable = [name for name in rows.columns if name not in _TAKEN]
+            expected = f"columns of the data: {', '.join(usable)}"
+            faults.append(Fault(str(term), expected, f"there is no column {', '.join(strange)}"))
+        elif "impact" in term.factors:
+            reason = "an impact's own scatter is in every model, as sd_impact_K and sd_impact_C"
+            faults.append(Fault(str(term), "levels of several impacts", reason))
+        elif term.grouping in (*_TAKEN, *_TAKEN_AFTER) or any("/" in name for name in term.factors):
+            expected = f"a column of another name than {', '.join((*_TAKEN[1:], *_TAKEN_AFTER))}, without /"
+            reason = "results need that name for something else; rename the column"
+            faults.append(Fault(str(term), expected, reason))
+        elif missing:
+            lacking = rows.loc[rows[missing[0]].isna(), "impact" if "impact" in rows else missing[0]]
+            where = f", such as impact {lacking.iloc[0]}" if "impact" in rows else ""
+            reason = f"{missing[0]} is missing in {len(lacking)} of {len(rows)} impacts{where}"
+            faults.append(Fault(str(term), f"a {missing[0]} of every impact", reason))
+        elif term.stem in stems:
+            expected, reason = "names that differ", f"{term.stem} would name two terms' effects"
+            faults.append(Fault(str(term), expected, reason))
+        stems.add(term.stem)
+    return faults
+
+
+def unidentified(values: Mapping[GroupTerm, Float[np.ndarray, " row"]], rows: pd.DataFrame) -> list[Fault]:
+    """Terms whose standard deviation the rows can't tell, those first that they can't tell by themselves.
+
+    Args:
+        values: of each term the covariate whose coefficient it is of, 1 for an intercept.
+        rows: one an impact, with complete columns of the terms' factors.
+    """
+    groupings = {term: grouping_of(rows, term.factors) for term in values}
+    faults = {
+        term: found for term, x in values.items() if (found := _by_itself(term, groupings[term], x, values))
+    }
+    left = {term: x for term, x in values.items() if term not in faults}
+    return [*faults.values(), *_alike(left, groupings)]
+
+
+def _by_itself(
+    term: GroupTerm,
+    grouping: Grouping,
+    x: Float[np.ndarray, " row"],
+    values: Mapping[GroupTerm, Float[np.ndarray, " row"]],
+) -> Fault | None:
+    if not term.slope:
+        return _too_few(term, grouping)
+    coefficients = sum(each.factors == term.factors for each in values)
+    return _too_flat(term, grouping, x) or _saturated(term, grouping, coefficients)
+
+
+def _too_few(term: GroupTerm, grouping: Grouping) -> Fault | None:
+    name, counts = grouping.name, np.bincount(grouping.code)
+    if len(counts) < 2:
+        return Fault(str(term), f"more than one {name}", f"there is one {name} only")
+    if counts.max() < 2:
+        reason = f"with one impact of each {name} it can't be told from the impact's own scatter"
+        return Fault(str(term), f"several impacts for at least one {name}", reason)
+    return None
+
+
+def _too_flat(term: GroupTerm, grouping: Grouping, x: Float[np.ndarray, " row"]) -> Fault | None:
+    by_level = pd.Series(x).groupby(grouping.code)
+    varies = (by_level.max() - by_level.min()) > (PRECISION if term.slope == MASS_TERM else 0.0)
+    if varies.sum() >= 2:
+        return None
+    what, name = "the mass" if term.slope == MASS_TERM else term.slope, grouping.name
+    found = "has one value in every" if not varies.any() else "varies within one"
+    return Fault(
+        str(term), f"{what} that varies within at least two levels of {name}", f"{what} {found} {name}"
+    )
+
+
+def _saturated(term: GroupTerm, grouping: Grouping, coefficients: int) -> Fault | None:
+    """What lme4 refuses too: told from the scatter by the assumption alone that both are independent."""
+    if np.bincount(grouping.code).max() > coefficients:
+        return None
+    reason = f"with {coefficients} or fewer it can't be told from the impact's own scatter"
+    return Fault(str(term), f"more than {coefficients} impacts for at least one {grouping.name}", reason)
+
+
+def _alike(
+    values: Mapping[GroupTerm, Float[np.ndarray, " row"]], groupings: Mapping[GroupTerm, Grouping]
+) -> list[Fault]:
+    """Terms whose covariance is a combination of those of the scatter and of the terms before them."""
+    faults: list[Fault] = []
+    kept: list[GroupTerm] = []
+    columns = {term: _columns(x, groupings[term]) for term, x in values.items()}
+    for term in values:
+        if _left(columns[term], [columns[each] for each in kept]) > PRECISION**2:
+            kept.append(term)
+            continue
+        same = next((each for each in kept if _same_levels(term, each, groupings)), None)
+        faults.append(_same(term, same) if same else _combined(term, kept))
+    return faults
+
+
+def _columns(x: Float[np.ndarray, " row"], grouping: Grouping) -> csr_array:
+    shape = (len(x), len(grouping.levels))
+    return csr_array((np.asarray(x, float), (np.arange(len(x)), grouping.code)), shape=shape)
+
+
+def _left(own: csr_array, others: Iterable[csr_array]) -> float:
+    """The share of Z Z' that is no combination of 1 and the others' Z Z', as a squared norm."""
+    every = [*others, own]
+    count = len(every) + 1
+    products = np.empty((count, count))
+    products[0, 0] = own.shape[0]
+    for k, one in enumerate(every, start=1):
+        products[0, k] = products[k, 0] = (one.data**2).sum()
+        for m, other in enumerate(every[:k], start=1):
+            products[k, m] = products[m, k] = ((one.T @ other).data ** 2).sum()
+    scale = np.sqrt(np.diag(products))
+    products /= np.outer(scale, scale)
+    coefficients = np.linalg.lstsq(products[:-1, :-1], products[:-1, -1], rcond=None)[0]
+    return float(1 - coefficients @ products[:-1, -1])
+
+
+def _same_levels(one: GroupTerm, other: GroupTerm, groupings: Mapping[GroupTerm, Grouping]) -> bool:
+    if one.slope or other.slope:
+        return False
+    a, b = groupings[one], groupings[other]
+    pairs = len(np.unique(np.stack([a.code, b.code]), axis=1).T)
+    return len(a.levels) == len(b.levels) == pairs
+
+
+def _same(term: GroupTerm, other: GroupTerm) -> Fault:
+    mine, its = (_WORDS.get(each.grouping, each.grouping) for each in (term, other))
+    plural = {"person": "people", "condition": "conditions"}
+    expected = f"{plural.get(its, f'levels of {its}')} in several {plural.get(mine, f'levels of {mine}')}, "
+    expected += f"or several {plural.get(its, f'levels of {its}')} in one"
+    reason = (
+        f"every {its} has one {mine} and every {mine} one {its}, so that effects of the {mine} "
+        f"can't be told from those of the {its}"
+    )
+    return Fault(str(term), expected, reason)
+
+
+def _combined(term: GroupTerm, others: Sequence[GroupTerm]) -> Fault:
+    names = ["the impacts' own scatter", *map(str, others)]
+    return Fault(
+        str(term),
+        f"more impacts of each {term.grouping}",
+        f"of impacts arranged so its standard deviation can't be told from those of {', '.join(names)}",
+    )

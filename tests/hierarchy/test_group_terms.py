@@ -1,0 +1,262 @@
+"""Group terms of any number: their grammar, what is refused, their columns, priors and names."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from designs import EVERYTHING, REFERENCE, design_of, impacts, indicator
+from numpy.testing import assert_allclose, assert_array_equal
+
+from bayestissue.errors import InputError
+from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.formula import judge
+from bayestissue.hierarchy.group_terms import MASS_TERM, GroupTerm
+from bayestissue.hierarchy.population import expected, population_design
+from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+
+
+@pytest.mark.parametrize(
+    ("formula", "read_as"),
+    [
+        ("(1|subject:side)", "(1|subject:side)"),
+        ("(1|subject/side)", "(1|subject) + (1|subject:side)"),
+        ("(1|session) + (1|operator)", "(1|session) + (1|operator)"),
+        ("(log(mass_kg)|subject)", "(log(mass_kg)|subject)"),
+        ("(0 + log(mass_kg)|subject)", "(0 + log(mass_kg)|subject)"),
+        ("(1|subject) + (0 + log(mass_kg)|subject)", "(log(mass_kg)|subject)"),
+        ("room + (room + log(mass_kg)|subject)", "room + (room + log(mass_kg)|subject)"),
+        (EVERYTHING, EVERYTHING),
+    ],
+)
+def test_a_formula_is_read_and_written_as_it_is_meant(formula: str, read_as: str) -> None:
+    found = judge(formula, impacts(), REFERENCE)
+    assert not found.faults
+    assert str(found.terms) == read_as
+    assert judge(read_as, impacts(), REFERENCE).terms == found.terms
+
+
+def test_quoted_columns_keep_their_quotes() -> None:
+    found = judge("(1|`left foot`)", impacts().rename(columns={"side": "left foot"}), REFERENCE)
+    assert (str(found.terms), found.faults) == ("(1|`left foot`)", ())
+
+
+@pytest.mark.parametrize(
+    ("formula", "reason", "left"),
+    [
+        ("(1|hand)", "no column hand", "1"),
+        ("(hand|subject)", "no column hand", "(1|subject)"),
+        ("(1|log(age))", "no column log(age)", "1"),
+        ("(1|room)", "with one impact of each room", "1"),
+        ("(1|nation)", "there is one nation only", "1"),
+        ("(1|impact)", "an impact's own scatter is in every model", "1"),
+        ("(1|subject) + (1|subject:nation)", "every person has one subject:nation", "(1|subject)"),
+        ("(1|session) + (1|day)", "every session has one day", "(1|session)"),
+        ("(1|subject:trial:side:half)", "with one impact of each", "1"),
+        ("(age|subject)", "age has one value in every subject", "(1|subject)"),
+        ("(side|subject)", "side is a category", "(1|subject)"),
+        ("(1|hole)", "hole is missing in 5 of 48 impacts, such as impact i0", "1"),
+        ("(1|sample)", "rename the column", "1"),
+        ("(1|new)", "rename the column", "1"),
+        ("(1|subject) + (log(mass_kg)|subject)", "(1|subject) is asked for twice", "(log(mass_kg)|subject)"),
+        ("(1|subject:side) + (1|side:subject)", "(1|side:subject) is asked for twice", "(1|subject:side)"),
+    ],
+)
+def test_what_the_rows_cannot_tell_is_refused_with_the_formula_that_is_left(
+    formula: str, reason: str, left: str
+) -> None:
+    rows = impacts().assign(nation="x", day=lambda t: t["session"] + 10, half=lambda t: t.index % 2)
+    rows = rows.assign(hole=rows["side"].where(rows.index >= 5), sample=rows["side"], new=rows["side"])
+    with pytest.raises(InputError) as caught:
+        design_of(formula, "1", rows)
+    (problem,) = caught.value.problems
+    assert (problem.column, problem.value) == ("formula.K", formula)
+    assert reason in problem.remedy
+    assert f'Write "{left}" instead' in problem.remedy
+    design_of(left, "1", rows)
+
+
+def test_all_that_is_wrong_with_group_terms_is_said_at_once() -> None:
+    rows = impacts().assign(nation="x", day=lambda t: t["session"] + 10)
+    formula = "hand + (1|hand) + (age|subject) + (1|nation) + (1|session) + (1|day) + (1|subject)"
+    found = judge(formula, rows, REFERENCE)
+    assert [fault.term for fault in found.faults if fault.term] == [
+        "hand",
+        "(1|hand)",
+        "(age|subject)",
+        "(1|nation)",
+        "(1|day)",
+    ]
+    assert str(found.terms) == "(1|subject) + (1|session)"
+
+
+def test_a_slope_needs_more_impacts_than_coefficients() -> None:
+    rows = impacts(repeats=1)
+    rows = rows[(rows["side"] == "left") & (rows["trial"] != "t1")].reset_index(drop=True)
+    (fault,) = judge("log(mass_kg) + (log(mass_kg)|subject)", rows, REFERENCE).faults
+    assert fault.expected == "more than 2 impacts for at least one subject"
+
+
+def test_terms_that_make_one_pattern_together_are_told_from_each_other_or_refused() -> None:
+    """With two impacts a pair, x = ±1: 1 + scatter = half of the intercept's and half of the slope's."""
+    rows = impacts(repeats=1).assign(x=lambda t: np.where(t["side"] == "left", -1.0, 1.0))
+    rows = rows.assign(pair=rows["subject"] + rows["trial"])
+    assert judge("(x|pair)", rows, REFERENCE).faults[0].term == "(x|pair)"
+    # The two intercepts alone share no pattern.
+    assert not judge("(1|pair) + (1|subject:side)", rows, REFERENCE).faults
+
+
+def test_the_columns_are_those_of_the_matrix_by_hand() -> None:
+    rows = impacts()
+    design = design_of(EVERYTHING, "room + (0 + room|subject)", rows)
+    effects, columns = population_design(design, Priors(), ("noise",))
+    log_mass = np.log(rows["mass_kg"].to_numpy() / REFERENCE)[:, None]
+    room = rows["room"].to_numpy()
+    room = ((room - room.mean()) / room.std())[:, None]
+    ones, person = np.ones((len(rows), 1)), indicator(rows, "subject")
+    by_hand = {
+        "K": [
+            ("intercept_K", ones),
+            ("mass_exponent_K", log_mass),
+            ("subject_effect_K", person),
+            ("subject_mass_exponent_deviation_K", log_mass * person),
+            ("subject_side_effect_K", indicator(rows, "subject", "side")),
+            ("session_effect_K", indicator(rows, "session")),
+            ("operator_effect_K", indicator(rows, "operator")),
+        ],
+        "C": [
+            ("intercept_C", ones),
+            ("covariate_effect_C", room),
+            ("subject_effect_of_room_deviation_C", room * person),
+        ],
+    }
+    names = [name for part in by_hand.values() for name, _ in part]
+    assert list(effects.parts) == [*names, "noise_mean"]
+    b = np.random.default_rng(2).normal(size=effects.size)
+    found = np.asarray(expected(columns, b))
+    for logs, part in zip(found, by_hand.values(), strict=False):
+        # Parts of b may be wider than their levels are.
+        each = [matrix @ b[effects.parts[name]][: matrix.shape[1]] for name, matrix in part]
+        # Sums of a dozen numbers of order one.
+        assert_allclose(logs, np.sum(each, axis=0), rtol=0, atol=50 * np.finfo(float).eps)
+    assert set(effects.spread[effects.parts["subject_side_effect_K"]]) == {"sd_subject_side_K"}
+    assert set(effects.spread[effects.parts["subject_mass_exponent_deviation_K"]]) == {
+        "sd_subject_mass_exponent_K"
+    }
+
+
+def test_levels_are_labelled_in_order_of_appearance() -> None:
+    design = design_of(EVERYTHING)
+    assert design.groupings["subject:side"].levels[:3] == ("s0:left", "s0:right", "s1:left")
+    assert set(design.groupings["session"].levels) == {"1", "2", "3"}
+    assert list(design.groupings) == ["subject", "trial", "subject:side", "session", "operator"]
+    rows = impacts()
+    labels = np.array(design.groupings["subject:side"].levels)[design.groupings["subject:side"].code]
+    assert_array_equal(labels, (rows["subject"] + ":" + rows["side"]).to_numpy())
+
+
+def test_names_follow_the_columns() -> None:
+    exponent, side = GroupTerm(("subject",), MASS_TERM), GroupTerm(("subject", "side"))
+    assert (side.sd("K"), side.effect("K")) == ("sd_subject_side_K", "subject_side_effect_K")
+    assert exponent.sd("C") == "sd_subject_mass_exponent_C"
+    assert exponent.own("C") == "subject_mass_exponent_C"
+    assert GroupTerm(("side",)).effect("K") == "side_effect_K"
+
+
+def draws(design, priors: Priors) -> dict[str, np.ndarray]:
+    """Sites [chain, draw] of a few draws, of every name that the design asks for."""
+    rng, sites = np.random.default_rng(4), {}
+    effects, _ = population_design(design, priors, ())
+    for name, part in effects.parts.items():
+        width = part.stop - part.start
+        values = rng.normal(size=(2, 5, width))
+        single = name.startswith(("intercept", "mass_exponent"))
+        sites[name] = values[..., 0] if single else values
+    for name in {*effects.spread, "sd_impact_K", "sd_impact_C"} - {""}:
+        sites[name] = rng.uniform(0.1, 1, size=(2, 5))
+    return sites
+
+
+def test_a_persons_own_exponent_is_the_populations_and_the_persons_deviation() -> None:
+    design = design_of(EVERYTHING, "room + (room|subject)")
+    sites = draws(design, Priors())
+    found = derived.reported_sites(design, sites)
+    own = sites["mass_exponent_K"][..., None] + sites["subject_mass_exponent_deviation_K"]
+    assert_allclose(found["subject_mass_exponent_K"], own)
+    assert "subject_mass_exponent_deviation_K" not in found
+    scale = impacts()["room"].std(ddof=0)
+    assert_allclose(
+        found["subject_effect_of_room_C"],
+        (sites["covariate_effect_C"] + sites["subject_effect_of_room_deviation_C"]) / scale,
+    )
+    assert_allclose(found["sd_subject_effect_of_room_C"], sites["sd_subject_effect_of_room_C"] / scale)
+
+
+def test_the_k_of_a_level_holds_the_effects_that_it_lies_in() -> None:
+    design = design_of(EVERYTHING, "(1|trial)")
+    sites = draws(design, Priors())
+    found = derived.people_and_conditions(design, sites)
+    side = np.log(found["K_subject_side"][..., 3])  # s1:right
+    whole = sites["intercept_K"] + sites["subject_effect_K"][..., 1] + sites["subject_side_effect_K"][..., 3]
+    assert_allclose(side, whole)
+    person = sites["intercept_K"] + sites["subject_effect_K"][..., 1]
+    assert_allclose(np.log(found["K_subject"][..., 1]), person)
+    exponent = sites["mass_exponent_K"] * np.log(1.2 / REFERENCE)
+    assert_allclose(np.log(found["K_trial"][..., 2]), sites["intercept_K"] + exponent)
+
+
+def test_a_new_impact_has_a_new_level_of_every_grouping() -> None:
+    """The variance of its log beside the intercept's is the sum of all intercepts' variances."""
+    design = design_of(EVERYTHING, "1")
+    count = 20_000
+    terms = [term for term in design.responses["K"].terms if not term.slope]
+    sites = {term.sd("K"): np.full((1, count), 0.1 * (1 + n)) for n, term in enumerate(terms)}
+    sites |= {f"sd_impact_{q}": np.full((1, count), 0.05) for q in "KC"}
+    sites |= {f"intercept_{q}": np.zeros((1, count)) for q in "KC"}
+    found = np.log(derived.new_impact(design, sites, np.random.default_rng(1))["K_new"])
+    variance = 0.05**2 + sum((0.1 * (1 + n)) ** 2 for n in range(len(terms)))
+    # Five standard errors of a normal's variance.
+    assert_allclose(found.var(), variance, rtol=5 * np.sqrt(2 / count))
+
+
+def specification(**changes) -> ModelSpecification:
+    return ModelSpecification.model_validate(
+        {"name": "m", "likelihood": "impact", "formula": {"K": EVERYTHING, "C": "(1|subject/side)"}} | changes
+    )
+
+
+def scale(width: float) -> dict[str, object]:
+    return {"distribution": "half-normal", "scale": width}
+
+
+def test_priors_of_group_terms_are_the_files_or_as_wide_as_peoples() -> None:
+    own = {q: scale(0.2) for q in "KC"}
+    slope = {q: scale(0.3) for q in "KC"}
+    priors = specification(
+        priors={"sd_group": {"subject:side": own}, "sd_slope": {"log(mass_kg)|subject": slope}}
+    ).complete_priors()
+    assert priors.of_sd("sd_subject_side_K").scale == 0.2
+    assert priors.of_sd("sd_subject_mass_exponent_C").scale == 0.3
+    assert priors.of_sd("sd_session_K") == priors.sd_subject.K
+    assert set(priors.sd_group) == {"subject:side", "session", "operator"}
+    sites = {"sd_subject_side_K": np.array([[0.1, 0.5]]), "sd_subject_mass_exponent_K": np.array([[0.2]])}
+    densities = priors.log_densities(sites)
+    assert set(densities) == set(sites)
+    half = np.log(2 / (0.2 * np.sqrt(2 * np.pi))) - (sites["sd_subject_side_K"] / 0.2) ** 2 / 2
+    assert_allclose(densities["sd_subject_side_K"], half, rtol=1e-12)
+
+
+@pytest.mark.parametrize("key", ["subject", "room:side"])
+def test_a_prior_of_no_term_is_refused(key: str) -> None:
+    with pytest.raises(ValueError, match=r"priors\.sd_group"):
+        specification(priors={"sd_group": {key: {q: scale(0.2) for q in "KC"}}})
+
+
+def test_published_estimates_know_people_and_conditions_alone() -> None:
+    from bayestissue.dataset.published import read_published
+    from bayestissue.hierarchy.published import published_design, published_observations
+
+    observations = published_observations(read_published())
+    model = ModelSpecification(name="x", likelihood="published-estimates")
+    with pytest.raises(InputError, match="no other group terms"):
+        published_design(observations, model, formulas=Formulas(K="(log(mass_kg)|subject)", C="(1|subject)"))

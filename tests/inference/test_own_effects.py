@@ -1,0 +1,70 @@
+"""Effects of one level alone, integrated out: against a dense normal."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from types import SimpleNamespace
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bayestissue.hierarchy.population import population_design
+from bayestissue.hierarchy.priors import Priors
+from bayestissue.inference.posterior.own_effects import gained, own_effects
+
+sys.path.append(str(Path(__file__).parents[1] / "hierarchy"))
+from designs import EVERYTHING, design_of
+
+FORMULA_C = "(1|subject/side) + (1|session)"
+
+
+@pytest.mark.parametrize("mass_error", ["impact", "subject"])
+@pytest.mark.parametrize("name", ["subject", "subject:side", "session", "trial"])
+def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_error: str) -> None:
+    design = design_of(EVERYTHING, FORMULA_C)
+    effects, _ = population_design(design, Priors(), ())
+    model = SimpleNamespace(locations=effects, mass_error=mass_error, log_mass_sd=0.3)
+    slots, own = own_effects(model, design)[name]
+    rng = np.random.default_rng(3)
+    sd = {spread: rng.uniform(0.2, 1.0) for spread in {*effects.spread} - {""}}
+    impacts = len(design.subject)
+    root = rng.normal(size=(impacts, 2, 2))
+    W, pull = root @ root.swapaxes(1, 2), rng.normal(size=(impacts, 2))
+    levels = len(design.groupings[name].levels)
+    member = (own.level[:, None] == np.arange(levels)).astype(float)
+    of = slots.response
+    weight = {
+        (s, t): jnp.asarray((W[:, of[s], of[t]] * own.value[s] * own.value[t]) @ member)
+        for s, t in slots.together
+    }
+    score = [jnp.asarray((pull[:, a] * value) @ member) for a, value in zip(of, own.value, strict=True)]
+    found = gained(model, slots, {key: jnp.asarray(value) for key, value in sd.items()}, weight, score)
+    if name == "trial":
+        assert not slots.spread
+        return
+    # Each level by itself, over those columns of X that no other level's impacts have.
+    part = design.groupings[name].code
+    X = np.zeros((impacts, 2, effects.size))
+    for a, q in enumerate("KC"):
+        for term, column in design.responses[q].terms.items():
+            begin = effects.parts[term.effect(q)].start
+            X[np.arange(impacts), a, begin + design.groupings[term.grouping].code] = column.covariate
+    prior = np.diag([sd[spread] ** 2 if spread else 0.0 for spread in effects.spread])
+    if mass_error == "subject":
+        ends = [effects.parts[f"subject_effect_{q}"].start for q in "KC"]
+        for person in range(len(design.subjects)):
+            both = np.array([end + person for end in ends])
+            prior[np.ix_(both, both)] += model.log_mass_sd**2
+    for level in range(levels):
+        inside = part == level
+        used = np.flatnonzero((X[inside] != 0).any((0, 1)) & ~(X[~inside] != 0).any((0, 1)))
+        Z, S = X[inside][:, :, used], prior[np.ix_(used, used)]
+        A = np.einsum("ias,iab,ibt->st", Z, W[inside], Z)
+        s = np.einsum("ias,ia->s", Z, pull[inside])
+        inner = np.eye(len(used)) + S @ A
+        wanted = s @ np.linalg.solve(inner, S @ s) / 2 - np.linalg.slogdet(inner)[1] / 2
+        # Systems of at most a dozen equations, well conditioned.
+        assert_allclose(np.broadcast_to(found, levels)[level], wanted, rtol=1e-10)
