@@ -21,6 +21,7 @@ from bayestissue.hierarchy.formula import GROUPS
 from bayestissue.hierarchy.published import PublishedObservations, published_design
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.inference.comparing.explanations import compare_explanations
+from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.posterior.constrained_draws import named_sites
 from bayestissue.inference.posterior.estimates import EstimatesPosterior, sample_posterior
 from bayestissue.inference.results.labels import labelled, labelled_statistics, statistics_of_transitions
@@ -192,7 +193,9 @@ def _tree(
     coordinates = _coordinates(design, observations)
     label = partial(labelled, dimensions=DIMENSIONS, coordinates=coordinates)
     quantities = _quantities(design, observations, sites, rng)
-    priors = specification.priors.log_densities({k: v for k, v in sites.items() if k in quantities})
+    priors = compiled_quickly()(specification.priors.log_densities)(
+        {name: values for name, values in sites.items() if name in quantities}
+    )
     conditions = observations.cells.drop_duplicates("trial")
     constants = {name: conditions[name].to_numpy(float) for name in ("mass_kg", "velocity_m_s", "energy_J")}
     constants |= {

@@ -80,17 +80,17 @@ def log_predictive_density(
     """
     assert found.chains is not None  # noqa: S101 - the path by sites has them
     others = without(found.data, rows)
-    log_weight = _log_evidence_ratios(model, others, found, found.chains, seed)
+    log_weight = _log_evidence_ratios(model, others, found.chains, seed)
     smoothed, k = pareto_smoothed(log_weight)
     if k <= stacking.PARETO_LIMIT:
         return float(logsumexp(smoothed - log_weight + found.chains.drawn.log_ratio))
     chains = sample_chains(model, others, found.coordinates, settings, seed)
-    back = _log_evidence_ratios(model, found.data, found, chains, seed)
+    back = _log_evidence_ratios(model, found.data, chains, seed)
     return float(logsumexp(back) - logsumexp(chains.drawn.log_ratio))
 
 
 def _log_evidence_ratios(
-    model: EstimatesModel, data: EstimatesData, found: EstimatesPosterior, chains: Chains, seed: int
+    model: EstimatesModel, data: EstimatesData, chains: Chains, seed: int
 ) -> Float[np.ndarray, " draw"]:
     """Of every draw of the hyperparameters: evidence of ``data`` over that by which the chains drew.
 
@@ -98,8 +98,8 @@ def _log_evidence_ratios(
     Over the chains' draws the mean, over that of their own ``log_ratio``, is the ratio of the evidences.
     """
     rng = np.random.default_rng([seed, 25])
-    z = rng.standard_normal((len(chains.coordinates), model.locations.size))
-    drawn = draw_all(model, data, found.coordinates.warp, chains.coordinates, z)
+    z = rng.standard_normal((len(chains.raw), model.locations.size))
+    drawn = draw_all(model, data, chains.raw, z)
     return drawn.log_density + drawn.log_ratio - chains.drawn.log_density
 
 

@@ -53,12 +53,12 @@ class Chains(NamedTuple):
     """Draws of the hyperparameters, and of the effects given each, by the sites and not corrected.
 
     Attributes:
-        coordinates: the hyperparameters', along a first axis of all chains' draws.
+        raw: the hyperparameters, unconstrained, along a first axis of all chains' draws.
         drawn: the effects, with the densities.
         sampled: the chains.
     """
 
-    coordinates: Float[np.ndarray, "draw coordinate"]
+    raw: Float[np.ndarray, "draw hyperparameter"]
     drawn: EffectsDraw
     sampled: Draws
 
@@ -122,17 +122,26 @@ def sample_chains(
     seed: int,
     progress: Progress = silent,
 ) -> Chains:
-    """Chains of the hyperparameters, by independent proposals where they serve; and the effects."""
-    middle = {COORDINATES: np.zeros(len(coordinates.names))}
-    target, own = (data, coordinates.warp), _marginal_of(model)
-    found = independence_chains(own, target, Spreads(middle, coordinates.covariance), settings, seed)
-    sampled = found.draws
-    if found.pareto_k >= PARETO_LIMIT:
-        start = Start(middle, (COORDINATES,), coordinates.covariance)
+    """Chains of the hyperparameters, and effects given each.
+
+    By independent proposals: in coordinates that may have been made for other data, or else in the data's
+    own; trajectories where both miss part of the posterior.
+    """
+    own = _marginal_of(model)
+    for made in (lambda: coordinates, lambda: coordinates_about(model, data)):
+        where = made()
+        middle, target = {COORDINATES: np.zeros(len(where.names))}, (data, where.warp)
+        found = independence_chains(own, target, Spreads(middle, where.covariance), settings, seed)
+        sampled = found.draws
+        if found.pareto_k < PARETO_LIMIT:
+            break
+    else:
+        start = Start(middle, (COORDINATES,), where.covariance)
         sampled = run_chains(own, target, start, settings, seed, progress=progress, processes=False)
-    y = sampled.sites[COORDINATES].reshape(-1, len(coordinates.names))
+    y = sampled.sites[COORDINATES].reshape(-1, len(where.names))
     z = np.random.default_rng([seed, 21]).standard_normal((len(y), model.locations.size))
-    return Chains(y, draw_all(model, data, coordinates.warp, y, z), sampled)
+    raw = np.asarray(where.warp(y))
+    return Chains(raw, draw_all(model, data, raw, z), sampled)
 
 
 def _corrected(
@@ -149,8 +158,8 @@ def _corrected(
     effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
     weight = weight.reshape(settings.chains, settings.transitions)
     chosen = _resample(weight, settings.draws, np.random.default_rng([seed, 22]))
-    y, drawn = chains.coordinates[chosen], jax.tree.map(lambda values: values[chosen], chains.drawn)
-    found = _by_chain(model, data, coordinates, chains.sampled, y, drawn, settings)
+    raw, drawn = chains.raw[chosen], jax.tree.map(lambda values: values[chosen], chains.drawn)
+    found = _by_chain(model, data, coordinates, chains.sampled, raw, drawn, settings)
     return replace(found, correction=Correction(k, float(effective)), chains=chains)
 
 
@@ -175,8 +184,9 @@ def _exact(
     sampled = run_chains(_sampled_of(model), arguments, start, settings, seed, progress=progress)
     sampled = sampled.thinned(settings.thinning)
     y, z = (sampled.sites[name].reshape(-1, *np.shape(centre[name])) for name in centre)
-    drawn = draw_all(model, data, coordinates.warp, y, z)
-    return _by_chain(model, data, coordinates, sampled, y, drawn, settings)
+    raw = np.asarray(coordinates.warp(y))
+    drawn = draw_all(model, data, raw, z)
+    return _by_chain(model, data, coordinates, sampled, raw, drawn, settings)
 
 
 def _by_chain(
@@ -184,12 +194,12 @@ def _by_chain(
     data: EstimatesData,
     coordinates: Coordinates,
     sampled: Draws,
-    y: Float[np.ndarray, "draw coordinate"],
+    raw: Float[np.ndarray, "draw hyperparameter"],
     drawn: EffectsDraw,
     settings: Sampler,
 ) -> EstimatesPosterior:
     shape = (settings.chains, settings.draws)
-    sites = constrained(model, coordinates.raw(y))
+    sites = constrained(model, dict(zip(model.spreads, raw.T, strict=True)))
     draws = replace(sampled, sites={name: np.asarray(v).reshape(shape) for name, v in sites.items()})
     b, rows = (values.reshape(*shape, -1) for values in (drawn.b, drawn.rows))
     return EstimatesPosterior(draws, b, rows, None, data, coordinates, None)
@@ -198,25 +208,23 @@ def _by_chain(
 def draw_all(
     model: EstimatesModel,
     data: EstimatesData,
-    warp: SinhArcsinh,
-    y: Float[np.ndarray, "draw coordinate"],
+    raw: Float[np.ndarray, "draw hyperparameter"],
     z: Float[np.ndarray, "draw location"],
 ) -> EffectsDraw:
-    """Effects for every draw of the coordinates, as numpy arrays."""
-    return EffectsDraw(*in_calls(partial(_draw_rows, model, data, warp), (y, z), POINTS))
+    """Effects for every draw of the unconstrained hyperparameters, as numpy arrays."""
+    return EffectsDraw(*in_calls(partial(_draw_rows, model, data), (raw, z), POINTS))
 
 
 @partial(jax.jit, static_argnums=0)
 def _draw_rows(
     model: EstimatesModel,
     data: EstimatesData,
-    warp: SinhArcsinh,
-    y: Array,
+    raw: Array,
     z: Array,
     number: Array,
 ) -> EffectsDraw:
     def one(place: Array) -> EffectsDraw:
-        sites = constrained(model, dict(zip(model.spreads, warp(y[place]), strict=True)))
+        sites = constrained(model, dict(zip(model.spreads, raw[place], strict=True)))
         return draw_effects(model, data, sites, z[place])
 
     return EffectsDraw(*first_rows(lambda place: tuple(one(place)), POINTS, number))
@@ -243,17 +251,25 @@ class _Finder(NamedTuple):
 
 def approximated(model: EstimatesModel, data: EstimatesData, seed: int) -> tuple[EstimatesData, Coordinates]:
     """Sites of the lost tables about the posterior mode of the hyperparameters, and coordinates there."""
-    names, mode = model.spreads, None
+    mode = None
     z = np.random.default_rng([seed, 24]).standard_normal((POINTS, model.locations.size))
     for _ in range(_ABOUT_MODE):
-        mode = find_mode(model, names, _Finder(model, data).at, mode)
-        drawn = draw_all(model, data, straight(len(names)), np.repeat(mode[None], len(z), axis=0), z)
+        mode = find_mode(model, model.spreads, _Finder(model, data).at, mode)
+        drawn = draw_all(model, data, np.repeat(mode[None], len(z), axis=0), z)
         data = data._replace(scatter=drawn.scatter.mean(0))
+    return data, coordinates_about(model, data, mode)
+
+
+def coordinates_about(
+    model: EstimatesModel, data: EstimatesData, near: Float[np.ndarray, " hyperparameter"] | None = None
+) -> Coordinates:
+    """Coordinates about the posterior mode, which is sought from ``near`` on."""
     finder = _Finder(model, data)
+    mode = find_mode(model, model.spreads, finder.at, near)
     scale = np.sqrt(np.diagonal(covariance_about(lambda y: finder.at(y)[1], mode)))
-    warp = warp_about(lambda y: float(finder.densities(y[None])[0]), mode, scale)
-    about = covariance_about(lambda y: finder.at(y, warp)[1], np.zeros(len(names)))
-    return data, Coordinates(names, warp, about)
+    warp = warp_about(finder.densities, mode, scale)
+    about = covariance_about(lambda y: finder.at(y, warp)[1], np.zeros(len(mode)))
+    return Coordinates(model.spreads, warp, about)
 
 
 @lru_cache(maxsize=8)

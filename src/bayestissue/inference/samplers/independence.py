@@ -31,7 +31,7 @@ Layout = tuple[tuple[str, tuple[int, ...]], ...]
 
 DEGREES = 7.0
 # Proposals follow the moments of so many points that often, and then, if need be, those of all points.
-ROUNDS, TRIES = 3, 3
+ROUNDS, TRIES = 3, 2
 PARETO_LIMIT = 0.7
 # So many at once: to adapt the proposals, and in each call of what is compiled.
 POINTS = 500
