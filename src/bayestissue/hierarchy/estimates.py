@@ -196,6 +196,36 @@ def integrated(model: EstimatesModel, data: EstimatesData, sites: dict[str, Arra
     return Integrated(data.kept @ rows.log_density(about) + gained, data.location_mean + shift, factor)
 
 
+def leave_one_out(
+    model: EstimatesModel, data: EstimatesData, sites: dict[str, Array]
+) -> Float[Array, " impact"]:
+    """Log density of each row given all others that are kept, b integrated out and the tables by their sites.
+
+    With residual e about the mean of X b given all rows, C its covariance there and S the row's own, the row
+    given the others is normal about y - S (S - C)^-1 e with covariance S (S - C)^-1 S.
+    """
+    found, rows = integrated(model, data, sites), _rows(data, sites, data.scatter)
+    (K, C), begin = data.design.columns, data.people[0].shape[-1]
+    away = (rows.centre - jnp.stack(expected(data.design, found.mean), axis=-1)).T
+    half_K = solve_triangular(
+        found.factor, jnp.zeros((len(found.mean), len(K))).at[:begin].set(K.T), lower=True
+    )
+    half_C = solve_triangular(
+        found.factor, jnp.zeros((len(found.mean), len(C))).at[begin:].set(C.T), lower=True
+    )
+    about = PairCovariance(
+        *((a * b).sum(0) for a, b in ((half_K, half_K), (half_K, half_C), (half_C, half_C)))
+    )
+    own = rows.covariance
+    left = PairCovariance(*(a - b for a, b in zip(own, about, strict=True))).inverse()
+    moved = own.times(left.times(away))
+    first, second = (
+        own.times(left.times(jnp.stack(column))) for column in ((own.KK, own.KC), (own.KC, own.CC))
+    )
+    covariance = PairCovariance(first[0], first[1], second[1])
+    return rows.constant + pair_log_density(moved.T, covariance)
+
+
 class EffectsDraw(NamedTuple):
     """A draw of b, and the densities of the data.
 

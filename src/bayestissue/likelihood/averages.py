@@ -132,6 +132,12 @@ class PairCovariance(NamedTuple):
             self.CC / self.determinant, -self.KC / self.determinant, self.KK / self.determinant
         )
 
+    def times(self, values: Float[Array, "2 *#batch"]) -> Float[Array, "2 *#batch"]:
+        """The matrix times a vector."""
+        return jnp.stack(
+            [self.KK * values[0] + self.KC * values[1], self.KC * values[0] + self.CC * values[1]]
+        )
+
 
 def pair_covariance(sd: Float[Array, "*batch 2"], correlation: Float[Array, "*batch"]) -> PairCovariance:
     """Of two standard deviations and their correlation."""

@@ -18,6 +18,7 @@ from bayestissue.inference.posterior.estimates import (
     Chains,
     EstimatesPosterior,
     draw_all,
+    leave_one_out_densities,
     sample_chains,
     sample_posterior,
 )
@@ -53,15 +54,19 @@ def compare_explanations(
         return pd.DataFrame(columns=stacking.COLUMNS)
     settings = Sampler.model_validate(sampler.model_dump() | SAMPLER)
     held_out = [trial == label for label in dict.fromkeys(trial)]
-    trees, scores = {}, {}
+    trees, scores, fitted = {}, {}, {}
     for number, (name, data) in enumerate(explanations.items()):
         progress(number, len(explanations))
         found = sample_posterior(model, data, settings, seed)
-        trees[name] = _scored(found, len(data.roots))
+        left_out = leave_one_out_densities(model, found)[..., len(data.roots) :]
+        trees[name] = _scored(found, left_out)
+        fitted[name] = _log_mean(found.rows[..., len(data.roots) :]).sum()
         score = partial(log_predictive_density, model, found, settings=settings, seed=seed)
         scores[name] = np.array([score(rows) for rows in held_out])
     progress(len(explanations), len(explanations))
-    return pd.concat([stacking.by_impact(trees, "estimates"), stacking.by_trial(scores)], ignore_index=True)
+    by_impact = stacking.by_impact(trees, "estimates")
+    by_impact["p_effective"] = by_impact["model"].map(fitted) - by_impact["elpd"]
+    return pd.concat([by_impact, stacking.by_trial(scores)], ignore_index=True)
 
 
 def log_predictive_density(
@@ -103,14 +108,14 @@ def _log_evidence_ratios(
     return drawn.log_density + drawn.log_ratio - chains.drawn.log_density
 
 
-def _scored(found: EstimatesPosterior, tables: int) -> xr.DataTree:
-    """The log predictive densities of single impacts, for cross-validation."""
+def _log_mean(log_density: Float[np.ndarray, "chain draw row"]) -> Float[np.ndarray, " row"]:
+    return logsumexp(log_density, axis=(0, 1)) - np.log(log_density[..., 0].size)
+
+
+def _scored(found: EstimatesPosterior, left_out: Float[np.ndarray, "chain draw impact"]) -> xr.DataTree:
+    """The log density of each estimate given all others, for cross-validation."""
     over = ("chain", "draw")
-    densities = {"estimates": ((*over, "impact"), found.rows[..., tables:])}
-    any_site = next(iter(found.draws.sites.items()))
-    return xr.DataTree.from_dict(
-        {
-            "posterior": xr.Dataset({any_site[0]: (over, any_site[1])}),
-            "log_likelihood": xr.Dataset(densities),
-        }
-    )
+    posterior = {name: (over, values) for name, values in found.draws.sites.items()}
+    densities = {"estimates": ((*over, "impact"), left_out)}
+    groups = {"posterior": xr.Dataset(posterior), "log_likelihood": xr.Dataset(densities)}
+    return xr.DataTree.from_dict(groups)

@@ -21,6 +21,7 @@ from bayestissue.hierarchy.estimates import (
     EstimatesData,
     EstimatesModel,
     draw_effects,
+    leave_one_out,
     marginal_model,
     sampled_model,
 )
@@ -228,6 +229,24 @@ def _draw_rows(
         return draw_effects(model, data, sites, z[place])
 
     return EffectsDraw(*first_rows(lambda place: tuple(one(place)), POINTS, number))
+
+
+def leave_one_out_densities(
+    model: EstimatesModel, found: EstimatesPosterior
+) -> Float[np.ndarray, "*draw row"]:
+    """Log density of every row given all others, for each draw; see `leave_one_out`."""
+    sites = found.draws.sites
+    flat = np.stack([sites[name].ravel() for name in model.spreads], axis=1)
+    rows = in_calls(partial(_left_out_rows, model, found.data), (flat,), POINTS)
+    return rows.reshape(*sites[model.spreads[0]].shape, -1)
+
+
+@partial(jax.jit, static_argnums=0)
+def _left_out_rows(model: EstimatesModel, data: EstimatesData, values: Array, number: Array) -> Array:
+    def one(place: Array) -> Array:
+        return leave_one_out(model, data, dict(zip(model.spreads, values[place], strict=True)))
+
+    return first_rows(one, POINTS, number)
 
 
 class _Finder(NamedTuple):
