@@ -25,7 +25,6 @@ from bayestissue.hierarchy.estimates import (
     population,
     without,
 )
-from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.published import published_design, published_observations
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.likelihood.averages import AveragesOfLognormals
