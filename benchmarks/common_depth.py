@@ -39,9 +39,9 @@ from coverage_fit import MEASURING_CHAIN, Fits
 from bayestissue import runtime
 from bayestissue.elements import element
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.inference.posterior.recipe import PARETO_LIMIT
 from bayestissue.inference.quantities.secant_exponents import mass_exponents_of_secants
 from bayestissue.inference.quantities.secant_population import of_secant
+from bayestissue.inference.samplers.psis import GREATEST_K
 from bayestissue.simulation import Simulation, simulate
 
 CAMPAIGNS = 100
@@ -104,7 +104,7 @@ def finished(case: str) -> pd.DataFrame:
 
 def trusted(rows: pd.DataFrame) -> pd.DataFrame:
     """The rows of fits whose summaries stand for the traces."""
-    return rows[rows["pareto_k"] < PARETO_LIMIT]
+    return rows[rows["pareto_k"] < GREATEST_K]
 
 
 def measure(case: str, campaigns: int, seconds: float) -> None:
@@ -118,7 +118,7 @@ def measure(case: str, campaigns: int, seconds: float) -> None:
         if number in set(rows["campaign"]):
             continue
         dataset = simulate(campaign(case, number)).dataset("common depth")
-        fits = fits or Fits(model_of(case), dataset, least=128)
+        fits = fits or Fits(model_of(case), dataset)
         prepared = fits.prepared(dataset)
         found, correction = fits.fit(prepared, number)
         found = of_secant(prepared, found)

@@ -18,7 +18,6 @@ from __future__ import annotations
 import argparse
 import itertools
 import time
-from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -34,7 +33,7 @@ from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
 from bayestissue.inference.posterior.recipe import Correction, corrected_draws
 from bayestissue.inference.posterior.scores import LikelihoodApproximation
-from bayestissue.signal import Displacements, displacements
+from bayestissue.signal import displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.simulation import Simulation, simulate
 
@@ -53,7 +52,6 @@ COLUMNS = ["likelihood", "quantity", "level", "held", "impacts", "command"]
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "benchmarks" / "coverage_fit.csv"
 SHOWN = ROOT / "src" / "bayestissue" / "report" / "fit" / "coverage.csv"
-_STEP = 64
 
 
 def campaign(seed: int) -> Simulation:
@@ -92,28 +90,17 @@ def campaign(seed: int) -> Simulation:
     )
 
 
-def padded(signal: Displacements, least: int = 256, step: int = _STEP) -> Displacements:
-    """The same traces, one of a few widths wide, so that what is compiled for one campaign serves others."""
-    width = max(least, step * -(-signal.x.shape[1] // step))
-    rows = {
-        name: np.pad(getattr(signal, name), ((0, 0), (0, width - signal.x.shape[1])))
-        for name in ("x", "v", "deceleration")
-    }
-    return replace(signal, **rows)
-
-
 class Fits:
-    """The fits of one model file to data sets of one design, compiled once; ``least`` is as of `padded`."""
+    """The fits of one model file to data sets of one design."""
 
-    def __init__(self, specification: ModelSpecification, dataset: Dataset, least: int = 256) -> None:
-        self._specification, self._least = specification, least
-        self._first = prepare(dataset, specification, source="the model file")
+    def __init__(self, specification: ModelSpecification, dataset: Dataset) -> None:
+        self._specification = specification
+        self._design = prepare(dataset, specification, source="the model file").design
 
     def prepared(self, dataset: Dataset) -> Prepared:
-        """Its data, with the one model that what is compiled belongs to."""
-        signal = padded(displacements(dataset, self._specification.signal), self._least)
-        made = assemble(dataset, self._specification, self._first.design, signal)
-        return replace(made, model=self._first.model)
+        """Its data, be its traces as short as they may."""
+        signal = displacements(dataset, self._specification.signal)
+        return assemble(dataset, self._specification, self._design, signal)
 
     def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
         """Draws of everything, and how they were corrected."""

@@ -54,6 +54,15 @@ Model = Annotated[
         "model; write ./NAME for a file that is called so.",
     ),
 ]
+Scheduler = Annotated[
+    str | None,
+    typer.Option(
+        "--scheduler",
+        metavar="ADDRESS",
+        help="A running Dask scheduler, such as tcp://host:8786. Its workers compute what is done impact by "
+        "impact, where there are hundreds.",
+    ),
+]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0)]
 
 
@@ -121,6 +130,7 @@ def estimate(
             help="Also tabulate K and C over the values of a signal choice: window, contact, filter.",
         ),
     ] = None,
+    scheduler: Scheduler = None,
     skip_bad: SkipBad = False,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -135,6 +145,7 @@ def estimate(
         method=method,
         model=model,
         vary=tuple(vary or ()),
+        scheduler=scheduler,
         skip_bad=skip_bad,
         overwrite=overwrite,
         quiet=quiet,
@@ -147,6 +158,7 @@ def fit(
     dataset: Dataset,
     out: Out,
     model: Model = None,
+    scheduler: Scheduler = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
     overwrite: Overwrite = False,
@@ -159,7 +171,14 @@ def fit(
     from bayestissue.commands import fit
 
     passed = fit.run(
-        dataset, out=out, model=model, seed=seed, skip_bad=skip_bad, overwrite=overwrite, quiet=quiet
+        dataset,
+        out=out,
+        model=model,
+        scheduler=scheduler,
+        seed=seed,
+        skip_bad=skip_bad,
+        overwrite=overwrite,
+        quiet=quiet,
     )
     if not passed:
         raise typer.Exit(3)

@@ -79,7 +79,8 @@ def cut(value: Any, annotation: Any, sizes: Sizes) -> Any:
 def _changed(value: Any, annotation: Any, change: _Change, empty: bool = False) -> Any:
     """Every array in ``value`` that has a named axis, changed."""
     if hasattr(value, "_fields"):
-        hints, empty = _hints(type(value)), type(value) in _ADD_NOTHING
+        owner: Any = type(value)
+        hints, empty = _hints(owner), owner in _ADD_NOTHING
         parts = zip(value._fields, value, strict=True)
         return value._replace(
             **{name: _changed(part, hints.get(name), change, empty) for name, part in parts}

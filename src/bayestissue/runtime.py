@@ -95,7 +95,7 @@ def _refuse_traced(name: str, arguments: list[object]) -> None:
 
 
 def keep_compiled() -> None:
-    """Keep what is compiled in the user's cache folder, for later runs and for this run's other processes.
+    """Keep what is compiled in the user's cache folder, for later runs and for this run's worker processes.
 
     Must be called before JAX is imported. A folder named in ``JAX_COMPILATION_CACHE_DIR`` is used instead;
     where none can be made, everything is compiled anew each time.
@@ -118,13 +118,6 @@ def keep_compiled() -> None:
     os.environ[_FOLDER] = str(folder)
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.2")
     os.environ.setdefault("JAX_COMPILATION_CACHE_MAX_SIZE", str(_MOST_KEPT))
-
-
-def compiled_folder() -> str | None:
-    """The folder that keeps what is compiled, if there is one."""
-    import jax
-
-    return jax.config.jax_compilation_cache_dir
 
 
 def _processor() -> str:

@@ -88,7 +88,6 @@ def begin_workers(
     workers: int,
     initializer: Callable[..., None],
     initargs: tuple[Any, ...],
-    **options: Any,
 ) -> Any:
     """A loky executor whose processes begin with a function, and end with this one or by `end_workers`.
 
@@ -99,13 +98,12 @@ def begin_workers(
         workers: how many processes.
         initializer: what each of them does first, with ``initargs``.
         initargs: its arguments.
-        options: further ones of the executor.
     """
     from loky import ProcessPoolExecutor
 
     _begin_trackers()
     first = (os.getpid(), initializer, initargs)
-    pool = ProcessPoolExecutor(workers, initializer=_begin_worker, initargs=first, **options)
+    pool = ProcessPoolExecutor(workers, initializer=_begin_worker, initargs=first)
     _pools.append(pool)
     blocks = getattr(signal, "pthread_sigmask", None)
     before = blocks(signal.SIG_BLOCK, {signal.SIGINT}) if blocks else set()

@@ -8,7 +8,10 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
+import jax
+import numpy as np
 import pandas as pd
 import psutil
 import pytest
@@ -17,6 +20,13 @@ from causes_bench import work
 from bayestissue.causes.batches import Batch
 from bayestissue.causes.schedule import run_batches
 from bayestissue.errors import InputError
+from bayestissue.hierarchy.population import PopulationDesign
+from bayestissue.hierarchy.traces import TraceData
+from bayestissue.inference.execution import chunks
+from bayestissue.inference.execution.chunks import in_blocks
+from bayestissue.inference.execution.workers import on_cluster
+from bayestissue.inference.points import fit
+from bayestissue.likelihood.arma.displacement import displacement_record
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 
@@ -85,11 +95,11 @@ def test_finished_batches_are_not_computed_again(
     pd.testing.assert_frame_equal(found, expected, check_exact=True)
 
 
-@pytest.fixture
-def cluster(tmp_path: Path) -> Iterator[tuple[str, list[int]]]:
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[str, list[int]]]:
     """A scheduler and two workers, started as a user would: its address, and the workers' processes."""
     pytest.importorskip("distributed")
-    told = tmp_path / "scheduler.json"
+    told = tmp_path_factory.mktemp("dask") / "scheduler.json"
     dask = [sys.executable, "-m", "dask"]
     quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
     begun = [
@@ -122,11 +132,40 @@ def test_a_dask_cluster_gives_the_same_numbers_though_a_worker_is_killed(
     pd.testing.assert_frame_equal(found, expected, check_exact=True)
 
 
+def test_what_is_done_impact_by_impact_is_the_same_on_a_cluster(
+    cluster: tuple[str, list[int]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After the test above, one worker is left."""
+    monkeypatch.setattr(chunks, "BLOCK", 8)
+    monkeypatch.setattr(fit, "BATCH", 16)
+    count, samples = 20, 60
+    time_s = np.arange(samples) * 1e-3
+    x = 1e-3 * np.sin(np.linspace(20, 26, count)[:, None] * time_s) * np.exp(-5 * time_s)
+    same = np.ones(count)
+    record = displacement_record(x, np.full(count, samples), 0 * same, 1e-3 * same, np.zeros((count, 3)))
+    data = TraceData(record, PopulationDesign((), np.zeros(count, int)), np.zeros(2), np.arange(count), same)
+    factor = 2.0
+
+    def found() -> tuple[Any, fit.PointFit]:
+        def one(part: TraceData, rows: np.ndarray) -> Any:
+            return {"sum": factor * np.asarray(part.record.x).sum(1), "row": rows + part.log_mass}
+
+        own = in_blocks(data, one)
+        return own, fit.fit_points(x, np.full(count, samples), 1e-3 * same, same)
+
+    here = found()
+    with on_cluster(cluster[0]):
+        there = found()
+    for own, other in zip(jax.tree.leaves(here), jax.tree.leaves(there), strict=True):
+        np.testing.assert_array_equal(own, other)
+    np.testing.assert_array_equal(here[0]["row"], 2 * np.arange(count))
+
+
 def test_a_scheduler_that_does_not_answer_is_an_input_error(
     batches: list[Batch], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("bayestissue.causes.schedule._PATIENCE_S", 0.5)
+    monkeypatch.setattr("bayestissue.inference.execution.workers._PATIENCE_S", 0.5)
     with pytest.raises(InputError, match="dask worker"):
         run_batches(batches, scheduler="tcp://127.0.0.1:1")
 

@@ -166,7 +166,7 @@ def test_a_cache_that_cannot_be_made_is_done_without(tmp_path: Path) -> None:
     program = (
         "from bayestissue import runtime\nruntime.keep_compiled()\nruntime.configure()\n"
         "import jax, jax.numpy as jnp\n"
-        "print(jax.jit(lambda x: 2 * x)(jnp.ones(3)).sum(), runtime.compiled_folder())\n"
+        "print(jax.jit(lambda x: 2 * x)(jnp.ones(3)).sum(), jax.config.jax_compilation_cache_dir)\n"
     )
     ended = subprocess.run(  # noqa: S603 - our own program
         [sys.executable, "-W", "error", "-c", program],

@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import arviz as az
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
@@ -14,6 +16,7 @@ from bayestissue.inference.comparing.stacking import (
     by_importance,
     by_trial,
 )
+from bayestissue.inference.results.cross_validation import prior_sensitivity
 
 
 def test_by_trial_figures_worked_by_hand() -> None:
@@ -114,3 +117,28 @@ def test_draws_that_are_nearly_all_one_are_scored_and_not_trusted(normal_means) 
     assert_allclose(table.loc["stuck", "elpd"], expected, rtol=1e-9)
     assert table.loc["stuck", "warning"].startswith("30 of 30 impacts with Pareto k above 0.7")
     assert not table.loc["right", "warning"]
+
+
+def test_the_sensitivity_to_priors_and_data_is_arviz_s() -> None:
+    rng = np.random.default_rng(0)
+    dims = ("chain", "draw")
+    mean, sd = rng.standard_normal((2, 4, 500))
+    tree = xr.DataTree.from_dict(
+        {
+            "posterior": xr.Dataset({"mean": (dims, mean), "sd": (dims, np.exp(sd))}),
+            "log_prior": xr.Dataset({"mean": (dims, -8 * mean**2), "sd": (dims, -0.1 * sd**2)}),
+            "log_likelihood": xr.Dataset(
+                {
+                    "trace": (
+                        (*dims, "impact"),
+                        norm(mean[..., None], np.exp(sd)[..., None]).logpdf([0.1, 2.0]),
+                    )
+                }
+            ),
+        }
+    )
+    with np.errstate(invalid="ignore"):
+        found = prior_sensitivity(tree).set_index("variable")
+        expected = az.psense_summary(tree, round_to=4)
+    pd.testing.assert_frame_equal(found, expected, check_names=False)
+    assert "potential prior-data conflict" in set(found["diagnosis"])

@@ -7,9 +7,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from scipy.optimize import minimize
+from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from bayestissue.inference.points.fit import _fit_batch, fit_points
-from bayestissue.inference.points.whiteness import residuals, whiteness
+from bayestissue.inference.points.whiteness import LAGS, ljung_box, residuals, whiteness
 from bayestissue.likelihood import ARMA21, arma21_log_likelihood
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
 
@@ -204,6 +205,22 @@ def test_residuals_have_the_shocks_variance() -> None:
     # relative standard error of a variance of m normal values is sqrt(2 / m)
     assert shocks.var() == pytest.approx(1e-16, rel=4 * np.sqrt(2 / shocks.size))
     assert np.isnan(whiteness(x[:, :15], np.full(200, 15), ones * 0.1, ones * 0.01, ones * 0.0)).all()
+
+
+@pytest.mark.parametrize("spent", [0, 1])
+def test_ljung_and_box_s_p_values_are_statsmodels_s(spent: int) -> None:
+    rng = np.random.default_rng(0)
+    size = np.array([19, 20, 57, 120])
+    shocks = np.zeros((size.max(), len(size)))
+    for place, count in enumerate(size):
+        row = rng.standard_normal(count)
+        shocks[:count, place] = row - row.mean()
+    expected = [
+        acorr_ljungbox(shocks[:count, place], lags=[LAGS], model_df=spent)["lb_pvalue"].iloc[0]
+        for place, count in enumerate(size)
+    ]
+    # The first has fewer than twenty residuals.
+    np.testing.assert_allclose(ljung_box(shocks, size, spent), [np.nan, *expected[1:]], rtol=1e-10)
 
 
 def test_too_short_or_an_unknown_method_is_refused() -> None:

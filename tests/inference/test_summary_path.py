@@ -6,26 +6,29 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from arviz_stats.base import array_stats
 from scipy.special import logsumexp
 
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import gaussian
 from bayestissue.inference.factors.grid import flat_grid
 from bayestissue.inference.factors.importance_ratios import (
-    ImportanceRatios,
     importance_ratios,
     log_evidence_corrections,
 )
 from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.moments import log_site, normals, standard_points
-from bayestissue.inference.fit import fit_traces
-from bayestissue.inference.posterior.approximate import approximate
+from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.conditional_prior import conditional_priors
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.posterior.recipe import Correction, marginal_draws
+from bayestissue.inference.posterior.correction import Correction
+from bayestissue.inference.posterior.exact import exact_draws
+from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.samplers.psis import pareto_smoothed
+from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
@@ -107,12 +110,21 @@ def test_a_profile_interpolates_cubics_and_integrates_against_a_normal() -> None
     np.testing.assert_allclose(found, exact, rtol=1e-7)
 
 
-def test_summaries_stand_for_the_traces(prepared: Prepared) -> None:
-    summarised = approximate(prepared)
-    draws, correction = marginal_draws(prepared, summarised, Sampler(chains=2, warmup=200, draws=500), 1)
+SETTINGS = Sampler(chains=2, warmup=200, draws=500)
+
+
+@pytest.fixture(scope="module")
+def summary_route(prepared: Prepared) -> tuple[Approximation, Draws, Correction]:
+    return corrected_draws(prepared, SETTINGS, 1)
+
+
+def test_summaries_stand_for_the_traces(
+    prepared: Prepared, summary_route: tuple[Approximation, Draws, Correction]
+) -> None:
+    sites, draws, correction = summary_route
     assert correction.trusted
-    assert correction.effective > 0.5
-    unfolded = constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(1))
+    assert correction.relative > 0.5
+    unfolded = constrained_draws(prepared, sites.summaries, draws, jax.random.PRNGKey(1))
     assert unfolded.impacts["K"].shape == (2, 500, 16)
     assert np.isfinite(unfolded.log_likelihood["trace"]).all()
 
@@ -128,7 +140,8 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     size = len(summarised.spreads.names)
     raw = summarised.spreads.raw(rng.multivariate_normal(np.zeros(size), summarised.spreads.covariance, 64))
     raw["sd_noise"][:2] = -7.0
-    anchors = conditional_priors(model, data, summaries, raw, np.zeros((64, model.locations.size))).anchors
+    z_b = np.zeros((64, model.locations.size))
+    anchors = conditional_priors(model, gaussian(data, summaries), raw, z_b).anchors
     ratios = importance_ratios(model, data, summaries, anchors, standard_points(3))
     first = ConditionalPrior(*(part[:8] for part in anchors))
     tabulated = log_evidence_corrections(summaries, ratios, first)
@@ -146,18 +159,6 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     assert np.abs(error).max() < 0.15
 
 
-@pytest.mark.parametrize(("scatter", "trusted"), [(0.3, True), (4.0, False)])
-def test_a_correction_is_refused_where_most_points_have_no_weight(scatter: float, trusted: bool) -> None:
-    log_ratio = scatter * np.random.default_rng(6).normal(size=(64, 400))
-    nothing = np.zeros((64, 400, 3))
-    found = Correction(0.1, 0.9, ImportanceRatios(nothing, log_ratio, log_ratio, ()))  # type: ignore[arg-type]
-    assert found.trusted is trusted
-    assert [check.passed for check in found.checks()] == [True, trusted]
-    if trusted:
-        # Of log-normal weights exp(-s^2) of the points are left, in one impact by 64 points to about 0.01.
-        assert abs(found.told - np.exp(-(scatter**2))) < 5 * 0.01
-
-
 def test_smoothed_weights_lead_from_draws_to_their_target() -> None:
     draws = np.random.default_rng(5).normal(size=4000)
     # From N(0, 1) to N(0.5, 1): weights exp(x / 2), whose effective number is exp(-1 / 4) of all.
@@ -169,20 +170,29 @@ def test_smoothed_weights_lead_from_draws_to_their_target() -> None:
     assert abs(mean - 0.5) < 5 / np.sqrt(4000 * np.exp(-0.25))
 
 
-@pytest.mark.long
-def test_the_exact_path_agrees_within_its_error(prepared: Prepared) -> None:
-    import arviz as az
+def quantities(prepared: Prepared, sites: Approximation, draws: Draws) -> np.ndarray:
+    """The hyperparameters, the effects, and log K and log C of every impact, [chain, draw, quantity]."""
+    flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in draws.sites.items()}
+    z_b, z_u = flat.pop("standard_locations"), flat.pop("standard_impacts")
+    every = conditional_priors(prepared.model, prepared.data, sites.summaries, flat, z_b)
+    u = normals(sites.summaries, every.anchors).at(z_u)
+    columns = [np.stack([flat[name] for name in prepared.model.spreads], axis=1), every.b]
+    columns += [u[..., :2].reshape(len(u), -1)]
+    return np.concatenate(columns, axis=1).reshape(SETTINGS.chains, SETTINGS.draws, -1)
 
-    found = {}
-    for path in ("summary", "exact"):
-        sampler = Sampler(chains=2, warmup=300, draws=1000, path=path)
-        specification = ModelSpecification(name="a2", likelihood="a2", sampler=sampler)
-        found[path] = fit_traces(prepared, specification, 2, lambda *_: None).tree["posterior"].dataset
-    names = ["mass_exponent_K", "mass_exponent_C", "sd_subject_K", "sd_impact_K", "noise_mean", "K", "C"]
+
+def test_the_summary_and_the_exact_route_agree_within_their_monte_carlo_errors(
+    prepared: Prepared, summary_route: tuple[Approximation, Draws, Correction]
+) -> None:
+    sites = approximate(prepared, refinements=0)
+    found = [
+        quantities(prepared, *summary_route[:2]),
+        quantities(prepared, sites, exact_draws(prepared, sites, SETTINGS, 2, processes=False)),
+    ]
     distance = []
-    for name in names:
-        error = [az.mcse(found[path][[name]], method="mean")[name] for path in found]
-        mean = [found[path][name].mean(["chain", "draw"]) for path in found]
-        distance.append(np.ravel((mean[0] - mean[1]) / np.hypot(*error)))
-    # 37 numbers: the greatest of as many standard normals is beyond 4.5 in one run of four thousand.
-    assert np.abs(np.concatenate(distance)).max() < 4.5
+    for one, other in zip(*(np.moveaxis(each, -1, 0) for each in found), strict=True):
+        error = np.hypot(*(float(array_stats.mcse(each, method="mean")) for each in (one, other)))
+        distance.append((one.mean() - other.mean()) / error)
+    # Some sixty numbers: the greatest of as many standard normals is beyond 4.5 in one run of two thousand.
+    assert len(distance) > 32
+    assert np.abs(distance).max() < 4.5

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
 
-from bayestissue.inference.posterior.recipe import _resample
 from bayestissue.inference.results.labels import labelled_statistics, statistics_of_transitions
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -48,16 +46,3 @@ def test_without_thinning_nothing_changes() -> None:
     whole = _draws()
     np.testing.assert_array_equal(whole.thinned(1).sites["x"], whole.sites["x"])
     assert labelled_statistics(whole).identical(statistics_of_transitions(whole))
-
-
-@pytest.mark.parametrize("number", [10, 50, 100])
-def test_draws_are_chosen_as_often_as_their_weights_say(number: int) -> None:
-    rng = np.random.default_rng(4)
-    weight = rng.gamma(0.5, size=(3, 100))
-    chosen = _resample(weight, number, rng).reshape(3, number)
-    for chain, places in enumerate(chosen):
-        times = np.bincount(places - 100 * chain, minlength=100)
-        wanted = number * weight[chain] / weight[chain].sum()
-        # Systematic resampling is never off by one whole draw, and keeps the chain's order.
-        assert (np.abs(times - wanted) < 1).all()
-        assert (np.diff(places) >= 0).all()

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
-from bayestissue.inference.factors import regression as wide_summaries
+from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.inference.factors import regression
 from bayestissue.inference.factors.laplace import _MOST_GAIN as MOST_GAIN
 from bayestissue.inference.factors.regression import _nearest, _parabola
 
@@ -62,9 +62,9 @@ def test_a_trace_of_which_the_points_tell_too_little_keeps_its_summary(
     weight = np.ones(value.shape)
     # The second trace has no likelihood anywhere, and so weights that are no numbers.
     value[..., 1], weight[..., 1] = -np.inf, np.nan
-    monkeypatch.setattr(wide_summaries, "_points", lambda *_: (u, value, weight))
+    monkeypatch.setattr(regression, "_points", lambda *_: (u, value, weight))
     old = Sites(*(jnp.full(shape, 9.0) for shape in ((2, 3), (2, 3), (2, 3, 3), (2,))))
-    found = wide_summaries.regressed(None, None, old, None, 0)  # type: ignore[arg-type]
+    found = regression.regression_sites(None, None, old, None, 0)  # type: ignore[arg-type]
     np.testing.assert_allclose(found.precision[0], np.eye(3), atol=1e-6)
     for new, before in zip(found, old, strict=True):
         np.testing.assert_array_equal(new[1], before[1])
@@ -82,7 +82,7 @@ def test_a_sloping_likelihood_that_opens_upwards_promises_no_more_than_is_believ
     held = Sites(*map(jnp.asarray, (centre, slope, precision, level)))
     far = np.zeros((3, 1, 3))
     far[:, 0, 0] = 10.0, 1000.0, 100_000.0
-    gain = (np.asarray(held.log_summary(list(np.moveaxis(far, -1, 0)))) - level)[:, 0]
+    gain = (np.asarray(held.log_density(far)) - level)[:, 0]
     assert (gain <= most).all()
     assert (gain[1:] < 0).all()
     np.testing.assert_allclose(np.diag(precision[0])[1:], [4.0, 1.0], rtol=0.1)

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import statsmodels.api as sm
 
-from bayestissue.report.fit.estimates import side_by_side
+from bayestissue.report.fit.estimates import apparent_exponent, side_by_side
 from bayestissue.report.fit.run import read_fit_run
 from make_fit_run import make_fit_run
 
@@ -26,3 +27,16 @@ def test_side_by_side_is_held_against_the_other_element_s_secant_stiffness(
     np.testing.assert_array_equal(side_by_side(run, "C")["truth"], truth["C_N_s_per_m"])
     about["model"]["element"] = "maxwell"
     np.testing.assert_array_equal(side_by_side(read_fit_run(folder, about), "K")["truth"], truth["K_N_per_m"])
+
+
+def test_the_apparent_exponent_is_the_line_of_least_squares_with_its_interval(tmp_path: Path) -> None:
+    folder = make_fit_run(tmp_path / "run")
+    run = read_fit_run(folder, json.loads((folder / "run.json").read_text(encoding="utf-8")))
+    found = apparent_exponent(run, "K")
+    assert found is not None
+    table = run.estimates_dds
+    x = np.log(table["mass_kg"] / run.reference_mass)
+    fitted = sm.OLS(np.log(table["K_N_per_m"]), sm.add_constant(x.to_numpy())).fit()
+    expected = [*fitted.params, *fitted.conf_int(alpha=0.1).iloc[1]]
+    told = [found.intercept, found.slope.median, found.slope.low, found.slope.high]
+    np.testing.assert_allclose(told, expected, rtol=1e-9, atol=1e-12)

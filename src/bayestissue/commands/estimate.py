@@ -28,6 +28,7 @@ def run(
     method: Method,
     model: str | Path | None,
     vary: tuple[str, ...],
+    scheduler: str | None,
     skip_bad: bool,
     overwrite: bool,
     quiet: bool,
@@ -46,6 +47,7 @@ def run(
         configure()
         from bayestissue.commands.console import echo
         from bayestissue.dataset import read_dataset
+        from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.points.estimates import default_options, estimate
         from bayestissue.report.writing import draw_page
         from bayestissue.signal import alternatives, read_signal_options
@@ -54,8 +56,9 @@ def run(
         options = read_signal_options(file) if file else default_options(method)
         choices = {choice: alternatives(choice, options) for choice in vary}
         data = read_dataset(dataset, skip_bad=skip_bad)
-        table = estimate(data, method=method, options=options)
-        varied = _varied(data, method, choices) if choices else None
+        with on_cluster(scheduler):
+            table = estimate(data, method=method, options=options)
+            varied = _varied(data, method, choices) if choices else None
         centring = _centring() if method == "dds" else None
         with place.folder() as staging:
             table.to_csv(staging / "estimates.csv", index=False)

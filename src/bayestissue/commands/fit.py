@@ -20,6 +20,7 @@ def run(
     *,
     out: Path,
     model: str | Path | None,
+    scheduler: str | None,
     seed: int,
     skip_bad: bool,
     overwrite: bool,
@@ -39,6 +40,7 @@ def run(
         from bayestissue.dataset import read_dataset
         from bayestissue.fitting import fit_prepared, resolve, write_run
         from bayestissue.hierarchy.trace_data import prepare
+        from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.samplers.diagnostics import headline
         from bayestissue.report import draw_page
 
@@ -51,7 +53,7 @@ def run(
             _say_what_is_told(prepared)
         job = _fingerprint(data, specification, seed)
         with Stages(quiet=quiet) as say:
-            with place.unfinished(job) as kept:
+            with on_cluster(scheduler), place.unfinished(job) as kept:
                 fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept)
                 with place.folder() as folder:
                     write_run(fit, folder, say)

@@ -17,6 +17,12 @@ EXAMPLES: dict[Dimension, str] = {
     "time": 'a unit of time, such as "s", "ms" or "µs"',
 }
 _SI: dict[Dimension, str] = {"acceleration": "m/s^2", "length": "m", "time": "s"}
+# Reading the definitions of all units takes a second: these need none.
+COMMON: dict[Dimension, dict[str, float]] = {
+    "acceleration": {"m/s^2": 1.0, "m/s**2": 1.0, "mm/s^2": 1e-3, "g": 9.80665, "g_0": 9.80665},
+    "length": {"m": 1.0, "mm": 1e-3, "µm": 1e-6, "um": 1e-6},
+    "time": {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "us": 1e-6},
+}
 
 # A power of a power, or a long number, could keep the parser busy for ever and is no unit anyway.
 _ABSURD = re.compile(r"\d\d|(\^|\*\*)[^/*]*(\^|\*\*)")
@@ -32,6 +38,12 @@ def to_si(unit: str, dimension: Dimension) -> float:
     Raises:
         ValueError: the unit is unknown, or measures something else.
     """
+    if (known := COMMON[dimension].get(unit.strip())) is not None:
+        return known
+    return _by_definition(unit, dimension)
+
+
+def _by_definition(unit: str, dimension: Dimension) -> float:
     import pint
 
     if dimension == "acceleration" and unit.strip() == "g":

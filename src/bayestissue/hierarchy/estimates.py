@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -21,21 +22,19 @@ import numpy as np
 import numpyro
 import numpyro.distributions as dist
 from jax import Array
-from jax.scipy.linalg import solve_triangular
 from jaxtyping import Bool, Float
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES, cholesky_factor
-from bayestissue.hierarchy.gaussian.conditional import information, score
-from bayestissue.hierarchy.population import (
-    Covariances,
-    EffectPart,
-    Effects,
-    PopulationDesign,
-    covariances_of,
-    effects_of,
-    expected,
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
+from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.gaussian.effects import (
+    effects_from_standard,
+    integrate_effects,
+    log_density_of_cells,
 )
+from bayestissue.hierarchy.gaussian.impacts import CellSums
+from bayestissue.hierarchy.population import EffectPart, Effects, covariances_of, effects_of
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.published import PublishedObservations
 from bayestissue.hierarchy.traces import Hyperparameters, sample_hyperparameters, sample_warped
@@ -49,6 +48,7 @@ from bayestissue.likelihood.averages import (
 )
 
 
+@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["locations", "priors", "correlated"])
 @dataclass(frozen=True)
 class EstimatesModel(Hyperparameters):
     """What is assumed: the parts of b and the priors. Competing formulas share it: see `common_effects`."""
@@ -109,7 +109,7 @@ def estimates_data(
     cells, tables = observations.impact_cell, observations.averaged_cells
     rows = tuple(np.concatenate([part[tables].mean(1), part[cells]]) for part in columns)
     return EstimatesData(
-        PopulationDesign(rows, np.arange(len(rows[0]))),
+        arrange(rows, np.arange(len(rows[0])), model.locations.groups),
         model.locations.mean,
         np.concatenate([observations.averages[:, :2], observations.log_estimates]),
         np.ones(len(rows[0])),
@@ -126,20 +126,6 @@ def _begin_of_second(effects: Effects) -> int:
 def without(data: EstimatesData, rows: Bool[np.ndarray, " impact"]) -> EstimatesData:
     """The same with some rows held out; they stay in place and say nothing."""
     return data._replace(kept=np.where(rows, 0.0, data.kept))
-
-
-class Integrated(NamedTuple):
-    """b integrated out, the hyperparameters given, a lost table's site in its factor's place.
-
-    Attributes:
-        log_density: of all rows.
-        mean: of b given them.
-        factor: lower Cholesky factor of b's precision.
-    """
-
-    log_density: Float[Array, ""]
-    mean: Float[Array, " location"]
-    factor: Float[Array, "location location"]
 
 
 class Rows(NamedTuple):
@@ -181,19 +167,19 @@ def population(model: EstimatesModel, sites: dict[str, Array]) -> Covariances:
     return covariances_of(model.locations, sites, 0.0, ())
 
 
-def integrated(model: EstimatesModel, data: EstimatesData, sites: dict[str, Array]) -> Integrated:
-    """Integrate b out."""
-    rows, sd = _rows(data, sites, data.scatter), population(model, sites).locations
-    about = jnp.stack(expected(data.design, data.location_mean), axis=-1)
+def _sums(data: EstimatesData, rows: Rows) -> CellSums:
+    """What the rows that are kept say of X b, as a constant, a slope and a curvature at b's prior mean."""
+    about = expected(data.design, data.location_mean)
     precision = jax.tree.map(lambda entry: data.kept * entry, rows.covariance.inverse())
-    weight = [[precision.KK, precision.KC], [precision.KC, precision.CC]]
-    away = (rows.centre - about).T
-    toward = [row[0] * away[0] + row[1] * away[1] for row in weight]
-    factor = jnp.linalg.cholesky(information(data.design, weight) + jnp.diag(sd**-2.0))
-    half = solve_triangular(factor, score(data.design, toward), lower=True)
-    gained = (half**2).sum() / 2 - jnp.log(jnp.diagonal(factor)).sum() - jnp.log(sd).sum()
-    shift = solve_triangular(factor, half, lower=True, trans=1)
-    return Integrated(data.kept @ rows.log_density(about) + gained, data.location_mean + shift, factor)
+    pull, constant = precision.times(rows.centre.T - about), data.kept * rows.log_density(about.T)
+    weight = jnp.array([[precision.KK, precision.KC], [precision.KC, precision.CC]])
+    return CellSums(*(data.design.to_cells(values) for values in (weight, pull, constant)))
+
+
+def log_evidence(model: EstimatesModel, data: EstimatesData, sites: dict[str, Array]) -> Float[Array, ""]:
+    """Log density of all rows that are kept, b integrated out and a site in each lost table's place."""
+    sums = _sums(data, _rows(data, sites, data.scatter))
+    return log_density_of_cells(data.design, population(model, sites), sums)
 
 
 def leave_one_out(
@@ -204,26 +190,25 @@ def leave_one_out(
     With residual e about the mean of X b given all rows, C its covariance there and S the row's own, the row
     given the others is normal about y - S (S - C)^-1 e with covariance S (S - C)^-1 S.
     """
-    found, rows = integrated(model, data, sites), _rows(data, sites, data.scatter)
-    (K, C), begin = data.design.columns, data.people[0].shape[-1]
-    away = (rows.centre - jnp.stack(expected(data.design, found.mean), axis=-1)).T
-    half_K = solve_triangular(
-        found.factor, jnp.zeros((len(found.mean), len(K))).at[:begin].set(K.T), lower=True
-    )
-    half_C = solve_triangular(
-        found.factor, jnp.zeros((len(found.mean), len(C))).at[begin:].set(C.T), lower=True
-    )
-    about = PairCovariance(
-        *((a * b).sum(0) for a, b in ((half_K, half_K), (half_K, half_C), (half_C, half_C)))
-    )
+    rows, covariances = _rows(data, sites, data.scatter), population(model, sites)
+
+    # By Fisher's identity the slopes are the moments of X b, less its prior mean.
+    def density(sums: CellSums) -> Array:
+        return log_density_of_cells(data.design, covariances, sums)
+
+    slopes = jax.grad(density)(_sums(data, rows))
+    moved, squares = slopes.pull[:, data.design.cell], -2 * slopes.weight[..., data.design.cell]
+    away = rows.centre.T - expected(data.design, data.location_mean) - moved
+    left_over = squares - moved[:, None] * moved
+    about = PairCovariance(left_over[0, 0], left_over[0, 1], left_over[1, 1])
     own = rows.covariance
     left = PairCovariance(*(a - b for a, b in zip(own, about, strict=True))).inverse()
-    moved = own.times(left.times(away))
+    away = own.times(left.times(away))
     first, second = (
         own.times(left.times(jnp.stack(column))) for column in ((own.KK, own.KC), (own.KC, own.CC))
     )
     covariance = PairCovariance(first[0], first[1], second[1])
-    return rows.constant + pair_log_density(moved.T, covariance)
+    return rows.constant + pair_log_density(away.T, covariance)
 
 
 class EffectsDraw(NamedTuple):
@@ -255,14 +240,17 @@ def draw_effects(
         sites: the hyperparameters.
         standard: as many standard normals as b has elements.
     """
-    found = integrated(model, data, sites)
-    b = found.mean + solve_triangular(found.factor, standard, lower=True, trans=1)
+    covariances, at_sites = population(model, sites), _rows(data, sites, data.scatter)
+    sums = _sums(data, at_sites)
+    found = integrate_effects(data.design, covariances, sums)
+    log_density = sums.constant.sum() + found.log_density() - covariances.log_scale()
+    b = effects_from_standard(data.design, found, data.location_mean, standard)
     people = _of_people(data, b)
     scatter = (people**2).sum(1) / (people.shape[1] - 1)
-    about = jnp.stack(expected(data.design, b), axis=-1)
+    about = expected(data.design, b).T
     rows = _rows(data, sites, scatter).log_density(about)
-    at_sites = _rows(data, sites, data.scatter).log_density(about)
-    return EffectsDraw(b, scatter, found.log_density, data.kept @ (rows - at_sites), rows)
+    log_ratio = data.kept @ (rows - at_sites.log_density(about))
+    return EffectsDraw(b, scatter, log_density, log_ratio, rows)
 
 
 def _of_people(data: EstimatesData, b: Float[Array, " location"]) -> Float[Array, "table person 2"]:
@@ -274,7 +262,7 @@ def _of_people(data: EstimatesData, b: Float[Array, " location"]) -> Float[Array
 def marginal_model(model: EstimatesModel, data: EstimatesData, warp: SinhArcsinh) -> None:
     """The numpyro model of the hyperparameters alone, in the coordinates that ``warp`` is the map from."""
     sites, _ = sample_warped(model, warp)
-    numpyro.factor("estimates", integrated(model, data, sites).log_density)
+    numpyro.factor("estimates", log_evidence(model, data, sites))
 
 
 def sampled_model(model: EstimatesModel, data: EstimatesData, warp: SinhArcsinh) -> None:
@@ -291,7 +279,7 @@ def plain_model(model: EstimatesModel, data: EstimatesData) -> None:
     sites = sample_hyperparameters(model)
     sd = population(model, sites).locations
     b = numpyro.sample("locations", dist.Normal(data.location_mean, sd).to_event(1))
-    about = jnp.stack(expected(data.design, b), axis=-1)
+    about = expected(data.design, b).T
     tables, factor = len(data.roots), _impact_factor(sites)
     with numpyro.plate("averaged_trial", tables):
         lost = AveragesOfLognormals(about[:tables, None] + _of_people(data, b), factor)

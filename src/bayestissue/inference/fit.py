@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -13,17 +14,19 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
-from bayestissue.inference.many.approximate import summarise_many
-from bayestissue.inference.many.draws import MANY, many_draws
+from bayestissue.inference.execution.kept import all_fit, some_impacts, some_of
 from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.recipe import Correction, corrected_draws
+from bayestissue.inference.posterior.expansion import rows_of
+from bayestissue.inference.posterior.in_part import draws_in_part
+from bayestissue.inference.posterior.recipe import corrected_draws
+from bayestissue.inference.posterior.route import Route, duration
 from bayestissue.inference.posterior.scores import LikelihoodApproximation
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
 from bayestissue.inference.quantities.secant_population import of_secant
@@ -33,7 +36,7 @@ from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.inference.samplers.sampling import Draws, Progress
 
 Say = Callable[[str, int, int], None]
 
@@ -68,37 +71,50 @@ def fit_traces(
         say: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
 
-    Many impacts go by a summary path of their own, unless the model file says "exact": see
-    `bayestissue.inference.many.draws`.
+    Where draws times impacts are more than fits, impacts are kept in part: see
+    `bayestissue.inference.posterior.in_part`.
 
-    By the summary path the population is sampled with each trace's summary in its place, and the draws are
-    then corrected; "automatic" goes on to the exact path, every trace in every step, where the Pareto k of
-    the correction says that it can't be trusted. Where the model file leaves a discrepancy to the program,
-    and the best fits show plainly that one is needed, this is all that is returned: see `misfit_precheck`.
+    By the summary path the population is sampled with each trace's site in its place, and the draws are then
+    corrected; "automatic" goes on to the exact path, every trace in every step, where no correction can be
+    trusted: see `Correction.checks`. Where the model file leaves a discrepancy to the program, and the best
+    fits show plainly that one is needed, this is all that is returned: see `misfit_precheck`.
     """
     done = partial(say, "summarising each trace")
     done(0, 1)
-    if specification.sampler.path != "exact" and len(prepared.impacts) >= MANY:
-        many = summarise_many(prepared, say=done)
-        drawn, unfolded, corrected = many_draws(prepared, many, specification.sampler, seed, say)
-        return analyse(prepared, specification, unfolded, drawn, seed, say, corrected)
-    path, settings = specification.sampler.path, specification.sampler
-    if path == "exact":
-        return _exactly(prepared, specification, seed, say, checkpoints)
+    settings = specification.sampler
+    if settings.path == "exact":
+        return _exactly(prepared, specification, seed, say, checkpoints, Route("exact"))
     doubted = specification.may_add_discrepancy and not prepared.model.discrepancy
     expansions = expanded(prepared)
-    wrong = misfit_precheck(prepared, expansions, seed) if doubted else None
+    wrong = _plainly_wrong(prepared, expansions, seed) if doubted else None
     if wrong is not None:
         return wrong
     first = approximate(prepared, expansions=expansions, say=done)
+    if not all_fit(settings.chains * settings.transitions, len(prepared.impacts)):
+        draws, unfolded, correction = draws_in_part(prepared, first, settings, seed, say)
+        route = Route(settings.path, correction)
+        if route.exact:
+            return _exactly(prepared, specification, seed, say, checkpoints, route, first)
+        return analyse(prepared, specification, unfolded, draws, seed, say, route)
     sampling = partial(say, "sampling the population")
     summarised, draws, correction = corrected_draws(
         prepared, settings, seed, summarised=first, say=done, progress=sampling
     )
-    if path == "summary" or correction.trusted:
-        told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
-        return label(prepared, specification, told.summaries, draws, seed, say, told, correction)
-    return _exactly(prepared, specification, seed, say, checkpoints, summarised)
+    route = Route(settings.path, correction)
+    if route.exact:
+        return _exactly(prepared, specification, seed, say, checkpoints, route, summarised)
+    told = LikelihoodApproximation(
+        summarised.summaries, summarised.profile, correction.ratios, correction.of_impacts
+    )
+    return label(prepared, specification, told.summaries, draws, seed, say, told, route)
+
+
+def _plainly_wrong(prepared: Prepared, expansions: Sites, seed: int) -> dict[str, Any] | None:
+    """`misfit_precheck` of some impacts, or all."""
+    rows = some_impacts(len(prepared.impacts))
+    if len(rows) == len(prepared.impacts):
+        return misfit_precheck(prepared, expansions, seed)
+    return misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
 
 
 def _exactly(
@@ -107,17 +123,31 @@ def _exactly(
     seed: int,
     say: Say,
     checkpoints: Path | None,
+    route: Route,
     scored: Approximation | None = None,
 ) -> TraceAnalysis:
+    say(f"sampling by the exact path, {route.why}", 0, 1)
     # Here the summaries only whiten; scores ask for those that stand for the traces.
     done = partial(say, "summarising each trace")
     summarised = approximate(prepared, refinements=0, say=done)
     scored = scored or approximate(prepared, say=done)
-    sampling = partial(say, "sampling the posterior")
-    settings = specification.sampler
+    settings, sampling = specification.sampler, _with_estimate(say)
     draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)
     told = LikelihoodApproximation(scored.summaries, scored.profile)
-    return label(prepared, specification, summarised.summaries, draws, seed, say, told)
+    return label(prepared, specification, summarised.summaries, draws, seed, say, told, route)
+
+
+def _with_estimate(say: Say) -> Progress:
+    """Tells the transitions done by the exact path, and from the first ones on how long all of them take."""
+    stage, began = ["first transitions of the exact path"], time.monotonic()
+
+    def told(done: int, total: int) -> None:
+        if done and len(stage) == 1:
+            each = (time.monotonic() - began) / done
+            stage.append(f"exact path, {each:.2g} s a transition, about {duration(each * total)} in all")
+        say(stage[-1], done, total)
+
+    return told
 
 
 def label(
@@ -128,13 +158,13 @@ def label(
     seed: int,
     say: Say,
     told: LikelihoodApproximation,
-    correction: Correction | None = None,
+    route: Route,
 ) -> TraceAnalysis:
     """Everything that follows from the draws, which are in these summaries' coordinates."""
     say("predicting", 0, 1)
     key = jax.random.PRNGKey(seed)
     unfolded = of_secant(prepared, constrained_draws(prepared, summaries, draws, key, told=told))
-    return analyse(prepared, specification, unfolded, draws, seed, say, correction)
+    return analyse(prepared, specification, unfolded, draws, seed, say, route)
 
 
 def analyse(
@@ -144,7 +174,7 @@ def analyse(
     draws: Draws,
     seed: int,
     say: Say,
-    correction: Correction | None = None,
+    route: Route,
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of draws of everything."""
     tree = posterior_tree(prepared, specification, draws, unfolded, seed)
@@ -157,12 +187,11 @@ def analyse(
     say("checking and scoring", 0, 1)
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
     summary = summary_table(posterior)
-    further = () if correction is None else correction.checks()
-    diagnostics = diagnose(summary, statistics_of_transitions(draws), further)
+    diagnostics = diagnose(summary, statistics_of_transitions(draws), route.checks())
     return TraceAnalysis(
         tree,
         summary,
-        diagnostics | form,
+        diagnostics | form | {"route": route.record()},
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         scores,
         sensitivity,

@@ -14,6 +14,9 @@ _MEANINGS = {
     "covariate": "change of the log for one standard deviation of another covariate",
     "sd_subject": "spread between people, log scale",
     "sd_trial": "spread between conditions beyond the covariates, log scale",
+    "sd_group": "spread between the levels of another grouping, log scale",
+    "sd_slope": "spread between levels of the mass exponent, or of the change of the log for one standard "
+    "deviation of another covariate",
     "sd_impact": "spread of one person's impacts in one condition, log scale",
     "residual_correlation": "correlation of K and C from impact to impact",
     "noise": "mean over impacts of the log of the noise, as a fraction of the trace's peak",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.inference.comparing.stacking import decides
 from bayestissue.report.posterior import QUANTITIES, PosteriorRun
 from bayestissue.report.wording import listed
@@ -13,17 +14,22 @@ _FINE = ("✓", "")
 _WORDS = {"subject": ("person", "people"), "trial": ("condition", "conditions")}
 
 
+def group_words(level: str) -> tuple[str, str]:
+    """What one and what several of a grouping's levels are called."""
+    return _WORDS.get(level, (f"level of {level}", f"levels of {level}"))
+
+
 def who_differs(run: PosteriorRun, level: str) -> str:
-    """Whose effect on K or C has a 90 % interval without zero (``level``: "subject" or "trial")."""
+    """Whose effect on K or C has a 90 % interval without zero (``level``: "subject", "subject:side")."""
     parts = []
     for quantity in QUANTITIES:
-        name = f"{level}_effect_{quantity}"
+        name = f"{stem_of(level)}_effect_{quantity}"
         if run.has(name):
             low, high = np.percentile(run.draws(name), [5, 95], axis=0)
             labels = np.array(run.labels(level))[(low > 0) | (high < 0)]
             named = f": {listed(list(labels))}" if labels.size else ""
             parts.append(f"in {quantity} {labels.size or 'none'} of {low.size}{named}")
-    one, several = _WORDS[level]
+    one, several = group_words(level)
     if not parts:
         return f"This model has no effects of {several}."
     text = "; ".join(parts)

@@ -14,6 +14,7 @@ from scipy.special import logsumexp
 from bayestissue.hierarchy.estimates import EstimatesData, EstimatesModel, without
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.comparing import stacking
+from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.posterior.estimates import (
     Chains,
     EstimatesPosterior,
@@ -22,8 +23,7 @@ from bayestissue.inference.posterior.estimates import (
     sample_chains,
     sample_posterior,
 )
-from bayestissue.inference.samplers.psis import pareto_smoothed
-from bayestissue.inference.samplers.sampling import Progress, silent
+from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 
 # The path by sites has what the comparison asks for: evidences.
 SAMPLER = {"chains": 2, "draws": 500, "path": "summary"}
@@ -87,7 +87,7 @@ def log_predictive_density(
     others = without(found.data, rows)
     log_weight = _log_evidence_ratios(model, others, found.chains, seed)
     smoothed, k = pareto_smoothed(log_weight)
-    if k <= stacking.PARETO_LIMIT:
+    if k <= k_threshold(len(log_weight)):
         return float(logsumexp(smoothed - log_weight + found.chains.drawn.log_ratio))
     chains = sample_chains(model, others, found.coordinates, settings, seed)
     back = _log_evidence_ratios(model, found.data, chains, seed)

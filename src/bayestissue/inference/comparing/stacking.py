@@ -13,6 +13,9 @@ import pandas as pd
 import xarray as xr
 from scipy.special import logsumexp
 
+from bayestissue.inference.samplers.convergence import effective_size, elements_of
+from bayestissue.inference.samplers.psis import k_threshold
+
 COLUMNS = [
     "scheme",
     "model",
@@ -26,7 +29,6 @@ COLUMNS = [
 ]
 BY_IMPACT = "leave one impact out"
 BY_TRIAL = "leave one trial out"
-PARETO_LIMIT = 0.7
 FEW = 30
 # A difference tells two models apart above both: below four nats it is small, and its standard error is no
 # guide (Sivula, Magnusson, Matamoros and Vehtari 2020).
@@ -59,7 +61,8 @@ def by_importance(
 
     Returns:
         `COLUMNS`, one row a model, the best first. ``warning`` counts the elements whose Pareto k̂ is above
-        0.7, and says where people or conditions are too few for a standard error to be trusted.
+        its threshold (`k_threshold`), and says where people or conditions are too few for a standard error to
+        be trusted.
     """
     scores = _leave_one_out(trees, variable)
     pointwise = {name: score.elpd_i.to_numpy().ravel() for name, score in scores.items()}
@@ -69,14 +72,13 @@ def by_importance(
     table["weight"] = [weights[name] for name in table["model"]]
     few = "" if scheme == BY_IMPACT else _few(len(next(iter(pointwise.values()))), elements)
     table["warning"] = [
-        "; ".join(filter(None, (_high(scores[name].pareto_k.to_numpy(), elements), few)))
-        for name in table["model"]
+        "; ".join(filter(None, (_high(scores[name], elements), few))) for name in table["model"]
     ]
     return table
 
 
 def _stacking_weights(scores: Mapping[str, Any]) -> dict[str, float]:
-    import arviz as az
+    import arviz_stats as az
 
     if len(scores) < 2:
         return dict.fromkeys(scores, float("nan"))
@@ -94,9 +96,15 @@ def _stacking_weights(scores: Mapping[str, Any]) -> dict[str, float]:
     return {name: float(weights[name]) for name in scores}
 
 
-def _high(pareto_k: np.ndarray, elements: str) -> str:
-    count = int((pareto_k > PARETO_LIMIT).sum())
-    return f"{count} of {pareto_k.size} {elements} with Pareto k above {PARETO_LIMIT}" if count else ""
+def _high(score: Any, elements: str) -> str:
+    pareto_k, limit = score.pareto_k.to_numpy(), k_threshold(score.n_samples)
+    count = int((pareto_k > limit).sum())
+    return f"{count} of {pareto_k.size} {elements} with {above(limit)}" if count else ""
+
+
+def above(limit: float) -> str:
+    """What is wrong with a Pareto k̂ beyond its threshold."""
+    return f"Pareto k above {limit:.2g}"
 
 
 def _few(count: int, elements: str) -> str:
@@ -105,34 +113,64 @@ def _few(count: int, elements: str) -> str:
 
 @dataclass(frozen=True)
 class ImportanceScores:
-    """Pointwise expected log predictive densities, and the Pareto k̂ that tells which can be trusted."""
+    """Pointwise expected log predictive densities, Pareto k̂ of each, and the limit of a trusted k̂."""
 
     elpd: np.ndarray
     pareto_k: np.ndarray
+    limit: float
+
+    @property
+    def high(self) -> np.ndarray:
+        """Where k̂ is beyond the limit."""
+        return self.pareto_k > self.limit
 
 
-def importance_scores(trees: Mapping[str, xr.DataTree], variable: str) -> dict[str, ImportanceScores]:
-    """Leave-one-out densities by Pareto-smoothed importance sampling, for each element of ``variable``."""
+def importance_scores(
+    trees: Mapping[str, xr.DataTree], variable: str, reff: float | None = None
+) -> dict[str, ImportanceScores]:
+    """Leave-one-out densities by Pareto-smoothed importance sampling, for each element of ``variable``.
+
+    ``reff`` is the `relative_size` of the draws, if it is at hand.
+    """
     return {
-        name: ImportanceScores(np.array(score.elpd_i.to_numpy().ravel()), score.pareto_k.to_numpy().ravel())
-        for name, score in _leave_one_out(trees, variable).items()
+        name: ImportanceScores(
+            np.array(score.elpd_i.to_numpy().ravel()),
+            score.pareto_k.to_numpy().ravel(),
+            k_threshold(score.n_samples),
+        )
+        for name, score in _leave_one_out(trees, variable, reff).items()
     }
 
 
-def _leave_one_out(trees: Mapping[str, xr.DataTree], variable: str) -> dict[str, Any]:
-    import arviz as az
+def _leave_one_out(
+    trees: Mapping[str, xr.DataTree], variable: str, reff: float | None = None
+) -> dict[str, Any]:
+    import arviz_stats as az
 
     with warnings.catch_warnings():
         # Both callers read pareto_k themselves: one reports it, the other refits where it is high.
         warnings.simplefilter("ignore", UserWarning)
         found = {}
         for name, tree in trees.items():
+            own = relative_size(tree) if reff is None else reff
+            asked = {"pointwise": True, "var_name": variable, "reff": own}
             try:
-                found[name] = az.loo(tree, pointwise=True, var_name=variable)
+                found[name] = az.loo(tree, **asked)
             except ValueError:
                 # Nearly all draws are one and the same, so that the weights have no tail to be smoothed.
-                found[name] = az.loo(tree, pointwise=True, var_name=variable, **_unsmoothed(tree, variable))
+                found[name] = az.loo(tree, **asked, **_unsmoothed(tree, variable))
         return found
+
+
+def relative_size(tree: xr.DataTree) -> float:
+    """Effective sample size over number of draws, the mean over all quantities of the posterior.
+
+    It sets the length of the tail that is smoothed, 3 (S / r_eff)^1/2 of S draws.
+    """
+    posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
+    draws = np.concatenate([elements_of(array) for array in posterior.data_vars.values()])
+    chains, length = draws.shape[1:]
+    return float(effective_size(draws).mean() / (chains * length)) if chains > 1 else 1.0
 
 
 def _unsmoothed(tree: xr.DataTree, variable: str) -> dict[str, xr.DataArray]:

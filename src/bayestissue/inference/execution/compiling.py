@@ -45,6 +45,11 @@ def compiled_sooner(static_argnames: Static = ()) -> Callable[[Function], Functi
     return lambda function: _for_few_shapes(function, static_argnames, _SOONER)
 
 
+def compiled(static_argnames: Static = ()) -> Callable[[Function], Function]:
+    """`jax.jit` for what runs long; otherwise as `compiled_quickly`."""
+    return lambda function: _for_few_shapes(function, static_argnames, {})
+
+
 def _for_few_shapes(function: Function, static_argnames: Static, options: dict[str, Any]) -> Function:
     jitted = jax.jit(function, static_argnames=static_argnames, compiler_options=options)
 

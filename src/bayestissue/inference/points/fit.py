@@ -11,7 +11,8 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Num
 
-from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.compiling import compiled, compiled_quickly
+from bayestissue.inference.execution.workers import cluster, computed
 from bayestissue.inference.points.conditional import fit_conditional
 from bayestissue.inference.points.exact import fit_exact
 from bayestissue.inference.points.profile import Covariance, Profile
@@ -114,15 +115,23 @@ def fit_points(
     if len(x) == 0:
         return PointFit(*(np.empty(0, _TYPES.get(name, float)) for name in PointFit._fields))
     x = np.pad(x, ((0, 0), (0, _width(x.shape[1]) - x.shape[1])))
-    parts, compiled = [], _fit_few if len(x) < _FEW and not repeated else _fit_batch
-    for rows in _batches(len(x)):
-        given = x[rows], n_samples[rows]
-        data = _prepared(*given, centred=method == "dds")
-        fit, values = compiled(data, np.asarray(dt, float)[rows], np.asarray(mass, float)[rows], method)
-        p = whiteness(np.asarray(data.x), given[1], *(np.asarray(c) for c in (fit.c1, fit.c2, fit.theta1)))
-        parts.append({**jax.tree.map(np.asarray, values), "whiteness_p": p})
-    whole = {name: np.concatenate([part[name] for part in parts])[: len(x)] for name in PointFit._fields}
+    few = len(x) < _FEW and not repeated
+    columns = (x, n_samples, np.asarray(dt, float), np.asarray(mass, float))
+    items = [(*(column[rows] for column in columns), method, few) for rows in _batches(len(x))]
+    parts = dict(computed(_fit_of_batch, items, scheduler=cluster() if len(items) > 1 else None))
+    ordered = [parts[place] for place in range(len(items))]
+    whole = {name: np.concatenate([part[name] for part in ordered])[: len(x)] for name in PointFit._fields}
     return PointFit(**whole)
+
+
+def _fit_of_batch(
+    item: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Method, bool],
+) -> dict[str, np.ndarray]:
+    x, n_samples, dt, mass, method, few = item
+    data = _prepared(x, n_samples, centred=method == "dds")
+    fit, values = (_fit_few if few else _fit_batch)(data, dt, mass, method)
+    p = whiteness(np.asarray(data.x), n_samples, *(np.asarray(c) for c in (fit.c1, fit.c2, fit.theta1)))
+    return {**jax.tree.map(np.asarray, values), "whiteness_p": p}
 
 
 def _batches(count: int) -> Iterator[np.ndarray]:
@@ -176,7 +185,7 @@ def _fit(
     return fit, values
 
 
-_fit_batch = jax.jit(_fit, static_argnames="method")
+_fit_batch = compiled("method")(_fit)
 # Compiled in half the time, and ten times as long at it, which for few is not felt.
 _fit_few = compiled_quickly("method")(_fit)
 

@@ -13,10 +13,9 @@ Rows = Float[np.ndarray, "impact sample"]
 
 
 def whiteness(x: Rows, n_samples: Count, c1: Column, c2: Column, theta1: Column) -> Column:
-    """p-value of Ljung and Box's statistic n (n + 2) sum_k r_k^2 / (n - k) over ten lags.
+    """p-value of Ljung and Box's test of a fit's residuals: see `ljung_box`.
 
-    Chi-squared with nine degrees of freedom, theta1 having spent one (Ljung & Box 1978); c1 and c2 belong
-    to a signal far above the noise and spend none.
+    theta1 spends one degree of freedom; c1 and c2 belong to a signal far above the noise and spend none.
     The residuals are the standardised one-step prediction errors, which are white at |theta1| = 1 too.
 
     Args:
@@ -30,14 +29,30 @@ def whiteness(x: Rows, n_samples: Count, c1: Column, c2: Column, theta1: Column)
         p-values; NaN where an impact has fewer than 20 residuals.
     """
     shocks = residuals(x, n_samples, c1, c2, theta1)
-    size = np.asarray(n_samples) - 2
+    return ljung_box(shocks, np.asarray(n_samples) - 2, spent=1)
+
+
+def ljung_box(shocks: Float[np.ndarray, "residual impact"], size: Count, spent: int = 0) -> Column:
+    """p-value of Ljung and Box's statistic n (n + 2) sum_k r_k^2 / (n - k) over ten lags.
+
+    With the autocorrelations r_k; chi-squared with as many degrees of freedom as there are lags, less the
+    parameters ``spent`` on the fit (Ljung and Box 1978, doi:10.1093/biomet/65.2.297).
+
+    Args:
+        shocks: about their mean, 0 past the end.
+        size: n of each impact.
+        spent: number of parameters.
+
+    Returns:
+        p-values; NaN where an impact has fewer than 20 residuals.
+    """
     square = np.einsum("ti,ti->i", shocks, shocks)
-    statistic = np.zeros_like(c1)
+    statistic = np.zeros(shocks.shape[1])
     for lag in range(1, min(LAGS, len(shocks) - 1) + 1):
         with np.errstate(invalid="ignore", divide="ignore"):
             r = np.einsum("ti,ti->i", shocks[lag:], shocks[:-lag]) / square
         statistic += r**2 / np.maximum(size - lag, 1)
-    return np.where(size >= 2 * LAGS, chdtrc(LAGS - 1, size * (size + 2) * statistic), np.nan)
+    return np.where(size >= 2 * LAGS, chdtrc(LAGS - spent, size * (size + 2) * statistic), np.nan)
 
 
 def residuals(

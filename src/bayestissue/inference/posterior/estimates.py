@@ -6,9 +6,8 @@ place; b is drawn from its conditional; and the draws are weighted by the tables
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -28,19 +27,16 @@ from bayestissue.hierarchy.estimates import (
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.traces import COORDINATES, constrained
 from bayestissue.hierarchy.warp import SinhArcsinh
-from bayestissue.inference.execution.compiling import first_rows, in_calls
+from bayestissue.inference.execution.compiling import filled_up, first_rows, in_calls
+from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.posterior.coordinates import Coordinates, straight, warp_about
+from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
-from bayestissue.inference.posterior.recipe import PARETO_LIMIT, Correction, _resample
-from bayestissue.inference.samplers.independence import (
-    POINTS,
-    Spreads,
-    independence_chains,
-    log_densities,
-)
+from bayestissue.inference.samplers.independence import POINTS, independence_chains, log_densities
 from bayestissue.inference.samplers.nuts import Start, run_chains
-from bayestissue.inference.samplers.psis import pareto_smoothed
-from bayestissue.inference.samplers.sampling import Draws, Progress, silent
+from bayestissue.inference.samplers.psis import k_threshold
+from bayestissue.inference.samplers.resampling import systematic
+from bayestissue.inference.samplers.sampling import Draws
 
 # Of the coordinates, for slopes from differences of values.
 _STEP = 1e-4
@@ -102,15 +98,15 @@ def sample_posterior(
     data, coordinates = approximated(model, data, seed)
     if settings.path == "exact":
         return _exact(model, data, coordinates, settings, seed, progress)
-    made: list[EstimatesPosterior] = []
+    made: list[tuple[Correction, EstimatesPosterior]] = []
     for again in range(1 + _MOST_AGAIN):
         chains = sample_chains(model, data, coordinates, settings, seed + again * _OTHER_SEED, progress)
         made.append(_corrected(model, data, coordinates, chains, settings, seed))
-        if _worth(made[-1])[1] > _WELL_PLACED:
+        if made[-1][0].relative > _WELL_PLACED:
             break
         data = data._replace(scatter=chains.drawn.scatter.mean(0))
-    best = max(made, key=_worth)
-    if settings.path == "summary" or _worth(best)[0]:
+    correction, best = min(made, key=lambda each: each[0].rank)
+    if settings.path == "summary" or correction.trusted:
         return best
     return _exact(model, data, coordinates, settings, seed, progress)
 
@@ -128,17 +124,19 @@ def sample_chains(
     By independent proposals: in coordinates that may have been made for other data, or else in the data's
     own; trajectories where both miss part of the posterior.
     """
-    own = _marginal_of(model)
     for made in (lambda: coordinates, lambda: coordinates_about(model, data)):
         where = made()
-        middle, target = {COORDINATES: np.zeros(len(where.names))}, (data, where.warp)
-        found = independence_chains(own, target, Spreads(middle, where.covariance), settings, seed)
+        target = (model, data, where.warp)
+        found = independence_chains(marginal_model, target, COORDINATES, where.covariance, settings, seed)
         sampled = found.draws
-        if found.pareto_k < PARETO_LIMIT:
+        if found.pareto_k < k_threshold(settings.chains * settings.transitions):
             break
     else:
-        start = Start(middle, (COORDINATES,), where.covariance)
-        sampled = run_chains(own, target, start, settings, seed, progress=progress, processes=False)
+        start = Start({COORDINATES: np.zeros(len(where.names))}, (COORDINATES,), where.covariance)
+        target = (model, *filled_up((data,)), where.warp)
+        sampled = run_chains(
+            marginal_model, target, start, settings, seed, progress=progress, processes=False
+        )
     y = sampled.sites[COORDINATES].reshape(-1, len(where.names))
     z = np.random.default_rng([seed, 21]).standard_normal((len(y), model.locations.size))
     raw = np.asarray(where.warp(y))
@@ -152,21 +150,15 @@ def _corrected(
     chains: Chains,
     settings: Sampler,
     seed: int,
-) -> EstimatesPosterior:
+) -> tuple[Correction, EstimatesPosterior]:
     """Draws chosen by the lost tables' factors over their sites."""
-    smoothed, k = pareto_smoothed(chains.drawn.log_ratio)
-    weight = np.exp(smoothed)
-    effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
-    weight = weight.reshape(settings.chains, settings.transitions)
-    chosen = _resample(weight, settings.draws, np.random.default_rng([seed, 22]))
+    shape = (settings.chains, settings.transitions)
+    correction = Correction.of(chains.drawn.log_ratio.reshape(shape), settings.chains * settings.draws)
+    chosen = systematic(correction.weight, settings.draws, np.random.default_rng([seed, 22]))
+    chosen = (chosen + settings.transitions * np.arange(settings.chains)[:, None]).ravel()
     raw, drawn = chains.raw[chosen], jax.tree.map(lambda values: values[chosen], chains.drawn)
     found = _by_chain(model, data, coordinates, chains.sampled, raw, drawn, settings)
-    return replace(found, correction=Correction(k, float(effective)), chains=chains)
-
-
-def _worth(found: EstimatesPosterior) -> tuple[bool, float]:
-    assert found.correction is not None  # noqa: S101 - it was corrected
-    return found.correction.trusted, found.correction.effective
+    return correction, replace(found, correction=correction, chains=chains)
 
 
 def _exact(
@@ -181,8 +173,8 @@ def _exact(
     size = len(coordinates.names)
     centre = {COORDINATES: np.zeros(size), "standard_locations": np.zeros(model.locations.size)}
     start = Start(centre, (COORDINATES,), coordinates.covariance)
-    arguments = (data, coordinates.warp)
-    sampled = run_chains(_sampled_of(model), arguments, start, settings, seed, progress=progress)
+    arguments = (model, *filled_up((data,)), coordinates.warp)
+    sampled = run_chains(sampled_model, arguments, start, settings, seed, progress=progress)
     sampled = sampled.thinned(settings.thinning)
     y, z = (sampled.sites[name].reshape(-1, *np.shape(centre[name])) for name in centre)
     raw = np.asarray(coordinates.warp(y))
@@ -256,9 +248,8 @@ class _Finder(NamedTuple):
     data: EstimatesData
 
     def densities(self, y: np.ndarray, warp: SinhArcsinh | None = None) -> np.ndarray:
-        layout = ((COORDINATES, y.shape[1:]),)
-        arguments = (self.data, warp or straight(y.shape[1]))
-        return log_densities(_marginal_of(self.model), arguments, layout, y)
+        arguments = (self.model, self.data, warp or straight(y.shape[1]))
+        return log_densities(marginal_model, arguments, COORDINATES, y)
 
     def at(self, y: np.ndarray, warp: SinhArcsinh | None = None) -> tuple[float, np.ndarray]:
         """Minus the log density, and the slope of that."""
@@ -289,15 +280,3 @@ def coordinates_about(
     warp = warp_about(finder.densities, mode, scale)
     about = covariance_about(lambda y: finder.at(y, warp)[1], np.zeros(len(mode)))
     return Coordinates(model.spreads, warp, about)
-
-
-@lru_cache(maxsize=8)
-def _marginal_of(model: EstimatesModel) -> Callable[..., None]:
-    """The same function each time, so that what is compiled for it serves again."""
-    return partial(marginal_model, model)
-
-
-@lru_cache(maxsize=8)
-def _sampled_of(model: EstimatesModel) -> Callable[..., None]:
-    """The same of `sampled_model`."""
-    return partial(sampled_model, model)

@@ -8,7 +8,8 @@ true conditional.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -17,7 +18,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
@@ -42,81 +43,40 @@ from bayestissue.inference.posterior.approximate import (
 )
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.posterior.coordinates import Coordinates
-from bayestissue.inference.samplers.diagnostics import Check
+from bayestissue.inference.posterior.correction import Correction
+from bayestissue.inference.samplers.independence import independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
-from bayestissue.inference.samplers.psis import below_greatest, pareto_smoothed
+from bayestissue.inference.samplers.psis import below_greatest, effective_size
+from bayestissue.inference.samplers.resampling import systematic
 from bayestissue.inference.samplers.sampling import Draws, Progress, silent
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
+# Independent proposals serve where their weights are bounded well and most of them count.
+PROPOSAL_LIMIT, _LEAST_EFFECTIVE = 0.5, 0.5
 # A matrix of each impact under each of so many draws takes little memory.
 _DRAWS_AT_ONCE = 500
-# Sites beside a discrepancy are made about so many draws of the population, once for each number, before
-# any chain; and again about the chains', so often at most, while less of the draws' worth is left. Of
-# Maxwell's on the example one pass of 512 left 8 to 71 %, and these leave 73 to 89 %.
+# Sites are fitted about so many draws to second order, once for each number, before any chain: of Maxwell's
+# element on the example, beside a discrepancy, one pass of 512 left 8 to 71 % of the draws, these leave 73 to
+# 89 %. Without a discrepancy that is done where the relative effective sample size of such draws is below the
+# third that is asked of chains. About chains' corrected draws they are fitted as often as that raises the
+# effective number by half.
 _DRAWS_BEFORE = (256, 512)
-_MOST_AGAIN, _WELL_PLACED = 2, 0.3
-PARETO_LIMIT = 0.7
-# In fits of each element to data of its own kind the share was 0.73 to 1; it was 0.02 where a ridge of the
-# likelihood was taken for a peak.
-_LEAST_TOLD = 0.25
-_EXACT = 'Set sampler.path = "exact" in the model file.'
+_PLACED = 1 / 3
+_MOST_PASSES, _GAIN = 4, 1.5
+# Chains of the population so many times longer still take less time than the exact path.
+_LONGEST = 5
 
 
-@dataclass(frozen=True)
-class Correction:
-    """How the draws were corrected.
+class Attempt(NamedTuple):
+    """Sites, and draws of the population made and corrected with them."""
 
-    Attributes:
-        pareto_k: of the importance weights; above 0.7 they can't be trusted.
-        effective: effective number of weighted draws over their number.
-        ratios: likelihood over summary, of which the weights were made.
-    """
-
-    pareto_k: float
-    effective: float
-    ratios: ImportanceRatios | None = None
+    sites: Approximation
+    found: _Population
 
     @property
-    def told(self) -> float:
-        """Share of the points' worth that likelihood over summary leaves, the median over the impacts.
-
-        Where it is next to nothing the ratio's mean is that of a point or two, the same for all draws, whose
-        weights then say nothing of it.
-        """
-        if self.ratios is None:
-            return 1.0
-        weight = np.exp(below_greatest(np.asarray(self.ratios.log_ratio)))
-        # An impact without any likelihood at the points leaves nothing of them.
-        square = np.maximum(np.square(weight).sum(0), np.finfo(float).tiny)
-        return float(np.median(weight.sum(0) ** 2 / square) / len(weight))
-
-    @property
-    def trusted(self) -> bool:
-        """Whether the corrected draws can be used."""
-        return all(check.passed for check in self.checks())
-
-    def checks(self) -> tuple[Check, ...]:
-        """As some of a run's diagnostics."""
-        of_draws = Check(
-            "Pareto k of the correction",
-            self.pareto_k,
-            f"below {PARETO_LIMIT}",
-            self.pareto_k < PARETO_LIMIT,
-            "do the traces' summaries stand for the traces themselves? "
-            f"The correction leaves {self.effective:.0%} of the draws' worth",
-            _EXACT,
-        )
-        if self.ratios is None:
-            return (of_draws,)
-        of_traces = Check(
-            "effective share of the points that traces and summaries were compared at",
-            self.told,
-            f"above {_LEAST_TOLD}",
-            self.told > _LEAST_TOLD,
-            "is each trace's likelihood anything like its summary?",
-            _EXACT,
-        )
-        return of_draws, of_traces
+    def correction(self) -> Correction:
+        """Of the draws."""
+        return self.found.correction
 
 
 def corrected_draws(
@@ -128,24 +88,75 @@ def corrected_draws(
     say: Progress = silent,
     progress: Progress = silent,
 ) -> tuple[Approximation, Draws, Correction]:
-    """Sites, and draws made with them; of the better of two kinds if need be.
+    """Sites, draws of the approximate marginal posterior made with them, and their correction.
 
-    Whether a last parameter that may be open passes for normal is judged before the chains; where the
-    correction then can't be trusted, the other kind of summary may still be right. ``summarised`` is what
-    `approximate` found, if it was asked before.
+    Where the correction can't be trusted the sites are fitted anew about the corrected draws, as long as that
+    helps: see `_attempts`. A weakly identified last parameter then has the other kind of site, a grid or a
+    normal. Where all that is wrong is that too few draws are effective, longer chains follow. The best of
+    these is returned, trusted or not; `Correction.attempts` lists them all.
+
+    Args:
+        prepared: model and data.
+        settings: how many chains and draws.
+        seed: of all of it.
+        summarised: what `approximate` found, if it was asked before.
+        say: told what `approximate` has done.
+        progress: told how many transitions are done, of every attempt anew.
     """
-    summarised = summarised or approximate(prepared, say=say)
-    if prepared.model.discrepancy:
-        return _beside_a_discrepancy(prepared, summarised, settings, seed, progress)
-    sample = partial(marginal_draws, prepared, settings=settings, seed=seed, progress=progress)
-    made = [(summarised, *sample(summarised))]
-    if prepared.model.weakly_identified and not made[0][2].trusted:
-        other = made[0][0].profile is not None
-        again = approximate(prepared, normal=other, say=say)
-        made.append((again, *sample(again)))
-    return min(
-        made, key=lambda attempt: (not attempt[2].trusted, np.nan_to_num(attempt[2].pareto_k, nan=np.inf))
-    )
+    rng = np.random.default_rng([seed, 22])
+    sites = summarised or approximate(prepared, say=say)
+
+    def sample(sites: Approximation, settings: Sampler = settings) -> Attempt:
+        return Attempt(sites, _population_draws(prepared, sites, settings, seed, progress))
+
+    made = _attempts(prepared, sites, sample, seed, rng)
+    if prepared.model.weakly_identified and not _best(made).correction.trusted:
+        other = approximate(prepared, normal=sites.profile is not None, say=say)
+        made += _attempts(prepared, other, sample, seed, rng)
+    best = _best(made)
+    if best.correction.lacks_only_draws:
+        longer = int(np.ceil(1.2 * best.correction.needed / best.correction.effective))
+        if longer <= _LONGEST:
+            made.append(sample(best.sites, _lengthened(settings, longer)))
+            best = _best(made)
+    draws, correction = _with_impacts(prepared, best.sites, best.found, settings)
+    rows = tuple(attempt.correction.row() for attempt in made)
+    return best.sites, draws, replace(correction, attempts=rows)
+
+
+def _best(made: list[Attempt]) -> Attempt:
+    return min(made, key=lambda attempt: attempt.correction.rank)
+
+
+def _attempts(
+    prepared: Prepared,
+    sites: Approximation,
+    sample: Callable[[Approximation], Attempt],
+    seed: int,
+    rng: np.random.Generator,
+) -> list[Attempt]:
+    """Draws with these sites, then with sites fitted about the corrected draws of the last attempt.
+
+    So on until a correction can be trusted or the effective number of draws is not half as large again. A
+    grid of the last parameter is not fitted anew.
+    """
+    if sites.profile is None and (prepared.model.discrepancy or prepared.model.weakly_identified):
+        sites = _about_second_order(prepared, sites, seed, rng)
+    made = [sample(sites)]
+    while not made[-1].correction.trusted and made[-1].sites.profile is None and len(made) < _MOST_PASSES:
+        found = made[-1].found
+        some = np.resize(rng.permutation(len(found.z_b)), _DRAWS_BEFORE[-1])
+        draws = {name: values[some] for name, values in found.raw.items()}, found.z_b[some]
+        before = len(_DRAWS_BEFORE) + len(made) - 1
+        made.append(sample(_about_draws(prepared, made[-1].sites, draws, seed + before)))
+        if made[-1].correction.effective < _GAIN * made[-2].correction.effective:
+            break
+    return made
+
+
+def _lengthened(settings: Sampler, times: int) -> Sampler:
+    """So many times as many transitions for as many draws."""
+    return settings.model_copy(update={"thinning": times * settings.thinning})
 
 
 def marginal_draws(
@@ -212,18 +223,9 @@ def _population_draws(
     progress: Progress,
 ) -> _Population:
     """Chains of the population and their correction."""
-    model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
-    # The record stays behind: the population asks only for the summaries.
-    data = prepared.data._replace(record=None)  # type: ignore[arg-type]
-    chains = run_chains(
-        marginal_model,
-        (model, *filled_up((data, summaries, profile)), summarised.spreads.warp),
-        _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
-        settings,
-        seed,
-        progress=progress,
-        processes=False,
-    )
+    model, profile = prepared.model, summarised.profile
+    data = summarised.data(prepared.data)
+    chains = sample_marginal(prepared, summarised, settings, seed, progress)
     shape = (settings.chains, settings.transitions)
     rng = np.random.default_rng([seed, 21])
     count = shape[0] * shape[1]
@@ -231,51 +233,75 @@ def _population_draws(
     z_b = rng.standard_normal((count, model.locations.size))
     if profile is not None:
         z_b[:, -1] = raw.pop(LAST)
-    every = conditional_priors(model, data, summaries, raw, z_b)
-    standard = standard_points(summaries.centre.shape[1])
-    some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
-    compared = _rows(every, some)
-    ratios = importance_ratios(model, prepared.data, summaries, compared.anchors, standard, profile)
-    smoothed, k = pareto_smoothed(log_evidence_corrections(summaries, ratios, every.anchors).sum(-1))
-    weight = np.exp(smoothed.reshape(shape))
-    chosen = _resample(weight, settings.draws, rng)
-    effective = weight.sum() ** 2 / np.square(weight).sum() / weight.size
-    correction = Correction(k, float(effective), ratios)
+    every = conditional_priors(model, data, raw, z_b)
+    of_impacts, ratios, compared = _log_weights(prepared, summarised, every)
+    log_weight = of_impacts.sum(-1).reshape(shape)
+    correction = Correction.of(log_weight, settings.chains * settings.draws, ratios)
+    places = systematic(correction.weight, settings.draws, rng)
+    chosen = np.ravel(places + shape[1] * np.arange(shape[0])[:, None])
+    correction = replace(correction, of_impacts=of_impacts[chosen])
     raw = {name: values[chosen] for name, values in raw.items()}
     return _Population(chains, raw, z_b[chosen], _rows(every, chosen), correction, compared, ratios, rng)
+
+
+def sample_marginal(
+    prepared: Prepared, summarised: Approximation, settings: Sampler, seed: int, progress: Progress
+) -> Draws:
+    """Draws of the marginal posterior's coordinates, by independent proposals where these serve, or NUTS."""
+    data = summarised.data(prepared.data)
+    arguments = (prepared.model, *filled_up((data, summarised.grid)), summarised.spreads.warp)
+    progress(0, 1)
+    covariance = summarised.spreads.covariance
+    found = independence_chains(marginal_model, arguments, COORDINATES, covariance, settings, seed)
+    if found.pareto_k < PROPOSAL_LIMIT and found.effective > _LEAST_EFFECTIVE:
+        progress(1, 1)
+        return found.draws
+    return run_chains(
+        marginal_model,
+        arguments,
+        _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
+        settings,
+        seed,
+        progress=progress,
+        processes=False,
+    )
 
 
 def _rows(every: ConditionalPriors, chosen: np.ndarray) -> ConditionalPriors:
     return jax.tree.map(lambda values: values[chosen], every)
 
 
-def _beside_a_discrepancy(
-    prepared: Prepared,
-    summarised: Approximation,
-    settings: Sampler,
-    seed: int,
-    progress: Progress,
-) -> tuple[Approximation, Draws, Correction]:
-    """`corrected_draws` by summaries that serve all of the posterior: see `factors.regression`.
+def _about_second_order(
+    prepared: Prepared, sites: Approximation, seed: int, rng: np.random.Generator
+) -> Approximation:
+    """Sites fitted about draws of the population to second order, which cost no chain.
 
-    Where the posterior is, summaries tell to second order, each time better, and then, if need be, corrected
-    draws.
+    Beside a discrepancy about these as they are, else about corrected ones, unless the sites serve them all.
     """
-    rng = np.random.default_rng([seed, 22])
     for number, count in enumerate(_DRAWS_BEFORE):
-        draws = _to_second_order(prepared, summarised.spreads, count, rng)
-        summarised = _about_draws(prepared, summarised, draws, seed + number)
-    made = []
-    for again in range(1 + _MOST_AGAIN):
-        found = _population_draws(prepared, summarised, settings, seed, progress)
-        made.append((summarised, found))
-        if found.correction.effective > _WELL_PLACED or again == _MOST_AGAIN:
-            break
-        some = np.resize(rng.permutation(len(found.z_b)), _DRAWS_BEFORE[-1])
-        draws = {name: values[some] for name, values in found.raw.items()}, found.z_b[some]
-        summarised = _about_draws(prepared, summarised, draws, seed + len(_DRAWS_BEFORE) + again)
-    summarised, found = max(made, key=lambda attempt: attempt[1].correction.effective)
-    return summarised, *_with_impacts(prepared, summarised, found, settings)
+        raw, z_b = _to_second_order(prepared, sites.spreads, count, rng)
+        if not prepared.model.discrepancy:
+            every = conditional_priors(prepared.model, sites.data(prepared.data), raw, z_b)
+            weight = np.exp(below_greatest(_log_weights(prepared, sites, every)[0].sum(-1)))
+            if effective_size(weight) > _PLACED * count:
+                return sites
+            (chosen,) = systematic(weight[None], count, rng)
+            raw, z_b = {name: values[chosen] for name, values in raw.items()}, z_b[chosen]
+        sites = _about_draws(prepared, sites, (raw, z_b), seed + number)
+    return sites
+
+
+def _log_weights(
+    prepared: Prepared, sites: Approximation, every: ConditionalPriors
+) -> tuple[Float[np.ndarray, "draw impact"], ImportanceRatios, ConditionalPriors]:
+    """Each impact's part of draws' log importance weights; the ratios, and the draws at which these are."""
+    standard = standard_points(sites.summaries.centre.shape[1])
+    compared = _rows(every, np.linspace(0, len(every.b) - 1, len(standard)).astype(int))
+    ratios = importance_ratios(
+        prepared.model, prepared.data, sites.summaries, compared.anchors, standard, sites.profile
+    )
+    of_impacts = log_evidence_corrections(sites.summaries, ratios, every.anchors)
+    return np.where(np.isfinite(of_impacts), of_impacts, -np.inf), ratios, compared
 
 
 def _to_second_order(
@@ -290,12 +316,13 @@ def _about_draws(
     prepared: Prepared, summarised: Approximation, draws: tuple[dict[str, np.ndarray], np.ndarray], seed: int
 ) -> Approximation:
     """Sites made anew about draws of the population."""
-    expected = conditional_priors(prepared.model, prepared.data, summarised.summaries, *draws)
+    expected = conditional_priors(prepared.model, summarised.data(prepared.data), *draws)
     summaries = regression.regression_sites(
         prepared.model, prepared.data, summarised.summaries, expected, seed
     )
     near = {name: np.asarray(values.mean()) for name, values in draws[0].items()}
-    return Approximation(summaries, spreads_of_summaries(prepared, summaries, near), None)
+    found = Approximation(summaries, summarised.spreads, None)
+    return replace(found, spreads=spreads_of_summaries(prepared, found, near))
 
 
 def _candidates(
@@ -336,22 +363,6 @@ def _begun(prepared: Prepared, summarised: Approximation, chains: int, rng: np.r
 def start_at(spreads: Coordinates, known: Known) -> Start:
     """Of chains that begin at these points of the coordinates."""
     return Start({COORDINATES: np.zeros(len(spreads.names))}, (COORDINATES,), spreads.covariance, known)
-
-
-def _resample(weight: np.ndarray, number: int, rng: np.random.Generator) -> np.ndarray:
-    """Indices of so many draws of each chain, as often as their weights say (systematic resampling).
-
-    A chain without any weight stays as it is: R-hat tells that it is elsewhere.
-    """
-    chains, length = weight.shape
-    weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
-    share = weight / weight.sum(axis=1, keepdims=True)
-    chosen = []
-    for chain in range(chains):
-        position = (np.arange(number) + rng.uniform()) / number
-        index = np.searchsorted(np.cumsum(share[chain]), position)
-        chosen.append(chain * length + np.minimum(index, length - 1))
-    return np.concatenate(chosen)
 
 
 def sir_proposals(

@@ -2,31 +2,34 @@
 
 from __future__ import annotations
 
-import logging
-
+import numpy as np
 import pandas as pd
 import xarray as xr
+from jaxtyping import Float
 
-from bayestissue.inference.comparing.stacking import PARETO_LIMIT, importance_scores
+from bayestissue.inference.comparing.stacking import above, importance_scores, relative_size
+from bayestissue.inference.samplers.convergence import elements_of
 
 COLUMNS = ["scheme", "label", "elpd", "pareto_k", "warning"]
+# Powers of prior and likelihood, and the sensitivity above which the posterior depends on either.
+_POWERS, _SENSITIVE = (0.99, 1.01), 0.05
 
 
 def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
     """Expected log predictive density of each impact, subject, trial and other level, given all the others.
 
     By Pareto-smoothed importance sampling (Vehtari, Gelman and Gabry 2017), what is left out having its own
-    parameters and effects integrated out in closed form; ``warning`` where Pareto k is above 0.7.
+    parameters and effects integrated out in closed form; ``warning`` where Pareto k is above its threshold.
     """
-    rows = []
+    rows, reff = [], relative_size(tree)
     for dimension, (_, variable) in schemes(tree).items():
         only = densities_of(tree, dimension)
         labels = only["log_likelihood"].dataset[dimension].to_numpy()
         if len(labels) < 2:
             continue
-        score = importance_scores({"fit": only}, variable)["fit"]
-        for element, elpd, k in zip(labels, score.elpd, score.pareto_k, strict=True):
-            warning = f"Pareto k above {PARETO_LIMIT}" if k > PARETO_LIMIT else ""
+        score = importance_scores({"fit": only}, variable, reff)["fit"]
+        for element, elpd, k, high in zip(labels, score.elpd, score.pareto_k, score.high, strict=True):
+            warning = above(score.limit) if high else ""
             rows.append((scheme_words(dimension), str(element), float(elpd), float(k), warning))
     return pd.DataFrame(rows, columns=COLUMNS)
 
@@ -54,25 +57,42 @@ def densities_of(tree: xr.DataTree, dimension: str) -> xr.DataTree:
 
 
 def prior_sensitivity(tree: xr.DataTree) -> pd.DataFrame:
-    """Power-scaling sensitivity of population quantities to priors and data (Kallioinen et al. 2024)."""
-    import arviz as az
+    """Power-scaling sensitivity of population quantities to priors and data (Kallioinen et al. 2024).
 
-    together = tree["log_likelihood_of_groups"].dataset
-    if "traces" in together:
-        # Of many impacts only some have log densities of their own; the data are all of them.
-        tree = xr.DataTree.from_dict(
-            {
-                "posterior": tree["posterior"].dataset.drop_dims("kept_draw"),
-                "log_prior": tree["log_prior"].dataset,
-                "log_likelihood": together[["traces"]],
-            }
-        )
+    doi:10.1007/s11222-023-10366-5. Posterior draws are weighted as if the prior, or the likelihood, were
+    raised to a power near 1; the sensitivity is the derivative, by the log of the power, of the cumulative
+    Jensen-Shannon distance from the weighted draws to the unweighted ones. ``diagnosis`` takes 0.05 for the
+    limit of both.
+
+    Args:
+        tree: with the groups ``posterior``, ``log_prior`` and ``log_likelihood``, or, where only some impacts
+            have log densities of their own, the variable ``traces`` in ``log_likelihood_of_groups``.
+    """
     posterior = tree["posterior"].dataset
-    names = [name for name, array in posterior.data_vars.items() if array.ndim == 2]
-    # The table's own column says what ArviZ would say in the log.
-    logging.disable(logging.WARNING)
-    try:
-        table = az.psense_summary(tree, var_names=names, round_to=4)
-    finally:
-        logging.disable(logging.NOTSET)
-    return table.rename_axis("variable").reset_index()[["variable", "prior", "likelihood", "diagnosis"]]
+    scalars = {str(name): v for name, v in posterior.data_vars.items() if set(v.dims) == {"chain", "draw"}}
+    draws = np.concatenate([elements_of(array) for array in scalars.values()])
+    groups = tree["log_likelihood_of_groups"].dataset if "log_likelihood_of_groups" in tree else {}
+    data = groups[["traces"]] if "traces" in groups else tree["log_likelihood"].dataset
+    columns = {
+        name: _sensitivity(
+            draws, np.sum([elements_of(a).sum(0) for a in densities.data_vars.values()], axis=0)
+        )
+        for name, densities in (("prior", tree["log_prior"].dataset), ("likelihood", data))
+    }
+    table = pd.DataFrame({"variable": list(scalars), **columns})
+    prior, likelihood = table["prior"], table["likelihood"]
+    conflict = (prior >= _SENSITIVE) & (likelihood >= _SENSITIVE)
+    weak = (prior > _SENSITIVE) & (likelihood < _SENSITIVE)
+    words = ["potential prior-data conflict", "potential strong prior / weak likelihood"]
+    return table.assign(diagnosis=np.select([conflict, weak], words, "\N{CHECK MARK}")).round(4)
+
+
+def _sensitivity(
+    draws: Float[np.ndarray, "quantity chain draw"], log_density: Float[np.ndarray, "chain draw"]
+) -> Float[np.ndarray, " quantity"]:
+    """Sensitivity of each quantity to the part of the posterior that has this log density."""
+    from arviz_stats.base import array_stats
+
+    weights = [np.exp(array_stats.power_scale_lw(log_density, alpha=a, axis=(-2, -1))) for a in _POWERS]
+    lower, upper = (np.broadcast_to(weight / weight.sum(), draws.shape) for weight in weights)
+    return np.asarray(array_stats.power_scale_sense(draws, lower, upper, *_POWERS))

@@ -8,6 +8,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.inference.samplers.convergence import convergence, elements_of
+
 QUANTILES = {"eti50_low": 0.25, "eti50_high": 0.75, "eti90_low": 0.05, "eti90_high": 0.95, "median": 0.5}
 COLUMNS = [
     "variable",
@@ -31,8 +33,10 @@ def summarise(posterior: xr.Dataset) -> pd.DataFrame:
     """Moments, equal-tailed 50 % and 90 % intervals and reliability of every element of every variable.
 
     ``label`` joins the coordinates of the element's dimensions, such as ``7, s03``; the unit is the
-    variable's attribute. Of what has some draws only ("kept_draw"), drawn afresh for each of them, no chain
-    has to be judged: its sample sizes and R-hat are left open.
+    variable's attribute. R-hat and the effective sample sizes are those of
+    `bayestissue.inference.samplers.convergence`; ``mcse_mean``, the Monte Carlo standard error of the mean,
+    is sd / ess^1/2 with the mean's effective sample size. Of what has some draws only ("kept_draw"), drawn
+    afresh for each of them, no chain has to be judged: its sample sizes and R-hat are left open.
     """
     table = _of_chains(posterior.drop_dims("kept_draw", errors="ignore"))
     if "kept_draw" not in posterior.dims:
@@ -62,29 +66,26 @@ def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
 
 
 def _of_chains(posterior: xr.Dataset) -> pd.DataFrame:
-    import arviz as az
+    names = [_named(str(name), array) for name, array in posterior.data_vars.items()]
+    draws = np.concatenate([elements_of(array) for array in posterior.data_vars.values()])
+    flat = draws.reshape(len(draws), -1)
+    found = convergence(draws)
+    sd = np.nanstd(flat, axis=1, ddof=1)
+    columns = {
+        "mean": np.nanmean(flat, axis=1),
+        "sd": sd,
+        "ess_bulk": found.ess_bulk,
+        "ess_tail": found.ess_tail,
+        "r_hat": found.r_hat,
+        "mcse_mean": sd / np.sqrt(found.ess_mean),
+        **dict(zip(QUANTILES, np.nanquantile(flat, list(QUANTILES.values()), axis=1), strict=True)),
+    }
+    return pd.concat(names, ignore_index=True).assign(**columns)[COLUMNS]
 
-    over = ["chain", "draw"]
-    # What is 0 in every draw, as Hunt and Crossley's stiffness at contact is, has no R-hat.
-    with np.errstate(invalid="ignore"):
-        parts = {
-            "mean": posterior.mean(over),
-            "sd": posterior.std(over, ddof=1),
-            "ess_bulk": az.ess(posterior, method="bulk"),
-            "ess_tail": az.ess(posterior, method="tail"),
-            "r_hat": az.rhat(posterior),
-            "mcse_mean": az.mcse(posterior, method="mean"),
-        }
-    quantiles = posterior.quantile(list(QUANTILES.values()), over)
-    parts |= {name: quantiles.sel(quantile=level) for name, level in QUANTILES.items()}
-    tables = []
-    for name, array in posterior.data_vars.items():
-        dimensions = [dimension for dimension in array.dims if dimension not in over]
-        labels = [
-            ", ".join(map(str, key)) for key in itertools.product(*(array[d].to_numpy() for d in dimensions))
-        ]
-        columns = {column: np.ravel(part[name].to_numpy()) for column, part in parts.items()}
-        tables.append(
-            pd.DataFrame({"variable": name, "label": labels, "unit": array.attrs.get("unit", "")} | columns)
-        )
-    return pd.concat(tables, ignore_index=True)[COLUMNS]
+
+def _named(name: str, array: xr.DataArray) -> pd.DataFrame:
+    """A row for each element of a variable, in the order of `elements_of`."""
+    dimensions = [dimension for dimension in array.dims if dimension not in ("chain", "draw")]
+    coordinates = itertools.product(*(array[dimension].to_numpy() for dimension in dimensions))
+    labels = [", ".join(map(str, key)) for key in coordinates]
+    return pd.DataFrame({"variable": name, "label": labels, "unit": array.attrs.get("unit", "")})

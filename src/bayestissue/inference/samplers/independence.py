@@ -7,9 +7,7 @@ each of its draws, each of them three times the price of a value.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -26,61 +24,51 @@ from bayestissue.inference.execution.compiling import first_rows, in_calls
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 
-# Sites in the order of their coordinates, and each one's shape.
-Layout = tuple[tuple[str, tuple[int, ...]], ...]
-
 DEGREES = 7.0
-# Proposals follow the moments of so many points that often, and then, if need be, those of all points.
-ROUNDS, TRIES = 3, 2
-PARETO_LIMIT = 0.7
-# So many at once: to adapt the proposals, and in each call of what is compiled.
+ROUNDS = 3
 POINTS = 500
 
 
 class IndependenceDraws(NamedTuple):
-    """Draws, and the Pareto k of posterior over proposal: above 0.7 the proposals miss part of it."""
+    """Draws by independent proposals.
+
+    Attributes:
+        draws: of the chains.
+        pareto_k: of posterior over proposal: above 0.7 the proposals miss part of the posterior.
+        effective: effective number of the proposals, weighted by it, over their number.
+    """
 
     draws: Draws
     pareto_k: float
-
-
-@dataclass(frozen=True)
-class Spreads:
-    """The posterior of the hyperparameters given the sites, to second order, unconstrained.
-
-    ``mode`` has each site's value, ``covariance`` the inverse of the curvature there, over the coordinates of
-    the sites in alphabetical order.
-    """
-
-    mode: Mapping[str, np.ndarray]
-    covariance: np.ndarray
+    effective: float
 
 
 def independence_chains(
-    model: Callable[..., None], arguments: tuple[Any, ...], start: Spreads, settings: Sampler, seed: int
+    model: Callable[..., None],
+    arguments: tuple[Any, ...],
+    site: str,
+    covariance: Float[np.ndarray, "coordinate coordinate"],
+    settings: Sampler,
+    seed: int,
 ) -> IndependenceDraws:
     """Draw from a numpyro ``model`` by Metropolis-Hastings with independent proposals (Tierney 1994).
 
-    The Student-t begins with the mode and the curvature there; its location and scale then follow the
+    The Student-t begins at 0 with the curvature there; its location and scale then follow the
     importance-weighted moments of what it proposed (Cappé et al. 2004).
 
     Args:
         model: a numpyro model.
         arguments: of the model, arrays that are traced.
-        start: posterior mode and covariance.
+        site: the model's only one, unconstrained coordinates in which the posterior is nearly normal about 0.
+        covariance: of these, to second order.
         settings: how many chains and draws.
         seed: of all of it.
     """
-    layout = tuple((name, np.shape(start.mode[name])) for name in sorted(start.mode))
     rng = np.random.default_rng([seed, 31])
-    mean, covariance = np.concatenate([np.ravel(start.mode[name]) for name, _ in layout]), start.covariance
-    count = settings.chains * settings.transitions
-    for number in range(ROUNDS + TRIES):
-        size = POINTS if number < ROUNDS else count
-        points, log_weight, density = _propose(model, arguments, layout, mean, covariance, size, rng)
-        smoothed, k = pareto_smoothed(log_weight)
-        if number == ROUNDS + TRIES - 1 or (number >= ROUNDS and k < PARETO_LIMIT):
-            break
+    mean = np.zeros(len(covariance))
+    for _ in range(ROUNDS):
+        points, log_weight, _ = _propose(model, arguments, site, mean, covariance, POINTS, rng)
+        smoothed, _ = pareto_smoothed(log_weight)
         weight = np.exp(np.asarray(smoothed) - np.max(smoothed))
         weight = weight / weight.sum()
         if 1 / (weight**2).sum() < 5 * len(mean):
@@ -88,6 +76,9 @@ def independence_chains(
             continue
         mean = weight @ points
         covariance = (points - mean).T @ ((points - mean) * weight[:, None])
+    count = settings.chains * settings.transitions
+    points, log_weight, density = _propose(model, arguments, site, mean, covariance, count, rng)
+    _, k = pareto_smoothed(log_weight)
     shape = (settings.chains, settings.transitions)
     share = np.exp(log_weight - log_weight.max())
     begin = rng.choice(count, size=settings.chains, p=share / share.sum())
@@ -104,24 +95,26 @@ def independence_chains(
         "energy": energy,
         "potential_energy": energy,
     }
-    sites = _parts(points[place], layout)
-    return IndependenceDraws(Draws(sites, statistics, settings.max_tree_depth), float(k))
+    weight = share[np.isfinite(share)]
+    effective = weight.sum() ** 2 / np.square(weight).sum() / count
+    draws = Draws({site: points[place]}, statistics, settings.max_tree_depth)
+    return IndependenceDraws(draws, float(k), float(effective))
 
 
 def _propose(
     model: Callable[..., None],
     arguments: tuple[Any, ...],
-    layout: Layout,
+    site: str,
     mean: np.ndarray,
     covariance: np.ndarray,
     number: int,
     rng: np.random.Generator,
-) -> tuple[Float[np.ndarray, "point site"], Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
+) -> tuple[Float[np.ndarray, "point coordinate"], Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
     """Points, log of posterior over proposal there, and the log of the posterior."""
     scale = covariance * (DEGREES - 2) / DEGREES
     proposal = multivariate_t(mean, scale, df=DEGREES, seed=rng)  # type: ignore[call-overload]
     points = proposal.rvs(number).reshape(number, len(mean))
-    density = log_densities(model, arguments, layout, points)
+    density = log_densities(model, arguments, site, points)
     density = np.where(np.isfinite(density), density, -np.inf)
     log_weight = density - proposal.logpdf(points)
     # What has no density is as good as never proposed, but Pareto smoothing wants numbers.
@@ -131,39 +124,28 @@ def _propose(
 def log_densities(
     model: Callable[..., None],
     arguments: tuple[Any, ...],
-    layout: Layout,
+    site: str,
     points: Float[np.ndarray, "point coordinate"],
 ) -> Float[np.ndarray, " point"]:
-    """Log density of a numpyro ``model`` at unconstrained points, up to a constant.
+    """Log density of a numpyro ``model`` of one site at any number of its points, up to a constant.
 
     Args:
-        model: a numpyro model; the same object is compiled once.
+        model: a numpyro model.
         arguments: of the model, arrays that are traced.
-        layout: the sites in the order of their coordinates, and each one's shape.
-        points: any number of them.
+        site: the model's only one, unconstrained.
+        points: of it.
     """
-    own = partial(_log_densities, model, layout, arguments)
-    return np.asarray(in_calls(own, (points,), POINTS))
+    return np.asarray(in_calls(partial(_log_densities, model, site, arguments), (points,), POINTS))
 
 
-@partial(jax.jit, static_argnames=("model", "layout"))
+@partial(jax.jit, static_argnames=("model", "site"))
 def _log_densities(
-    model: Callable[..., None], layout: Layout, arguments: tuple[Any, ...], points: Array, number: Array
+    model: Callable[..., None], site: str, arguments: tuple[Any, ...], points: Array, number: Array
 ) -> Array:
     def one(place: Array) -> Array:
-        return -potential_energy(model, arguments, {}, _parts(points[place], layout))
+        return -potential_energy(model, arguments, {}, {site: points[place]})
 
     return first_rows(one, POINTS, number)
-
-
-def _parts(points: Any, layout: Layout) -> dict[str, Any]:
-    """The sites of points, whose coordinates are along the last axis."""
-    found, begin = {}, 0
-    for name, shape in layout:
-        end = begin + math.prod(shape)
-        found[name] = points[..., begin:end].reshape(*points.shape[:-1], *shape)
-        begin = end
-    return found
 
 
 @jax.jit

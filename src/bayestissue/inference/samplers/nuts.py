@@ -23,7 +23,8 @@ from numpyro.infer.util import ParamInfo
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.samplers.sampling import STATISTICS, Draws, Progress, silent
+from bayestissue.inference.execution.progress import Progress, silent
+from bayestissue.inference.samplers.sampling import STATISTICS, Draws
 from bayestissue.results import scratch, whole_file
 
 SEGMENT = 100

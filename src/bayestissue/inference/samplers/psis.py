@@ -1,8 +1,29 @@
-"""Importance weights: those of points without any likelihood among them, and a look at their tail."""
+"""Pareto-smoothed importance sampling (Vehtari et al. 2024), draws without weight among them."""
 
 from __future__ import annotations
 
 import numpy as np
+from jaxtyping import Float
+
+# Above it the error of a smoothed mean falls too slowly, however many draws there are.
+GREATEST_K = 0.7
+
+
+def k_threshold(draws: int) -> float:
+    """Pareto k up to which importance weights of S draws can be trusted: min(1 - 1 / log10 S, 0.7).
+
+    Vehtari et al. 2024, section 3.2.4: of a few hundred draws the tail is too short for k = 0.7.
+
+    Args:
+        draws: S, how many weights there are.
+    """
+    return float(min(1 - 1 / np.log10(max(draws, 10)), GREATEST_K))
+
+
+def effective_size(weight: Float[np.ndarray, "draw ..."]) -> Float[np.ndarray, " ..."]:
+    """Effective sample size (sum w)^2 / sum w^2 of weights along a first axis; 0 where none is positive."""
+    square = np.maximum(np.square(weight).sum(0), np.finfo(float).tiny)
+    return np.asarray(weight.sum(0) ** 2 / square)
 
 
 def below_greatest(log_weight: np.ndarray) -> np.ndarray:

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-Progress = Callable[[int, int], None]
 STATISTICS = ("diverging", "num_steps", "accept_prob", "energy", "potential_energy")
-
-
-def silent(done: int, total: int) -> None:
-    """A `Progress` that says nothing."""
 
 
 @dataclass(frozen=True)

@@ -12,6 +12,7 @@ from bayestissue.report.fit.estimates import (
     held_by_intervals,
     mass_varies,
 )
+from bayestissue.report.fit.groupings import differing_words
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import (
     CONSTANT,
@@ -75,7 +76,12 @@ def method_sentence(run: FitRun) -> str:
 
 
 def mass_conclusion(run: FitRun) -> str:
-    """Whether K and C depend on the mass, by the probabilities of the hypotheses."""
+    """Whether K and C depend on the mass, and whether people differ in it where the model asks."""
+    return f"{_of_typical(run)} {differing_words(run)}".strip()
+
+
+def _of_typical(run: FitRun) -> str:
+    """Whether K and C of a typical person depend on it, by the probabilities of the hypotheses."""
     if not mass_varies(run):
         return "The mass of the impactor never varies here, so nothing can be said of its part."
     if exponent(run, "K") is None and exponent(run, "C") is None:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
-import statsmodels.api as sm
+from scipy.special import stdtrit
 
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.report.fit.run import COLUMN, COMPARABLE, FitRun
@@ -102,12 +102,14 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
     mass = table["mass_kg"].to_numpy()
     if len(table) < 3 or mass.max() <= _MASS_MUST_VARY * mass.min():
         return None
-    line = sm.OLS(
-        np.log(table[COLUMN[quantity]].to_numpy()), sm.add_constant(np.log(mass / run.reference_mass))
-    )
-    fitted = line.fit()
-    low, high = fitted.conf_int(alpha=0.1)[1]
-    return ApparentExponent(float(fitted.params[0]), Spread(float(fitted.params[1]), float(low), float(high)))
+    x, y = np.log(mass / run.reference_mass), np.log(table[COLUMN[quantity]].to_numpy())
+    away, degrees = x - x.mean(), len(x) - 2
+    slope = float(away @ y / (away @ away))
+    intercept = float(y.mean() - slope * x.mean())
+    left = y - intercept - slope * x
+    # Half of the 90 % interval of Student's t with n - 2 degrees of freedom.
+    half = float(stdtrit(degrees, 0.95) * np.sqrt(left @ left / degrees / (away @ away)))
+    return ApparentExponent(intercept, Spread(slope, slope - half, slope + half))
 
 
 def no_interval(run: FitRun) -> list[bool]:

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from bayestissue.hierarchy.formula import left_out_words
+from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.inference.results.meanings import ONE_IMPACT
 from bayestissue.report import model_words, posterior, posterior_tables, remarks
 from bayestissue.report.fit import answers, depth, estimates, predictions, sources, tables, words
 from bayestissue.report.fit.estimate_figures import estimates_figure
+from bayestissue.report.fit.groupings import groupings, own_slopes, slope_figure, slope_words
 from bayestissue.report.fit.population_figures import mass_figure, ranked_figure, spreads_figure
 from bayestissue.report.fit.prediction_figures import lag_one_figure, traces_figure, whiteness_figure
 from bayestissue.report.fit.run import FitRun, read_fit_run
@@ -37,7 +39,7 @@ _CONTENTS = (
     ("model", "Model"),
     ("provenance", "Provenance"),
 )
-_LEVELS = {"subject": "people", "trial": "conditions"}
+_FIRST = ("subject", "trial")
 
 
 def fit_page(folder: Path, about: dict[str, Any]) -> str:
@@ -123,16 +125,21 @@ def _predictions(run: FitRun) -> dict[str, Any]:
 
 
 def _population(run: FitRun) -> dict[str, Any]:
+    levels = {level: remarks.group_words(level)[1] for level in dict.fromkeys((*_FIRST, *groupings(run)))}
+    slopes = own_slopes(run)
     return {
         "ranked_plots": {
             name: [
                 ranked_figure(run, quantity, level)
                 for quantity in posterior.QUANTITIES
-                if run.has(f"{level}_effect_{quantity}")
+                if run.has(f"{stem_of(level)}_effect_{quantity}")
             ]
-            for level, name in _LEVELS.items()
+            for level, name in levels.items()
         },
-        "differs": {name: remarks.who_differs(run, level) for level, name in _LEVELS.items()},
+        "differs": {name: remarks.who_differs(run, level) for level, name in levels.items()},
+        "slope_words": [slope_words(run, slope) for slope in slopes],
+        "slope_plots": [slope_figure(run, slope) for slope in slopes],
+        "slopes_table": posterior_tables.summary_table(run.summary, [slope.name for slope in slopes]),
         "mass_plots": [mass_figure(run, quantity) for quantity in posterior.QUANTITIES]
         if estimates.mass_varies(run)
         else [],
@@ -162,6 +169,7 @@ def _checks(run: FitRun) -> dict[str, Any]:
         "limits": words.limits(run),
         "coverage_table": words.coverage_table(run),
         "diagnostics_table": posterior_tables.diagnostics_table(run.diagnostics),
+        "route": run.diagnostics.get("route", {}).get("words", ""),
     }
 
 

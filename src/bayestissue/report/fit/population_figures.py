@@ -6,11 +6,14 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.report.fit.estimates import apparent_exponent, shown_rows, side_by_side
+from bayestissue.report.fit.groupings import groupings
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
 from bayestissue.report.posterior import QUANTITIES, Quantity
 from bayestissue.report.posterior_figures import NAMES
+from bayestissue.report.remarks import group_words
 from bayestissue.report.style import (
     MUTED,
     PALETTE,
@@ -24,17 +27,16 @@ from bayestissue.report.style import (
 )
 from bayestissue.report.wording import UNITS
 
-GROUPS = {"subject": "person", "trial": "condition", "impact": "impact"}
 _GRID = 60
 _MOST_ROWS = 60
 
 
 def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
-    """K (or C) of every person (``level`` "subject") or condition ("trial"), the greatest on top.
+    """K (or C) of every person (``level`` "subject"), condition ("trial") and so on, the greatest on top.
 
     Of more than 60 the 30 greatest and the 30 least.
     """
-    drawn = run.draws(f"{quantity}_{level}")
+    drawn, (one, _) = run.draws(f"{quantity}_{stem_of(level)}"), group_words(level)
     order = np.argsort(np.median(drawn, axis=0), kind="stable")
     if order.size > _MOST_ROWS:
         order = np.r_[order[: _MOST_ROWS // 2], order[-_MOST_ROWS // 2 :]]
@@ -50,13 +52,13 @@ def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
             xlabel=f"{NAMES[quantity]} ({UNITS[quantity]})",
             yticks=height,
             yticklabels=[shown(names[place]) for place in order],
-            ylabel=GROUPS[level],
+            ylabel=one,
             ylim=(-0.6, order.size - 0.4),
         )
         axes.grid(visible=False, axis="y")
         return figure(
             fig,
-            f"{NAMES[quantity]} of each {GROUPS[level]}, ranked: posterior median, 50 % and 90 % interval, "
+            f"{NAMES[quantity]} of each {one}, ranked: posterior median, 50 % and 90 % interval, "
             "and in brackets the 90 % interval of the rank.",
         )
 
@@ -133,14 +135,19 @@ def _conditions(run: FitRun, quantity: str) -> tuple[np.ndarray, np.ndarray]:
 
 def spreads_figure(run: FitRun) -> Markup:
     """The population's standard deviations of log K and log C, in percent, with 50 % and 90 % intervals."""
-    names = [level for level in GROUPS if any(run.has(f"sd_{level}_{quantity}") for quantity in QUANTITIES)]
+    levels = dict.fromkeys(("subject", "trial", *groupings(run), "impact"))
+    names = [
+        level
+        for level in levels
+        if any(run.has(f"sd_{stem_of(level)}_{quantity}") for quantity in QUANTITIES)
+    ]
     with style():
         fig, axes = new_figure((4.8, 1.1 + 0.55 * len(names)))
         for shift, colour, mark, quantity in zip((0.14, -0.14), PALETTE, "os", QUANTITIES, strict=False):
-            present = [level for level in names if run.has(f"sd_{level}_{quantity}")]
+            present = [level for level in names if run.has(f"sd_{stem_of(level)}_{quantity}")]
             height = np.array([len(names) - 1 - names.index(level) for level in present]) + shift
             drawn = 100 * np.expm1(
-                np.stack([run.draws(f"sd_{level}_{quantity}") for level in present], axis=1)
+                np.stack([run.draws(f"sd_{stem_of(level)}_{quantity}") for level in present], axis=1)
             )
             low, quarter, median, three_quarters, high = np.percentile(drawn, [5, 25, 50, 75, 95], axis=0)
             axes.hlines(height, low, high, color=colour, lw=1.2)
@@ -149,7 +156,7 @@ def spreads_figure(run: FitRun) -> Markup:
         axes.set(
             xlabel="standard deviation (% of K or C)",
             yticks=np.arange(len(names))[::-1],
-            yticklabels=[{"subject": "people", "trial": "conditions", "impact": "impacts"}[n] for n in names],
+            yticklabels=["impacts" if name == "impact" else group_words(name)[1] for name in names],
             ylim=(-0.6, len(names) - 0.4),
             xlim=(0, None),
         )
@@ -157,6 +164,6 @@ def spreads_figure(run: FitRun) -> Markup:
         fig.legend(loc="outside upper left", ncols=2)
         return figure(
             fig,
-            "Posterior of the standard deviations of K and C between people, conditions and impacts, in "
-            "percent: median, 50 % and 90 % interval.",
+            "Posterior of the standard deviations of K and C between people, conditions, other groups and "
+            "impacts, in percent: median, 50 % and 90 % interval.",
         )

@@ -9,15 +9,13 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float
 from scipy.special import chdtrc
-from statsmodels.stats.diagnostic import acorr_ljungbox
 
+from bayestissue.inference.points.whiteness import ljung_box
 from bayestissue.report.fit.run import FitRun
 
 PANELS = 9
-LAGS = 10
 STRUCTURED = 0.01
 OTHER_NOISE = 0.01
-_FEWEST = 2 * LAGS
 _MOST_TESTED = 250
 
 
@@ -83,12 +81,11 @@ class Residuals:
         values = [row[used] for row, used in zip(self.measured, self.used, strict=True)]
         if self.correlation is not None:
             values = [row[1:] - r * row[:-1] for row, r in zip(values, self.correlation, strict=True)]
-        return np.array(
-            [
-                acorr_ljungbox(row, lags=[LAGS])["lb_pvalue"].iloc[0] if row.size >= _FEWEST else np.nan
-                for row in values
-            ]
-        )
+        size = np.array([row.size for row in values])
+        columns = np.zeros((size.max(initial=0), len(values)))
+        for place, row in enumerate(values):
+            columns[: row.size, place] = row - row.mean() if row.size else row
+        return ljung_box(columns, size)
 
 
 def _lag_one(

@@ -7,7 +7,9 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
+from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.report.fit.estimates import Held
+from bayestissue.report.fit.groupings import groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import QUANTITIES, Quantity
 from bayestissue.report.tables import Row, Table, columns, lines
@@ -168,10 +170,9 @@ def population_names(run: FitRun) -> tuple[str, ...]:
     stems = ("atanh_theta1", "atanh_noise_correlation")
     last = (name for stem in stems for name in (f"{stem}_mean", f"sd_{stem}"))
     others = ("residual_correlation", "noise_mean", "sd_noise", *last)
-    covariates = [
-        str(name)
-        for name in dict.fromkeys(run.summary["variable"])
-        if str(name).startswith(("effect_of_", "covariate_effect_"))
-    ]
+    names = [str(name) for name in dict.fromkeys(run.summary["variable"])]
+    covariates = [name for name in names if name.startswith(("effect_of_", "covariate_effect_"))]
+    further = [f"sd_{stem_of(group)}_{q}" for group in groupings(run) for q in QUANTITIES]
+    further += [f"sd_{slope.name}" for slope in own_slopes(run)]
     secants = ("mass_exponent_K_common_depth", "mass_exponent_K_secant")
-    return (*own, *secants, *covariates, *others)
+    return (*own, *further, *secants, *covariates, *others)

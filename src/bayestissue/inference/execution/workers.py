@@ -1,0 +1,140 @@
+"""Who computes: this process, worker processes of this machine, or a Dask cluster.
+
+What is computed depends on its item alone, so who computes it makes no difference. A worker that dies takes
+its items with it, and they are computed again by others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import as_completed
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Any
+
+from bayestissue import runtime
+from bayestissue.errors import InputError, Problem
+from bayestissue.results import scratch
+
+# Workers that die this often without an item done between are no accident.
+_DEATHS = 5
+_PATIENCE_S = 10
+_SCHEDULER: ContextVar[str | None] = ContextVar("scheduler", default=None)
+
+
+@contextmanager
+def on_cluster(scheduler: str | None) -> Iterator[None]:
+    """For the length of a block, what is shared out goes to the Dask scheduler at this address, if any.
+
+    Raises:
+        InputError: Dask is not installed, or the scheduler doesn't answer.
+    """
+    if scheduler is not None:
+        _client(scheduler).close()
+    token = _SCHEDULER.set(scheduler)
+    try:
+        yield
+    finally:
+        _SCHEDULER.reset(token)
+
+
+def cluster() -> str | None:
+    """The address of `on_cluster`."""
+    return _SCHEDULER.get()
+
+
+def computed[Item, Result](
+    function: Callable[[Item], Result], items: Sequence[Item], *, jobs: int = 1, scheduler: str | None = None
+) -> Iterator[tuple[int, Result]]:
+    """``function`` of every item, each with the item's place, in whatever order they are done.
+
+    Args:
+        function: of one item.
+        items: what it is computed of.
+        jobs: worker processes on this machine; 1 computes in this process.
+        scheduler: address of a Dask scheduler that is to compute instead, such as ``tcp://host:8786``.
+
+    Raises:
+        InputError: Dask is not installed, or the scheduler doesn't answer.
+        RuntimeError: workers die again and again.
+    """
+    if scheduler is not None:
+        return _on_dask(function, items, scheduler)
+    if jobs == 1:
+        return ((place, function(item)) for place, item in enumerate(items))
+    return _in_workers(function, items, jobs)
+
+
+def _in_workers(function: Callable[[Any], Any], items: Sequence[Any], jobs: int) -> Iterator[tuple[int, Any]]:
+    from loky.process_executor import BrokenProcessPool
+
+    left, deaths = set(range(len(items))), 0
+    while left:
+        with scratch() as places, runtime.worker_pool(min(jobs, len(left)), places) as pool:
+            futures = {pool.submit(function, items[place]): place for place in sorted(left)}
+            try:
+                for future in as_completed(futures):
+                    result = future.result()
+                    left.remove(futures[future])
+                    deaths = 0
+                    yield futures[future], result
+            except BrokenProcessPool as death:
+                deaths += 1
+                if deaths == _DEATHS:
+                    raise RuntimeError(f"workers died {deaths} times with nothing done") from death
+
+
+def _on_dask(function: Callable[[Any], Any], items: Sequence[Any], address: str) -> Iterator[tuple[int, Any]]:
+    client = _client(address)
+    import distributed
+
+    try:
+        left, deaths = set(range(len(items))), 0
+        while left:
+            futures = {
+                client.submit(_settled, function, items[place], pure=False): place for place in sorted(left)
+            }
+            try:
+                for future in distributed.as_completed(list(futures), loop=client.loop):
+                    result = future.result()
+                    left.remove(futures[future])
+                    deaths = 0
+                    yield futures[future], result
+            except distributed.KilledWorker as death:
+                deaths += 1
+                if deaths == _DEATHS:
+                    raise RuntimeError(f"workers died {deaths} times with nothing done") from death
+    finally:
+        client.close()
+
+
+def _settled(function: Callable[[Any], Any], item: Any) -> Any:
+    """An item in a worker that someone else started."""
+    runtime.configure()
+    return function(item)
+
+
+def _client(address: str) -> Any:
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError(
+            Problem(
+                "--scheduler",
+                "Dask beside this program",
+                'Install it with pip install "bayestissue[dask]", or leave --scheduler out.',
+                value="not installed",
+            )
+        ) from error
+    try:
+        return distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
+    except (OSError, TimeoutError, ValueError) as error:
+        raise InputError(
+            Problem(
+                "--scheduler",
+                "the address of a running Dask scheduler, such as tcp://127.0.0.1:8786",
+                "Start one with `dask scheduler` and workers with `dask worker ADDRESS`, or leave "
+                "--scheduler out.",
+                value=address,
+            )
+        ) from error

@@ -1,0 +1,155 @@
+"""Whether draws of the approximate marginal posterior, weighted by importance ratios, can be used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from bayestissue.inference.factors.importance_ratios import ImportanceRatios
+from bayestissue.inference.samplers.diagnostics import Check
+from bayestissue.inference.samplers.psis import below_greatest, effective_size, k_threshold, pareto_smoothed
+
+# The greatest of some dozen R-hats stays below 1.01 with so many effective draws: four chains, split in two,
+# have R-hat^2 = 1 + 8 x / n with 7 x chi-squared of 7 degrees of freedom, beyond 24.3 in one of 1000.
+NEEDED = 1400
+# Of runs that keep few draws a share is asked for: their R-hat fails with any weights.
+_NEEDED_SHARE = 1 / 3
+# In fits of each element to data of its own kind it was 0.73 to 1; it was 0.02 where a ridge of the
+# likelihood was taken for a peak.
+_LEAST_OF_POINTS = 0.25
+_EXACT = 'Set sampler.path = "exact" in the model file.'
+
+
+def needed_size(kept: int) -> float:
+    """The effective number of weighted draws from which so many can be kept."""
+    return min(NEEDED, _NEEDED_SHARE * kept)
+
+
+@dataclass(frozen=True)
+class Correction:
+    """Importance weights of draws of the approximate marginal posterior, and whether they can be trusted.
+
+    Attributes:
+        weight: Pareto-smoothed, up to a constant.
+        pareto_k: of all chains' weights together.
+        needed: effective number of draws that the run asks for; see `needed_size`.
+        ratios: likelihood over site, of which the weights were made.
+        of_impacts: log of each impact's evidence over its site's, at the draws that were kept.
+        attempts: what was tried, this among it, in order: see `Correction.row`.
+    """
+
+    weight: Float[np.ndarray, "chain transition"]
+    pareto_k: float
+    needed: float
+    ratios: ImportanceRatios | None = None
+    of_impacts: Float[np.ndarray, "draw impact"] | None = None
+    attempts: tuple[dict[str, float | None], ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        log_weight: Float[np.ndarray, "chain transition"],
+        kept: int,
+        ratios: ImportanceRatios | None = None,
+    ) -> Correction:
+        """From log weights, of which so many draws are to be kept.
+
+        A log weight is minus infinity, or no number, for a draw without weight.
+        """
+        smoothed, k = pareto_smoothed(log_weight.ravel())
+        return cls(np.exp(smoothed).reshape(log_weight.shape), k, needed_size(kept), ratios)
+
+    @property
+    def effective(self) -> float:
+        """Effective number of the weighted draws, m^2 / sum 1 / n_c over m chains.
+
+        n_c is a chain's own effective number. Every chain is resampled to as many draws, so that one with
+        few effective draws spoils the mean of all.
+        """
+        sizes = effective_size(self.weight.T)
+        return float(len(sizes) ** 2 / (1 / sizes).sum()) if sizes.all() else 0.0
+
+    @property
+    def relative(self) -> float:
+        """Relative effective sample size: the effective number of weighted draws over their number."""
+        return self.effective / self.weight.size
+
+    @property
+    def relative_of_points(self) -> float:
+        """That of the points at which likelihood and site were compared, the median over the impacts.
+
+        Where it is next to nothing the ratio's mean is that of a point or two, the same for all draws, whose
+        weights then do not vary as they should.
+        """
+        if self.ratios is None:
+            return 1.0
+        weight = np.exp(below_greatest(np.asarray(self.ratios.log_ratio)))
+        return float(np.median(effective_size(weight)) / len(weight))
+
+    @property
+    def trusted(self) -> bool:
+        """Whether the corrected draws can be used."""
+        return all(check.passed for check in self.checks())
+
+    @property
+    def rank(self) -> tuple[int, float]:
+        """The least of several is the best: how many checks fail, and minus the effective number of draws."""
+        return sum(not check.passed for check in self.checks()), -self.effective
+
+    @property
+    def lacks_only_draws(self) -> bool:
+        """Whether longer chains would pass: each check holds but the one of the effective number."""
+        failed = [check for check in self.checks() if not check.passed]
+        return len(failed) == 1 and self.effective <= self.needed and self.effective > 0
+
+    def row(self) -> dict[str, float | None]:
+        """The figures that it is judged by, for the record of a run."""
+        return {
+            "pareto_k": round(self.pareto_k, 3) if np.isfinite(self.pareto_k) else None,
+            "relative_effective_sample_size": round(self.relative, 4),
+            "effective_draws": round(self.effective),
+            "relative_effective_sample_size_of_points": round(self.relative_of_points, 4),
+            "passed": self.trusted,
+        }
+
+    @property
+    def words(self) -> str:
+        """What it leaves, in half a sentence."""
+        k = f"{self.pareto_k:.2f}" if np.isfinite(self.pareto_k) else "infinite"
+        return (
+            f"{self.effective:.0f} effective draws of {self.weight.size} (relative effective sample size "
+            f"{self.relative:.1%}), Pareto k {k}"
+        )
+
+    def checks(self) -> tuple[Check, ...]:
+        """As some of a run's diagnostics."""
+        limit = k_threshold(self.weight.size)
+        of_tail = Check(
+            "Pareto k of the correction",
+            self.pareto_k,
+            f"below {limit:.2f}",
+            self.pareto_k < limit,
+            "do the sites, normal approximations of the likelihoods, reach wherever the posterior is?",
+            _EXACT,
+        )
+        of_draws = Check(
+            "effective number of draws after the correction",
+            self.effective,
+            f"above {self.needed:.0f}",
+            self.effective > self.needed,
+            f"are enough draws left? The weights' relative effective sample size is {self.relative:.0%}",
+            _EXACT,
+        )
+        if self.ratios is None:
+            return of_tail, of_draws
+        of_points = Check(
+            "relative effective sample size of the points that likelihood and site were compared at",
+            self.relative_of_points,
+            f"above {_LEAST_OF_POINTS}",
+            self.relative_of_points > _LEAST_OF_POINTS,
+            "is each trace's likelihood anything like its site?",
+            _EXACT,
+        )
+        return of_tail, of_draws, of_points

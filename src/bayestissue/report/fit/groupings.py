@@ -1,0 +1,152 @@
+"""The group terms of a run, by what its posterior has: levels with effects, and coefficients of their own."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from markupsafe import Markup
+
+from bayestissue.hierarchy.group_terms import stem_of
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.page import figure
+from bayestissue.report.posterior import QUANTITIES, Quantity, Spread, spread
+from bayestissue.report.remarks import group_words
+from bayestissue.report.style import POSTERIOR, REFERENCE, new_figure, shown, style
+from bayestissue.report.wording import listed
+
+_MOST_ROWS = 60
+_FIRST = ("subject", "trial")
+
+
+class OwnSlope(NamedTuple):
+    """A coefficient that differs between the levels of a grouping.
+
+    Attributes:
+        grouping: the dimension of its levels, such as ``subject``.
+        covariate: empty of a mass exponent.
+        quantity: K or C.
+    """
+
+    grouping: str
+    covariate: str
+    quantity: Quantity
+
+    @property
+    def name(self) -> str:
+        """Of each level's own coefficient in the posterior."""
+        what = f"effect_of_{self.covariate}" if self.covariate else "mass_exponent"
+        return f"{stem_of(self.grouping)}_{what}_{self.quantity}"
+
+    @property
+    def shared(self) -> str:
+        """Of the population's."""
+        what = f"effect_of_{self.covariate}" if self.covariate else "mass_exponent"
+        return f"{what}_{self.quantity}"
+
+    @property
+    def words(self) -> str:
+        """What it is."""
+        if self.covariate:
+            return f"effect of {self.covariate} on log {self.quantity}"
+        return f"mass exponent of {self.quantity}"
+
+
+def groupings(run: FitRun) -> list[str]:
+    """The dimensions whose levels have effects: people and conditions, then the others."""
+    of_effects = [
+        str(array.dims[-1])
+        for name, array in run.groups["posterior"].data_vars.items()
+        if str(name).endswith(tuple(f"_effect_{q}" for q in QUANTITIES)) and array.ndim > 2
+    ]
+    return list(dict.fromkeys([*(each for each in _FIRST if each in of_effects), *of_effects]))
+
+
+def own_slopes(run: FitRun) -> list[OwnSlope]:
+    """The coefficients that differ between levels."""
+    found = []
+    for variable, array in run.groups["posterior"].data_vars.items():
+        name, dimension = str(variable), str(array.dims[-1])
+        start = f"{stem_of(dimension)}_"
+        if array.ndim != 3 or not name.startswith(start):
+            continue
+        what, _, quantity = name.removeprefix(start).rpartition("_")
+        if quantity in QUANTITIES and (what == "mass_exponent" or what.startswith("effect_of_")):
+            covariate = "" if what == "mass_exponent" else what.removeprefix("effect_of_")
+            found.append(OwnSlope(dimension, covariate, quantity))
+    return found
+
+
+def differing_words(run: FitRun) -> str:
+    """Whether people, or the levels of another grouping, differ in the dependence on mass; else empty."""
+    return " ".join(_differing(run, slope) for slope in own_slopes(run) if not slope.covariate)
+
+
+def _differing(run: FitRun, slope: OwnSlope) -> str:
+    scatter = spread(run.draws(f"sd_{slope.name}"))
+    low, high = np.percentile(_deviations(run, slope), [5, 95], axis=0)
+    apart = int(((low > 0) | (high < 0)).sum())
+    one, several = group_words(slope.grouping)
+    of = f"{apart} of {low.size} {several}" if apart else f"no {one}"
+    verb = "are" if apart > 1 else "is"
+    begin = (
+        f"{several.capitalize()} differ in it"
+        if apart
+        else f"{several.capitalize()} are not seen to differ in it"
+    )
+    return (
+        f"{begin}: in {slope.quantity} {of} {verb} told apart from the typical exponent by a 90 % interval; "
+        f"standard deviation of the exponents {scatter.value} ({scatter.range})."
+    )
+
+
+def _deviations(run: FitRun, slope: OwnSlope) -> np.ndarray:
+    own = run.draws(slope.name)
+    return own - run.draws(slope.shared)[:, None] if run.has(slope.shared) else own
+
+
+def slope_words(run: FitRun, slope: OwnSlope) -> str:
+    """Which levels' coefficients are told from the population's."""
+    low, high = np.percentile(_deviations(run, slope), [5, 95], axis=0)
+    apart = np.array(run.labels(slope.grouping))[(low > 0) | (high < 0)]
+    scatter: Spread = spread(run.draws(f"sd_{slope.name}"))
+    named = f": {listed([str(label) for label in apart])}" if apart.size else ""
+    one, _ = group_words(slope.grouping)
+    return (
+        f"The {slope.words} differs between one {one} and the next with a standard deviation of "
+        f"{scatter.value} ({scatter.range}). A 90 % interval tells {apart.size or 'none'} of {low.size} from "
+        f"the typical one{named}."
+    )
+
+
+def slope_figure(run: FitRun, slope: OwnSlope) -> Markup:
+    """Each level's own coefficient, the greatest on top; of more than 60 the 30 greatest and the 30 least."""
+    drawn = run.draws(slope.name)
+    order = np.argsort(np.median(drawn, axis=0), kind="stable")
+    if order.size > _MOST_ROWS:
+        order = np.r_[order[: _MOST_ROWS // 2], order[-_MOST_ROWS // 2 :]]
+    low, quarter, median, three_quarters, high = np.percentile(drawn[:, order], [5, 25, 50, 75, 95], axis=0)
+    labels, height = run.labels(slope.grouping), np.arange(order.size)
+    with style():
+        fig, axes = new_figure((4.8, 0.8 + 0.24 * order.size))
+        if run.has(slope.shared):
+            typical = np.percentile(run.draws(slope.shared), [5, 95])
+            axes.axvspan(*typical, color=POSTERIOR, alpha=0.15, lw=0)
+        axes.hlines(height, low, high, color=POSTERIOR, lw=1.2)
+        axes.hlines(height, quarter, three_quarters, color=POSTERIOR, lw=3.6)
+        axes.plot(median, height, "o", ms=5, mfc="white", color=POSTERIOR)
+        for value in (0,) if slope.covariate else (0, 1):
+            axes.axvline(value, color=REFERENCE, ls="--", lw=1)
+        axes.set(
+            xlabel=f"{slope.words} (no unit)" if not slope.covariate else slope.words,
+            yticks=height,
+            yticklabels=[shown(labels[place]) for place in order],
+            ylabel=group_words(slope.grouping)[0],
+            ylim=(-0.6, order.size - 0.4),
+        )
+        axes.grid(visible=False, axis="y")
+        return figure(
+            fig,
+            f"The {slope.words} of each {group_words(slope.grouping)[0]} itself, ranked: posterior median, "
+            "50 % and 90 % interval; shaded: the 90 % interval of the typical one.",
+        )

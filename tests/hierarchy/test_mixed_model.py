@@ -1,0 +1,127 @@
+"""Group terms against another program: restricted maximum likelihood of statsmodels on exact estimates."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import pytest
+import statsmodels.formula.api as smf
+from numpy.testing import assert_allclose
+
+from bayestissue.hierarchy.gaussian.conditional import Sites, integrate_out
+from bayestissue.hierarchy.population import covariances_of, population_design
+from bayestissue.hierarchy.priors import Normal, PairOfLocations, Priors
+from designs import REFERENCE, design_of, impacts, indicator
+
+FORMULA = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"
+SD = {"subject": 0.3, "slope": 0.4, "side": 0.2, "session": 0.25, "impact": 0.1}
+NAMES = {
+    "subject": "sd_subject_K",
+    "slope": "sd_subject_mass_exponent_K",
+    "side": "sd_subject_side_K",
+    "session": "sd_session_K",
+    "impact": "sd_impact_K",
+}
+# An estimate so exact that it adds nothing to the scatter that REML gives every impact.
+EXACT = 1e10
+
+
+class Fitted(NamedTuple):
+    """What statsmodels found: fixed effects, effects by level, and standard deviations."""
+
+    fixed: np.ndarray
+    effects: dict[str, float]
+    sd: dict[str, float]
+
+
+@pytest.fixture(scope="module")
+def rows() -> pd.DataFrame:
+    """Estimates of log K of ten people, made with `SD`."""
+    table, rng = impacts(people=10), np.random.default_rng(8)
+    x = np.log(table["mass_kg"].to_numpy() / REFERENCE)
+    person = indicator(table, "subject")
+    y = 8 + 0.5 * x + SD["impact"] * rng.normal(size=len(x))
+    parts = {"subject": person, "slope": x[:, None] * person, "side": indicator(table, "subject", "side")}
+    for name, Z in (parts | {"session": indicator(table, "session")}).items():
+        y = y + Z @ (SD[name] * rng.normal(size=Z.shape[1]))
+    return table.assign(y=y, x=x, all=1)
+
+
+@pytest.fixture(scope="module")
+def fitted(rows: pd.DataFrame) -> Fitted:
+    components = {
+        "subject": "0 + C(subject)",
+        "slope": "0 + C(subject):x",
+        "side": "0 + C(subject):C(side)",
+        "session": "0 + C(session)",
+    }
+    model = smf.mixedlm("y ~ x", rows, groups="all", vc_formula=components)
+    found = model.fit(reml=True, method=["bfgs", "lbfgs"])
+    sd = dict(zip(sorted(components), np.sqrt(found.vcomp), strict=True))
+    effects = found.random_effects[1].to_dict()
+    return Fitted(found.fe_params.to_numpy(), effects, sd | {"impact": np.sqrt(found.scale)})
+
+
+def conditional(rows: pd.DataFrame, sd: dict[str, jax.Array]):
+    """b given estimates of log K, and their density, fixed effects having flat priors."""
+    design = design_of(FORMULA, "1", rows)
+    flat = PairOfLocations(**dict.fromkeys("KC", Normal(distribution="normal", mean=0.0, sd=1e5)))
+    effects, columns = population_design(design, Priors(intercept=flat, mass_exponent=flat), ("noise",))
+    sites = {NAMES[name]: jnp.asarray(value) for name, value in sd.items()}
+    sites |= {"sd_impact_C": jnp.asarray(0.3), "sd_noise": jnp.asarray(0.3)}
+    y = rows["y"].to_numpy()
+    count = len(y)
+    centre = np.stack([y, np.zeros(count), np.zeros(count)], axis=1)
+    precision = np.broadcast_to(EXACT * np.eye(3), (count, 3, 3))
+    estimates = Sites(*map(jnp.asarray, (centre, np.zeros((count, 3)), precision, np.zeros(count))))
+    spread = covariances_of(effects, sites, 0.0, ("noise",))
+    return effects, integrate_out(columns, spread, jnp.asarray(effects.mean), estimates)
+
+
+def test_effects_are_the_best_linear_unbiased_predictions(rows: pd.DataFrame, fitted: Fitted) -> None:
+    effects, found = conditional(rows, fitted.sd)
+    b = np.asarray(found.mean)
+
+    def part(name: str, levels: int) -> np.ndarray:
+        return b[effects.parts[name]][:levels]
+
+    fixed = np.r_[part("intercept_K", 1), part("mass_exponent_K", 1)]
+    # Flat priors of 1e5 shift a coefficient of standard error 0.1 by a share of 1e-12.
+    assert_allclose(fixed, fitted.fixed, rtol=1e-7)
+    design = design_of(FORMULA, "1", rows)
+    named = {
+        "subject_effect_K": "subject[C(subject)[{0}]]",
+        "subject_mass_exponent_deviation_K": "slope[C(subject)[{0}]:x]",
+        "subject_side_effect_K": "side[C(subject)[{0}]:C(side)[{1}]]",
+        "session_effect_K": "session[C(session)[{0}]]",
+    }
+    for term in design.responses["K"].terms:
+        levels = design.groupings[term.grouping].levels
+        told = part(term.effect("K"), len(levels))
+        keys = [named[term.effect("K")].format(*level.split(":")) for level in levels]
+        assert_allclose(told, [fitted.effects[key] for key in keys], rtol=0, atol=1e-7, err_msg=str(term))
+
+
+def test_restricted_likelihood_is_greatest_where_statsmodels_finds_it(
+    rows: pd.DataFrame, fitted: Fitted
+) -> None:
+    names = list(fitted.sd)
+
+    def log_density(log_sd: jax.Array) -> jax.Array:
+        sd = dict(zip(names, jnp.exp(log_sd), strict=True))
+        return conditional(rows, sd)[1].log_evidence
+
+    at = jnp.log(jnp.array([fitted.sd[name] for name in names]))
+    slope = np.asarray(jax.jacfwd(log_density)(at))
+    bend = np.asarray(jax.jacfwd(jax.jacfwd(log_density))(at))
+    # In standard errors of the logs of the standard deviations: the optimiser's own tolerance.
+    away = np.linalg.solve(-bend, slope) * np.sqrt(np.diag(-bend))
+    assert_allclose(away, 0, atol=0.01)
+    # And what it finds is what the data were made with, within four standard errors.
+    error = np.sqrt(np.diag(np.linalg.inv(-bend)))
+    made = np.log([SD[name] for name in names])
+    assert (np.abs(np.asarray(at) - made) < 4 * error).all()

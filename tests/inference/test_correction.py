@@ -1,0 +1,252 @@
+"""When a correction is trusted, what is tried where it is not, and how a fit tells its route."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bayestissue.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.inference import fit as fitting
+from bayestissue.inference.factors.importance_ratios import ImportanceRatios
+from bayestissue.inference.fit import fit_traces
+from bayestissue.inference.posterior import recipe
+from bayestissue.inference.posterior.correction import NEEDED, Correction, needed_size
+from bayestissue.inference.posterior.recipe import corrected_draws
+from bayestissue.inference.posterior.route import Route, duration
+from bayestissue.inference.samplers.sampling import Draws
+
+SETTINGS = Sampler(chains=4, warmup=200, draws=1000)
+
+
+def correction(share: float, k: float = 0.1, chains: int = 4, transitions: int = 1000) -> Correction:
+    """Of so many draws that a share of each chain has all the weight."""
+    weight = np.zeros((chains, transitions))
+    weight[:, : round(share * transitions)] = 1.0
+    return Correction(weight, k, needed_size(4000))
+
+
+def test_the_effective_number_is_that_of_the_worst_chains() -> None:
+    even = correction(0.5)
+    assert even.effective == pytest.approx(2000)
+    assert even.relative == pytest.approx(0.5)
+    weight = even.weight.copy()
+    weight[0] = 0.0
+    weight[0, :10] = 1.0
+    # A quarter of the draws kept then stands on ten: the variance of a mean of four chains' means.
+    one_bad = replace(even, weight=weight)
+    assert one_bad.effective == pytest.approx(16 / (1 / 10 + 3 / 500))
+    weight[0] = 0.0
+    assert replace(even, weight=weight).effective == 0
+
+
+def test_too_few_effective_draws_are_refused_whatever_pareto_k_says() -> None:
+    """The stiffening tissue that had 2 % left at a Pareto k of 0.41."""
+    spent = correction(0.02, k=0.41)
+    assert not spent.trusted
+    assert [check.passed for check in spent.checks()] == [True, False]
+    assert spent.lacks_only_draws
+    assert correction(0.5, k=0.41).trusted
+    heavy = correction(0.5, k=0.72)
+    assert not heavy.trusted
+    assert not heavy.lacks_only_draws
+    assert not np.isfinite(Correction.of(np.full((2, 50), -np.inf), 100).pareto_k)
+    assert Correction.of(np.full((2, 50), -np.inf), 100).row()["pareto_k"] is None
+
+
+def test_needed_draws_keep_the_greatest_of_dozens_of_r_hats_below_its_limit() -> None:
+    from arviz_stats.base import array_stats
+
+    rng = np.random.default_rng(0)
+    # Independent draws, as many as are needed, of 60 quantities.
+    drawn = rng.standard_normal((60, 4, NEEDED // 4))
+    worst = max(float(array_stats.rhat(each)) for each in drawn)
+    assert worst < 1.01
+    few = max(float(array_stats.rhat(each[:, : NEEDED // 16])) for each in drawn)
+    assert few > 1.01
+    assert needed_size(10**6) == NEEDED
+    assert needed_size(300) == 100
+
+
+class _Tried:
+    """`corrected_draws` with sites that are mere names, whose corrections are given."""
+
+    def __init__(self, monkeypatch: pytest.MonkeyPatch, found: dict[str, Correction], **model: bool) -> None:
+        self.prepared: Any = SimpleNamespace(
+            model=SimpleNamespace(**{"discrepancy": False, "weakly_identified": False} | model)
+        )
+        self.first, self.sampled, self.settings = self._sites("first"), [], []
+        self._found, self.placed = found, []
+        monkeypatch.setattr(recipe, "_population_draws", self._draws)
+        monkeypatch.setattr(recipe, "_about_draws", self._about)
+        monkeypatch.setattr(recipe, "_about_second_order", self._placed)
+        monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._sites("grid", object()))
+        monkeypatch.setattr(
+            recipe, "_with_impacts", lambda prepared, sites, found, settings: (sites.name, found.correction)
+        )
+
+    def _sites(self, name: str, profile: Any = None) -> Any:
+        return SimpleNamespace(name=name, profile=profile, spreads=None)
+
+    def _draws(self, prepared: Any, sites: Any, settings: Sampler, seed: int, progress: Any) -> Any:
+        self.sampled.append(sites.name)
+        self.settings.append(settings)
+        name = sites.name if settings.thinning == 1 else f"{sites.name}, longer"
+        return SimpleNamespace(
+            correction=self._found[name], raw={"sd": np.zeros(4000)}, z_b=np.zeros((4000, 2))
+        )
+
+    def _about(self, prepared: Any, sites: Any, draws: Any, seed: int) -> Any:
+        assert len(draws[1]) == 512
+        number = int(sites.name.removeprefix("again ")) + 1 if "again" in sites.name else 1
+        return self._sites(f"again {number}")
+
+    def _placed(self, prepared: Any, sites: Any, seed: int, rng: np.random.Generator) -> Any:
+        self.placed.append(sites.name)
+        return sites
+
+    def run(self) -> tuple[Any, Any, Correction]:
+        return corrected_draws(self.prepared, SETTINGS, 0, summarised=self.first)
+
+
+def test_sites_are_fitted_about_the_corrected_draws_until_the_correction_holds(monkeypatch) -> None:
+    tried = _Tried(
+        monkeypatch, {"first": correction(0.02), "again 1": correction(0.2), "again 2": correction(0.8)}
+    )
+    sites, draws, found = tried.run()
+    assert tried.sampled == ["first", "again 1", "again 2"]
+    assert sites.name == draws == "again 2"
+    assert found.trusted
+    assert [row["effective_draws"] for row in found.attempts] == [80, 800, 3200]
+    assert not Route("automatic", found).exact
+
+
+def test_a_correction_that_holds_at_once_is_the_only_one(monkeypatch) -> None:
+    tried = _Tried(monkeypatch, {"first": correction(0.6)}, weakly_identified=True)
+    _, _, found = tried.run()
+    assert tried.sampled == tried.placed == ["first"]
+    assert len(found.attempts) == 1
+
+
+def test_where_no_site_helps_the_best_is_returned_and_the_exact_path_follows(monkeypatch) -> None:
+    given = {"first": correction(0.02), "again 1": correction(0.025), "grid": correction(0.4, k=1.1)}
+    tried = _Tried(monkeypatch, given, weakly_identified=True)
+    sites, _, found = tried.run()
+    # No longer chains either: 54 times as many draws cost more than the exact path.
+    assert tried.sampled == ["first", "again 1", "grid"]
+    assert sites.name == "grid"
+    assert not found.trusted
+    route = Route("automatic", found)
+    assert route.exact
+    assert "the best of 3 attempts has 1600 effective draws of 4000" in route.words
+    assert "Pareto k of the correction" in route.words
+    assert route.record()["path"] == "exact"
+    assert route.checks() == ()
+
+
+def test_where_only_draws_are_lacking_chains_are_longer(monkeypatch) -> None:
+    given = {
+        "first": correction(0.15),
+        "again 1": correction(0.16),
+        "again 1, longer": correction(0.16, transitions=3000),
+    }
+    tried = _Tried(monkeypatch, given)
+    _, _, found = tried.run()
+    # 1333 effective draws are needed, 640 are there: a fifth more than 2.1 times as many transitions.
+    assert [settings.transitions for settings in tried.settings] == [1000, 1000, 3000]
+    assert found.trusted
+    assert len(found.attempts) == 3
+
+
+@pytest.mark.parametrize(
+    ("scatters", "discrepancy", "fits"),
+    [((0.1,), False, 0), ((6.0, 0.1), False, 1), ((6.0, 6.0), False, 2), ((0.0, 0.0), True, 2)],
+)
+def test_sites_are_fitted_before_any_chain_where_they_do_not_serve_draws_to_second_order(
+    monkeypatch, scatters, discrepancy, fits
+) -> None:
+    log_weights = iter([scatter * np.random.default_rng(1).normal(size=256) for scatter in scatters])
+    fitted: list[int] = []
+
+    def about_draws(prepared: Any, sites: Any, draws: Any, seed: int) -> Any:
+        fitted.append(seed)
+        if not discrepancy:
+            # Resampled: as many draws, of which those with most weight are there more than once.
+            assert len(np.unique(draws[1])) < len(draws[1])
+        return sites
+
+    monkeypatch.setattr(recipe, "_DRAWS_BEFORE", (256, 256))
+    monkeypatch.setattr(
+        recipe, "_to_second_order", lambda *_: ({"sd": np.arange(256.0)}, np.arange(256.0)[:, None])
+    )
+    monkeypatch.setattr(recipe, "conditional_priors", lambda *_: None)
+    monkeypatch.setattr(recipe, "_log_weights", lambda *_: (next(log_weights)[:, None], None, None))
+    monkeypatch.setattr(recipe, "_about_draws", about_draws)
+    prepared: Any = SimpleNamespace(model=SimpleNamespace(discrepancy=discrepancy), data=None)
+    sites: Any = SimpleNamespace(spreads=None, summaries=None)
+    recipe._about_second_order(prepared, sites, 7, np.random.default_rng(0))
+    assert fitted == [7, 8][:fits]
+
+
+def test_a_fit_that_leaves_the_short_way_tells_why_and_how_long_it_takes(monkeypatch) -> None:
+    spent = replace(correction(0.02, k=0.41), attempts=(correction(0.02).row(),))
+    clock = iter([100.0, 130.0])
+    monkeypatch.setattr(fitting.time, "monotonic", lambda: next(clock))
+    for name in ("expanded", "approximate"):
+        monkeypatch.setattr(fitting, name, lambda *_, **__: SimpleNamespace(summaries=None, profile=None))
+    monkeypatch.setattr(
+        fitting,
+        "corrected_draws",
+        lambda *_, **__: (SimpleNamespace(summaries=None, profile=None), None, spent),
+    )
+
+    def exact_draws(*_: Any, progress: Any, **__: Any) -> Draws:
+        for done in (0, 100, 4800):
+            progress(done, 4800)
+        return Draws({}, {}, 10)
+
+    monkeypatch.setattr(fitting, "exact_draws", exact_draws)
+    monkeypatch.setattr(fitting, "label", lambda *given: given[-1])
+    said: list[tuple[str, int, int]] = []
+    model = SimpleNamespace(discrepancy=True)
+    route: Any = fit_traces(
+        SimpleNamespace(model=model, impacts=range(3)),  # type: ignore[arg-type]
+        ModelSpecification(name="m", likelihood="impact", sampler=SETTINGS),
+        0,
+        lambda *told: said.append(told),
+    )
+    assert route.exact
+    why = next(stage for stage, *_ in said if stage.startswith("sampling by the exact path, since"))
+    assert "80 effective draws of 4000 (relative effective sample size 2.0%), Pareto k 0.41" in why
+    # Thirty seconds for the first hundred of 4800 transitions.
+    assert ("exact path, 0.3 s a transition, about 24 min in all", 4800, 4800) in said
+    assert ("first transitions of the exact path", 0, 4800) in said
+
+
+def test_a_route_in_words() -> None:
+    good = replace(correction(0.5), attempts=(correction(0.02).row(), correction(0.5).row()))
+    words = Route("automatic", good).words
+    assert words.startswith("Sampled with a normal approximation")
+    assert "(2 attempts), since the correction can be trusted: 2000 effective draws of 4000" in words
+    assert Route("exact").words.endswith("every trace in every step, as the model file asks.")
+    asked = Route("summary", correction(0.02))
+    assert not asked.exact
+    assert "though the correction can't be trusted (effective number of draws" in asked.words
+    assert len(asked.checks()) == 2
+    assert [duration(each) for each in (59.6, 119, 600, 9000)] == ["60 s", "119 s", "10 min", "2 h"]
+
+
+@pytest.mark.parametrize(("scatter", "trusted"), [(0.3, True), (4.0, False)])
+def test_a_correction_is_refused_where_most_points_have_no_weight(scatter: float, trusted: bool) -> None:
+    log_ratio = scatter * np.random.default_rng(6).normal(size=(64, 400))
+    nothing = np.zeros((64, 400, 3))
+    compared = ImportanceRatios(nothing, log_ratio, log_ratio, ())  # type: ignore[arg-type]
+    found = replace(correction(0.9), ratios=compared)
+    assert found.trusted is trusted
+    assert [check.passed for check in found.checks()] == [True, True, trusted]
+    if trusted:
+        # Of log-normal weights exp(-s^2) of the points are left, in one impact by 64 points to about 0.01.
+        assert abs(found.relative_of_points - np.exp(-(scatter**2))) < 5 * 0.01
