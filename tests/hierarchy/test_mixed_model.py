@@ -10,12 +10,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import statsmodels.formula.api as smf
-from designs import REFERENCE, design_of, impacts, indicator
 from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.gaussian.conditional import Sites, integrate_out
 from bayestissue.hierarchy.population import covariances_of, population_design
 from bayestissue.hierarchy.priors import Normal, PairOfLocations, Priors
+from designs import REFERENCE, design_of, impacts, indicator
 
 FORMULA = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"
 SD = {"subject": 0.3, "slope": 0.4, "side": 0.2, "session": 0.25, "impact": 0.1}

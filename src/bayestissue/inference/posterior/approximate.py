@@ -405,7 +405,7 @@ class _SpreadsFinder:
 
     def coordinates(self, summaries: Sites, mode: np.ndarray) -> Coordinates:
         scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, summaries)[1], mode)))
-        warp = warp_about(lambda flat: -self.at(flat, summaries)[0], mode, scale)
+        warp = warp_about(lambda each: np.array([-self.at(flat, summaries)[0] for flat in each]), mode, scale)
         about = covariance_about(lambda y: self.at(y, summaries, warp)[1], np.zeros(len(mode)))
         return Coordinates(self._names, warp, about)
 
