@@ -12,6 +12,7 @@ from scipy.special import logsumexp
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import gaussian
 from bayestissue.inference.factors.grid import flat_grid
 from bayestissue.inference.factors.importance_ratios import (
     importance_ratios,
@@ -139,7 +140,8 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     size = len(summarised.spreads.names)
     raw = summarised.spreads.raw(rng.multivariate_normal(np.zeros(size), summarised.spreads.covariance, 64))
     raw["sd_noise"][:2] = -7.0
-    anchors = conditional_priors(model, data, summaries, raw, np.zeros((64, model.locations.size))).anchors
+    z_b = np.zeros((64, model.locations.size))
+    anchors = conditional_priors(model, gaussian(data, summaries), raw, z_b).anchors
     ratios = importance_ratios(model, data, summaries, anchors, standard_points(3))
     first = ConditionalPrior(*(part[:8] for part in anchors))
     tabulated = log_evidence_corrections(summaries, ratios, first)

@@ -19,7 +19,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
@@ -45,12 +45,15 @@ from bayestissue.inference.posterior.approximate import (
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.posterior.coordinates import Coordinates
 from bayestissue.inference.posterior.correction import Correction
+from bayestissue.inference.samplers.independence import independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
 from bayestissue.inference.samplers.psis import below_greatest, effective_size
 from bayestissue.inference.samplers.resampling import systematic
 from bayestissue.inference.samplers.sampling import Draws, Progress, silent
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
+# Independent proposals serve where their weights are bounded well and most of them count.
+PROPOSAL_LIMIT, _LEAST_EFFECTIVE = 0.5, 0.5
 # A matrix of each impact under each of so many draws takes little memory.
 _DRAWS_AT_ONCE = 500
 # Sites are fitted about so many draws to second order, once for each number, before any chain: of Maxwell's
@@ -221,18 +224,9 @@ def _population_draws(
     progress: Progress,
 ) -> _Population:
     """Chains of the population and their correction."""
-    model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
-    # The record stays behind: the population asks only for the summaries.
-    data = prepared.data._replace(record=None)  # type: ignore[arg-type]
-    chains = run_chains(
-        marginal_model,
-        (model, *filled_up((data, summaries, profile)), summarised.spreads.warp),
-        _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
-        settings,
-        seed,
-        progress=progress,
-        processes=False,
-    )
+    model, profile = prepared.model, summarised.profile
+    data = summarised.data(prepared.data)
+    chains = sample_marginal(prepared, summarised, settings, seed, progress)
     shape = (settings.chains, settings.transitions)
     rng = np.random.default_rng([seed, 21])
     count = shape[0] * shape[1]
@@ -240,7 +234,7 @@ def _population_draws(
     z_b = rng.standard_normal((count, model.locations.size))
     if profile is not None:
         z_b[:, -1] = raw.pop(LAST)
-    every = conditional_priors(model, data, summaries, raw, z_b)
+    every = conditional_priors(model, data, raw, z_b)
     of_impacts, ratios, compared = _log_weights(prepared, summarised, every)
     log_weight = of_impacts.sum(-1).reshape(shape)
     correction = Correction.of(log_weight, settings.chains * settings.draws, ratios)
@@ -249,6 +243,29 @@ def _population_draws(
     correction = replace(correction, of_impacts=of_impacts[chosen])
     raw = {name: values[chosen] for name, values in raw.items()}
     return _Population(chains, raw, z_b[chosen], _rows(every, chosen), correction, compared, ratios, rng)
+
+
+def sample_marginal(
+    prepared: Prepared, summarised: Approximation, settings: Sampler, seed: int, progress: Progress
+) -> Draws:
+    """Draws of the marginal posterior's coordinates, by independent proposals where these serve, or NUTS."""
+    data = summarised.data(prepared.data)
+    arguments = (prepared.model, *filled_up((data, summarised.grid)), summarised.spreads.warp)
+    progress(0, 1)
+    covariance = summarised.spreads.covariance
+    found = independence_chains(marginal_model, arguments, COORDINATES, covariance, settings, seed)
+    if found.pareto_k < PROPOSAL_LIMIT and found.effective > _LEAST_EFFECTIVE:
+        progress(1, 1)
+        return found.draws
+    return run_chains(
+        marginal_model,
+        arguments,
+        _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
+        settings,
+        seed,
+        progress=progress,
+        processes=False,
+    )
 
 
 def _rows(every: ConditionalPriors, chosen: np.ndarray) -> ConditionalPriors:
@@ -265,7 +282,7 @@ def _about_second_order(
     for number, count in enumerate(_DRAWS_BEFORE):
         raw, z_b = _to_second_order(prepared, sites.spreads, count, rng)
         if not prepared.model.discrepancy:
-            every = conditional_priors(prepared.model, prepared.data, sites.summaries, raw, z_b)
+            every = conditional_priors(prepared.model, sites.data(prepared.data), raw, z_b)
             weight = np.exp(below_greatest(_log_weights(prepared, sites, every)[0].sum(-1)))
             if effective_size(weight) > _PLACED * count:
                 return sites
@@ -300,12 +317,13 @@ def _about_draws(
     prepared: Prepared, summarised: Approximation, draws: tuple[dict[str, np.ndarray], np.ndarray], seed: int
 ) -> Approximation:
     """Sites made anew about draws of the population."""
-    expected = conditional_priors(prepared.model, prepared.data, summarised.summaries, *draws)
+    expected = conditional_priors(prepared.model, summarised.data(prepared.data), *draws)
     summaries = regression.regression_sites(
         prepared.model, prepared.data, summarised.summaries, expected, seed
     )
     near = {name: np.asarray(values.mean()) for name, values in draws[0].items()}
-    return Approximation(summaries, spreads_of_summaries(prepared, summaries, near), None)
+    found = Approximation(summaries, summarised.spreads, None)
+    return replace(found, spreads=spreads_of_summaries(prepared, found, near))
 
 
 def _candidates(

@@ -11,8 +11,8 @@ from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
-from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.many.kept import some_impacts
+from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner
+from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, thinned
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.discrepancy import integrals
@@ -38,7 +38,7 @@ def predicted(prepared: Prepared, unfolded: ConstrainedDraws, seed: int) -> dict
     }
 
 
-@compiled_quickly()
+@compiled_sooner()
 def replicates(
     model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array
 ) -> dict[str, Float[Array, "draw impact sample"]]:
