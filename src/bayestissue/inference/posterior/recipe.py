@@ -1,9 +1,10 @@
-"""The second path: each trace summarised once, then the population, then a correction.
+"""Importance-corrected MCMC on an approximate marginal posterior (Vihola, Helske and Franks 2020).
 
-With its summary in each trace's place, everything but the standard deviations integrates out, and a chain
-moves through a dozen dimensions whatever the number of impacts. Its draws are weighted by how much the
-traces' true evidence differs from their summaries', and each impact's parameters are drawn from their
-true conditional.
+With a Gaussian site in place of each trace's likelihood, everything but the hyperparameters integrates out,
+and a chain moves through a dozen dimensions whatever the number of impacts. Its draws are weighted by the
+traces' evidence over that of their sites, p(traces | psi, b) / q(traces | psi, b), the sites are improved
+where too few draws stay effective, and each impact's parameters are drawn from their true conditional by
+sampling-importance-resampling.
 """
 
 from __future__ import annotations
@@ -199,7 +200,7 @@ class _Population(NamedTuple):
         raw: the spreads, unconstrained.
         z_b: the standard locations.
         expected: what they expect of every impact.
-        correction: what the weights are worth.
+        correction: their importance weights.
         compared: draws at which ``ratios`` were taken.
         ratios: likelihood over summary there.
         rng: for what follows.
