@@ -102,8 +102,15 @@ def told(
 def test_effects_are_the_best_linear_unbiased_predictions(
     population: tuple[Effects, PopulationDesign], rows: pd.DataFrame, fitted: Fitted
 ) -> None:
-    effects, known = population[0], told(population, rows, fitted.sd)
-    b = np.asarray(effects_from_standard(known[0], integrate_effects(*known), jnp.asarray(effects.mean)))
+    effects, names = population[0], list(fitted.sd)
+
+    @jax.jit
+    def means(sd: jax.Array) -> jax.Array:
+        design, *known = told(population, rows, dict(zip(names, sd, strict=True)))
+        found = integrate_effects(design, *known)
+        return effects_from_standard(design, found, jnp.asarray(effects.mean))
+
+    b = np.asarray(means(jnp.array([fitted.sd[name] for name in names])))
 
     def part(name: str, levels: int) -> np.ndarray:
         return b[effects.parts[name]][:levels]
