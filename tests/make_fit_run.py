@@ -237,8 +237,10 @@ def _summary(posterior: xr.Dataset) -> pd.DataFrame:
 
 
 def _diagnostics(passed: bool) -> dict[str, object]:
+    path, words = ("summary", "Corrected.") if passed else ("exact", "Sampled by the exact path, since.")
     return {
         "passed": passed,
+        "route": {"path": path, "asked": "automatic", "words": words, "attempts": []},
         "checks": [
             {
                 "name": "R-hat",

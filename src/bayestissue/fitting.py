@@ -22,7 +22,6 @@ from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare,
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
-from bayestissue.inference.many.draws import MANY
 from bayestissue.inference.points.notes import flagged_recordings
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.outline import Rows, as_html, as_text, short, span
@@ -33,6 +32,8 @@ if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.signal import Displacements, SignalOptions
 
+# With so many impacts to look for spoilt recordings takes as long as the fit.
+_MANY = 5000
 TABLES = ("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources")
 
 
@@ -248,14 +249,14 @@ def point_estimates(
 ) -> dict[str, pd.DataFrame]:
     """The tables of `estimate` by both methods, of displacements made with these options where they serve.
 
-    Of `MANY` impacts and more, spoilt recordings are left to `check`: to look for them would take as long as
+    Of `_MANY` impacts and more, spoilt recordings are left to `check`: to look for them would take as long as
     the fit.
     """
     from bayestissue.inference.points.estimates import default_options, estimates_table
     from bayestissue.signal import displacements
     from bayestissue.signal.quality import inspect
 
-    found, tables = inspect(dataset, options) if len(dataset.impacts) < MANY else [], {}
+    found, tables = inspect(dataset, options) if len(dataset.impacts) < _MANY else [], {}
     for method in ("exact", "dds"):
         own = default_options(method)
         made = signal if own == options else displacements(dataset, own)
@@ -321,7 +322,7 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "wall_time_s": round(fit.wall_time_s, 1),
         **_kept_of_impacts(fit),
         **_discrepancy(fit),
-        "route": fit.diagnostics["route"],
+        "route": fit.diagnostics.get("route", {}),
         "verdict": {
             "passed": fit.diagnostics["passed"],
             "headline": headline(fit.diagnostics),

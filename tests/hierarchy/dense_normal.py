@@ -2,97 +2,167 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import jax.numpy as jnp
 import numpy as np
-import pandas as pd
+from jax import Array
 
-from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.gaussian.conditional import (
-    Conditional,
-    Sites,
-    integrate_out,
-)
-from bayestissue.hierarchy.population import (
-    Covariances,
-    PopulationDesign,
-    SharedMassError,
-    expected,
-    population_design,
-)
-from bayestissue.hierarchy.priors import Priors
-from bayestissue.hierarchy.specification import Formulas
+from bayestissue.hierarchy.gaussian.arrangement import arrange, expected_by_cell
+from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
+from bayestissue.hierarchy.gaussian.effects import EffectsConditional, integrate_effects, log_density_of_cells
+from bayestissue.hierarchy.gaussian.impacts import CellSums, Sites, cell_sums, lay
 
 SIZE = 4
 OWN = np.array([[0.2, -0.05], [-0.05, 0.3]])
 NUISANCE_SD = (0.6, 0.4)
+PEOPLE, SIDES, TRIALS = 4, 2, 3
+LOG_MASS = np.array([-0.4, 0.0, 0.5])
+# What the formulas of log K and log C have besides an intercept and a mass exponent.
+DESIGNS = {
+    "no groups": ("", ""),
+    "people": ("subject", "subject"),
+    "people and trials": ("subject trial", "subject trial"),
+    "one formula with people, one with trials": ("subject", "trial"),
+    "people's sides": ("subject side", "subject side trial"),
+    "people's own mass exponents": ("subject slope", "subject slope trial"),
+    "sessions across operators": ("session operator", "session operator"),
+    "trials of which one has no impact": ("subject trials_and_none", "subject"),
+}
+
+
+def rows_of_campaign(repeats: int) -> np.ndarray:
+    """Person, side and trial of every impact; one person lacks a trial, another a side, one has many more."""
+    each = [
+        (person, side, trial)
+        for person in range(PEOPLE)
+        for side in range(SIDES)
+        for trial in range(TRIALS)
+        if (person, trial) != (1, 2) and (person, side) != (3, 1)
+    ]
+    return np.array([*each * repeats, *[(2, 0, 0)] * (3 * repeats - 3)])
+
+
+def columns_of(term: str, rows: np.ndarray) -> np.ndarray:
+    """The columns of a group term, one an effect."""
+    person, side, trial = rows.T
+    number = np.arange(len(rows))
+    codes, value = {
+        "subject": (person, 1.0),
+        "side": (person * SIDES + side, 1.0),
+        "trial": (trial, 1.0),
+        "trials_and_none": (np.where(trial == 2, 3, trial), 1.0),
+        "slope": (person, LOG_MASS[trial]),
+        "session": (number % 5, 1.0),
+        "operator": (number % 3, 1.0),
+    }[term]
+    return (codes[:, None] == np.arange(codes.max() + 1)) * np.broadcast_to(value, len(rows))[:, None]
 
 
 class Dense:
-    """Everything as one normal over (b, all u), and summaries as observations m + P^-1 g of u."""
+    """Everything as one normal over (b, all u), and sites as observations m + P^-1 g of u."""
 
-    def __init__(self, repeats: int, *, shared: float = 0.0) -> None:
+    def __init__(self, name: str, repeats: int = 1, *, shared: float = 0.0, scale: float = 1.0) -> None:
+        self.scale = scale
         self.rng = np.random.default_rng(repeats)
-        rows = pd.DataFrame(
-            {
-                "subject": np.tile(np.repeat(["a", "b", "c"], 2), repeats),
-                "trial": np.tile(["x", "y"], 3 * repeats),
-                "mass_kg": np.tile([0.5, 1.2], 3 * repeats),
-            }
-        )
-        made = build_design(Formulas(), rows, reference_mass_kg=0.8, source="m.toml")
-        self.named, columns = population_design(made, Priors(), ("noise", "atanh_theta1"))
-        self.design = PopulationDesign(tuple(map(jnp.asarray, columns.columns)), jnp.asarray(columns.cell))
+        rows = rows_of_campaign(repeats)
         self.number = len(rows)
-        self.mean = self.named.mean
-        self.sd = np.where(np.isfinite(self.named.sd), self.named.sd, 0.7)
-        self.spread = Covariances(
-            tuple(map(jnp.asarray, (OWN[0, 0], OWN[0, 1], OWN[1, 1]))),
-            tuple(map(jnp.asarray, NUISANCE_SD)),
+        matrices, self.groups, sd = [], [], []
+        for formula in DESIGNS[name]:
+            own = [np.ones((self.number, 1)), LOG_MASS[rows[:, 2], None]]
+            sd += [1.5, 0.8]
+            for k, term in enumerate(formula.split()):
+                matrix = columns_of(term, rows)
+                self.groups.append(slice(len(sd), len(sd) + matrix.shape[1]))
+                sd += [0.7 - 0.2 * k] * matrix.shape[1]
+                own.append(matrix)
+            matrices.append(np.concatenate(own, axis=1))
+        matrices += [np.ones((self.number, 1))] * (SIZE - 2)
+        self.sd = np.array([*sd, 1.1, 0.9])
+        self.mean = self.rng.normal(size=len(self.sd))
+        whole = np.concatenate(matrices, axis=1)
+        _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
+        self.design = arrange([matrix[first] for matrix in matrices], cell.reshape(-1), self.groups)
+        begin = np.cumsum([0, *(matrix.shape[1] for matrix in matrices)])
+        # Rows in the order (impact, parameter).
+        self.X = np.zeros((self.number, SIZE, len(self.sd)))
+        for a, matrix in enumerate(matrices):
+            self.X[:, a, begin[a] : begin[a + 1]] = matrix
+        self.X = self.X.reshape(-1, len(self.sd))
+        people = [np.r_[self.groups[0]], np.r_[self.groups[len(DESIGNS[name][0].split())]]] if shared else []
+        self.people = people
+        self.shared = shared
+        self.covariances = Covariances(
+            tuple(jnp.asarray(scale**2 * entry) for entry in (OWN[0, 0], OWN[0, 1], OWN[1, 1])),
+            tuple(jnp.asarray(scale * sd) for sd in NUISANCE_SD),
             jnp.asarray(self.sd),
+            SharedMassError(*people, shared**2) if shared else None,
         )
-        self.of_b = np.diag(self.sd**2)
-        if shared:
-            on_K, on_C = (np.r_[self.named.parts[f"subject_effect_{q}"]] for q in "KC")
-            self.spread = self.spread._replace(shared=SharedMassError(on_K, on_C, shared**2))
-            ones = np.zeros((len(self.sd), len(on_K)))
-            ones[on_K, np.arange(len(on_K))] = ones[on_C, np.arange(len(on_C))] = 1
-            self.of_b += shared**2 * ones @ ones.T
-        self.covariance = np.zeros((SIZE, SIZE))
-        self.covariance[:2, :2] = OWN
-        self.covariance[2:, 2:] = np.diag(NUISANCE_SD) ** 2
-        self.summaries = self._summaries()
-        self.X = self._matrix()
+        self.sites = self._sites()
 
-    def _summaries(self) -> Sites:
+    def _sites(self) -> Sites:
         root = self.rng.normal(size=(self.number, SIZE, SIZE))
         precision = root @ root.swapaxes(1, 2) + 0.2 * np.eye(SIZE)
-        centre = np.array([5.0, 2.0, -9.0, 0.0]) + self.rng.normal(size=(self.number, SIZE))
+        centre = self.rng.normal(size=(self.number, SIZE))
         slope, value = self.rng.normal(size=(self.number, SIZE)), 10 * self.rng.normal(size=self.number)
         return Sites(*map(jnp.asarray, (centre, slope, precision, value)))
 
-    def _matrix(self) -> np.ndarray:
-        """X with rows in the order (impact, parameter), one column of b at a time."""
-        unit = np.eye(len(self.mean))
-        columns = [np.stack(expected(self.design, jnp.asarray(e)), axis=1).ravel() for e in unit]
-        return np.stack(columns, axis=1)
+    @property
+    def laid(self) -> Sites:
+        return lay(self.design, self.sites)
+
+    def sums(self, covariances: Covariances) -> CellSums:
+        about = expected_by_cell(self.design, jnp.asarray(self.mean))
+        return cell_sums(covariances.of_impact(), about, self.laid)
+
+    def log_density(self, own: Any, nuisance: Any, locations: Any) -> Array:
+        """As a function of all standard deviations."""
+        covariances = Covariances(own, nuisance, locations, self.covariances.shared)
+        return log_density_of_cells(self.design, covariances, self.sums(covariances))
+
+    def conditional(self) -> EffectsConditional:
+        return integrate_effects(self.design, self.covariances, self.sums(self.covariances))
+
+    @property
+    def whole(self) -> np.ndarray:
+        """Covariance of all that was seen."""
+        return self.blocks(self.inverses + self.of_u) + self.X @ self.of_b @ self.X.T
+
+    @property
+    def of_b(self) -> np.ndarray:
+        """Prior covariance of b."""
+        found = np.diag(self.sd**2)
+        if self.shared:
+            on_K, on_C = self.people
+            ones = np.zeros((len(self.sd), len(on_K)))
+            ones[on_K, np.arange(len(on_K))] = ones[on_C, np.arange(len(on_C))] = 1
+            found += self.shared**2 * ones @ ones.T
+        return found
+
+    @property
+    def of_u(self) -> np.ndarray:
+        """Covariance of an impact's parameters about X b."""
+        found = np.diag(np.square([0, 0, *NUISANCE_SD]))
+        found[:2, :2] = OWN
+        return self.scale**2 * found
 
     @property
     def inverses(self) -> np.ndarray:
-        return np.linalg.inv(np.asarray(self.summaries.precision))
+        return np.linalg.inv(np.asarray(self.sites.precision))
 
     @property
     def seen(self) -> np.ndarray:
-        return np.asarray(self.summaries.centre) + np.einsum(
-            "iab,ib->ia", self.inverses, np.asarray(self.summaries.slope)
+        return np.asarray(self.sites.centre) + np.einsum(
+            "iab,ib->ia", self.inverses, np.asarray(self.sites.slope)
         )
 
     @property
     def constants(self) -> np.ndarray:
-        """A summary is its constant times a normal density at what was seen."""
-        slope, inverse = np.asarray(self.summaries.slope), self.inverses
+        """A site is its constant times a normal density at what was seen."""
+        slope, inverse = np.asarray(self.sites.slope), self.inverses
         bend = np.einsum("ia,iab,ib->i", slope, inverse, slope) / 2
         size = (SIZE * np.log(2 * np.pi) + np.linalg.slogdet(inverse)[1]) / 2
-        return np.asarray(self.summaries.log_likelihood) + bend + size
+        return np.asarray(self.sites.log_likelihood) + bend + size
 
     def blocks(self, matrices: np.ndarray) -> np.ndarray:
         whole = np.zeros((self.number * SIZE, self.number * SIZE))
@@ -100,6 +170,3 @@ class Dense:
             part = slice(i * SIZE, (i + 1) * SIZE)
             whole[part, part] = matrices[i]
         return whole
-
-    def conditional(self) -> Conditional:
-        return integrate_out(self.design, self.spread, jnp.asarray(self.mean), self.summaries)

@@ -6,7 +6,8 @@ import pandas as pd
 from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.design import Design, build_design
-from bayestissue.hierarchy.population import covariances_of, expected, population_design
+from bayestissue.hierarchy.gaussian.arrangement import expected
+from bayestissue.hierarchy.population import covariances_of, population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import Formulas
 
@@ -37,7 +38,9 @@ def test_the_parts_of_b_have_their_names_places_and_priors() -> None:
     names = [f"{name}_{q}" for q in "KC" for name in own]
     assert list(locations.parts) == [*names, "noise_mean", "atanh_theta1_mean"]
     assert locations.size == 2 * (1 + 1 + 1 + 3 + 2) + 2
-    assert [m.shape[1] for m in columns.columns] == [8, 8, 1, 1]
+    # An intercept, a mass exponent, a covariate and two trials each; people are eliminated first.
+    assert [m.shape[1] for m in columns.rest] == [5, 5, 1, 1]
+    assert [m.shape for m in columns.inner_element] == [(1, 3), (1, 3), (0, 3), (0, 3)]
     assert locations.mean[locations.parts["intercept_C"]] == priors.intercept.C.mean
     assert locations.sd[locations.parts["noise_mean"]] == priors.noise.sd
     effect = locations.parts["trial_effect_K"]
@@ -47,10 +50,9 @@ def test_the_parts_of_b_have_their_names_places_and_priors() -> None:
 
 def test_impacts_of_one_cell_share_its_row() -> None:
     _, columns = population_design(design(4), Priors(), NUISANCE)
-    assert {len(matrix) for matrix in columns.columns} == {6}
-    assert sorted(np.bincount(columns.cell)) == [4] * 6
+    assert sorted(np.unique(columns.cell, return_counts=True)[1]) == [4] * 6
     _, one_each = population_design(design(1), Priors(), NUISANCE)
-    assert list(one_each.cell) == list(range(6))
+    assert len(set(one_each.cell)) == 6
 
 
 def test_expectations_are_the_sums_of_the_formula() -> None:

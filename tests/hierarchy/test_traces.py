@@ -12,8 +12,8 @@ from numpy.testing import assert_allclose
 from numpyro.infer.util import log_density, potential_energy
 
 from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.gaussian.conditional import Sites
-from bayestissue.hierarchy.population import PopulationDesign, population_design
+from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import Formulas
 from bayestissue.hierarchy.traces import (
@@ -63,7 +63,7 @@ def made(kind: Kind) -> tuple[TraceModel, TraceData, Sites]:
         record, peak = displacement_record(x, *start, errors), 0.02
     data = TraceData(
         record,
-        PopulationDesign(tuple(map(jnp.asarray, columns.columns)), jnp.asarray(columns.cell)),
+        jax.tree.map(jnp.asarray, columns),
         jnp.asarray(locations.mean),
         jnp.log(jnp.asarray(rows["mass_kg"].to_numpy())),
         jnp.full(NUMBER, np.log(peak)),

@@ -13,7 +13,7 @@ from numpyro.infer.util import potential_energy
 
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy import population
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import COORDINATES, sampled_model

@@ -11,30 +11,30 @@ import pytest
 import xarray as xr
 
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.samplers.independence import IndependenceDraws, Spreads, independence_chains
+from bayestissue.inference.samplers.independence import IndependenceDraws, independence_chains
 
 COUNT, MEAN, SQUARE = 60.0, 0.1, 0.04
 
 
 def model(count: float) -> None:
     """Mean and precision of ``count`` normal values of known mean and mean square, with a conjugate prior."""
-    precision = numpyro.sample("precision", dist.Gamma(1.0, 0.1))
-    mean = numpyro.sample("mean", dist.Normal(0.0, 10.0))
+    moved, log_precision = numpyro.sample("y", dist.ImproperUniform(dist.constraints.real_vector, (), (2,)))
+    mean, precision = MEAN + moved, jnp.exp(log_precision) / SQUARE
+    numpyro.factor("priors", dist.Gamma(1.0, 0.1).log_prob(precision) + log_precision)
+    numpyro.factor("prior", dist.Normal(0.0, 10.0).log_prob(mean))
     numpyro.factor("values", count * (jnp.log(precision) - precision * (SQUARE + (mean - MEAN) ** 2)) / 2)
 
 
 @pytest.fixture(scope="module")
 def found() -> IndependenceDraws:
-    # Deliberately half as wide as the posterior, and off its middle: the moments must find it.
-    start = Spreads(
-        {"mean": np.array(MEAN + 0.02), "precision": np.array(np.log(1 / SQUARE))},
-        np.diag([SQUARE / COUNT, 2 / COUNT]) / 4,
-    )
-    return independence_chains(model, (COUNT,), start, Sampler(chains=4, draws=1000), 1)
+    # Deliberately half as wide as the posterior: the moments must find it.
+    covariance = np.diag([SQUARE / COUNT, 2 / COUNT]) / 4
+    return independence_chains(model, (COUNT,), "y", covariance, Sampler(chains=4, draws=1000), 1)
 
 
 def test_the_draws_have_the_known_moments(found: IndependenceDraws) -> None:
-    sites = found.draws.sites
+    y = found.draws.sites["y"]
+    sites = {"mean": MEAN + y[..., 0], "precision": y[..., 1] - np.log(SQUARE)}
     draws = xr.Dataset({name: (("chain", "draw"), values) for name, values in sites.items()})
     size = az.ess(draws)
     assert min(float(size[name]) for name in sites) > 2000
@@ -61,9 +61,8 @@ def test_statistics_are_those_of_the_sampler_that_others_read(found: Independenc
 def test_proposals_that_miss_the_posterior_say_so() -> None:
     def far(shift: float) -> None:
         # Two ridges far apart: the start knows of one only.
-        x = numpyro.sample("x", dist.Normal(0.0, 1.0))
+        (x,) = numpyro.sample("x", dist.Normal(jnp.zeros(1), 1.0).to_event(1))
         numpyro.factor("ridges", jnp.logaddexp(-((x / 0.01) ** 2), 4 - jnp.abs(x) / shift) + x**2 / 2)
 
-    start = Spreads({"x": np.array(0.0)}, np.array([[1e-4]]))
-    found = independence_chains(far, (30.0,), start, Sampler(chains=2, draws=500), 2)
+    found = independence_chains(far, (30.0,), "x", np.array([[1e-4]]), Sampler(chains=2, draws=500), 2)
     assert found.pareto_k > 0.7 or np.abs(found.draws.sites["x"]).max() > 10

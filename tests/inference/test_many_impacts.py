@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from bayestissue.hierarchy.population import PopulationDesign
+from bayestissue.hierarchy.gaussian.arrangement import arrange
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference import fit as traces
 from bayestissue.inference.execution import chunks as trace_blocks
+from bayestissue.inference.execution import kept as many_kept
 from bayestissue.inference.execution.chunks import in_blocks
+from bayestissue.inference.execution.kept import kept_draws, some_impacts
 from bayestissue.inference.factors.grid import LikelihoodGrid, flat_grid
-from bayestissue.inference.many import kept as many_kept
-from bayestissue.inference.many.grid_sum import surface_of
-from bayestissue.inference.many.kept import kept_draws, some_impacts
+from bayestissue.inference.factors.grid_sum import surface_of
 from bayestissue.inference.results.summary import summarise
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.simulation import simulate
@@ -34,7 +34,7 @@ def data_of_sines() -> TraceData:
     x = np.sin(40 * time) * np.arange(1, COUNT + 1)[:, None] * 1e-3
     same = np.ones(COUNT)
     record = displacement_record(x, np.full(COUNT, 30), 0 * same, 1e-3 * same, np.zeros((COUNT, 3)))
-    design = PopulationDesign((np.ones((3, 2)),), np.arange(COUNT) % 3)
+    design = arrange([np.ones((3, 2))], np.arange(COUNT) % 3, [])
     return TraceData(record, design, jnp.zeros(2), jnp.arange(COUNT) * 1.0, jnp.zeros(COUNT))
 
 

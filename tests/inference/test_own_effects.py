@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-from pathlib import Path
 from types import SimpleNamespace
 
 import jax.numpy as jnp
@@ -14,8 +12,6 @@ from numpy.testing import assert_allclose
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.inference.posterior.own_effects import gained, own_effects
-
-sys.path.append(str(Path(__file__).parents[1] / "hierarchy"))
 from designs import EVERYTHING, design_of
 
 FORMULA_C = "(1|subject/side) + (1|session)"

@@ -17,7 +17,7 @@ from scipy.stats import norm
 
 from bayestissue.dataset import Dataset, Trace, Uncertainty
 from bayestissue.errors import InputError
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import from_standard, plain_model, sampled_model

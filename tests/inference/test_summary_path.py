@@ -6,11 +6,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from arviz_stats.base import array_stats
 from scipy.special import logsumexp
 
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import gaussian
 from bayestissue.inference.factors.grid import flat_grid
 from bayestissue.inference.factors.importance_ratios import (
     importance_ratios,
@@ -19,12 +21,14 @@ from bayestissue.inference.factors.importance_ratios import (
 from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.moments import log_site, normals, standard_points
-from bayestissue.inference.posterior.approximate import approximate
+from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.conditional_prior import conditional_priors
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
+from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.recipe import corrected_draws, marginal_draws
+from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.samplers.psis import pareto_smoothed
+from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
@@ -106,12 +110,21 @@ def test_a_profile_interpolates_cubics_and_integrates_against_a_normal() -> None
     np.testing.assert_allclose(found, exact, rtol=1e-7)
 
 
-def test_summaries_stand_for_the_traces(prepared: Prepared) -> None:
-    summarised = approximate(prepared)
-    draws, correction = marginal_draws(prepared, summarised, Sampler(chains=2, warmup=200, draws=500), 1)
+SETTINGS = Sampler(chains=2, warmup=200, draws=500)
+
+
+@pytest.fixture(scope="module")
+def summary_route(prepared: Prepared) -> tuple[Approximation, Draws, Correction]:
+    return corrected_draws(prepared, SETTINGS, 1)
+
+
+def test_summaries_stand_for_the_traces(
+    prepared: Prepared, summary_route: tuple[Approximation, Draws, Correction]
+) -> None:
+    sites, draws, correction = summary_route
     assert correction.trusted
     assert correction.relative > 0.5
-    unfolded = constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(1))
+    unfolded = constrained_draws(prepared, sites.summaries, draws, jax.random.PRNGKey(1))
     assert unfolded.impacts["K"].shape == (2, 500, 16)
     assert np.isfinite(unfolded.log_likelihood["trace"]).all()
 
@@ -127,7 +140,8 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     size = len(summarised.spreads.names)
     raw = summarised.spreads.raw(rng.multivariate_normal(np.zeros(size), summarised.spreads.covariance, 64))
     raw["sd_noise"][:2] = -7.0
-    anchors = conditional_priors(model, data, summaries, raw, np.zeros((64, model.locations.size))).anchors
+    z_b = np.zeros((64, model.locations.size))
+    anchors = conditional_priors(model, gaussian(data, summaries), raw, z_b).anchors
     ratios = importance_ratios(model, data, summaries, anchors, standard_points(3))
     first = ConditionalPrior(*(part[:8] for part in anchors))
     tabulated = log_evidence_corrections(summaries, ratios, first)
@@ -156,23 +170,29 @@ def test_smoothed_weights_lead_from_draws_to_their_target() -> None:
     assert abs(mean - 0.5) < 5 / np.sqrt(4000 * np.exp(-0.25))
 
 
-def test_the_summary_and_the_exact_route_agree_within_their_monte_carlo_errors(prepared: Prepared) -> None:
-    import arviz as az
+def quantities(prepared: Prepared, sites: Approximation, draws: Draws) -> np.ndarray:
+    """The hyperparameters, the effects, and log K and log C of every impact, [chain, draw, quantity]."""
+    flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in draws.sites.items()}
+    z_b, z_u = flat.pop("standard_locations"), flat.pop("standard_impacts")
+    every = conditional_priors(prepared.model, prepared.data, sites.summaries, flat, z_b)
+    u = normals(sites.summaries, every.anchors).at(z_u)
+    columns = [np.stack([flat[name] for name in prepared.model.spreads], axis=1), every.b]
+    columns += [u[..., :2].reshape(len(u), -1)]
+    return np.concatenate(columns, axis=1).reshape(SETTINGS.chains, SETTINGS.draws, -1)
 
-    settings, found = Sampler(chains=2, warmup=200, draws=400), {}
-    sites, draws, correction = corrected_draws(prepared, settings, 2)
-    assert correction.trusted
-    found["summary"] = constrained_draws(prepared, sites.summaries, draws, jax.random.PRNGKey(2))
+
+def test_the_summary_and_the_exact_route_agree_within_their_monte_carlo_errors(
+    prepared: Prepared, summary_route: tuple[Approximation, Draws, Correction]
+) -> None:
     sites = approximate(prepared, refinements=0)
-    draws = exact_draws(prepared, sites, settings, 2, processes=False)
-    found["exact"] = constrained_draws(prepared, sites.summaries, draws, jax.random.PRNGKey(3))
+    found = [
+        quantities(prepared, *summary_route[:2]),
+        quantities(prepared, sites, exact_draws(prepared, sites, SETTINGS, 2, processes=False)),
+    ]
     distance = []
-    for name in ("mass_exponent_K", "sd_subject_K", "sd_impact_K", "sd_noise", "noise_mean", "K", "C"):
-        values = [{**each.sites, **each.impacts}[name] for each in found.values()]
-        values = [each.reshape(*each.shape[:2], -1) for each in values]
-        for number in range(values[0].shape[-1]):
-            own = [np.log(each[..., number]) if name in "KC" else each[..., number] for each in values]
-            error = np.hypot(*(float(az.mcse(each, method="mean")) for each in own))
-            distance.append((own[0].mean() - own[1].mean()) / error)
-    # 37 numbers: the greatest of as many standard normals is beyond 4.5 in one run of four thousand.
+    for one, other in zip(*(np.moveaxis(each, -1, 0) for each in found), strict=True):
+        error = np.hypot(*(float(array_stats.mcse(each, method="mean")) for each in (one, other)))
+        distance.append((one.mean() - other.mean()) / error)
+    # Some sixty numbers: the greatest of as many standard normals is beyond 4.5 in one run of two thousand.
+    assert len(distance) > 32
     assert np.abs(distance).max() < 4.5

@@ -12,6 +12,7 @@ from scipy.special import logsumexp
 
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.traces import gaussian
 from bayestissue.inference.factors.importance_ratios import log_evidence_corrections
 from bayestissue.inference.factors.laplace import ConditionalPrior, times
 from bayestissue.inference.factors.likelihoods import log_likelihoods
@@ -69,7 +70,7 @@ def fit(request: pytest.FixtureRequest) -> Fit:
     told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
     flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in draws.sites.items()}
     expected = conditional_priors(
-        prepared.model, prepared.data, told.summaries, flat, flat["standard_locations"]
+        prepared.model, gaussian(prepared.data, told.summaries), flat, flat["standard_locations"]
     )
     found = constrained_draws(prepared, told.summaries, draws, jax.random.PRNGKey(0), told=told)
     u = found.impacts["parameters"]

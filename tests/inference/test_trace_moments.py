@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import log_likelihood, with_normal_errors

@@ -6,7 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.inference.factors import regression
 from bayestissue.inference.factors.laplace import _MOST_GAIN as MOST_GAIN
 from bayestissue.inference.factors.regression import _nearest, _parabola
@@ -82,7 +82,7 @@ def test_a_sloping_likelihood_that_opens_upwards_promises_no_more_than_is_believ
     held = Sites(*map(jnp.asarray, (centre, slope, precision, level)))
     far = np.zeros((3, 1, 3))
     far[:, 0, 0] = 10.0, 1000.0, 100_000.0
-    gain = (np.asarray(held.log_summary(list(np.moveaxis(far, -1, 0)))) - level)[:, 0]
+    gain = (np.asarray(held.log_density(far)) - level)[:, 0]
     assert (gain <= most).all()
     assert (gain[1:] < 0).all()
     np.testing.assert_allclose(np.diag(precision[0])[1:], [4.0, 1.0], rtol=0.1)

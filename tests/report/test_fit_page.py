@@ -130,6 +130,8 @@ def test_failed_diagnostics_are_loud_on_the_first_screen_of_any_likelihood(tmp_p
     assert "DIAGNOSTICS FAILED" in first_screen(html)
     assert 'class="verdict failed"' in first_screen(html)
     assert "Draw longer chains." in html
+    # The route of the draws stands with the sampler's diagnostics.
+    assert "Sampled by the exact path, since." in plain(html)
     assert "recorded noise is not what this model assumes" in plain(first_screen(html))
     assert "accelerometer with white noise" in plain(html)
     assert "models/impact.toml" not in html

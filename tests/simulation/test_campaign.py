@@ -133,3 +133,66 @@ def test_what_is_written_is_a_dataset(tmp_path, output):
     for read, kept in zip(back.traces, direct.traces, strict=True):
         np.testing.assert_array_equal(read.value, kept.value)
         np.testing.assert_allclose(read.time_s, kept.time_s, atol=1e-12)
+
+
+def with_groups(**recording):
+    return Simulation.model_validate(
+        {
+            "name": "groups",
+            "design": {
+                "subjects": 40,
+                "factors": [
+                    {"name": "side", "levels": ["left", "right"]},
+                    {"name": "session", "levels": 3, "every": False},
+                ],
+            },
+            "tissue": {
+                "K_N_per_m": 3000.0,
+                "C_N_s_per_m": 25.0,
+                "mass_exponent_K": 0.2,
+                "sd_group": {"subject:side": {"K": 0.2}, "session": {"C": 0.1}},
+                "sd_slope": {"log(mass_kg)|subject": {"K": 0.3}},
+            },
+            "recording": {"sampling_rate_hz": 500.0, **recording},
+        }
+    )
+
+
+def test_further_factors_have_columns_effects_and_slopes():
+    made = simulate(with_groups())
+    impacts, truth = made.impacts, made.truth
+    assert (impacts.groupby(["trial", "subject"])["side"].nunique() == 2).all()
+    assert impacts["session"].value_counts().to_dict() == dict.fromkeys("123", len(impacts) // 3)
+    assert impacts["impact"].is_unique
+    levels = truth.groupby([impacts["subject"], impacts["side"]])["subject_side_effect_K"]
+    assert (levels.nunique() == 1).all()
+    # Standard deviations of 80 levels and 40 people, three standard errors wide.
+    assert levels.first().std() == pytest.approx(0.2, rel=3 / (2 * 80) ** 0.5)
+    exponents = truth.groupby(impacts["subject"])["subject_mass_exponent_K"].first()
+    assert exponents.std() == pytest.approx(0.3, rel=3 / (2 * 40) ** 0.5)
+    assert exponents.mean() == pytest.approx(0.2, abs=3 * 0.3 / 40**0.5)
+    log_mass = np.log(truth["mass_kg"] / 0.7)
+    wanted = np.log(3000) + truth["subject_mass_exponent_K"] * log_mass + truth["subject_side_effect_K"]
+    np.testing.assert_allclose(np.log(truth["K_N_per_m"]), wanted, rtol=1e-12)
+
+
+def test_effects_of_further_groups_leave_the_other_random_numbers_as_they_are():
+    plain = with_groups().model_dump()
+    plain["tissue"] |= {"sd_group": {}, "sd_slope": {}}
+    a, b = simulate(Simulation.model_validate(plain)), simulate(with_groups())
+    np.testing.assert_array_equal(a.truth["contact_time_s"], b.truth["contact_time_s"])
+    np.testing.assert_array_equal(a.impacts["session"], b.impacts["session"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"sd_group": {"subject:hand": {"K": 0.1}}}, "without hand"),
+        ({"sd_slope": {"age|subject": {"K": 0.1}}}, "without age"),
+    ],
+)
+def test_effects_of_columns_that_the_design_lacks_are_refused(changes, words):
+    content = with_groups().model_dump()
+    content["tissue"] |= changes
+    with pytest.raises(ValueError, match=words):
+        Simulation.model_validate(content)

@@ -14,10 +14,12 @@ from typing import Literal, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
+from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.padding import bucket
 
@@ -78,18 +80,6 @@ class Effects:
         return np.repeat(np.array(values, float), [part.width for part in self.each])
 
 
-class PopulationDesign(NamedTuple):
-    """Design matrices over cells, the distinct rows of the design, and the cell of every impact.
-
-    Attributes:
-        columns: one matrix per parameter of an impact, [cell, that parameter's part of b].
-        cell: of each impact.
-    """
-
-    columns: tuple[Float[np.ndarray | Array, "cell part"], ...]
-    cell: Int[np.ndarray | Array, " impact"]
-
-
 def population_design(
     design: Design, priors: Priors, nuisance: tuple[str, ...]
 ) -> tuple[Effects, PopulationDesign]:
@@ -101,9 +91,8 @@ def population_design(
         nuisance: names of an impact's parameters besides log K and log C.
 
     Returns:
-        What the elements of b are, and the matrices X with rows that repeat kept once.
+        What the elements of b are, and X with rows that repeat kept once, arranged for elimination.
     """
-    number = len(design.subject)
     design, row = _distinct_rows(design)
     parts: list[EffectPart] = []
     rows: list[np.ndarray] = []
@@ -117,12 +106,9 @@ def population_design(
         rows.append(np.ones((len(design.subject), 1)))
     whole = np.concatenate(rows, axis=1)
     _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
-    cell = cell.reshape(-1)[row]
-    # As many cells as impacts, once both are filled up, are the impacts.
-    if bucket(len(first)) == bucket(number):
-        first, cell = row, np.arange(number)
-    columns = tuple(matrix[first] for matrix in rows)
-    return Effects(tuple(parts)), PopulationDesign(columns, cell)
+    found = Effects(tuple(parts))
+    groups = [found.parts[part.name] for part in parts if part.spread]
+    return found, arrange([matrix[first] for matrix in rows], cell.reshape(-1)[row], groups)
 
 
 def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
@@ -172,77 +158,13 @@ def _response(
     return np.concatenate(matrices, axis=1), pieces
 
 
-class SharedMassError(NamedTuple):
-    """The error of a person's mass, which moves the person's log K and log C in every impact alike.
-
-    Attributes:
-        effect_on_K: elements of b that are a person's effects on log K.
-        effect_on_C: those on log C.
-        variance: of the error of log mass.
-    """
-
-    effect_on_K: Int[np.ndarray | Array, " person"]
-    effect_on_C: Int[np.ndarray | Array, " person"]
-    variance: Float[Array, ""] | float
-
-
-class Covariances(NamedTuple):
-    """Covariance of an impact's parameters about X b, and the standard deviations of b's elements.
-
-    Attributes:
-        own: of (log K, log C) at the recorded mass, as (KK, KC, CC).
-        nuisance: standard deviation of each nuisance parameter between impacts.
-        locations: prior standard deviation of each element of b, a shared error left out.
-        shared: the error of mass that a person's two effects share, where the mass is a person's own; b's
-            effects of people are then those at the recorded mass.
-    """
-
-    own: tuple[Array, Array, Array]
-    nuisance: tuple[Array, ...]
-    locations: Float[Array, " location"]
-    shared: SharedMassError | None = None
-
-    def precision(self) -> tuple[Float[Array, " location"], Float[Array, " person"] | None]:
-        """Prior precision of b: its diagonal, and the entries between a person's two effects."""
-        diagonal = self.locations**-2.0
-        if self.shared is None:
-            return diagonal, None
-        on_K, on_C, variance = self.shared
-        K, C, determinant = self._pairs()
-        diagonal = diagonal.at[on_K].set((C + variance) / determinant)
-        return diagonal.at[on_C].set((K + variance) / determinant), -variance / determinant
-
-    def weigh(self, values: Float[Array, " location"]) -> Float[Array, " location"]:
-        """The prior precision of b times ``values``."""
-        diagonal, between = self.precision()
-        weighed = diagonal * values
-        if self.shared is None or between is None:
-            return weighed
-        on_K, on_C, _ = self.shared
-        return weighed.at[on_K].add(between * values[on_C]).at[on_C].add(between * values[on_K])
-
-    def precision_matrix(self) -> Float[Array, "location location"]:
-        """The same as a matrix."""
-        diagonal, between = self.precision()
-        matrix = jnp.diag(diagonal)
-        if self.shared is None:
-            return matrix
-        on_K, on_C, _ = self.shared
-        return matrix.at[on_K, on_C].set(between).at[on_C, on_K].set(between)
-
-    def log_scale(self) -> Float[Array, ""]:
-        """Half the log determinant of b's prior covariance."""
-        alone = jnp.log(self.locations).sum()
-        if self.shared is None:
-            return alone
-        K, C, determinant = self._pairs()
-        return alone + jnp.log(determinant / (K * C)).sum() / 2
-
-    def _pairs(self) -> tuple[Array, Array, Array]:
-        """Of each person: the variances of the own effects, and the covariance's determinant."""
-        assert self.shared is not None  # noqa: S101 - the callers ask
-        K, C = self.locations[self.shared.effect_on_K] ** 2, self.locations[self.shared.effect_on_C] ** 2
-        return K, C, K * C + self.shared.variance * (K + C)
+def of_impacts(
+    design: PopulationDesign, covariances: Covariances, values: Float[Array, " person"]
+) -> Float[Array, " impact"]:
+    """Each impact's person's value, where people share an error of mass."""
+    assert covariances.shared is not None  # noqa: S101 - the callers ask
+    alone = jnp.zeros(len(covariances.locations)).at[covariances.shared.effect_on_K].set(values)
+    return expected(design, alone)[0]
 
 
 def covariances_of(
@@ -279,31 +201,3 @@ def covariances_of(
         on_K, on_C = (np.r_[locations.parts[f"subject_effect_{q}"]] for q in RESPONSES)
         shared = SharedMassError(on_K, on_C, log_mass_sd**2)
     return Covariances(own, tuple(sites[f"sd_{name}"] for name in nuisance), sd, shared)
-
-
-def expected(design: PopulationDesign, b: Float[Array, " location"]) -> list[Float[Array, " impact"]]:
-    """X b: the expectation of each of an impact's parameters.
-
-    Args:
-        design: X over cells.
-        b: all location parameters.
-    """
-    values, begin = [], 0
-    for matrix in design.columns:
-        end = begin + matrix.shape[1]
-        values.append((jnp.asarray(matrix) @ b[begin:end])[design.cell])
-        begin = end
-    return values
-
-
-def of_impacts(
-    design: PopulationDesign, shared: SharedMassError, values: Float[Array, " person"]
-) -> Float[Array, " impact"]:
-    """Each impact's person's value.
-
-    Args:
-        design: X over cells, which has a column for every person.
-        shared: where these columns are; those of log K begin b.
-        values: one a person.
-    """
-    return (jnp.asarray(design.columns[0])[:, shared.effect_on_K] @ values)[design.cell]

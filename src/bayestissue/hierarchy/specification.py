@@ -64,8 +64,8 @@ class Sampler(_Table):
     path: Literal["automatic", "exact", "summary"] = Field(
         default="automatic",
         description="exact: every trace in every step. summary: each trace summarised once, then the "
-        "hierarchy, then a correction by importance sampling. automatic: summary, and exact where the "
-        "correction fails. Only for traces.",
+        "hierarchy, then a correction by importance sampling. automatic: summary, and exact where no "
+        "correction can be trusted. Only for traces.",
     )
 
     @property

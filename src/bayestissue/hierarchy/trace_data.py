@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
@@ -134,7 +135,7 @@ def assemble(
     record, peak = _record(dataset, specification, signal)
     data = TraceData(
         record,
-        type(columns)(tuple(jnp.asarray(c) for c in columns.columns), jnp.asarray(columns.cell)),
+        jax.tree.map(jnp.asarray, columns),
         jnp.asarray(found.mean),
         jnp.log(jnp.asarray(signal.mass)),
         jnp.log(jnp.asarray(peak)),

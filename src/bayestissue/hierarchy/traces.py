@@ -21,23 +21,12 @@ from jaxtyping import Bool, Float
 from numpyro.distributions import biject_to
 
 from bayestissue.elements import element as element_named
-from bayestissue.hierarchy.gaussian.conditional import (
-    Conditional,
-    Sites,
-    effects_from_standard,
-    impact_parameters,
-    integrate_out,
-)
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
+from bayestissue.hierarchy.gaussian.conditional import Conditional, Data, integrate_out
+from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.gaussian.impacts import Sites, lay
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
-from bayestissue.hierarchy.population import (
-    Covariances,
-    Effects,
-    MassError,
-    PopulationDesign,
-    covariances_of,
-    expected,
-    of_impacts,
-)
+from bayestissue.hierarchy.population import Effects, MassError, covariances_of, of_impacts
 from bayestissue.hierarchy.priors import HalfNormal, Priors
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.warp import SinhArcsinh
@@ -280,12 +269,12 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
     if spread.shared is not None:
         # K of a heavier person than recorded looks smaller, by as much in every impact.
         person = dist.Normal(0.0, model.log_mass_sd).expand([len(spread.shared.effect_on_K)]).to_event(1)
-        error = of_impacts(data.design, spread.shared, numpyro.sample("log_mass_error", person))
-        about[:2] = [about[0] - error, about[1] - error]
+        error = of_impacts(data.design, spread, numpyro.sample("log_mass_error", person))
+        about = about.at[:2].add(-error)
     kk, kc, cc = spread.own
     own = jnp.stack([jnp.stack([kk, kc]), jnp.stack([kc, cc])])
     with numpyro.plate("impacts", data.log_mass.shape[0]):
-        pair = dist.MultivariateNormal(jnp.stack(about[:2], axis=-1), own)
+        pair = dist.MultivariateNormal(about[:2].T, own)
         logs = numpyro.sample("log_K_and_C", pair)
         rest = [
             numpyro.sample(name, dist.Normal(mean, sd))
@@ -319,7 +308,7 @@ def sampled_model(
         y, z_b = z_b[-1], warped(z_b, warp)
         numpyro.factor("warp", jnp.log(warp.part(-1).slope(y)) + (y**2 - z_b[-1] ** 2) / 2)
     found = from_standard(model, data, summaries, sites, z_b, z_u)
-    density = found.conditional.log_evidence - summaries.log_summary(found.u).sum()
+    density = found.conditional.log_marginal - summaries.log_density(jnp.stack(found.u, axis=-1)).sum()
     numpyro.factor("change_of_variables", density)
     u = found.u
     if present is not None:
@@ -338,25 +327,9 @@ def _standard(*shape: int) -> dist.Distribution:
     return dist.Normal().expand(list(shape)).to_event(len(shape))
 
 
-class Located(NamedTuple):
-    """b and X b from standard normals, and the conditional that they are of."""
-
-    b: Array
-    about: list[Array]
-    conditional: Conditional
-
-
-def located(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Sites,
-    sites: dict[str, Array],
-    z_b: Float[Array, " location"],
-) -> Located:
-    """The locations b as `hierarchy.gaussian.conditional` maps them, the standard deviations given."""
-    conditional = integrate_out(data.design, population(model, sites), data.location_mean, summaries)
-    b = effects_from_standard(conditional, z_b)
-    return Located(b, expected(data.design, b), conditional)
+def gaussian(data: TraceData, sites: Sites) -> Data:
+    """What the hierarchy's closed forms ask of the dataset, a site standing for each trace."""
+    return Data(data.design, data.location_mean, lay(data.design, sites))
 
 
 class Drawn(NamedTuple):
@@ -364,7 +337,7 @@ class Drawn(NamedTuple):
 
     b: Array
     u: list[Array]
-    about: list[Array]
+    about: Array
     conditional: Conditional
 
 
@@ -377,5 +350,7 @@ def from_standard(
     z_u: Float[Array, "impact parameter"],
 ) -> Drawn:
     """The affine maps of `bayestissue.hierarchy.gaussian.conditional`, the standard deviations given."""
-    b, about, conditional = located(model, data, summaries, sites, z_b)
-    return Drawn(b, impact_parameters(conditional, summaries, about, z_u), about, conditional)
+    conditional = integrate_out(gaussian(data, summaries), population(model, sites))
+    b = conditional.draw_effects(z_b)
+    u = conditional.draw_impacts(summaries, b, z_u)
+    return Drawn(b, list(u), expected(data.design, b), conditional)

@@ -14,16 +14,17 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
-from bayestissue.inference.many.approximate import summarise_many
-from bayestissue.inference.many.draws import MANY, many_draws
+from bayestissue.inference.execution.kept import all_fit, some_impacts, some_of
 from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
+from bayestissue.inference.posterior.expansion import rows_of
+from bayestissue.inference.posterior.in_part import draws_in_part
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.posterior.route import Route, duration
 from bayestissue.inference.posterior.scores import LikelihoodApproximation
@@ -70,8 +71,8 @@ def fit_traces(
         say: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
 
-    Many impacts go by a summary path of their own, unless the model file says "exact": see
-    `bayestissue.inference.many.draws`.
+    Where draws times impacts are more than fits, impacts are kept in part: see
+    `bayestissue.inference.posterior.in_part`.
 
     By the summary path the population is sampled with each trace's site in its place, and the draws are then
     corrected; "automatic" goes on to the exact path, every trace in every step, where no correction can be
@@ -80,19 +81,21 @@ def fit_traces(
     """
     done = partial(say, "summarising each trace")
     done(0, 1)
-    if specification.sampler.path != "exact" and len(prepared.impacts) >= MANY:
-        many = summarise_many(prepared, say=done)
-        drawn, unfolded, corrected = many_draws(prepared, many, specification.sampler, seed, say)
-        return analyse(prepared, specification, unfolded, drawn, seed, say, Route("summary", corrected))
     settings = specification.sampler
     if settings.path == "exact":
         return _exactly(prepared, specification, seed, say, checkpoints, Route("exact"))
     doubted = specification.may_add_discrepancy and not prepared.model.discrepancy
     expansions = expanded(prepared)
-    wrong = misfit_precheck(prepared, expansions, seed) if doubted else None
+    wrong = _plainly_wrong(prepared, expansions, seed) if doubted else None
     if wrong is not None:
         return wrong
     first = approximate(prepared, expansions=expansions, say=done)
+    if not all_fit(settings.chains * settings.transitions, len(prepared.impacts)):
+        draws, unfolded, correction = draws_in_part(prepared, first, settings, seed, say)
+        route = Route(settings.path, correction)
+        if route.exact:
+            return _exactly(prepared, specification, seed, say, checkpoints, route, first)
+        return analyse(prepared, specification, unfolded, draws, seed, say, route)
     sampling = partial(say, "sampling the population")
     summarised, draws, correction = corrected_draws(
         prepared, settings, seed, summarised=first, say=done, progress=sampling
@@ -104,6 +107,14 @@ def fit_traces(
         summarised.summaries, summarised.profile, correction.ratios, correction.of_impacts
     )
     return label(prepared, specification, told.summaries, draws, seed, say, told, route)
+
+
+def _plainly_wrong(prepared: Prepared, expansions: Sites, seed: int) -> dict[str, Any] | None:
+    """`misfit_precheck` of some impacts, or all."""
+    rows = some_impacts(len(prepared.impacts))
+    if len(rows) == len(prepared.impacts):
+        return misfit_precheck(prepared, expansions, seed)
+    return misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
 
 
 def _exactly(

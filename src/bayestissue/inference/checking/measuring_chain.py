@@ -27,7 +27,7 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution, with_normal_errors
@@ -36,8 +36,8 @@ from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.model_form import LIMIT, judged
 from bayestissue.inference.checking.words import in_words
 from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
-from bayestissue.inference.many.kept import some_impacts, some_of
 from bayestissue.inference.posterior.approximate import expanded, first_guess
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 from bayestissue.inference.results.tree import error_names

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking.model_form import LIMIT, judged
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates

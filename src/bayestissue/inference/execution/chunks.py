@@ -24,8 +24,17 @@ OfBlock = Callable[[TraceData, Rows], Any]
 Item = tuple[OfBlock, TraceData, list[Rows], int]
 
 
+def of_each(function: Callable[..., Any], data: TraceData, *given: Any, progress: Progress = silent) -> Any:
+    """``function(data, *given)`` block by block; arrays of ``given`` have impacts along their first axis."""
+
+    def one(part: TraceData, rows: Rows) -> Any:
+        return function(part, *jax.tree.map(lambda leaf: np.asarray(leaf)[rows], given))
+
+    return in_blocks(data, one, progress=progress)
+
+
 def impacts_of(data: TraceData, rows: Rows) -> TraceData:
-    """Some impacts' traces, masses and cells."""
+    """Some impacts' traces and masses; the design is still that of all."""
 
     def chosen(leaf: Any) -> Any:
         # Sums run over blocks of samples first, so that there the impacts come second.
@@ -34,7 +43,6 @@ def impacts_of(data: TraceData, rows: Rows) -> TraceData:
 
     return data._replace(
         record=jax.tree.map(chosen, data.record),
-        design=data.design._replace(cell=np.asarray(data.design.cell)[rows]),
         log_mass=chosen(data.log_mass),
         log_peak=chosen(data.log_peak),
     )
@@ -51,8 +59,10 @@ def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent
     count = len(data.log_mass)
     blocks = -(-count // BLOCK)
     size = -(-count // blocks)
-    # The design matrices stay behind: what is done block by block is told X b.
-    data = data._replace(design=data.design._replace(columns=()))
+    # The design stays behind: what is done block by block is told X b.
+    data = data._replace(design=None)  # type: ignore[arg-type]
+    if blocks == 1 and cluster() is None:
+        return jax.tree.map(np.asarray, function(data, np.arange(count)))
     rows = [np.minimum(np.arange(number * size, (number + 1) * size), count - 1) for number in range(blocks)]
     few = jax.default_backend() != "cpu" or blocks < _FEW
     jobs, scheduler = 1 if few else runtime.cores(), cluster()

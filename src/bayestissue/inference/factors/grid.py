@@ -13,7 +13,7 @@ from scipy.interpolate import pchip_interpolate
 from scipy.special import logsumexp
 from scipy.stats import norm
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
@@ -47,6 +47,10 @@ class LikelihoodGrid(NamedTuple):
         a, b, c, d = (self.log_likelihood[index + k, columns] for k in (-1, 0, 1, 2))
         bend = a * (-0.5) + 1.5 * b - 1.5 * c + 0.5 * d
         return ((bend * t + a - 2.5 * b + 2 * c - 0.5 * d) * t + (c - a) / 2) * t + b
+
+    def total(self, mean: Array, sd: Array) -> Float[Array, ""]:
+        """The log evidence of all impacts together."""
+        return self.log_evidence(mean, sd).sum()
 
     def over(
         self, mean: Float[Array, " draw"], sd: Float[Array, " draw"]

@@ -17,15 +17,20 @@ from jax import Array
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from bayestissue.hierarchy.gaussian.conditional import Sites, prior_times
+from bayestissue.hierarchy.gaussian import blocks
+from bayestissue.hierarchy.gaussian.impacts import (
+    ImpactConditional,
+    ImpactPrior,
+    Sites,
+    parameters_first,
+)
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
 from bayestissue.inference.factors.grid import LikelihoodGrid
-from bayestissue.inference.factors.laplace import ConditionalPrior, times
+from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.moments import log_site
 from bayestissue.inference.samplers.psis import below_greatest
-from bayestissue.likelihood import small
 
 # Among an impact's parameters: the noise, after log K and log C.
 _NOISE = 2
@@ -111,8 +116,10 @@ def importance_ratios(
     """
     known, tables = _known_and_tabulated(model, profile is not None)
     order, free = _order(known, tables), known - tables
-    normals = _Conditionals.of(summaries, anchors, order)
-    references, reaches = normals.reaches(free)
+    normals = _Ordered.of(Sites(*map(np.asarray, summaries)), anchors, known, tables)
+    means, sds = normals.of_tabulated()
+    references = means.mean(1)
+    reaches = np.abs(means - references[:, None]).max(1) + 4 * sds.max(1)
     lasts = anchors.mean[..., -1] + anchors.precision[..., -1, -1] ** -0.5 * standard[:, -1:]
     of_last = np.zeros(lasts.shape) if profile is None else np.asarray(_of_profile(profile, lasts))
     back = np.argsort(order)
@@ -120,9 +127,10 @@ def importance_ratios(
 
     def ratio(away: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
         """With the tabulated parameters so far from the centre, the others from their conditional."""
-        whole = np.broadcast_to(away, (*normals.shift[some].shape[:2], tables))
-        moved = np.concatenate([normals.given(whole, standard[some, :free], some), whole], axis=-1)
-        u = centre + moved[..., back]
+        given = normals._replace(shift=normals.shift[:, some], factor=normals.factor[:, :, some])
+        whole = np.broadcast_to(away[:, None], (tables, *given.shift.shape[1:]))
+        moved = np.concatenate([given.given(whole, standard[some, :free].T[..., None]), whole])
+        u = centre + np.moveaxis(moved, 0, -1)[..., back]
         complete = u if profile is None else np.concatenate([u, lasts[some, :, None]], axis=-1)
         density = log_likelihoods(model, data, complete)
         summary = log_site(summaries, complete) + of_last[some]
@@ -131,19 +139,23 @@ def importance_ratios(
         return u, np.where(has, density - np.where(has, summary, 0.0), -np.inf)
 
     u, log_ratio = ratio(references, slice(None))
-    log_density = normals.log_density((u - centre)[..., order], free)
+    log_density = np.full(u.shape[:2], -np.inf)
+    moved = np.moveaxis((u - centre)[..., order], -1, 0)
+    for draw in range(len(standard)):
+        one = normals._replace(shift=normals.shift[:, draw, None], factor=normals.factor[:, :, draw, None])
+        log_density = np.logaddexp(log_density, one.log_density(moved))
     few = slice(None, None, max(1, len(standard) // _POINTS_A_NODE))
     nodes = np.polynomial.chebyshev.chebpts1(_NODES)
 
     def table(number: int) -> TabulatedRatio:
-        step = reaches * (np.arange(tables) == number)
+        step = reaches * (np.arange(tables) == number)[:, None]
         values = np.stack([logsumexp(ratio(references + node * step, few)[1], axis=0) for node in nodes])
         # Where no point has any likelihood the polynomial must not be torn by minus infinity. Where none has
         # it all along, the table is level, and the points' own ratios say so.
         values = np.maximum(below_greatest(values), _LEAST_RATIO)
         # The points have their ratios at the reference, which is the middle node.
         values = values - values[_NODES // 2]
-        return TabulatedRatio(references[:, number], reaches[:, number], _chebyshev() @ values)  # type: ignore[arg-type]
+        return TabulatedRatio(references[number], reaches[number], _chebyshev() @ values)  # type: ignore[arg-type]
 
     made = tuple(table(number) for number in range(tables))
     return ImportanceRatios(u, log_density, log_ratio, made)  # type: ignore[arg-type]
@@ -167,48 +179,58 @@ def shapes(model: TraceModel, points: int, impacts: int, *, profiled: bool) -> I
 _of_profile = compiled_quickly()(LikelihoodGrid.at)
 
 
-class _Conditionals(NamedTuple):
-    """The normal conditional of each impact's parameters, in some order, under each draw of a population.
+class _Ordered(NamedTuple):
+    """The normal conditional of each impact's parameters less the site's centre, the tabulated ones last.
+
+    L' (u - m) - shift is standard normal, with L L' = P + D: the last parameters follow alone, and the others
+    given them. All arrays have the parameters first, in numpy or JAX.
 
     Attributes:
         shift: L^-1 (g + D (X b - m)).
-        factor: L, with L L' = P + D.
+        factor: L.
+        free: how many parameters have no table.
     """
 
-    shift: Float[np.ndarray, "draw impact parameter"]
-    factor: Float[np.ndarray, "draw impact parameter parameter"]
+    shift: Any
+    factor: Any
+    free: int
 
     @classmethod
-    def of(cls, summaries: Sites, anchors: ConditionalPrior, order: list[int]) -> _Conditionals:
-        centre, slope, own = (np.asarray(part) for part in summaries[:3])
-        whole = (own + anchors.precision)[..., order, :][..., order]
-        right = slope + times(anchors.precision, anchors.mean - centre)
-        factor = np.linalg.cholesky(whole)
-        return cls(np.linalg.solve(factor, right[..., order, None])[..., 0], factor)
+    def of(cls, sites: Sites, prior: ConditionalPrior, size: int, tables: int) -> _Ordered:
+        """Of an impact's first ``size`` parameters; others have no part in the sites."""
+        order = np.array(_order(size, tables))
+        precision = prior.precision[..., order[:, None], order]
+        own = Sites(
+            sites.centre[..., order],
+            sites.slope[..., order],
+            sites.precision[..., order[:, None], order],
+            sites.log_likelihood,
+        )
+        xp = precision.__array_namespace__()
+        # No density is asked for, which alone needs the determinant.
+        given = ImpactPrior(xp.moveaxis(precision, (-2, -1), (0, 1)), xp.zeros(()))
+        found = ImpactConditional.of(given, parameters_first(own))
+        about = xp.moveaxis(prior.mean[..., order], -1, 0)
+        return cls(found.toward(about), found.factor, size - tables)
 
-    def reaches(self, free: int) -> tuple[np.ndarray, np.ndarray]:
-        """Middle and reach of each tabulated parameter over all draws, less the centre, [impact, table]."""
-        inverse = np.linalg.inv(self.factor)
-        mean = times(inverse.swapaxes(-1, -2), self.shift)[..., free:]
-        sd = np.sqrt(np.square(inverse).sum(-2))[..., free:]
-        reference = mean.mean(0)
-        return reference, np.abs(mean - reference).max(0) + 4 * sd.max(0)
+    def of_tabulated(self) -> tuple[Any, Any]:
+        """Mean and standard deviation of each tabulated parameter."""
+        factor = self.factor[self.free :, self.free :]
+        root = blocks.inverse_factor(factor)
+        return blocks.solve_upper(factor, self.shift[self.free :]), (root**2).sum(0) ** 0.5
 
-    def given(self, away: np.ndarray, z: np.ndarray, some: slice) -> np.ndarray:
-        """The free parameters, less the centre, of some draws, the tabulated ones being ``away``."""
-        free = z.shape[-1]
-        upper = self.factor[some].swapaxes(-1, -2)
-        right = self.shift[some][..., :free] + z[:, None] - times(upper[..., :free, free:], away)
-        return np.linalg.solve(upper[..., :free, :free], right[..., None])[..., 0]
+    def given(self, away: Any, z: Any) -> Any:
+        """The free parameters from standard normals, the tabulated ones being ``away``."""
+        free = self.free
+        upper = blocks.transposed(self.factor)
+        right = self.shift[:free] + z - blocks.times(upper[:free, free:], away)
+        return blocks.solve_upper(self.factor[:free, :free], right)
 
-    def log_density(self, moved: Float[np.ndarray, "point impact parameter"], free: int) -> np.ndarray:
-        """Of the mixture over the draws, as `_log_normal`, at points less the centre."""
-        total = np.full(moved.shape[:2], -np.inf)
-        for shift, factor in zip(self.shift, self.factor, strict=True):
-            z = times(factor[..., :free].swapaxes(-1, -2), moved) - shift[:, :free]
-            scale = np.log(np.diagonal(factor, axis1=-2, axis2=-1)[:, :free]).sum(-1)
-            total = np.logaddexp(total, scale - np.square(z).sum(-1) / 2)
-        return total
+    def log_density(self, moved: Any) -> Any:
+        """Of the free parameters given the tabulated ones, up to a constant."""
+        factor = self.factor[:, : self.free]
+        z = blocks.times(blocks.transposed(factor), moved) - self.shift[: self.free]
+        return blocks.log_diagonal(factor[: self.free]) - (z**2).sum(0) / 2
 
 
 def _chebyshev() -> np.ndarray:
@@ -235,14 +257,13 @@ def corrections_of(
     """What is compiled of `log_evidence_corrections`: the first so many of `DRAWS` draws."""
 
     def one(place: Any) -> Array:
-        about = [mean[place, :, a] for a in range(mean.shape[2])]
-        return log_corrections(ratios, summaries, small.entries(precision[place, 0]), about)
+        return log_corrections(ratios, summaries, ConditionalPrior(mean[place], precision[place]))
 
     return first_rows(one, DRAWS, number)
 
 
 def log_corrections(
-    ratios: ImportanceRatios, summaries: Sites, prior: small.Matrix, about: list[Array]
+    ratios: ImportanceRatios, summaries: Sites, prior: ConditionalPrior
 ) -> Float[Array, " impact"]:
     """Log of each trace's true evidence over its summary's, given X b and D.
 
@@ -250,12 +271,13 @@ def log_corrections(
     the points, reweighted, over the other parameters. A last parameter that has a profile is left out: its
     evidence is another factor.
     """
-    order = _order(ratios.u.shape[-1], len(ratios.tables))
-    shift, factor = _conditional(prior, summaries, about, order)
-    free = len(order) - len(ratios.tables)
-    log_weight = _log_normal(ratios.u, summaries, shift, factor, order, free) - ratios.log_density
+    size, tables = ratios.u.shape[-1], len(ratios.tables)
+    given = _Ordered.of(summaries, prior, size, tables)
+    moved = jnp.moveaxis((ratios.u - summaries.centre[:, :size])[..., jnp.array(_order(size, tables))], -1, 0)
+    spread_out = given._replace(shift=given.shift[:, None], factor=given.factor[:, :, None])
+    log_weight = spread_out.log_density(moved) - ratios.log_density
     weighted, weight = (jax.nn.logsumexp(w, axis=0) for w in (log_weight + ratios.log_ratio, log_weight))
-    places = _tabulated(shift, factor, len(ratios.tables))
+    places = zip(*given.of_tabulated(), strict=True)
     means = [table.log_mean(*place) for table, place in zip(ratios.tables, places, strict=True)]
     return weighted - weight + sum(means)
 
@@ -264,48 +286,3 @@ def _order(size: int, tables: int) -> list[int]:
     """An impact's first ``size`` parameters, those with a table last."""
     tabulated = list(reversed(range(_NOISE, _NOISE + tables)))
     return [a for a in range(size) if a not in tabulated] + tabulated
-
-
-def _conditional(
-    prior: small.Matrix, summaries: Sites, about: list[Array], order: list[int]
-) -> tuple[Float[Array, "parameter impact"], Float[Array, "parameter parameter impact"]]:
-    """The normal conditional of an impact's parameters in that order: L^-1 (g + D (X b - m)) and L.
-
-    L L' = P + D. Rows before the last so many are the conditional of these parameters given the last.
-    Parameters that the order leaves out have no part in the summaries.
-    """
-    own, size = small.entries(summaries.precision), len(order)
-    factor = small.cholesky([[own[a][b] + prior[a][b] for b in order] for a in order])
-    away = [about[a] - summaries.centre[:, a] for a in range(size)]
-    pulled = prior_times(prior, away)
-    shift = small.forward_solve(factor, [summaries.slope[:, a] + pulled[a] for a in order])
-    zero = jnp.zeros_like(shift[0])
-    lower = [[factor[a][b] + zero if b <= a else zero for b in range(size)] for a in range(size)]
-    return jnp.stack(shift), jnp.stack([jnp.stack(row) for row in lower])
-
-
-def _tabulated(shift: Array, factor: Array, tables: int) -> list[tuple[Array, Array]]:
-    """Mean, less the summaries' centre, and standard deviation of each of the last parameters.
-
-    L' (u - m) - L^-1 (...) is standard normal, and L' upper triangular: the last follows alone.
-    """
-    places: list[tuple[Array, Array]] = []
-    size = factor.shape[0]
-    for a in reversed(range(size - tables, size)):
-        mean, variance = shift[a], jnp.ones(())
-        for (later, sd), b in zip(places, range(a + 1, size), strict=True):
-            mean, variance = mean - factor[b, a] * later, variance + (factor[b, a] * sd) ** 2
-        places.insert(0, (mean / factor[a, a], jnp.sqrt(variance) / factor[a, a]))
-    return places
-
-
-def _log_normal(
-    u: Array, summaries: Sites, shift: Array, factor: Array, order: list[int], free: int
-) -> Array:
-    """Log density of the free parameters at the points, given the tabulated ones, up to a constant."""
-    moved = [u[..., a] - summaries.centre[:, a] for a in order]
-    total = jnp.log(jnp.stack([factor[a, a] for a in range(free)])).sum(0)
-    for a in range(free):
-        z = sum(factor[b, a] * moved[b] for b in range(a, len(order))) - shift[a]
-        total = total - z**2 / 2
-    return total

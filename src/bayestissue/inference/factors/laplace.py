@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
+from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 
@@ -35,8 +36,13 @@ class ConditionalPrior(NamedTuple):
         precision: of each impact, or one of all.
     """
 
-    mean: Float[np.ndarray, "impact parameter"]
-    precision: Float[np.ndarray, "*#impact parameter parameter"]
+    mean: Float[np.ndarray | Array, "impact parameter"]
+    precision: Float[np.ndarray | Array, "*#impact parameter parameter"]
+
+    def of_each(self) -> ConditionalPrior:
+        """The same with a precision of each impact."""
+        shape = (*self.mean.shape, self.mean.shape[-1])
+        return self._replace(precision=np.broadcast_to(self.precision, shape))
 
     def log_density(
         self, u: Float[np.ndarray, "*point impact parameter"]

@@ -14,7 +14,12 @@ from jaxtyping import Float
 from scipy.special import logsumexp
 from scipy.stats import norm, qmc
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import (
+    ImpactConditional,
+    ImpactPrior,
+    Sites,
+    parameters_first,
+)
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.laplace import ConditionalPrior, chosen, least_curvature, times
 from bayestissue.inference.factors.likelihoods import log_likelihoods
@@ -42,26 +47,35 @@ def standard_points(size: int, number: int = POINTS) -> Float[np.ndarray, "point
 
 
 class Normals(NamedTuple):
-    """Where the population and the summaries put impacts' parameters: mean + root z, z standard normal."""
+    """Where the population and the sites put impacts' parameters, of one or more draws of the population.
 
-    mean: Float[np.ndarray, "*draw impact parameter"]
-    root: Float[np.ndarray, "*draw impact parameter parameter"]
+    Attributes:
+        given: the conditional of `bayestissue.hierarchy.gaussian.impacts`.
+        about: X b, the parameters first.
+    """
+
+    given: ImpactConditional
+    about: Float[np.ndarray, "parameter *draw impact"]
 
     def at(
         self, z: Float[np.ndarray, "*draw impact parameter"]
     ) -> Float[np.ndarray, "*draw impact parameter"]:
         """From standard normals."""
-        return self.mean + times(self.root, z)
+        return np.moveaxis(self.given.draw(self.about, np.moveaxis(z, -1, 0)), 0, -1)
 
 
 def normals(summaries: Sites, anchor: ConditionalPrior) -> Normals:
-    """N(m + V (g + D (a - m)), V) with V = (P + D)^-1, the anchor being N(a, D^-1), of one or more draws."""
-    centre, slope = np.asarray(summaries.centre), np.asarray(summaries.slope)
-    whole = np.asarray(summaries.precision) + anchor.precision
-    toward = slope + times(anchor.precision, anchor.mean - centre)
-    # P + D = L L', and so V = (L^-1)' L^-1.
-    root = np.linalg.inv(np.linalg.cholesky(whole)).swapaxes(-1, -2)
-    return Normals(centre + times(root, times(root.swapaxes(-1, -2), toward)), root)
+    """See `Normals`; of the sites and a conditional prior N(a, D^-1) of one or more draws."""
+    return Normals(conditional_of(summaries, anchor), np.moveaxis(anchor.mean, -1, 0))
+
+
+def conditional_of(summaries: Sites, anchor: ConditionalPrior) -> ImpactConditional:
+    """The conditional of impacts' parameters under the precision of one or more draws of the population."""
+    prior = ImpactPrior(
+        np.moveaxis(anchor.precision, (-2, -1), (0, 1)),  # type: ignore[arg-type]
+        np.linalg.slogdet(anchor.precision)[1],
+    )
+    return ImpactConditional.of(prior, parameters_first(Sites(*map(np.asarray, summaries))))  # type: ignore[arg-type]
 
 
 def points_of(
@@ -86,9 +100,9 @@ def compare(
 def log_site(
     summaries: Sites, u: Float[np.ndarray, "*point impact parameter"]
 ) -> Float[np.ndarray, "*point impact"]:
-    """`Sites.log_summary` as a numpy array."""
+    """`Sites.log_density` as a numpy array."""
     held = Sites._make(map(np.asarray, summaries))
-    return np.asarray(held.log_summary(list(np.moveaxis(u, -1, 0))))
+    return np.asarray(held.log_density(u))
 
 
 def refine(summaries: Sites, anchor: ConditionalPrior, points: Points, *, bent: bool = False) -> Sites:
@@ -130,28 +144,7 @@ def refine(summaries: Sites, anchor: ConditionalPrior, points: Points, *, bent: 
     return Sites(*(jnp.asarray(chosen(usable, *pair)) for pair in pairs))
 
 
-class Inverse(NamedTuple):
-    """Of P + D: its inverse and log determinant."""
-
-    matrix: Float[np.ndarray, "*draw impact parameter parameter"]
-    log_determinant: Float[np.ndarray, "*draw impact"]
-
-
-def inverse_of_whole(summaries: Sites, anchor: ConditionalPrior) -> Inverse:
-    """What `log_evidence` needs of the precisions, whatever the anchor's mean."""
-    whole = np.asarray(summaries.precision) + anchor.precision
-    return Inverse(np.linalg.inv(whole), np.linalg.slogdet(whole)[1])
-
-
-def log_evidence(
-    summaries: Sites, anchor: ConditionalPrior, inverse: Inverse | None = None
-) -> Float[np.ndarray, "*draw impact"]:
-    """Log of the integral of each summary over the anchor, a normal density, of one or more draws."""
-    centre, slope, _, level = map(np.asarray, summaries)
-    inverse = inverse or inverse_of_whole(summaries, anchor)
-    away = anchor.mean - centre
-    pulled = times(anchor.precision, away)
-    right = slope + pulled
-    gained = (right * times(inverse.matrix, right)).sum(-1) - (away * pulled).sum(-1)
-    spread = np.linalg.slogdet(anchor.precision)[1] - inverse.log_determinant
-    return level + (gained + spread) / 2
+def log_evidence(summaries: Sites, anchor: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
+    """Log of the integral of each site over a conditional prior, of one or more draws of the population."""
+    given, about = normals(summaries, anchor)
+    return given.log_density(about)

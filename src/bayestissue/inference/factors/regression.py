@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.laplace import ConditionalPrior, least_curvature
 from bayestissue.inference.factors.likelihoods import log_likelihoods
@@ -112,7 +112,7 @@ def _points(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, the log likelihood there, and their weights, each [point, impact, ...]."""
     given = normals(summaries, ConditionalPrior(expected.about, expected.precision[:, None]))
-    u = given.at(rng.standard_normal((_EACH, *given.mean.shape)))
+    u = given.at(rng.standard_normal((_EACH, *expected.about.shape)))
     flat = u.reshape(-1, *u.shape[2:])
     value = log_likelihoods(model, data, flat)
     ratio = (value - log_site(summaries, flat)).reshape(u.shape[:3])

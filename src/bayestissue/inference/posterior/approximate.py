@@ -15,18 +15,21 @@ from jaxtyping import Float
 from numpyro.infer.util import potential_energy
 
 from bayestissue.elements import element
-from bayestissue.hierarchy.gaussian.conditional import Sites
-from bayestissue.hierarchy.gaussian.log_evidence import log_evidence
+from bayestissue.hierarchy.gaussian.conditional import Data, Expansion, log_marginal
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     COORDINATES,
     TraceData,
     TraceModel,
+    constrained,
+    gaussian,
     population,
     sample_warped,
     with_normal_errors,
 )
 from bayestissue.hierarchy.warp import SinhArcsinh
+from bayestissue.inference.execution.chunks import of_each
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.grid import (
     LikelihoodGrid,
@@ -34,6 +37,7 @@ from bayestissue.inference.factors.grid import (
     flat_grid,
     integrated_likelihood_grid,
 )
+from bayestissue.inference.factors.grid_sum import BLOCK, GridSum, grid_sum_around
 from bayestissue.inference.factors.laplace import ConditionalPrior, laplace_sites, weak_prior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.moments import compare, refine, standard_points
@@ -49,6 +53,8 @@ REFINEMENTS = 2
 WITH_DISCREPANCY = 6
 # A profile integrates the other parameters over so many points: few where impacts are many.
 PROFILE_POINTS, FEW = 32, 4
+# Points of all impacts together that a grid is integrated over.
+_GRID_POINTS = 160_000
 LAST = "standard_last"
 # Of artanh theta1 or a log, the standard deviation up to which its likelihood passes for a normal.
 _WELL_TOLD = 0.3
@@ -59,7 +65,7 @@ _HELD = 1e8
 
 
 def marginal_model(
-    model: TraceModel, data: TraceData, summaries: Sites, profile: LikelihoodGrid | None, warp: SinhArcsinh
+    model: TraceModel, data: Data, profile: LikelihoodGrid | GridSum | None, warp: SinhArcsinh
 ) -> None:
     """The numpyro model of the standard deviations alone, everything else integrated out.
 
@@ -69,12 +75,12 @@ def marginal_model(
     """
     sites, rest = sample_warped(model, warp)
     spread = population(model, sites)
-    numpyro.factor("summaries", log_evidence(data.design, spread, data.location_mean, summaries))
+    numpyro.factor("summaries", log_marginal(data, spread))
     if profile is not None:
         (z,) = rest
         # The summaries are cleared of the last parameter, and leave its mean as its prior has it.
-        mean = data.location_mean[-1] + spread.locations[-1] * z
-        numpyro.factor("profile", profile.log_evidence(mean, spread.nuisance[-1]).sum() - z**2 / 2)
+        mean = data.mean[-1] + spread.locations[-1] * z
+        numpyro.factor("profile", profile.total(mean, spread.nuisance[-1]) - z**2 / 2)
 
 
 def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
@@ -133,19 +139,66 @@ class Approximation:
             nothing but its prior on the other.
         profile: what the traces say of a last parameter that they leave open; see
             `TraceModel.weakly_identified`.
+        grid: the same as the marginal density asks for it: of many impacts tabulated together.
+        expansion: of what the summaries leave out, where that is part of the marginal density.
     """
 
     summaries: Sites
     spreads: Coordinates
     profile: LikelihoodGrid | None
+    grid: LikelihoodGrid | GridSum | None = None
+    expansion: Expansion | None = None
+
+    def data(self, data: TraceData) -> Data:
+        """What the marginal density asks of the dataset."""
+        return gaussian(data, self.summaries)._replace(expansion=self.expansion)
 
 
-def expanded(prepared: Prepared) -> Sites:
+def expanded(prepared: Prepared, say: Progress = silent) -> Sites:
     """Every likelihood expanded at its own maximum: what `approximate` begins with."""
     start = first_guess(prepared)
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
     smooth = with_normal_errors(prepared.data)
-    return laplace_sites(prepared.model, smooth, start, weak_prior(start))
+    return _laplace(prepared.model, smooth, start, weak_prior(start), say)
+
+
+def _laplace(
+    model: TraceModel, smooth: TraceData, start: np.ndarray, prior: ConditionalPrior, say: Progress
+) -> Sites:
+    return of_each(partial(laplace_sites, model), smooth, start, prior.of_each(), progress=say)
+
+
+def _moments(
+    model: TraceModel, data: TraceData, sites: Sites, prior: ConditionalPrior, say: Progress, *, bent: bool
+) -> Sites:
+    standard = standard_points(sites.centre.shape[1])
+
+    def one(part: TraceData, own: Sites, given: ConditionalPrior) -> Sites:
+        return refine(own, given, compare(model, part, own, given, standard), bent=bent)
+
+    return of_each(one, data, sites, prior.of_each(), progress=say)
+
+
+def _grid(
+    model: TraceModel,
+    data: TraceData,
+    cleared: Sites,
+    prior: ConditionalPrior,
+    say: Progress,
+    *,
+    roughly: bool = False,
+) -> LikelihoodGrid:
+    """The last parameter's grid, integrated over the fewer points the more impacts there are."""
+    most = PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2
+    number = int(np.clip(2 ** np.floor(np.log2(_GRID_POINTS / len(cleared.centre))), FEW, most))
+    points = standard_points(cleared.centre.shape[1], number)
+
+    def one(part: TraceData, own: Sites, given: ConditionalPrior) -> np.ndarray:
+        found = integrated_likelihood_grid(model, part, own, given, points, roughly=roughly)
+        return np.asarray(found.log_likelihood).T
+
+    table = of_each(one, data, cleared, prior.of_each(), progress=say)
+    return flat_grid(1)._replace(log_likelihood=jnp.asarray(np.ascontiguousarray(table.T)))
 
 
 def approximate(
@@ -175,52 +228,53 @@ def approximate(
     model, data = prepared.model, prepared.data
     if refinements is None:
         refinements = WITH_DISCREPANCY if model.discrepancy else REFINEMENTS
-    passes = 2 + refinements
+    passes = 2 + refinements + model.weakly_identified
+
+    def told(number: int) -> Progress:
+        return lambda done, total: say(number * total + done, passes * total)
+
     smooth = with_normal_errors(data)
-    summaries = expansions or expanded(prepared)
-    impacts, size = summaries.centre.shape
+    summaries = expansions or expanded(prepared, told(0))
+    impacts = len(summaries.centre)
     say(1, passes)
-    profile = flat_grid(impacts) if model.weakly_identified else None
+    # One flat grid stands for those of however many impacts.
+    profile = flat_grid(impacts if impacts <= BLOCK else 1) if model.weakly_identified else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
     anchor = finder.expectation(summaries, mode).anchor(0)
-    summaries = laplace_sites(model, smooth, np.asarray(summaries.centre), anchor)
-    say(2, passes)
-    standard = standard_points(size)
+    summaries = _laplace(model, smooth, np.asarray(summaries.centre), anchor, told(1))
     for number in range(refinements):
         mode = finder.mode(summaries, mode)
         anchor = finder.expectation(summaries, mode).anchor(0)
-        points = compare(model, data, summaries, anchor, standard)
         # A last parameter that is open has a profile instead.
-        summaries = refine(summaries, anchor, points, bent=not model.weakly_identified)
-        say(3 + number, passes)
+        bent = not model.weakly_identified
+        summaries = _moments(model, data, summaries, anchor, told(2 + number), bent=bent)
     mode = finder.mode(summaries, mode)
     if not model.weakly_identified:
         return Approximation(summaries, finder.coordinates(summaries, mode), None)
     normal = last_is_normal(prepared, summaries) if normal is None else normal
     if normal:
-        finder.profile = None
+        finder.grid = None
         return Approximation(summaries, finder.coordinates(summaries, mode[:-1]), None)
-    few = standard_points(size, PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2)
     summaries = cleared_of_last(summaries)
     found = finder.expectation(summaries, mode)
     once = model.kind == "arma"
-    profile = integrated_likelihood_grid(model, data, summaries, found.anchor(0), few, roughly=not once)
-    finder.profile = profile
+    profile = _grid(model, data, summaries, found.anchor(0), told(passes - 1), roughly=not once)
+    finder.tabulate(profile, summaries, mode)
     # Away from where the profiles are high, a search would follow the slope of a cliff.
     mode = finder.mode(summaries, finder.at_best_last(summaries, mode))
     if not once:
         # The first summaries were made where a search along the last parameter had stopped.
         anchor = _anchored_at(finder.last_mean(mode), finder.expectation(summaries, mode))
-        summaries = laplace_sites(model, smooth, anchor.mean, anchor)
+        summaries = _laplace(model, smooth, anchor.mean, anchor, silent)
         for _ in range(REFINEMENTS):
-            summaries = refine(summaries, anchor, compare(model, data, summaries, anchor, standard))
+            summaries = _moments(model, data, summaries, anchor, silent, bent=False)
         summaries = cleared_of_last(summaries)
         found = finder.expectation(summaries, mode)
-        profile = integrated_likelihood_grid(model, data, summaries, found.anchor(0), few)
-        finder.profile = profile
+        profile = _grid(model, data, summaries, found.anchor(0), silent)
+        finder.tabulate(profile, summaries, mode)
         mode = finder.mode(summaries, mode)
-    return Approximation(summaries, finder.coordinates(summaries, mode), profile)
+    return Approximation(summaries, finder.coordinates(summaries, mode), profile, finder.grid)
 
 
 def last_is_normal(prepared: Prepared, summaries: Sites) -> bool:
@@ -244,7 +298,11 @@ def _has_another_end(prepared: Prepared, summaries: Sites) -> bool:
     """
     centre = np.asarray(summaries.centre)
     last = np.arange(centre.shape[1]) == centre.shape[1] - 1
-    own, *far = log_likelihoods(prepared.model, prepared.data, centre + _FAR[:, None, None] * last)
+
+    def densities(part: TraceData, middle: np.ndarray) -> np.ndarray:
+        return log_likelihoods(prepared.model, part, middle + _FAR[:, None, None] * last).T
+
+    own, *far = of_each(densities, prepared.data, centre).T
     lost = np.median(own - np.asarray(far), axis=1)
     return bool((lost < _CLEARLY_LESS).any())
 
@@ -257,16 +315,15 @@ _PLACES = np.linspace(-8.0, 8.0, 321)
 def _value_and_slope(
     model: TraceModel,
     y: Array,
-    data: TraceData,
-    summaries: Sites,
-    profile: LikelihoodGrid | None,
+    data: Data,
+    profile: LikelihoodGrid | GridSum | None,
     warp: SinhArcsinh,
 ) -> tuple[Array, Array]:
     """Minus the log density of the spreads' coordinates, and its gradient."""
     own = partial(marginal_model, model)
 
     def potential(y: Array) -> Array:
-        return potential_energy(own, (data, summaries, profile, warp), {}, {COORDINATES: y})
+        return potential_energy(own, (data, profile, warp), {}, {COORDINATES: y})
 
     return jax.value_and_grad(potential)(y)
 
@@ -274,20 +331,58 @@ def _value_and_slope(
 class _SpreadsFinder:
     """Posterior mode of the standard deviations, and the coordinates that make it a normal's."""
 
-    def __init__(self, model: TraceModel, data: TraceData, profile: LikelihoodGrid | None = None) -> None:
-        self._model, self.profile = model, profile
+    def __init__(
+        self,
+        model: TraceModel,
+        data: TraceData,
+        grid: LikelihoodGrid | GridSum | None = None,
+        expansion: Expansion | None = None,
+    ) -> None:
+        self._model, self.grid, self._expansion = model, grid, expansion
         self.data = data._replace(record=None)  # type: ignore[arg-type]
+        self._placed: tuple[Sites, Data] | None = None
 
     @property
     def _names(self) -> tuple[str, ...]:
-        return names_of(self._model, profiled=self.profile is not None)
+        return names_of(self._model, profiled=self.grid is not None)
+
+    def _of(self, summaries: Sites) -> Data:
+        """Laid out once for all that is asked of the same sites."""
+        if self._placed is None or self._placed[0] is not summaries:
+            found = gaussian(self.data, summaries)._replace(expansion=self._expansion)
+            self._placed = summaries, jax.tree.map(jnp.asarray, found)
+        return self._placed[1]
 
     def at(
         self, y: np.ndarray, summaries: Sites, warp: SinhArcsinh | None = None
     ) -> tuple[float, np.ndarray]:
         warp = warp or straight(len(y))
-        value, slope = _value_and_slope(self._model, y, self.data, summaries, self.profile, warp)
+        value, slope = _value_and_slope(self._model, y, self._of(summaries), self.grid, warp)
         return float(value), np.asarray(slope)
+
+    def tabulate(self, profile: LikelihoodGrid, summaries: Sites, mode: np.ndarray) -> None:
+        """Ask the last parameter's grid from now on; that of many impacts as one table."""
+        self.grid = profile
+        if profile.log_likelihood.shape[1] <= BLOCK:
+            return
+        spread = population(self._model, self._spreads(mode))
+        start = np.array([self.last_mean(mode), np.log(float(spread.nuisance[-1]))])
+        self.grid = grid_sum_around(profile, partial(self._of_last, summaries, mode), start)
+
+    def _of_last(self, summaries: Sites, start: np.ndarray, grid: GridSum) -> tuple[np.ndarray, np.ndarray]:
+        """Posterior mode and standard deviations of the last parameter's mean and log spread."""
+        self.grid = grid
+        mode = self.mode(summaries, start)
+        error = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, summaries)[1], mode)))
+        last, places = self._model.spreads[-1], self._names
+        of_last = np.array([places.index(LAST), places.index(last)])
+        log_sd = np.log(float(self._spreads(mode)[last]))
+        # A standard deviation's unconstrained coordinate is nearly its log.
+        scale = np.array([self._model.locations.sd[-1], 1.0])
+        return np.array([self.last_mean(mode), log_sd]), scale * error[of_last]
+
+    def _spreads(self, flat: np.ndarray) -> dict[str, Array]:
+        return constrained(self._model, dict(zip(self._names, flat, strict=True)))
 
     def mode(self, summaries: Sites, start: np.ndarray | None) -> np.ndarray:
         return find_mode(self._model, self._names, lambda flat: self.at(flat, summaries), start)
@@ -305,9 +400,8 @@ class _SpreadsFinder:
     def expectation(self, summaries: Sites, flat: np.ndarray) -> ConditionalPriors:
         """There, b having its conditional mean."""
         raw = dict(zip(self._names, np.reshape(flat, (-1, 1)), strict=True))
-        return conditional_priors(
-            self._model, self.data, summaries, raw, np.zeros((1, self._model.locations.size))
-        )
+        data = self._of(summaries)
+        return conditional_priors(self._model, data, raw, np.zeros((1, self._model.locations.size)))
 
     def coordinates(self, summaries: Sites, mode: np.ndarray) -> Coordinates:
         scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, summaries)[1], mode)))
@@ -320,7 +414,7 @@ def potential_at(
     prepared: Prepared, summarised: Approximation, y: Float[np.ndarray, " coordinate"]
 ) -> tuple[float, Float[np.ndarray, " coordinate"]]:
     """Minus the log density of the spreads' coordinates there, and its gradient; no trace is asked for."""
-    finder = _SpreadsFinder(prepared.model, prepared.data, summarised.profile)
+    finder = _SpreadsFinder(prepared.model, prepared.data, summarised.grid, summarised.expansion)
     return finder.at(y, summarised.summaries, summarised.spreads.warp)
 
 
@@ -329,11 +423,17 @@ def names_of(model: TraceModel, *, profiled: bool) -> tuple[str, ...]:
     return (*model.spreads, LAST) if profiled else model.spreads
 
 
-def spreads_of_summaries(prepared: Prepared, summaries: Sites, near: Mapping[str, np.ndarray]) -> Coordinates:
-    """The spreads' coordinates given other summaries, their mode sought from ``near`` on, unconstrained."""
-    finder = _SpreadsFinder(prepared.model, prepared.data)
-    begin = np.array([near[name] for name in prepared.model.spreads])
-    return finder.coordinates(summaries, finder.mode(summaries, begin))
+def spreads_of_summaries(
+    prepared: Prepared, found: Approximation, near: Mapping[str, np.ndarray]
+) -> Coordinates:
+    """The spreads' coordinates given other sites, their mode sought from ``near`` on, unconstrained."""
+    finder = _SpreadsFinder(prepared.model, prepared.data, found.grid, found.expansion)
+    begin = np.array(
+        [near.get(name, 0.0) for name in names_of(prepared.model, profiled=found.grid is not None)]
+    )
+    if found.grid is not None:
+        begin = finder.at_best_last(found.summaries, begin)
+    return finder.coordinates(found.summaries, finder.mode(found.summaries, begin))
 
 
 def _anchored_at(last: float, found: ConditionalPriors) -> ConditionalPrior:

@@ -6,13 +6,13 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
-from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, located
+from bayestissue.hierarchy.gaussian.arrangement import expected
+from bayestissue.hierarchy.gaussian.conditional import Data, integrate_out
+from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
 from bayestissue.inference.factors.laplace import ConditionalPrior
 
@@ -47,8 +47,7 @@ class ConditionalPriors(NamedTuple):
 
 def conditional_priors(
     model: TraceModel,
-    data: TraceData,
-    summaries: Sites,
+    data: Data,
     raw: Mapping[str, Any],
     z_b: Float[np.ndarray, "draw location"],
 ) -> ConditionalPriors:
@@ -56,26 +55,25 @@ def conditional_priors(
 
     Args:
         model: the model.
-        data: the dataset; its traces are not asked for.
-        summaries: of the traces.
+        data: what the marginal density asks of the dataset.
         raw: the spreads, unconstrained, [draw].
         z_b: standard locations: with 0 b has its conditional mean.
     """
-    bare = data._replace(record=None)  # type: ignore[arg-type]
     rows = ({name: raw[name] for name in model.spreads}, z_b)
-    return in_calls(partial(conditional_priors_of, model, bare, summaries), rows, DRAWS)
+    return in_calls(partial(conditional_priors_of, model, data), rows, DRAWS)
 
 
 @compiled_sooner()
 def conditional_priors_of(
-    model: TraceModel, data: TraceData, summaries: Sites, raw: dict[str, Array], z_b: Array, number: int
+    model: TraceModel, data: Data, raw: dict[str, Array], z_b: Array, number: int
 ) -> ConditionalPriors:
     """What is compiled of `conditional_priors`: the first so many of `DRAWS` draws."""
 
     def one(place: Any) -> ConditionalPriors:
         sites = constrained(model, {name: values[place] for name, values in raw.items()})
-        b, about, conditional = located(model, data, summaries, sites, z_b[place])
-        prior = jnp.stack([jnp.stack(row) for row in conditional.parts.prior])
-        return ConditionalPriors(sites, b, jnp.stack(about, axis=-1), prior)  # type: ignore[arg-type]
+        given = integrate_out(data, population(model, sites))
+        b = given.draw_effects(z_b[place])
+        about = expected(data.design, b).T
+        return ConditionalPriors(sites, b, about, given.prior.precision)  # type: ignore[arg-type]
 
     return first_rows(one, DRAWS, number)

@@ -13,11 +13,19 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.group_terms import SUBJECT, TRIAL
-from bayestissue.hierarchy.population import Covariances, SharedMassError, of_impacts
+from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    gaussian,
+    physical,
+    population,
+    trace_distribution,
+)
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
 from bayestissue.inference.factors.moments import normals
 from bayestissue.inference.posterior.conditional_prior import conditional_priors
@@ -65,7 +73,7 @@ def constrained_draws(
     model, data = prepared.model, prepared.data
     shape = next(iter(draws.sites.values())).shape[:2]
     flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
-    expected = conditional_priors(model, data, summaries, flat, flat["standard_locations"])
+    expected = conditional_priors(model, gaussian(data, summaries), flat, flat["standard_locations"])
     u = normals(summaries, expected.anchors).at(flat["standard_impacts"])
     keys = jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1])
     rows = (expected.sites, expected.b, expected.about, u, keys)
@@ -170,7 +178,7 @@ def _mass_error(
     if spread.shared is not None:
         error = error_of_people(spread.locations, spread.shared, b, key)
         b = b.at[spread.shared.effect_on_K].add(error).at[spread.shared.effect_on_C].add(error)
-        return b, of_impacts(data.design, spread.shared, error)
+        return b, of_impacts(data.design, spread, error)
     return b, impact_error(model, spread, u, about, key)
 
 

@@ -6,18 +6,19 @@ effects of all that lies within the person, such as each side.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jax import Array
-from jax.scipy.linalg import solve_triangular
 from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.gaussian import blocks
+from bayestissue.hierarchy.gaussian.effects import integrated_levels
 from bayestissue.hierarchy.group_terms import SUBJECT, Grouping
 from bayestissue.hierarchy.traces import TraceModel
 
@@ -30,13 +31,11 @@ class Slots:
         response: 0 of an effect on log K, 1 on log C.
         spread: the names of their standard deviations.
         shared: pairs of slots whose effects a person's error of mass moves alike.
-        together: pairs of slots that some impact has both of, the lower first.
     """
 
     response: tuple[int, ...]
     spread: tuple[str, ...]
     shared: tuple[tuple[int, int], ...]
-    together: tuple[tuple[int, int], ...]
 
 
 class OwnEffects(NamedTuple):
@@ -96,13 +95,10 @@ def _of(model: TraceModel, design: Design, grouping: Grouping) -> tuple[Slots, O
                 response.append(a)
                 spread.append(term.sd(q))
     value = np.array(values).reshape(len(elements), impacts)
-    touch = (value != 0).astype(float)
-    together = np.argwhere(np.tril(touch @ touch.T) > 0)
     slots = Slots(
         tuple(response),
         tuple(spread),
         tuple(zip(people[0], people[1], strict=True)),
-        tuple((int(low), int(high)) for high, low in together),
     )
     return slots, OwnEffects(grouping.code, np.array(elements, int).reshape(len(elements), levels), value)
 
@@ -110,48 +106,42 @@ def _of(model: TraceModel, design: Design, grouping: Grouping) -> tuple[Slots, O
 def gained(
     model: TraceModel,
     slots: Slots,
-    sites: dict[str, Array],
-    weight: dict[tuple[int, int], Float[Array, "*draw level"]],
-    score: list[Float[Array, "*draw level"]],
-) -> Float[Array, "*draw level"]:
+    own: OwnEffects,
+    sites: dict[str, Any],
+    weight: Float[Any, "parameter parameter *draw impact"],
+    pull: Float[Any, "parameter *draw impact"],
+    total: Callable[[Any], Any],
+) -> Any:
     """What the log density of each level's traces gains by the level's own effects being integrated out.
-
-    It is h' (1 + L' W L)^-1 h / 2 - log det(1 + L' W L) / 2 with h = L' s, and L L' the prior covariance of
-    the effects.
 
     Args:
         model: the model.
         slots: what the effects are.
+        own: where they are.
         sites: the standard deviations, [*draw] each.
-        weight: W, each level's sums of the traces' precision of the effects, of `Slots.together`.
-        score: s, the slopes of the log evidence by the effects, these being 0.
+        weight: W, the precision with which each impact's trace tells X b.
+        pull: the slopes of its log evidence by X b, the level's own effects being 0.
+        total: from values of impacts, along a last axis, to their sums over each level.
     """
     if not slots.spread:
-        return jnp.zeros(())
-    count = range(len(slots.spread))
-    zero = jnp.zeros_like(score[0])
-    lower = {pair: weight[pair] for pair in slots.together}
-    full = jnp.stack(
-        [jnp.stack([lower.get((min(s, t), max(s, t)), zero) for t in count], axis=-1) for s in count], axis=-2
-    )
-    root = _root(model, slots, sites)[..., None, :, :]
-    inner = jnp.eye(len(slots.spread)) + jnp.swapaxes(root, -1, -2) @ full @ root
-    factor = jnp.linalg.cholesky(inner)
-    h = jnp.swapaxes(root, -1, -2) @ jnp.stack(score, axis=-1)[..., None]
-    half = solve_triangular(factor, h, lower=True)[..., 0]
-    return (half**2).sum(-1) / 2 - jnp.log(jnp.diagonal(factor, axis1=-2, axis2=-1)).sum(-1)
+        return 0.0
+    of, axes = np.array(slots.response), pull.ndim - 1
+    value = blocks.with_axes(own.value, 1, axes)
+    squares = total(weight[of][:, of] * blocks.outer(value, value))
+    return integrated_levels(squares, total(pull[of] * value), _root(model, slots, sites)[..., None])
 
 
-def _root(model: TraceModel, slots: Slots, sites: dict[str, Array]) -> Float[Array, "*draw slot slot"]:
+def _root(model: TraceModel, slots: Slots, sites: dict[str, Any]) -> Float[Any, "slot slot *draw"]:
     """The lower Cholesky factor of the prior covariance of a level's effects."""
     sd = {slot: sites[name] for slot, name in enumerate(slots.spread)}
     entries = {(slot, slot): value for slot, value in sd.items()}
+    xp = sd[0].__array_namespace__()
     variance = model.log_mass_sd**2
     for K, C in slots.shared:
-        first = jnp.sqrt(sd[K] ** 2 + variance)
+        first = xp.sqrt(sd[K] ** 2 + variance)
         # C + v - v^2 / (K + v), without the difference of near equals
-        last = jnp.sqrt(sd[C] ** 2 + variance * sd[K] ** 2 / first**2)
+        last = xp.sqrt(sd[C] ** 2 + variance * sd[K] ** 2 / first**2)
         entries |= {(K, K): first, (C, K): variance / first, (C, C): last}
-    count, zero = range(len(slots.spread)), jnp.zeros_like(sd[0])
-    rows = [jnp.stack([entries.get((s, t), zero) for t in count], axis=-1) for s in count]
-    return jnp.stack(rows, axis=-2)
+    count, zero = range(len(slots.spread)), xp.zeros_like(sd[0])
+    rows = [xp.stack([entries.get((s, t), zero) for t in count]) for s in count]  # noqa: PD013
+    return xp.stack(rows)  # noqa: PD013

@@ -18,7 +18,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
@@ -44,18 +44,24 @@ from bayestissue.inference.posterior.approximate import (
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.posterior.coordinates import Coordinates
 from bayestissue.inference.posterior.correction import Correction
+from bayestissue.inference.samplers.independence import independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
-from bayestissue.inference.samplers.psis import below_greatest
+from bayestissue.inference.samplers.psis import below_greatest, effective_size
 from bayestissue.inference.samplers.resampling import systematic
 from bayestissue.inference.samplers.sampling import Draws, Progress, silent
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
+# Independent proposals serve where their weights are bounded well and most of them count.
+PROPOSAL_LIMIT, _LEAST_EFFECTIVE = 0.5, 0.5
 # A matrix of each impact under each of so many draws takes little memory.
 _DRAWS_AT_ONCE = 500
-# Sites beside a discrepancy are fitted about so many draws to second order, once for each number, before any
-# chain: of Maxwell's on the example one pass of 512 left 8 to 71 % of the draws, and these leave 73 to 89 %.
-# About corrected draws they are fitted as often as that raises the effective number by half.
+# Sites are fitted about so many draws to second order, once for each number, before any chain: of Maxwell's
+# element on the example, beside a discrepancy, one pass of 512 left 8 to 71 % of the draws, these leave 73 to
+# 89 %. Without a discrepancy that is done where the relative effective sample size of such draws is below the
+# third that is asked of chains. About chains' corrected draws they are fitted as often as that raises the
+# effective number by half.
 _DRAWS_BEFORE = (256, 512)
+_PLACED = 1 / 3
 _MOST_PASSES, _GAIN = 4, 1.5
 # Chains of the population so many times longer still take less time than the exact path.
 _LONGEST = 5
@@ -99,10 +105,6 @@ def corrected_draws(
     """
     rng = np.random.default_rng([seed, 22])
     sites = summarised or approximate(prepared, say=say)
-    if prepared.model.discrepancy:
-        for number, count in enumerate(_DRAWS_BEFORE):
-            about = _to_second_order(prepared, sites.spreads, count, rng)
-            sites = _about_draws(prepared, sites, about, seed + number)
 
     def sample(sites: Approximation, settings: Sampler = settings) -> Attempt:
         return Attempt(sites, _population_draws(prepared, sites, settings, seed, progress))
@@ -138,6 +140,8 @@ def _attempts(
     So on until a correction can be trusted or the effective number of draws is not half as large again. A
     grid of the last parameter is not fitted anew.
     """
+    if sites.profile is None and (prepared.model.discrepancy or prepared.model.weakly_identified):
+        sites = _about_second_order(prepared, sites, seed, rng)
     made = [sample(sites)]
     while not made[-1].correction.trusted and made[-1].sites.profile is None and len(made) < _MOST_PASSES:
         found = made[-1].found
@@ -219,18 +223,9 @@ def _population_draws(
     progress: Progress,
 ) -> _Population:
     """Chains of the population and their correction."""
-    model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
-    # The record stays behind: the population asks only for the summaries.
-    data = prepared.data._replace(record=None)  # type: ignore[arg-type]
-    chains = run_chains(
-        marginal_model,
-        (model, *filled_up((data, summaries, profile)), summarised.spreads.warp),
-        _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
-        settings,
-        seed,
-        progress=progress,
-        processes=False,
-    )
+    model, profile = prepared.model, summarised.profile
+    data = summarised.data(prepared.data)
+    chains = sample_marginal(prepared, summarised, settings, seed, progress)
     shape = (settings.chains, settings.transitions)
     rng = np.random.default_rng([seed, 21])
     count = shape[0] * shape[1]
@@ -238,12 +233,8 @@ def _population_draws(
     z_b = rng.standard_normal((count, model.locations.size))
     if profile is not None:
         z_b[:, -1] = raw.pop(LAST)
-    every = conditional_priors(model, data, summaries, raw, z_b)
-    standard = standard_points(summaries.centre.shape[1])
-    some = np.linspace(0, len(z_b) - 1, len(standard)).astype(int)
-    compared = _rows(every, some)
-    ratios = importance_ratios(model, prepared.data, summaries, compared.anchors, standard, profile)
-    of_impacts = log_evidence_corrections(summaries, ratios, every.anchors)
+    every = conditional_priors(model, data, raw, z_b)
+    of_impacts, ratios, compared = _log_weights(prepared, summarised, every)
     log_weight = of_impacts.sum(-1).reshape(shape)
     correction = Correction.of(log_weight, settings.chains * settings.draws, ratios)
     places = systematic(correction.weight, settings.draws, rng)
@@ -253,8 +244,64 @@ def _population_draws(
     return _Population(chains, raw, z_b[chosen], _rows(every, chosen), correction, compared, ratios, rng)
 
 
+def sample_marginal(
+    prepared: Prepared, summarised: Approximation, settings: Sampler, seed: int, progress: Progress
+) -> Draws:
+    """Draws of the marginal posterior's coordinates, by independent proposals where these serve, or NUTS."""
+    data = summarised.data(prepared.data)
+    arguments = (prepared.model, *filled_up((data, summarised.grid)), summarised.spreads.warp)
+    progress(0, 1)
+    covariance = summarised.spreads.covariance
+    found = independence_chains(marginal_model, arguments, COORDINATES, covariance, settings, seed)
+    if found.pareto_k < PROPOSAL_LIMIT and found.effective > _LEAST_EFFECTIVE:
+        progress(1, 1)
+        return found.draws
+    return run_chains(
+        marginal_model,
+        arguments,
+        _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
+        settings,
+        seed,
+        progress=progress,
+        processes=False,
+    )
+
+
 def _rows(every: ConditionalPriors, chosen: np.ndarray) -> ConditionalPriors:
     return jax.tree.map(lambda values: values[chosen], every)
+
+
+def _about_second_order(
+    prepared: Prepared, sites: Approximation, seed: int, rng: np.random.Generator
+) -> Approximation:
+    """Sites fitted about draws of the population to second order, which cost no chain.
+
+    Beside a discrepancy about these as they are, else about corrected ones, unless the sites serve them all.
+    """
+    for number, count in enumerate(_DRAWS_BEFORE):
+        raw, z_b = _to_second_order(prepared, sites.spreads, count, rng)
+        if not prepared.model.discrepancy:
+            every = conditional_priors(prepared.model, sites.data(prepared.data), raw, z_b)
+            weight = np.exp(below_greatest(_log_weights(prepared, sites, every)[0].sum(-1)))
+            if effective_size(weight) > _PLACED * count:
+                return sites
+            (chosen,) = systematic(weight[None], count, rng)
+            raw, z_b = {name: values[chosen] for name, values in raw.items()}, z_b[chosen]
+        sites = _about_draws(prepared, sites, (raw, z_b), seed + number)
+    return sites
+
+
+def _log_weights(
+    prepared: Prepared, sites: Approximation, every: ConditionalPriors
+) -> tuple[Float[np.ndarray, "draw impact"], ImportanceRatios, ConditionalPriors]:
+    """Each impact's part of draws' log importance weights; the ratios, and the draws at which these are."""
+    standard = standard_points(sites.summaries.centre.shape[1])
+    compared = _rows(every, np.linspace(0, len(every.b) - 1, len(standard)).astype(int))
+    ratios = importance_ratios(
+        prepared.model, prepared.data, sites.summaries, compared.anchors, standard, sites.profile
+    )
+    of_impacts = log_evidence_corrections(sites.summaries, ratios, every.anchors)
+    return np.where(np.isfinite(of_impacts), of_impacts, -np.inf), ratios, compared
 
 
 def _to_second_order(
@@ -269,12 +316,13 @@ def _about_draws(
     prepared: Prepared, summarised: Approximation, draws: tuple[dict[str, np.ndarray], np.ndarray], seed: int
 ) -> Approximation:
     """Sites made anew about draws of the population."""
-    expected = conditional_priors(prepared.model, prepared.data, summarised.summaries, *draws)
+    expected = conditional_priors(prepared.model, summarised.data(prepared.data), *draws)
     summaries = regression.regression_sites(
         prepared.model, prepared.data, summarised.summaries, expected, seed
     )
     near = {name: np.asarray(values.mean()) for name, values in draws[0].items()}
-    return Approximation(summaries, spreads_of_summaries(prepared, summaries, near), None)
+    found = Approximation(summaries, summarised.spreads, None)
+    return replace(found, spreads=spreads_of_summaries(prepared, found, near))
 
 
 def _candidates(

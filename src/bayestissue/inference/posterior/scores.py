@@ -8,27 +8,30 @@ them.
 from __future__ import annotations
 
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.conditional import Sites
+from bayestissue.hierarchy.gaussian import blocks
+from bayestissue.hierarchy.gaussian.impacts import CellSums, Sites
 from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
+from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
     importance_ratios,
     log_evidence_corrections,
 )
-from bayestissue.inference.factors.laplace import ConditionalPrior, times
-from bayestissue.inference.factors.moments import inverse_of_whole, log_evidence, standard_points
+from bayestissue.inference.factors.laplace import ConditionalPrior
+from bayestissue.inference.factors.moments import normals, standard_points
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors
-from bayestissue.inference.posterior.own_effects import gained, own_effects
+from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, gained, own_effects
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
@@ -114,28 +117,64 @@ def _of_some(
     anchors = ConditionalPrior(*(part[some] for part in expected.anchors))
     sites = {name: values[some] for name, values in expected.sites.items()}
     b, besides = expected.b[some], besides[some]
-    centre, slope, own, _ = (np.asarray(part) for part in summaries)
-    inverse = inverse_of_whole(summaries, anchors)
-    scores = {"trace": log_evidence(summaries, anchors, inverse) + besides}
-    # W = D V P, the precision with which a trace tells X b, and D V g, with V = (P + D)^-1.
-    half = (anchors.precision @ inverse.matrix)[..., :2, :]
-    weight, pull = half @ own, times(half, slope[None])
-    for name, (slots, own_of) in own_effects(model, design).items():
-        mean = anchors.mean.copy()
-        for a in (0, 1):
-            mean[..., a] -= own_of.in_impacts(slots, b, a)
-        alone = log_evidence(summaries, anchors._replace(mean=mean), inverse) + besides
-        here = pull - times(weight, mean - centre)
-        member = (own_of.level[:, None] == np.arange(own_of.element.shape[1])).astype(float)
-        of = slots.response
-        sums = {
-            (s, t): (weight[..., of[s], of[t]] * (own_of.value[s] * own_of.value[t])) @ member
-            for s, t in slots.together
-        }
-        score = [(here[..., a] * value) @ member for a, value in zip(of, own_of.value, strict=True)]
-        added = gained_by_integration(model, slots, sites, sums, score)
-        scores[f"traces_of_{stem_of(name)}"] = alone @ member + np.asarray(added)
+    given, about = normals(summaries, anchors)
+    scores = {"trace": given.log_density(about) + besides}
+    for name, (slots, own) in own_effects(model, design).items():
+        mean = without(slots, own, b, about)
+        alone = given.log_density(mean) + besides
+        member = (own.level[:, None] == np.arange(own.element.shape[1])).astype(float)
+
+        def total(values: Any, member: Any = member) -> Any:
+            return values @ member
+
+        added = gained(model, slots, own, sites, given.weight, given.pull(mean), total)
+        scores[f"traces_of_{stem_of(name)}"] = total(alone) + added
     return scores
 
 
-gained_by_integration = compiled_quickly("slots")(gained)
+def scores_of_groups(
+    model: TraceModel,
+    sums: CellSums,
+    moved: Float[Array, "parameter place"],
+    groups: tuple[tuple[str, Slots], ...],
+    own_of: dict[str, OwnEffects],
+    sites: dict[str, Array],
+    b: Float[Array, " location"],
+) -> dict[str, Array]:
+    """The same of one draw from the sums of cells, and that of all traces together.
+
+    Args:
+        model: the model.
+        sums: what the impacts of each place say of X b.
+        moved: X b of each place, less that at b's prior mean.
+        groups: what each grouping's own effects are.
+        own_of: where they are, with places for impacts.
+        sites: the standard deviations.
+        b: the effects.
+    """
+
+    def at(away: Array) -> tuple[Array, Array]:
+        bent = blocks.times(sums.weight, away)
+        return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
+
+    scores = {"traces": at(moved)[0].sum()}
+    for name, slots in groups:
+        own = own_of[name]
+        if not slots.spread:
+            continue
+
+        def total(values: Array, own: OwnEffects = own) -> Array:
+            summed = jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), own.level, own.element.shape[1])
+            return jnp.moveaxis(summed, 0, -1)
+
+        value, pull = at(without(slots, own, b, moved))
+        added = gained(model, slots, own, sites, sums.weight, pull, total)
+        scores[f"traces_of_{stem_of(name)}"] = total(value) + added
+    return scores
+
+
+def without(slots: Slots, own: OwnEffects, b: Any, about: Any) -> Any:
+    """X b less what levels' own effects add to it."""
+    added = [own.in_impacts(slots, b, a) + 0 * about[a] for a in range(2)]
+    xp = about.__array_namespace__()
+    return xp.concat([about[:2] - xp.stack(added), about[2:]])

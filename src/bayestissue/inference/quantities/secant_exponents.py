@@ -15,7 +15,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.many.kept import some_impacts
+from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
 from bayestissue.inference.quantities.secant_population import shifted

@@ -12,7 +12,7 @@ from numpyro.infer import Predictive
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
 from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner
-from bayestissue.inference.many.kept import some_impacts
+from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, thinned
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.discrepancy import integrals

@@ -17,7 +17,7 @@ from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.many.kept import some_impacts, some_of
+from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, named_sites
 from bayestissue.inference.quantities.elements import per_impact
 from bayestissue.inference.quantities.secant_exponents import EXPONENTS, mass_exponents_of_secants

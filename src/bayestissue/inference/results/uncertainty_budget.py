@@ -17,11 +17,12 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.gaussian.arrangement import expected
+from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.group_terms import SUBJECT, TRIAL
-from bayestissue.hierarchy.population import Covariances
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import population
-from bayestissue.inference.many.kept import some_of
+from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.results.errors import (
     ELEMENT,
@@ -138,12 +139,9 @@ class _Hierarchy:
         self._measured = {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
         self._omega = sum(self._scatter.values())
         self._noise = errors.total + of_mass
-        design = prepared.data.design
-        blocks = [np.asarray(matrix)[np.asarray(design.cell)] for matrix in design.columns]
-        ends = np.cumsum([0, *(block.shape[1] for block in blocks)])
-        self._columns = np.zeros((len(blocks[0]), size, ends[-1]))
-        for place, block in enumerate(blocks):
-            self._columns[:, place, ends[place] : ends[place + 1]] = block
+        unit = jnp.eye(prepared.model.locations.size)
+        self._columns = np.asarray(expected(prepared.data.design, unit)).transpose(2, 0, 1)
+        self._prior = np.asarray(spread.of_effects().among(jnp.arange(len(unit))))
 
     def of_means(self) -> dict[str, dict[str, float]]:
         """By response and source: the variance of the population's mean log at the reference mass."""
@@ -164,13 +162,13 @@ class _Hierarchy:
 
     def _covariance_of_means(self, weight: Matrices) -> Float[np.ndarray, "location location"]:
         told = np.einsum("ial,iab,ibm->lm", self._columns, weight, self._columns, optimize=True)
-        return np.linalg.inv(told + np.asarray(self._spread.precision_matrix()))
+        return np.linalg.inv(told + self._prior)
 
     def _of_effects(self, v: Float[np.ndarray, " location"], mass: float) -> dict[str, float]:
         """What people, conditions and priors add, of v' (prior precision) v."""
         spread, names = self._spread, np.array(self._prepared.model.locations.spread)
         variance = np.asarray(spread.locations) ** 2
-        pull = np.asarray(spread.precision_matrix()) @ v
+        pull = self._prior @ v
         made = pull**2 * variance
         if spread.shared is not None:
             # A person's two effects hold the error of the mass too.

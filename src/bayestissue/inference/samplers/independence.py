@@ -7,8 +7,7 @@ each of its draws, each of them three times the price of a value.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -30,45 +29,44 @@ POINTS = 500
 
 
 class IndependenceDraws(NamedTuple):
-    """Draws, and the Pareto k of posterior over proposal: above 0.7 the proposals miss part of it."""
+    """Draws by independent proposals.
+
+    Attributes:
+        draws: of the chains.
+        pareto_k: of posterior over proposal: above 0.7 the proposals miss part of the posterior.
+        effective: effective number of the proposals, weighted by it, over their number.
+    """
 
     draws: Draws
     pareto_k: float
-
-
-@dataclass(frozen=True)
-class Spreads:
-    """The standard deviations' posterior given the summaries, to second order, unconstrained.
-
-    ``mode`` has each site's value, ``covariance`` the inverse of the curvature there.
-    """
-
-    mode: Mapping[str, np.ndarray]
-    covariance: np.ndarray
+    effective: float
 
 
 def independence_chains(
-    model: Callable[..., None], arguments: tuple[Any, ...], start: Spreads, settings: Sampler, seed: int
+    model: Callable[..., None],
+    arguments: tuple[Any, ...],
+    site: str,
+    covariance: Float[np.ndarray, "coordinate coordinate"],
+    settings: Sampler,
+    seed: int,
 ) -> IndependenceDraws:
     """Draw from a numpyro ``model`` by Metropolis-Hastings with independent proposals (Tierney 1994).
 
-    The Student-t begins with the mode and the curvature there; its location and scale then follow the
+    The Student-t begins at 0 with the curvature there; its location and scale then follow the
     importance-weighted moments of what it proposed (Cappé et al. 2004).
 
     Args:
         model: a numpyro model.
         arguments: of the model, arrays that are traced.
-        start: posterior mode and covariance.
+        site: the model's only one, unconstrained coordinates in which the posterior is nearly normal about 0.
+        covariance: of these, to second order.
         settings: how many chains and draws.
         seed: of all of it.
     """
-    names = tuple(sorted(start.mode))
-    shapes = {name: np.shape(start.mode[name]) for name in names}
-    assert not any(shapes.values()), "every site is a number"  # noqa: S101
     rng = np.random.default_rng([seed, 31])
-    mean, covariance = np.array([float(start.mode[name]) for name in names]), start.covariance
+    mean = np.zeros(len(covariance))
     for _ in range(ROUNDS):
-        points, log_weight, _ = _propose(model, arguments, names, mean, covariance, POINTS, rng)
+        points, log_weight, _ = _propose(model, arguments, site, mean, covariance, POINTS, rng)
         smoothed, _ = pareto_smoothed(log_weight)
         weight = np.exp(np.asarray(smoothed) - np.max(smoothed))
         weight = weight / weight.sum()
@@ -78,7 +76,7 @@ def independence_chains(
         mean = weight @ points
         covariance = (points - mean).T @ ((points - mean) * weight[:, None])
     count = settings.chains * settings.transitions
-    points, log_weight, density = _propose(model, arguments, names, mean, covariance, count, rng)
+    points, log_weight, density = _propose(model, arguments, site, mean, covariance, count, rng)
     _, k = pareto_smoothed(log_weight)
     shape = (settings.chains, settings.transitions)
     share = np.exp(log_weight - log_weight.max())
@@ -96,36 +94,36 @@ def independence_chains(
         "energy": energy,
         "potential_energy": energy,
     }
-    sites = {name: points[place, column] for column, name in enumerate(names)}
-    return IndependenceDraws(Draws(sites, statistics, settings.max_tree_depth), float(k))
+    weight = share[np.isfinite(share)]
+    effective = weight.sum() ** 2 / np.square(weight).sum() / count
+    draws = Draws({site: points[place]}, statistics, settings.max_tree_depth)
+    return IndependenceDraws(draws, float(k), float(effective))
 
 
 def _propose(
     model: Callable[..., None],
     arguments: tuple[Any, ...],
-    names: tuple[str, ...],
+    site: str,
     mean: np.ndarray,
     covariance: np.ndarray,
     number: int,
     rng: np.random.Generator,
-) -> tuple[Float[np.ndarray, "point site"], Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
+) -> tuple[Float[np.ndarray, "point coordinate"], Float[np.ndarray, " point"], Float[np.ndarray, " point"]]:
     """Points, log of posterior over proposal there, and the log of the posterior."""
     scale = covariance * (DEGREES - 2) / DEGREES
     proposal = multivariate_t(mean, scale, df=DEGREES, seed=rng)  # type: ignore[call-overload]
     points = proposal.rvs(number).reshape(number, len(mean))
-    density = np.asarray(_log_density(model, names, jnp.asarray(points), arguments))
+    density = np.asarray(_log_density(model, site, jnp.asarray(points), arguments))
     density = np.where(np.isfinite(density), density, -np.inf)
     log_weight = density - proposal.logpdf(points)
     # What has no density is as good as never proposed, but Pareto smoothing wants numbers.
     return points, np.maximum(log_weight, log_weight.max() - 600), density
 
 
-@partial(jax.jit, static_argnames=("model", "names"))
-def _log_density(
-    model: Callable[..., None], names: tuple[str, ...], points: Array, arguments: tuple[Any, ...]
-) -> Array:
+@partial(jax.jit, static_argnames=("model", "site"))
+def _log_density(model: Callable[..., None], site: str, points: Array, arguments: tuple[Any, ...]) -> Array:
     def one(point: Array) -> Array:
-        return -potential_energy(model, arguments, {}, dict(zip(names, point, strict=True)))
+        return -potential_energy(model, arguments, {}, {site: point})
 
     return jax.lax.map(one, points)
 

@@ -15,11 +15,17 @@ from bayestissue.inference.execution.chunks import impacts_of
 
 MOST_VALUES = 10_000_000
 SHOWN = 1000
+MOST_PAIRS = 20_000_000
 
 
 def some_impacts(count: int) -> Int[np.ndarray, " shown"]:
     """The impacts for which everything is kept: all, or a thousand evenly spaced ones."""
     return np.unique(np.linspace(0, count - 1, min(count, SHOWN)).round().astype(int))
+
+
+def all_fit(draws: int, impacts: int) -> bool:
+    """Whether everything can be made for so many draws of so many impacts."""
+    return draws * impacts <= MOST_PAIRS
 
 
 def kept_draws(chains: int, draws: int, impacts: int) -> Int[np.ndarray, " kept"]:
@@ -40,9 +46,7 @@ def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
         return value[rows] if len(value) == count else value
 
     data = impacts_of(prepared.data, rows)
-    cells, cell = np.unique(data.design.cell, return_inverse=True)
-    columns = tuple(np.asarray(matrix)[cells] for matrix in data.design.columns)
-    data = jax.tree.map(jnp.asarray, data._replace(design=data.design._replace(columns=columns, cell=cell)))
+    data = jax.tree.map(jnp.asarray, data._replace(design=data.design.some(rows)))
     return replace(
         prepared,
         data=data,

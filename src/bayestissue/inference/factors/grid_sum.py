@@ -44,6 +44,10 @@ class GridSum(NamedTuple):
     reach: Float[Array, " pair"]
     coefficients: Float[Array, "power power"]
 
+    def total(self, mean: Array, sd: Array) -> Float[Array, ""]:
+        """The log evidence of all impacts together."""
+        return self.at(mean, jnp.log(sd))
+
     def at(self, mean: Array, log_sd: Array) -> Array:
         """The value at a point; outside of the rectangle that of the nearest edge."""
         place = (jnp.stack([mean, log_sd]) - self.middle) / self.reach

@@ -1,0 +1,259 @@
+"""Fixed and group effects integrated out of any design, or drawn, by a blocked Cholesky factor.
+
+Once the impacts' own parameters are integrated out, the precision of b is X'WX + Lambda with Lambda that of
+its prior. Its elements are eliminated in two steps: of the chosen grouping factor and all that is nested in
+it level by level, a small factor L each; then all other elements by one dense factor F of what is left,
+the Schur complement. This is the blocked Cholesky factor of mixed models (Bates et al. 2015,
+doi:10.18637/jss.v067.i01, and MixedModels.jl); which elements are in which block is
+`bayestissue.hierarchy.gaussian.arrangement`'s.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jax.scipy.linalg import cho_solve, solve_triangular
+from jaxtyping import Float
+
+from bayestissue.hierarchy.gaussian import blocks
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
+from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.gaussian.impacts import CellSums
+
+
+class EffectsConditional(NamedTuple):
+    """b given the hyperparameters and all data, less its prior mean: a normal of the precision's factors.
+
+    Attributes:
+        factor: L, of each level's own elements.
+        coupling: L^-1 times their products with the rest.
+        half: L^-1 times what pulls them.
+        rest_factor: F, of the rest once these are eliminated.
+        rest_half: F^-1 times what then pulls the rest.
+    """
+
+    factor: Float[Array, "own own level"]
+    coupling: Float[Array, "own rest level"]
+    half: Float[Array, "own level"]
+    rest_factor: Float[Array, "rest rest"]
+    rest_half: Float[Array, " rest"]
+
+    def log_density(self) -> Float[Array, ""]:
+        """What integrating b out adds to the log density at its prior mean, but for the prior's scale."""
+        squares = (self.half**2).sum() + (self.rest_half**2).sum()
+        scale = blocks.log_diagonal(self.factor).sum() + jnp.log(jnp.diagonal(self.rest_factor)).sum()
+        return squares / 2 - scale
+
+    def solve_upper(
+        self, own: Float[Array, "own level"], rest: Float[Array, " rest"]
+    ) -> tuple[Float[Array, "own level"], Float[Array, " rest"]]:
+        """The inverse of the whole factor's transpose times a vector."""
+        rest = solve_triangular(self.rest_factor, rest, lower=True, trans=1)
+        left = own - (self.coupling * rest[:, None]).sum(1)
+        return blocks.solve_upper(self.factor, left), rest
+
+
+def log_density_of_cells(
+    design: PopulationDesign, covariances: Covariances, sums: CellSums
+) -> Float[Array, ""]:
+    """Log density of all data, b integrated out.
+
+    Differentiable by the covariances and the sums, once, and backwards: see `_backward`.
+
+    Args:
+        design: X, arranged.
+        covariances: of which those of b count.
+        sums: what the data of each place say of X b.
+    """
+    own, rest = _elements(design)
+    precision = covariances.of_effects()
+    gained = _integrated(precision.among(own), precision.among(rest), sums.weight, sums.pull, design)
+    return sums.constant.sum() + gained - covariances.log_scale()
+
+
+def integrate_effects(
+    design: PopulationDesign, covariances: Covariances, sums: CellSums
+) -> EffectsConditional:
+    """All that is needed to integrate b out and to draw it."""
+    own, rest = _elements(design)
+    precision = covariances.of_effects()
+    return _eliminated(precision.among(own), precision.among(rest), sums.weight, sums.pull, design)
+
+
+def effects_from_standard(
+    design: PopulationDesign,
+    conditional: EffectsConditional,
+    mean: Float[Array, " location"],
+    standard: Float[Array, " location"] | None = None,
+) -> Float[Array, " location"]:
+    """B from standard normals, its conditional mean without them.
+
+    The last element of b depends on the last standard normal alone, if the data say nothing of it.
+
+    Args:
+        design: X, arranged.
+        conditional: of b.
+        mean: b's prior mean.
+        standard: as many standard normals as b has elements.
+    """
+    own, rest = _elements(design)
+    half, rest_half = conditional.half, conditional.rest_half
+    if standard is not None:
+        padded = jnp.append(standard, 0.0)
+        half, rest_half = half + padded[own], rest_half + padded[rest]
+    half, rest_half = conditional.solve_upper(half, rest_half)
+    moved = jnp.zeros(len(mean) + 1).at[rest].set(rest_half).at[own].set(half)
+    return mean + moved[:-1]
+
+
+def integrated_levels(
+    weight: Float[Array, "effect effect *level"],
+    pull: Float[Array, " effect *level"],
+    root: Float[Array, "effect effect *#level"],
+) -> Float[Array, "*level"]:
+    """What the log density of each level's data gains by its effects being integrated out, from 0.
+
+    The log of the mean of exp(e'p - e'W e / 2) over e ~ N(0, R R') is (R'p)' M^-1 (R'p) / 2 - log det M / 2
+    with M = 1 + R'W R, whatever standard deviation tends to 0.
+
+    Args:
+        weight: W, sums over each level's data.
+        pull: p, where the effects are 0.
+        root: R.
+    """
+    turned = blocks.transposed(root)
+    size = len(pull)
+    one = np.eye(size).reshape(size, size, *[1] * (pull.ndim - 1))
+    factor = blocks.cholesky(one + blocks.product(blocks.product(turned, weight), root))
+    half = blocks.solve_lower(factor, blocks.times(turned, pull))
+    return (half**2).sum(0) / 2 - blocks.log_diagonal(factor)
+
+
+def _elements(design: PopulationDesign) -> tuple[Array, Array]:
+    """Elements of b that are each level's own, and the others."""
+    return jnp.concatenate(design.inner_element), jnp.concatenate(design.rest_element)
+
+
+def _eliminated(
+    own_prior: Array, rest_prior: Array, weight: Array, pull: Array, design: PopulationDesign
+) -> EffectsConditional:
+    table = design.inner[0].shape[1:]
+    inner, rest = design.inner, [columns.reshape(*table, -1) for columns in design.rest]
+    weight, pull = weight.reshape(*weight.shape[:2], *table), pull.reshape(len(pull), *table)
+
+    def by_level(values: Array) -> Array:
+        return _by_level(values, design)
+
+    def of_own(a: int, b: int) -> Array:
+        return by_level((inner[a][:, None] * weight[a, b] * inner[b][None]).sum(-1))
+
+    def across(a: int, b: int) -> Array:
+        return by_level(jnp.einsum("irs,rsq->iqr", inner[a] * weight[a, b], rest[b]))
+
+    def of_rest(a: int, b: int) -> Array:
+        return jnp.einsum("rsp,rsq->pq", rest[a], weight[a, b][..., None] * rest[b])
+
+    size = range(len(weight))
+    factor = blocks.cholesky(_symmetric(of_own, size) + own_prior)
+    coupling = blocks.solve_lower(factor, _assembled(across, size))
+    pulled = by_level(jnp.concatenate([(inner[a] * pull[a]).sum(-1) for a in size]))
+    half = blocks.solve_lower(factor, pulled)
+    left = _symmetric(of_rest, size) + rest_prior - jnp.einsum("iql,ipl->qp", coupling, coupling)
+    right = jnp.concatenate([jnp.einsum("rsp,rs->p", rest[a], pull[a]) for a in size])
+    rest_factor = jnp.linalg.cholesky(left)
+    right = right - (coupling * half[:, None]).sum((0, 2))
+    return EffectsConditional(
+        factor, coupling, half, rest_factor, solve_triangular(rest_factor, right, lower=True)
+    )
+
+
+def _by_level(values: Float[Array, "*own row"], design: PopulationDesign) -> Float[Array, "*own level"]:
+    """Sums over each level's rows of the table."""
+    levels = design.inner_element[0].shape[1]
+    if levels == values.shape[-1]:
+        return values
+    return jnp.moveaxis(jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), design.level, levels), 0, -1)
+
+
+def _assembled(entry: Callable[[int, int], Array], size: Sequence[int]) -> Array:
+    """A matrix of blocks."""
+    rows = [jnp.concatenate([entry(a, b) for b in size], axis=1) for a in size]
+    return jnp.concatenate(rows)
+
+
+def _symmetric(entry: Callable[[int, int], Array], size: Sequence[int]) -> Array:
+    """A symmetric matrix of blocks, those of its upper triangle given."""
+    upper = {pair: entry(*pair) for pair in itertools.combinations_with_replacement(size, 2)}
+    return _assembled(lambda a, b: upper[a, b] if a <= b else blocks.transposed(upper[b, a]), size)
+
+
+@jax.custom_vjp
+def _integrated(
+    own_prior: Array, rest_prior: Array, weight: Array, pull: Array, design: PopulationDesign
+) -> Array:
+    return _eliminated(own_prior, rest_prior, weight, pull, design).log_density()
+
+
+def _forward(own_prior: Array, rest_prior: Array, weight: Array, pull: Array, design: Any) -> tuple[Any, Any]:
+    found = _eliminated(own_prior, rest_prior, weight, pull, design)
+    return found.log_density(), (found, design)
+
+
+def _backward(kept: tuple[EffectsConditional, PopulationDesign], change: Array) -> tuple[Any, ...]:
+    """By Fisher's identity minus half the expected squares of what each precision is of, given the data.
+
+    By pull that is the mean of X b less its prior mean.
+    """
+    found, design = kept
+    size, table = range(len(design.inner)), design.inner[0].shape[1:]
+    rest_covariance = cho_solve((found.rest_factor, True), jnp.eye(len(found.rest_half)))
+    gain = blocks.solve_upper(found.factor, found.coupling)
+    across = -jnp.einsum("iql,qp->ipl", gain, rest_covariance)
+    root = blocks.inverse_factor(found.factor)
+    covariance = blocks.product(blocks.transposed(root), root) - jnp.einsum("iql,jql->ijl", across, gain)
+    own, rest = found.solve_upper(found.half, found.rest_half)
+    inner_parts, rest_parts = _parts(design.inner, 0), _parts(design.rest, 1)
+    rows = jnp.asarray(design.level)
+    rest_columns = [columns.reshape(*table, -1) for columns in design.rest]
+
+    def mean(a: int) -> Array:
+        value = (design.inner[a] * own[inner_parts[a]][:, rows, None]).sum(0)
+        return value.ravel() + design.rest[a] @ rest[rest_parts[a]]
+
+    def one_side(a: int, b: int) -> Array:
+        between = jnp.einsum(
+            "iqr,rsq->irs", across[inner_parts[a], rest_parts[b]][..., rows], rest_columns[b]
+        )
+        return (design.inner[a] * between).sum(0).ravel()
+
+    def scatter(a: int, b: int) -> Array:
+        of_own = covariance[inner_parts[a], inner_parts[b]][..., rows, None]
+        within = (design.inner[a][:, None] * of_own * design.inner[b][None]).sum((0, 1)).ravel()
+        of_rest = (design.rest[a] @ rest_covariance[rest_parts[a], rest_parts[b]]) * design.rest[b]
+        return within + of_rest.sum(1) + one_side(a, b) + one_side(b, a)
+
+    about = jnp.stack([mean(a) for a in size])
+    upper = {pair: scatter(*pair) for pair in itertools.combinations_with_replacement(size, 2)}
+    squares = jnp.stack([jnp.stack([upper[min(a, b), max(a, b)] for b in size]) for a in size])
+    return (
+        -change / 2 * (covariance + blocks.outer(own, own)),
+        -change / 2 * (rest_covariance + blocks.outer(rest, rest)),
+        -change / 2 * (squares + blocks.outer(about, about)),
+        change * about,
+        None,
+    )
+
+
+def _parts(columns: Sequence[Array], axis: int) -> list[slice]:
+    """Where each parameter's columns are among those of all."""
+    ends = list(itertools.accumulate(matrix.shape[axis] for matrix in columns))
+    return [slice(end - matrix.shape[axis], end) for end, matrix in zip(ends, columns, strict=True)]
+
+
+_integrated.defvjp(_forward, _backward)

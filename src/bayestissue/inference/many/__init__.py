@@ -1,1 +1,0 @@
-"""The same posterior for many impacts, at a cost that many impacts allow."""

@@ -1,0 +1,196 @@
+"""The correction of `ratios` for many impacts: expanded to second order in the population.
+
+What a trace's true evidence adds to its summary's is a smooth function of what the population says of the
+impact. Small as it is for one trace, over many it adds up to more than weights could put right. But with many
+impacts the posterior of the population is narrow beside the scatter of the impacts, which is the scale on
+which these functions bend: their expansions about the posterior's middle, added up cell by cell, go into the
+evidence itself. What even these leave out is made whole at some draws of the posterior, and tells whether the
+draws can be trusted.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
+from bayestissue.hierarchy.gaussian.conditional import Expansion, flat_spreads
+from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, population
+from bayestissue.inference.execution.chunks import in_blocks
+from bayestissue.inference.execution.progress import Progress, silent
+from bayestissue.inference.factors.grid import LikelihoodGrid
+from bayestissue.inference.factors.importance_ratios import (
+    ImportanceRatios,
+    importance_ratios,
+    log_corrections,
+    log_evidence_corrections,
+)
+from bayestissue.inference.factors.laplace import ConditionalPrior
+from bayestissue.inference.factors.moments import standard_points
+
+
+class PopulationDraws(NamedTuple):
+    """Draws of the population: the spreads, unconstrained, and the locations."""
+
+    raw: dict[str, Float[Array, " draw"]]
+    b: Float[Array, "draw location"]
+
+    def some(self, number: int) -> PopulationDraws:
+        """As many of them, evenly spaced."""
+        chosen = np.linspace(0, len(self.b) - 1, number).astype(int)
+        return PopulationDraws({name: values[chosen] for name, values in self.raw.items()}, self.b[chosen])
+
+
+def rows_of(summaries: Sites, rows: np.ndarray) -> Sites:
+    """Some impacts' summaries."""
+    return Sites(*(np.asarray(leaf)[rows] for leaf in summaries))
+
+
+def expand(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Sites,
+    profile: LikelihoodGrid | None,
+    middle: PopulationDraws,
+    draws: PopulationDraws,
+    *,
+    progress: Progress = silent,
+) -> Expansion:
+    """The expansion about one population.
+
+    Args:
+        model: the model.
+        data: the traces.
+        summaries: of them.
+        profile: of their last parameter, if it has one.
+        middle: one draw of the population, about which to expand.
+        draws: of the population, as many as there are points: where traces and summaries are compared.
+        progress: told how many blocks of impacts are done.
+    """
+    design, cell = data.design, np.asarray(data.design.cell)
+    at, about = (np.asarray(part)[0] for part in _seen(model, design, middle))
+    mixture = anchors_of(model, design, draws)
+    standard = standard_points(summaries.centre.shape[1])
+
+    def one(part: TraceData, rows: np.ndarray) -> tuple[Array, Array]:
+        here = np.concatenate([about[cell[rows]], np.broadcast_to(at, (len(rows), len(at)))], axis=1)
+        own, own_profile = told_of_rows(summaries, profile, rows)
+        anchors = _of_cells(mixture, cell[rows])
+        return _expand(own, importance_ratios(model, part, own, anchors, standard, own_profile), here)
+
+    slope, bend = in_blocks(data, one, progress=progress)
+    return Expansion(
+        jnp.asarray(about.T),
+        jnp.asarray(at),
+        design.to_cells(jnp.asarray(np.moveaxis(slope, 0, -1))),
+        design.to_cells(jnp.asarray(np.moveaxis(bend, 0, -1))),
+    )
+
+
+def residual_log_weights(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Sites,
+    profile: LikelihoodGrid | None,
+    expansion: Expansion | None,
+    mixture: PopulationDraws,
+    checked: PopulationDraws,
+    *,
+    progress: Progress = silent,
+) -> Float[np.ndarray, " draw"]:
+    """Log of the true evidence over the one that draws were made with, for some draws, less their mean.
+
+    Args:
+        model: the model.
+        data: the traces.
+        summaries: of them.
+        profile: of their last parameter, if it has one.
+        expansion: of what the summaries leave out, where it is part of the density.
+        progress: told how many blocks of impacts are done.
+        mixture: draws of the population at which traces and summaries are compared.
+        checked: the draws to check.
+    """
+    cell = np.asarray(data.design.cell)
+    standard = standard_points(summaries.centre.shape[1])
+    compared, seen = (anchors_of(model, data.design, draws) for draws in (mixture, checked))
+
+    def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
+        own, own_profile = told_of_rows(summaries, profile, rows)
+        points = importance_ratios(model, part, own, _of_cells(compared, cell[rows]), standard, own_profile)
+        return log_evidence_corrections(own, points, _of_cells(seen, cell[rows])).T
+
+    exact = in_blocks(data, one, progress=progress).sum(0)
+    if expansion is not None:
+        exact = exact - np.asarray(_expanded(model, data.design, expansion, checked))
+    return exact - exact.mean()
+
+
+def anchors_of(model: TraceModel, design: PopulationDesign, draws: PopulationDraws) -> ConditionalPrior:
+    """What draws of the population expect of the impacts at every place."""
+    precision = jax.vmap(lambda raw: population(model, constrained(model, raw)).of_impact().precision)
+    _, about = _seen(model, design, draws)
+    return ConditionalPrior(np.asarray(about), np.asarray(precision(draws.raw))[:, None])
+
+
+def _of_cells(anchors: ConditionalPrior, cell: np.ndarray) -> ConditionalPrior:
+    return anchors._replace(mean=anchors.mean[:, cell])
+
+
+def _seen(
+    model: TraceModel, design: PopulationDesign, draws: PopulationDraws
+) -> tuple[Float[Array, "draw spread"], Float[Array, "draw place parameter"]]:
+    """The two parts of v of each draw."""
+    spreads = jax.vmap(lambda raw: flat_spreads(population(model, constrained(model, raw))))(draws.raw)
+    return spreads, jnp.moveaxis(expected_by_cell(design, draws.b), 0, -1)
+
+
+def told_of_rows(
+    summaries: Sites, profile: LikelihoodGrid | None, rows: np.ndarray
+) -> tuple[Sites, LikelihoodGrid | None]:
+    """Some impacts' summaries, and their profile if there is one."""
+    own = rows_of(summaries, rows)
+    if profile is None:
+        return own, None
+    return own, profile._replace(log_likelihood=jnp.asarray(np.asarray(profile.log_likelihood)[:, rows]))
+
+
+@jax.jit
+def _expanded(
+    model: TraceModel, design: PopulationDesign, expansion: Expansion, draws: PopulationDraws
+) -> Array:
+    """The expansion's value at some draws, but for a constant."""
+
+    def one(draw: tuple[dict[str, Array], Array]) -> Array:
+        covariances = population(model, constrained(model, draw[0]))
+        return expansion.value(expected_by_cell(design, draw[1]), covariances).sum()
+
+    return jax.lax.map(one, (draws.raw, draws.b))
+
+
+@jax.jit
+def _expand(
+    summaries: Sites, points: ImportanceRatios, middle: Float[Array, "impact v"]
+) -> tuple[Array, Array]:
+    """Slopes and bends of each impact's correction at the middle."""
+    slope = jax.grad(lambda v: _correction(points, summaries, v).sum())
+
+    def bent(direction: Array) -> Array:
+        return jax.jvp(slope, (middle,), (jnp.broadcast_to(direction, middle.shape),))[1]
+
+    return slope(middle), jax.lax.map(bent, jnp.eye(middle.shape[1])).transpose(1, 2, 0)
+
+
+def _correction(points: ImportanceRatios, summaries: Sites, v: Array) -> Array:
+    """Each impact's correction, as a function of what the population says of it."""
+    size = summaries.centre.shape[1]
+    kk, kc, cc = v[:, size : size + 3].T
+    prior = Covariances((kk, kc, cc), tuple(jnp.sqrt(v[:, size + 3 :]).T), jnp.zeros(0)).of_impact()
+    precision = jnp.moveaxis(prior.precision, -1, 0)
+    return log_corrections(points, summaries, ConditionalPrior(v[:, :size], precision))

@@ -1,0 +1,87 @@
+"""Each impact's parameters, integrated out or drawn, against a dense normal of each."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from dense_normal import SIZE, Dense
+from numpy.testing import assert_allclose
+from scipy.stats import multivariate_normal
+
+from bayestissue.hierarchy.gaussian.impacts import (
+    ImpactConditional,
+    ImpactPrior,
+    Sites,
+    parameters_first,
+)
+
+
+@pytest.fixture(scope="module")
+def dense() -> Dense:
+    return Dense("people", 2)
+
+
+def conditional(dense: Dense, of_u: np.ndarray) -> ImpactConditional:
+    precision = np.linalg.inv(of_u)
+    prior = ImpactPrior(precision, np.linalg.slogdet(precision)[1])
+    return ImpactConditional.of(prior, parameters_first(Sites(*map(np.asarray, dense.sites))))
+
+
+def test_u_has_its_dense_conditional(dense: Dense) -> None:
+    about = np.random.default_rng(1).normal(size=(SIZE, dense.number))
+    found, prior = conditional(dense, dense.of_u), np.linalg.inv(dense.of_u)
+    precision = np.asarray(dense.sites.precision)
+    left = np.linalg.inv(precision + prior)
+    pulled = np.einsum("iab,ib->ia", precision, dense.seen) + about.T @ prior
+    mean = found.draw(about, np.zeros(about.shape))
+    assert_allclose(mean.T, np.einsum("iab,ib->ia", left, pulled), rtol=1e-9, atol=1e-10)
+    assert_allclose(found.moved(about), mean - about, rtol=1e-9, atol=1e-10)
+    unit = np.broadcast_to(np.eye(SIZE)[..., None], (SIZE, SIZE, dense.number))
+    root = np.stack([found.draw(about, unit[:, a]) - mean for a in range(SIZE)], axis=1)
+    assert_allclose(np.einsum("aki,bki->iab", root, root), left, rtol=1e-8, atol=1e-10)
+    assert_allclose(np.moveaxis(found.covariance, -1, 0), left, rtol=1e-8, atol=1e-10)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-4, 1e3])
+def test_a_site_with_u_integrated_out_is_the_dense_integral(dense: Dense, scale: float) -> None:
+    """Standard deviations of impacts far below and above what traces tell included."""
+    about = np.random.default_rng(1).normal(size=(SIZE, dense.number))
+    of_u = scale**2 * dense.of_u
+    found, whole = conditional(dense, of_u), dense.inverses + of_u
+    direct = [multivariate_normal(about[:, i], whole[i]).logpdf(dense.seen[i]) for i in range(dense.number)]
+    assert_allclose(found.log_density(about), direct + dense.constants, rtol=1e-10)
+    weight = np.linalg.inv(whole)
+    assert_allclose(np.moveaxis(found.weight, -1, 0), weight, rtol=1e-8, atol=1e-10 * np.abs(weight).max())
+    pull = np.einsum("iab,ib->ai", weight, dense.seen - about.T)
+    assert_allclose(found.pull(about), pull, rtol=1e-7, atol=1e-9 * np.abs(pull).max())
+
+
+def test_a_parameter_that_a_site_says_nothing_of_keeps_its_prior(dense: Dense) -> None:
+    precision, slope = np.array(dense.sites.precision), np.array(dense.sites.slope)
+    precision[:, -1], precision[:, :, -1], slope[:, -1] = 0.0, 0.0, 0.0
+    opened = Dense("people", 2)
+    opened.sites = dense.sites._replace(precision=precision, slope=slope)  # type: ignore[arg-type]
+    found = conditional(opened, dense.of_u)
+    assert not found.weight[-1].any()
+    assert not found.weight[:, -1].any()
+    assert_allclose(found.covariance[-1, -1], dense.of_u[-1, -1], rtol=1e-12)
+
+
+def test_many_draws_of_the_population_at_once_are_each_of_them(dense: Dense) -> None:
+    scales = np.array([0.5, 1.0, 2.0])
+    precision = np.linalg.inv(dense.of_u)[..., None] * scales
+    prior = ImpactPrior(precision[..., None], np.linalg.slogdet(precision.T)[1][:, None])
+    about = np.random.default_rng(2).normal(size=(SIZE, 3, dense.number))
+    sites = parameters_first(Sites(*map(np.asarray, dense.sites)))
+    together = ImpactConditional.of(prior, sites).log_density(about)
+    for place, scale in enumerate(scales):
+        alone = conditional(dense, dense.of_u / scale).log_density(about[:, place])
+        assert_allclose(together[place], alone, rtol=1e-12)
+
+
+def test_a_site_is_a_parabola_about_its_centre(dense: Dense) -> None:
+    sites = Sites(*map(np.asarray, dense.sites))
+    away = dense.rng.normal(size=(dense.number, SIZE))
+    slope = (away * sites.slope).sum(1)
+    direct = sites.log_likelihood + slope - np.einsum("ia,iab,ib->i", away, sites.precision, away) / 2
+    assert_allclose(sites.log_density(sites.centre + away), direct, rtol=1e-11)

@@ -1,0 +1,75 @@
+"""What the page of a fit says of group terms beside people and conditions."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from bayestissue.report.fit.groupings import differing_words, groupings, own_slopes
+from bayestissue.report.fit.page import fit_page
+from bayestissue.report.fit.run import read_fit_run
+from bayestissue.report.run_folder import read_json
+from make_fit_run import CHAINS, DRAWS, PEOPLE, make_fit_run
+
+SIDES = [f"s{person}:{side}" for person in range(PEOPLE) for side in ("left", "right")]
+
+
+@pytest.fixture(params=[0.3, 0.0], ids=["people differ", "people do not differ"])
+def made(request, tmp_path):
+    """A run with effects of sides and people's own mass exponents, which differ or do not."""
+    folder = make_fit_run(tmp_path / "run")
+    rng, shape = np.random.default_rng(3), (CHAINS, DRAWS)
+    path = folder / "posterior.nc"
+    with xr.open_datatree(path, engine="h5netcdf") as tree:
+        groups = {name: group.to_dataset().load() for name, group in tree.children.items()}
+    own = groups["posterior"]["mass_exponent_K"].to_numpy()[..., None]
+    own = own + request.param * np.linspace(-1, 1, PEOPLE) + 0.05 * rng.normal(size=(*shape, PEOPLE))
+    effect = 0.1 * rng.normal(size=(*shape, len(SIDES)))
+    groups["posterior"] = groups["posterior"].assign(
+        subject_mass_exponent_K=(("chain", "draw", "subject"), own),
+        sd_subject_mass_exponent_K=(("chain", "draw"), np.full(shape, 0.3)),
+        subject_side_effect_K=(("chain", "draw", "subject:side"), effect),
+        sd_subject_side_K=(("chain", "draw"), np.exp(-2 + 0.1 * rng.normal(size=shape))),
+        K_subject_side=(("chain", "draw", "subject:side"), 2500 * np.exp(effect)),
+    )
+    groups["posterior"] = groups["posterior"].assign_coords({"subject:side": SIDES})
+    path.unlink()
+    xr.DataTree.from_dict(groups).to_netcdf(path, engine="h5netcdf")
+    table = pd.read_csv(folder / "summary.csv")
+    labels = [f"s{person}" for person in range(PEOPLE)]
+    more = table[table["variable"] == "subject_effect_K"].assign(variable="subject_mass_exponent_K")
+    sds = table[table["variable"] == "sd_subject_K"]
+    more = [more.assign(label=labels), *(sds.assign(variable=f"sd_{n}_K") for n in ("subject_side",))]
+    pd.concat([table, *more]).to_csv(folder / "summary.csv", index=False)
+    return folder, request.param
+
+
+def test_groups_and_slopes_are_found_by_their_names(made) -> None:
+    folder, _ = made
+    run = read_fit_run(folder, read_json(folder / "run.json"))
+    assert groupings(run) == ["subject", "trial", "subject:side"]
+    assert [(slope.name, slope.shared) for slope in own_slopes(run)] == [
+        ("subject_mass_exponent_K", "mass_exponent_K")
+    ]
+
+
+def test_the_first_screen_says_whether_people_differ_in_the_dependence_on_mass(made) -> None:
+    folder, differ = made
+    about = read_json(folder / "run.json")
+    told = differing_words(read_fit_run(folder, about))
+    if differ:
+        assert told.startswith("People differ in it: in K 4 of 4 people are told apart from the typical")
+    else:
+        assert told.startswith("People are not seen to differ in it: in K no person is told apart")
+        return
+    html = fit_page(folder, about)
+    first = html[html.index("Is the dependence on mass real?") : html.index("Every impact: posterior")]
+    assert told in first
+    text = re.sub(r"<[^>]+>", " ", html)
+    assert "mass exponent of K of each person itself" in text
+    assert "K and C of each of the levels of subject:side at 0.7 kg" in text
+    assert "sd_subject_side_K" in text
