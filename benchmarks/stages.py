@@ -21,7 +21,7 @@ from typing import Any
 
 # By module: the functions that are stages.
 STAGES = {
-    "inference.posterior.recipe": ("approximate", "run_chains", "_with_impacts", "log_evidence_corrections"),
+    "inference.posterior.recipe": ("approximate", "sample_marginal", "_with_impacts", "_log_weights"),
     "inference.posterior.constrained_draws": ("constrained_draws", "of_draws"),
     "inference.results.tree": ("posterior_tree", "prior_draws", "replicates"),
     "inference.fit": (
