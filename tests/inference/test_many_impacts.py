@@ -10,17 +10,22 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from bayestissue.elements import element_names
 from bayestissue.hierarchy.gaussian.arrangement import arrange
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
-from bayestissue.hierarchy.trace_data import Prepared, prepare
+from bayestissue.hierarchy.trace_data import MeasuredImpacts, Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference import fit as traces
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
-from bayestissue.inference.execution.chunks import in_blocks
+from bayestissue.inference.execution.chunks import in_blocks, of_each
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
 from bayestissue.inference.factors.grid import LikelihoodGrid, flat_grid
 from bayestissue.inference.factors.grid_sum import surface_of
+from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
+from bayestissue.inference.posterior import approximate
+from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.results.summary import summarise
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.simulation import simulate
@@ -109,6 +114,49 @@ def test_intervals_of_few_kept_draws_hold_what_they_promise() -> None:
 
 
 @pytest.fixture(scope="module")
+def dozen() -> MeasuredImpacts:
+    """Three people in two conditions, twice each."""
+    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.5, 1.0)]
+    campaign = simulate(
+        Simulation.model_validate(
+            {
+                "name": "dozen",
+                "seed": 6,
+                "design": {"subjects": 3, "repeats": 2, "conditions": conditions},
+                "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_subject_K": 0.2},
+                "recording": {"sampling_rate_hz": 1000.0, "noise_relative_to_peak": 0.005},
+            }
+        )
+    )
+    return campaign.dataset("dozen")
+
+
+@pytest.mark.parametrize("model", [*("arma", "a2", "impact"), *element_names()])
+def test_few_at_a_time_have_the_sites_of_all_together(
+    dozen: MeasuredImpacts, monkeypatch: pytest.MonkeyPatch, model: str
+) -> None:
+    """Blocks of any size: every likelihood is asked by itself, so that sites differ by rounding at most."""
+    likelihood = model if model in {"arma", "a2"} else "impact"
+    own = {"element": model} if model in element_names() else {}
+    given = {"name": model, "likelihood": likelihood, **own}
+    made = prepare(dozen, ModelSpecification.model_validate(given), source="model")
+    start = first_guess(made)
+    loose = weak_prior(start)
+
+    def sites() -> Sites:
+        # A step or two from the first guess, and moments there.
+        found = of_each(partial(laplace_sites, made.model, iterations=2), made.data, start, loose.of_each())
+        return approximate._moments(made.model, made.data, found, loose, lambda *_: None, bent=True)
+
+    whole = sites()
+    monkeypatch.setattr(trace_blocks, "BLOCK", 6)
+    for one, other in zip(whole, sites(), strict=True):
+        # Second differences of log likelihoods of some thousand, over steps of a thousandth.
+        scale = np.abs(one).max(axis=tuple(range(1, one.ndim)), keepdims=True)
+        np.testing.assert_allclose(one / scale, other / scale, atol=1e-5)
+
+
+@pytest.fixture(scope="module")
 def prepared() -> Prepared:
     conditions = [
         {"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.6, 0.9, 1.3)
@@ -144,7 +192,7 @@ def test_the_path_for_many_impacts_has_the_posterior_of_the_other(
     specification = ModelSpecification(name="impact", likelihood="impact", sampler=sampler)
     fit = partial(traces.fit_traces, prepared, specification, 1, lambda *_: None)
     few = fit()
-    monkeypatch.setattr(traces, "MANY", 1)
+    monkeypatch.setattr(many_kept, "MOST_PAIRS", 1)
     many = fit()
     one = few.summary.set_index(["variable", "label"])
     other = many.summary.set_index(["variable", "label"]).loc[one.index]

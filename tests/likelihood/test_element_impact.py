@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -36,22 +39,40 @@ def parameters(name: str) -> jax.Array:
     return jnp.array([np.full(2, value) for value in values(name).values()])
 
 
+@cache
+def compiled(name: str) -> Callable[[jax.Array, ElementRecord], tuple[jax.Array, jax.Array]]:
+    """Log densities for logs of parameters and noise; of the record's own traces, and by any value's path."""
+    which = element(name)
+
+    @jax.jit
+    def both(logs: jax.Array, record: ElementRecord) -> tuple[jax.Array, jax.Array]:
+        given = MeasuredImpact(which, jnp.exp(logs[:-1]), logs[-1], record)
+        return given.log_prob(record.d), given.log_prob(record.d + 0.0)
+
+    return both
+
+
+def logs_of(name: str) -> jax.Array:
+    return jnp.concatenate([jnp.log(parameters(name)), LOG_SIGMA[None]])
+
+
 @pytest.mark.parametrize("name", element_names())
 def test_density_is_that_of_the_whole_covariance(name: str) -> None:
     """Against the multivariate normal, its columns by differences of the simulated impact."""
     traces = record(name)
-    found = MeasuredImpact(element(name), parameters(name), LOG_SIGMA, traces).log_prob(traces.d)
+    found, _ = compiled(name)(logs_of(name), traces)
+    time, step = FIRST[:, None] + DT[:, None] * np.arange(COUNT.max()), 1e-6
+
+    def d(time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        return np.asarray(impact(name, values(name), MASS, velocity, time).deceleration)
+
+    mean = d(time, VELOCITY)
+    by_velocity = (d(time, VELOCITY + step) - d(time, VELOCITY - step)) / (2 * step)
+    by_contact = (d(time - step, VELOCITY) - d(time + step, VELOCITY)) / (2 * step)
     for row in range(2):
         n = COUNT[row]
-        time = FIRST[row] + DT[row] * np.arange(n)
-
-        def d(time: np.ndarray, velocity: float, row: int = row) -> np.ndarray:
-            return np.asarray(impact(name, values(name), MASS[row], velocity, time[None]).deceleration)[0]
-
-        middle, step = d(time, VELOCITY[row]), 1e-6
-        faster = d(time, VELOCITY[row] + step) - d(time, VELOCITY[row] - step)
-        later = d(time - step, VELOCITY[row]) - d(time + step, VELOCITY[row])
-        columns = np.stack([faster / (2 * step), middle, np.ones(n), later / (2 * step)], axis=1) * SD[row]
+        middle, faster, later = (part[row, :n] for part in (mean, by_velocity, by_contact))
+        columns = np.stack([faster, middle, np.ones(n), later], axis=1) * SD[row]
         covariance = np.exp(2 * LOG_SIGMA[row]) * np.eye(n) + columns @ columns.T
         expected = multivariate_normal(middle, covariance).logpdf(np.asarray(traces.d)[row, :n])
         # The differences are good to 1e-5 of columns that change the density by some tens.
@@ -72,14 +93,11 @@ def test_kelvin_voigt_has_the_density_of_the_closed_form() -> None:
 
 @pytest.mark.parametrize("name", element_names())
 def test_slopes_agree_with_differences_and_with_the_path_through_any_value(name: str) -> None:
-    traces, which = record(name, uniform=True), element(name)
+    traces, logs = record(name, uniform=True), logs_of(name)
 
-    @jax.jit
     def both(logs: jax.Array) -> tuple[jax.Array, jax.Array]:
-        given = MeasuredImpact(which, jnp.exp(logs[:-1]), logs[-1], traces)
-        return given.log_prob(traces.d), given.log_prob(traces.d + 0.0)
+        return compiled(name)(logs, traces)
 
-    logs = jnp.concatenate([jnp.log(parameters(name)), LOG_SIGMA[None]])
     np.testing.assert_allclose(*both(logs), rtol=1e-12)
     slopes = jax.jit(jax.grad(lambda logs: both(logs)[0].sum()))(logs)
     step = 1e-5

@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -45,10 +45,10 @@ class PopulationDesign(NamedTuple):
     cell: Int[np.ndarray | Array, " impact"]
     members: Int[np.ndarray | Array, "block repeat place"]
     level: Int[np.ndarray | Array, " row"]
-    inner: tuple[Float[np.ndarray | Array, "own row slot"], ...]
-    inner_element: tuple[Int[np.ndarray | Array, "own group"], ...]
-    rest: tuple[Float[np.ndarray | Array, "place part"], ...]
-    rest_element: tuple[Int[np.ndarray | Array, " part"], ...]
+    inner: tuple[Float[Any, "own row slot"], ...]
+    inner_element: tuple[Int[Any, "own group"], ...]
+    rest: tuple[Float[Any, "place part"], ...]
+    rest_element: tuple[Int[Any, " part"], ...]
 
     def some(self, rows: Int[np.ndarray, " row"]) -> PopulationDesign:
         """The same population over some of the impacts."""

@@ -14,7 +14,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jaxtyping import Float
 
@@ -34,10 +33,10 @@ class Sites(NamedTuple):
         log_likelihood: l, the log likelihood at m.
     """
 
-    centre: Float[np.ndarray | Array, "impact parameter"]
-    slope: Float[np.ndarray | Array, "impact parameter"]
-    precision: Float[np.ndarray | Array, "impact parameter parameter"]
-    log_likelihood: Float[np.ndarray | Array, " impact"]
+    centre: Float[Any, "impact parameter"]
+    slope: Float[Any, "impact parameter"]
+    precision: Float[Any, "impact parameter parameter"]
+    log_likelihood: Float[Any, " impact"]
 
     def log_density(self, u: Any) -> Any:
         """Log of the sites at ``u``."""
@@ -136,7 +135,10 @@ class ImpactConditional:
 
     def draw(self, about: Any, standard: Any) -> Any:
         """U from standard normals: N(m + V (g + D (X b - m)), V)."""
-        return self.sites.centre + blocks.solve_upper(self.factor, self.toward(about) + standard)
+        half = self.toward(about)
+        axes = max(half.ndim, standard.ndim) - 1
+        centre, half, standard = (blocks.with_axes(v, 1, axes) for v in (self.sites.centre, half, standard))
+        return centre + blocks.solve_upper(self.factor, half + standard)
 
 
 def parameters_first(sites: Sites) -> SitesFirst:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -36,8 +35,8 @@ class ConditionalPrior(NamedTuple):
         precision: of each impact, or one of all.
     """
 
-    mean: Float[np.ndarray | Array, "impact parameter"]
-    precision: Float[np.ndarray | Array, "*#impact parameter parameter"]
+    mean: Float[Any, "impact parameter"]
+    precision: Float[Any, "*#impact parameter parameter"]
 
     def of_each(self) -> ConditionalPrior:
         """The same with a precision of each impact."""
