@@ -24,7 +24,7 @@ from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_d
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
-MODELS = Path(__file__).parents[2] / "models"
+MODELS = Path(__file__).parents[3] / "models"
 # Few draws of a small campaign, and one population to look at.
 SETTINGS, SEED = Sampler(chains=2, warmup=100, draws=100), 2
 # Points of a normal about each impact's draws, twice as wide.
