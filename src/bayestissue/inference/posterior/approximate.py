@@ -31,6 +31,7 @@ from bayestissue.hierarchy.traces import (
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.inference.execution.chunks import of_each
 from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors.grid import (
     LikelihoodGrid,
     cleared_of_last,
@@ -45,7 +46,6 @@ from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.posterior.coordinates import Coordinates, straight, warp_about
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
-from bayestissue.inference.samplers.sampling import Progress, silent
 from bayestissue.signal import Displacements
 
 REFINEMENTS = 2
