@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -72,12 +72,12 @@ class EstimatesData(NamedTuple):
     """
 
     design: PopulationDesign
-    location_mean: Float[Array, " location"]
-    value: Float[Array, "impact 2"]
-    kept: Float[Array, " impact"]
-    roots: Float[Array, "table 2"]
-    people: tuple[Float[Array, "table person part"], ...]
-    scatter: Float[Array, "table 2"]
+    location_mean: Float[Any, " location"]
+    value: Float[Any, "impact 2"]
+    kept: Float[Any, " impact"]
+    roots: Float[Any, "table 2"]
+    people: tuple[Float[Any, "table person part"], ...]
+    scatter: Float[Any, "table 2"]
 
 
 def common_effects(designs: Iterable[Design], priors: Priors) -> Effects:

@@ -105,7 +105,7 @@ def _log_evidence_ratios(
     rng = np.random.default_rng([seed, 25])
     z = rng.standard_normal((len(chains.raw), model.locations.size))
     drawn = draw_all(model, data, chains.raw, z)
-    return drawn.log_density + drawn.log_ratio - chains.drawn.log_density
+    return np.asarray(drawn.log_density + drawn.log_ratio - chains.drawn.log_density)
 
 
 def _log_mean(log_density: Float[np.ndarray, "chain draw row"]) -> Float[np.ndarray, " row"]:

@@ -153,7 +153,9 @@ def _corrected(
 ) -> tuple[Correction, EstimatesPosterior]:
     """Draws chosen by the lost tables' factors over their sites."""
     shape = (settings.chains, settings.transitions)
-    correction = Correction.of(chains.drawn.log_ratio.reshape(shape), settings.chains * settings.draws)
+    correction = Correction.of(
+        np.asarray(chains.drawn.log_ratio).reshape(shape), settings.chains * settings.draws
+    )
     chosen = systematic(correction.weight, settings.draws, np.random.default_rng([seed, 22]))
     chosen = (chosen + settings.transitions * np.arange(settings.chains)[:, None]).ravel()
     raw, drawn = chains.raw[chosen], jax.tree.map(lambda values: values[chosen], chains.drawn)
@@ -194,7 +196,7 @@ def _by_chain(
     shape = (settings.chains, settings.draws)
     sites = constrained(model, dict(zip(model.spreads, raw.T, strict=True)))
     draws = replace(sampled, sites={name: np.asarray(v).reshape(shape) for name, v in sites.items()})
-    b, rows = (values.reshape(*shape, -1) for values in (drawn.b, drawn.rows))
+    b, rows = (np.asarray(values).reshape(*shape, -1) for values in (drawn.b, drawn.rows))
     return EstimatesPosterior(draws, b, rows, None, data, coordinates, None)
 
 
