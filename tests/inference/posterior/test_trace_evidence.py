@@ -77,6 +77,10 @@ def fit(request: pytest.FixtureRequest) -> Fit:
     scores = of_draws(prepared, told, expected)
     for name, values in found.log_likelihood.items():
         np.testing.assert_array_equal(values.reshape(scores[name].shape), scores[name])
+    # The correction has compared likelihood and site under every draw already.
+    again = of_draws(prepared, told._replace(corrections=correction.of_impacts), expected)
+    for name, values in scores.items():
+        np.testing.assert_allclose(again[name], values, rtol=1e-9)
     # One of the tenth of all draws under which summaries alone say least of the traces.
     off = np.abs((log_evidence(told.summaries, expected.anchors) - scores["trace"]).sum(-1))
     draw = int(np.argsort(off)[-len(off) // 10])

@@ -1,4 +1,4 @@
-"""What the stacking weights of several fits imply: quantities that mean the same in all of them, mixed."""
+"""Model averaging by stacking: the mixture of several fits' posteriors in proportion to their weights."""
 
 from __future__ import annotations
 

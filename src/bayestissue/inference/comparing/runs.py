@@ -1,4 +1,4 @@
-"""Finished fits of the same recordings beside each other: what they predict best, and where they disagree."""
+"""Model comparison: expected log predictive densities and estimates of finished fits beside each other."""
 
 from __future__ import annotations
 
