@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax
@@ -32,8 +33,10 @@ from bayestissue.simulation.specification import Simulation
 ROUNDING = 1e-10
 
 
-def campaign(tmp_path, subjects: int, seed: int, mass_sd: float) -> Dataset:
-    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 1.3)]
+def campaign(
+    tmp_path, subjects: int, seed: int, mass_sd: float, masses: Sequence[float] = (0.4, 1.3)
+) -> Dataset:
+    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in masses]
     tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
     tissue |= {f"sd_{each}": 0.1 for each in ("subject_K", "impact_K", "subject_C", "impact_C")}
     recording = {"sampling_rate_hz": 2200.0, "noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005}
@@ -92,6 +95,24 @@ def test_a_model_is_its_value(dataset: Dataset, specification: ModelSpecificatio
     # The error of the mass is the dataset's, and a number that is traced.
     assert jax.tree.structure(one) == jax.tree.structure(replace(other, log_mass_sd=0.3))
     assert jax.tree.leaves(one) == [0.002]
+
+
+def test_fewer_people_and_impacts_left_out_have_the_same_shapes(
+    specification: ModelSpecification, tmp_path
+) -> None:
+    """People and conditions are crossed, and both are filled up."""
+    masses = np.round(np.geomspace(0.4, 1.3, 9), 3).tolist()
+    whole = campaign(tmp_path, 10, 1, 0.002, masses)
+    keep = np.sort(np.random.default_rng(1).permutation(90)[:86])
+    left = whole.impacts.iloc[keep].reset_index(drop=True)
+    part = replace(whole, impacts=left, traces=[whole.traces[i] for i in keep])
+    shapes = set()
+    for each in (whole, campaign(tmp_path, 9, 2, 0.002, masses), part):
+        prepared = prepare(each, specification, source="model")
+        (data,) = filled_up((prepared.data,))
+        sizes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(data))
+        shapes.add((jax.tree.structure((prepared.model, data)), sizes))
+    assert len(shapes) == 1
 
 
 def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
