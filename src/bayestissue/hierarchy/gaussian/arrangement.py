@@ -173,9 +173,10 @@ def _nestings(
             least, greatest = np.full(own.shape[1], levels), np.full(own.shape[1], -1)
             np.minimum.at(least, effects, level[cells])
             np.maximum.at(greatest, effects, level[cells])
-            # Effects without any cell go where they cost nothing: to the factor's levels, which they match.
-            unused = np.arange(levels) if len(least) == levels else -1
             nested = np.where(least == greatest, least, -1)
+            # Effects without any cell go where they cost nothing: to the factor's levels, if they match them.
+            matches = len(least) == levels and (nested >= 0).any()
+            unused = np.arange(levels) if matches else -1
             of_element[group] = np.where(greatest < 0, unused, nested)
         yield _Nesting(level, levels, of_element, begins)
 
