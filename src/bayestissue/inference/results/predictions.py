@@ -1,4 +1,4 @@
-"""What the model predicts: replicates of every trace, and draws of the priors."""
+"""Posterior and prior predictive draws: replicates of every trace, and draws of the priors."""
 
 from __future__ import annotations
 
