@@ -79,6 +79,7 @@ def test_it_says_what_the_weights_imply(html):
     assert "weighted by how well each subject is predicted" in text
 
 
+@pytest.mark.usefixtures("drawn")
 def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path):
     out = made(tmp_path, impact={"likelihood": "impact"}, other={"likelihood": "impact", "worse": 1.0})
     about = json.loads((out / "run.json").read_text(encoding="utf-8"))
@@ -98,6 +99,7 @@ def test_an_interval_stands_beside_what_it_is_of(html):
     assert "A typical person: K" in text
 
 
+@pytest.mark.usefixtures("drawn")
 def test_where_stiffness_depends_on_depth_exponents_are_those_at_the_common_depth(tmp_path):
     depths = {"likelihood": "impact", "exponent": 0.0, "own_depth": 0.3}
     out = made(tmp_path, straight={"likelihood": "impact", "exponent": 0.5}, stiffening=depths)
