@@ -88,7 +88,7 @@ def cleared_of_last(summaries: Sites) -> Sites:
     """Sites that say nothing of the last parameter."""
     slope, precision = np.array(summaries.slope), np.array(summaries.precision)
     slope[:, -1], precision[:, -1], precision[:, :, -1] = 0.0, 0.0, 0.0
-    return summaries._replace(precision=precision, slope=slope)  # type: ignore[arg-type]
+    return summaries._replace(precision=precision, slope=slope)
 
 
 def integrated_likelihood_grid(

@@ -155,7 +155,7 @@ def importance_ratios(
         values = np.maximum(below_greatest(values), _LEAST_RATIO)
         # The points have their ratios at the reference, which is the middle node.
         values = values - values[_NODES // 2]
-        return TabulatedRatio(references[number], reaches[number], _chebyshev() @ values)  # type: ignore[arg-type]
+        return TabulatedRatio(references[number], reaches[number], _chebyshev() @ values)
 
     made = tuple(table(number) for number in range(tables))
     return ImportanceRatios(u, log_density, log_ratio, made)  # type: ignore[arg-type]

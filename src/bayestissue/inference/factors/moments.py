@@ -72,10 +72,10 @@ def normals(summaries: Sites, anchor: ConditionalPrior) -> Normals:
 def conditional_of(summaries: Sites, anchor: ConditionalPrior) -> ImpactConditional:
     """The conditional of impacts' parameters under the precision of one or more draws of the population."""
     prior = ImpactPrior(
-        np.moveaxis(anchor.precision, (-2, -1), (0, 1)),  # type: ignore[arg-type]
+        np.moveaxis(anchor.precision, (-2, -1), (0, 1)),
         np.linalg.slogdet(anchor.precision)[1],
     )
-    return ImpactConditional.of(prior, parameters_first(Sites(*map(np.asarray, summaries))))  # type: ignore[arg-type]
+    return ImpactConditional.of(prior, parameters_first(Sites(*map(np.asarray, summaries))))
 
 
 def points_of(
@@ -132,7 +132,7 @@ def refine(summaries: Sites, anchor: ConditionalPrior, points: Points, *, bent: 
     slope = times(anchor.precision, mean - anchor.mean)
     firm = np.maximum(values, least_curvature(times(axes.swapaxes(-1, -2), slope)))
     precision = (axes * firm[:, None]) @ axes.swapaxes(-1, -2)
-    found = Sites(mean, slope, precision, np.zeros(len(mean)))  # type: ignore[arg-type]
+    found = Sites(mean, slope, precision, np.zeros(len(mean)))
     # Equal evidence under this population, old and new: the level follows.
     mean_ratio = np.where(
         told, logsumexp(np.where(told, points.log_ratio, 0.0), axis=0) - np.log(number), 0.0
