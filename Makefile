@@ -45,7 +45,7 @@ report: $(READY)  ## the main job: the example campaign's fit and the published 
 	@echo "$(HOW)"
 
 test: $(READY_FOR_TESTS) check-code  ## style, types, import order and the test suite
-	@echo "tests, some ten minutes ..."
+	@echo "tests, some minutes (more of them the first time, when all is compiled) ..."
 	@$(BIN)/python -m pytest
 
 check-code: $(READY_FOR_TESTS)

@@ -37,8 +37,9 @@ from bayestissue import runtime
 from bayestissue.elements import element_names
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.comparing.finished import FinishedRun
 from bayestissue.inference.comparing.implied import OF_IMPACTS, implied
-from bayestissue.inference.comparing.runs import FinishedRun, compare_runs
+from bayestissue.inference.comparing.runs import compare_runs
 from bayestissue.inference.comparing.stacking import decides
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.posterior.recipe import Correction

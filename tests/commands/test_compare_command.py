@@ -15,6 +15,8 @@ from make_scored_run import IMPACTS, make_scored_run
 
 SCHEMES = ["leave one impact out", "leave one subject out", "leave one trial out"]
 
+pytestmark = pytest.mark.usefixtures("undrawn")
+
 
 def compared(*runs, out=None):
     compare.run(list(runs), out=out, overwrite=False, quiet=True, as_json=False)

@@ -20,12 +20,12 @@ HEAD = 'name = "mine"\nlikelihood = "published-estimates"\n'
 @pytest.fixture
 def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Run ``reproduce`` on a model file that must be refused, and return what it says."""
-    from bayestissue.inference.samplers.sampling import PosteriorSampler
+    from bayestissue.inference import published
 
     def never(*_: object, **__: object) -> None:
         pytest.fail("sampling began before the input was checked")
 
-    monkeypatch.setattr(PosteriorSampler, "run", never)
+    monkeypatch.setattr(published, "sample_posterior", never)
     # The tests have set JAX up already, and keep their own signals.
     monkeypatch.setattr(runtime, "configure", lambda devices=1: None)
     monkeypatch.setattr(signal, "signal", lambda *_: None)

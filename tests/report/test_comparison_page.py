@@ -119,11 +119,13 @@ def test_it_shows_both_figures_and_where_the_models_differ(html):
     assert "priors" not in differ
 
 
+@pytest.mark.usefixtures("drawn")
 def test_long_names_leave_room_for_the_figure(tmp_path):
     out = made(tmp_path, **{"a" * 70: {}, "b" * 70: {"worse": 1.0}})
     assert "…" in (out / "report.html").read_text(encoding="utf-8")
 
 
+@pytest.mark.usefixtures("drawn")
 def test_the_page_can_be_written_anew(folder, html):
     assert write_report(folder).read_text(encoding="utf-8") == html
 

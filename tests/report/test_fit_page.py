@@ -65,6 +65,7 @@ def test_a_trend_that_only_the_thesis_method_shows_is_called_its_making(html):
     assert "the trend of C is made by the method" in first
 
 
+@pytest.mark.usefixtures("drawn")
 def test_where_stiffness_depends_on_depth_the_first_screen_answers_at_one_depth(tmp_path):
     html = page_of(make_fit_run(tmp_path, likelihood="impact", exponent=0.0, own_depth=0.3))
     first = plain(first_screen(html))
@@ -80,6 +81,7 @@ def test_where_stiffness_depends_on_depth_the_first_screen_answers_at_one_depth(
     assert "K_common_depth is the force over the depth at 12 mm and at rest" in text
 
 
+@pytest.mark.usefixtures("drawn")
 def test_the_same_run_gives_the_same_page(folder, html):
     assert page_of(folder) == html
 

@@ -15,6 +15,8 @@ from make_fit_run import make_fit_run
 # What matplotlib would read as a formula, hide from a legend, or warn of; what a page would read as HTML.
 NAMES = ["$x_{1$", "_x", r"a\b\frac{", "<b>", "long " * 60, "قدم اليسار", "👣", "100 %", "^2_", "x\ny"]
 
+pytestmark = pytest.mark.usefixtures("drawn")
+
 
 def renamed(folder):
     """The run with every impact, person and condition called by one of those names."""

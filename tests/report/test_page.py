@@ -10,6 +10,8 @@ import pytest
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.style import new_figure, style
 
+pytestmark = pytest.mark.usefixtures("drawn")
+
 
 def line(label: str = "x (m)"):
     with style():

@@ -111,6 +111,7 @@ def test_model_priors_and_provenance_are_told(html):
         assert words in html
 
 
+@pytest.mark.usefixtures("drawn")
 def test_the_same_run_gives_the_same_page(published_run_folder, html):
     assert write_report(published_run_folder).read_text(encoding="utf-8") == html
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import xarray as xr
 
-    from bayestissue.inference.comparing.runs import FinishedRun
+    from bayestissue.inference.comparing.finished import FinishedRun
 
 _AGAIN = "Give folders of finished runs of `bayestissue fit`."
 _GROUPS = {
@@ -161,7 +161,7 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
 
 
 def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRun]:
-    from bayestissue.inference.comparing.runs import FinishedRun
+    from bayestissue.inference.comparing.finished import FinishedRun
 
     found: list[FinishedRun] = []
     problems: list[Problem] = []

@@ -72,6 +72,11 @@ class Effects:
         return tuple(part.spread for part in self.each for _ in range(part.width))
 
     @property
+    def groups(self) -> list[slice]:
+        """Where the effects of each group term are."""
+        return [self.parts[part.name] for part in self.each if part.spread]
+
+    @property
     def size(self) -> int:
         """Number of elements of b."""
         return len(self.mean)
@@ -94,6 +99,17 @@ def population_design(
         What the elements of b are, and X with rows that repeat kept once, arranged for elimination.
     """
     design, row = _distinct_rows(design)
+    effects, rows = effects_of(design, priors, nuisance)
+    whole = np.concatenate(rows, axis=1)
+    _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
+    columns = [matrix[first] for matrix in rows]
+    return effects, arrange(columns, cell.reshape(-1)[row], effects.groups)
+
+
+def effects_of(
+    design: Design, priors: Priors, nuisance: tuple[str, ...]
+) -> tuple[Effects, list[Float[np.ndarray, "row part"]]]:
+    """What the elements of b are, and of each parameter its columns of X, row by row of the design."""
     parts: list[EffectPart] = []
     rows: list[np.ndarray] = []
     for response in RESPONSES:
@@ -104,11 +120,7 @@ def population_design(
         prior = priors.of_mean(name)
         parts.append(EffectPart(f"{name}_mean", 1, prior.mean, prior.sd, ""))
         rows.append(np.ones((len(design.subject), 1)))
-    whole = np.concatenate(rows, axis=1)
-    _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
-    found = Effects(tuple(parts))
-    groups = [found.parts[part.name] for part in parts if part.spread]
-    return found, arrange([matrix[first] for matrix in rows], cell.reshape(-1)[row], groups)
+    return Effects(tuple(parts)), rows
 
 
 def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:

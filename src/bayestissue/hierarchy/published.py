@@ -3,28 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-import numpyro
-import numpyro.distributions as dist
 import pandas as pd
-from jaxtyping import Array, Float
 
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.design import Design, build_design
-from bayestissue.hierarchy.effects import (
-    RESPONSES,
-    DesignArrays,
-    cholesky_factor,
-    expected_logs,
-    impact_scale,
-)
-from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.likelihood.averages import AveragesOfLognormals, average_moments, average_statistics
+from bayestissue.likelihood.averages import average_statistics
 
 
 @dataclass(frozen=True)
@@ -141,98 +130,3 @@ def published_design(
     return build_design(
         asked, observations.cells, reference_mass_kg=specification.reference_mass_kg, source=source
     )
-
-
-class ObservedArrays(NamedTuple):
-    """The observations as arrays, with a mask for each: what is held out stays in place, switched off."""
-
-    impact_cell: np.ndarray
-    log_estimates: np.ndarray
-    estimate_kept: np.ndarray
-    averaged_cells: np.ndarray
-    averages: np.ndarray
-    average_kept: np.ndarray
-
-
-def observed_arrays(observations: PublishedObservations, *, held_out: str | None = None) -> ObservedArrays:
-    """The observations as arrays, without those of the trial ``held_out``."""
-    trial = observations.cells["trial"].to_numpy(str)
-    return ObservedArrays(
-        observations.impact_cell,
-        observations.log_estimates,
-        trial[observations.impact_cell] != held_out,
-        observations.averaged_cells,
-        observations.averages,
-        trial[observations.averaged_cells[:, 0]] != held_out,
-    )
-
-
-def published_model(
-    design: DesignArrays,
-    observed: ObservedArrays,
-    *,
-    priors: Priors,
-    subjects: int,
-    trials: int,
-    correlated: bool,
-    conditioned: bool = True,
-) -> None:
-    """The numpyro model of published estimates.
-
-    Surviving estimates are bivariate lognormal about their cell's expectation; lost tables enter through
-    the sampling distribution of their averages and standard deviations.
-
-    ``conditioned`` false leaves the data out, for predictive draws.
-    """
-    expected = expected_logs(design, priors, subjects=subjects, trials=trials)
-    scale = impact_scale(priors, correlated=correlated)
-    with numpyro.plate("impact", observed.impact_cell.shape[0]):
-        estimates = dist.MultivariateNormal(expected[observed.impact_cell], scale_tril=scale)
-        numpyro.sample(
-            "estimates",
-            estimates.mask(observed.estimate_kept) if conditioned else estimates,
-            obs=observed.log_estimates if conditioned else None,
-        )
-    if observed.averages.shape[0]:
-        with numpyro.plate("averaged_trial", observed.averages.shape[0]):
-            averages = AveragesOfLognormals(expected[observed.averaged_cells], scale)
-            numpyro.sample(
-                "averages",
-                averages.mask(observed.average_kept) if conditioned else averages,
-                obs=observed.averages if conditioned else None,
-            )
-
-
-def log_density_of_estimates(
-    expected: Float[Array, "subject 2"],
-    scale_tril: Float[Array, "2 2"],
-    sd_trial: Float[Array, " 2"],
-    log_estimates: Float[Array, "subject 2"],
-) -> Float[Array, ""]:
-    """Log density of all of a trial's estimates together, its trial effect integrated out.
-
-    ``expected`` are the expected logs without the trial effect, which is normal with ``sd_trial``.
-    """
-    n = expected.shape[0]
-    shared = jnp.tile(jnp.diag(sd_trial), (n, 1))
-    covariance = jnp.kron(jnp.eye(n), scale_tril @ scale_tril.T) + shared @ shared.T
-    return dist.MultivariateNormal(expected.reshape(-1), covariance).log_prob(log_estimates.reshape(-1))
-
-
-def log_density_of_averages(
-    expected: Float[Array, "subject 2"],
-    scale_tril: Float[Array, "2 2"],
-    sd_trial: Float[Array, " 2"],
-    averages: Float[Array, " 4"],
-) -> Float[Array, ""]:
-    """The same for a trial of which only averages and standard deviations survive."""
-    mean, sd, correlation = average_moments(expected, scale_tril)
-    means, roots = _pair_covariance(sd[:2], correlation[0]), _pair_covariance(sd[2:], correlation[1])
-    return dist.MultivariateNormal(mean[:2], means + jnp.diag(sd_trial**2)).log_prob(
-        averages[:2]
-    ) + dist.MultivariateNormal(mean[2:], roots).log_prob(averages[2:])
-
-
-def _pair_covariance(sd: Float[Array, " 2"], correlation: Float[Array, ""]) -> Float[Array, "2 2"]:
-    scale = cholesky_factor(sd[0], sd[1], correlation)
-    return scale @ scale.T

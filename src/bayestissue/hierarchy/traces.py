@@ -70,9 +70,39 @@ class TraceData(NamedTuple):
     log_peak: Float[Array, " impact"]
 
 
+class Hyperparameters:
+    """What every hierarchy has: standard deviations of effects and impacts, and a residual correlation."""
+
+    locations: Effects
+    priors: Priors
+    correlated: bool
+
+    @property
+    def nuisance(self) -> tuple[str, ...]:
+        """Names of an impact's parameters besides log K and log C."""
+        return ()
+
+    @property
+    def spreads(self) -> tuple[str, ...]:
+        """Names of the standard deviations and correlations: all that is sampled but standard normals."""
+        groups = sorted({name for name in self.locations.spread if name})
+        own = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
+        return (*groups, *own, *(f"sd_{name}" for name in self.nuisance))
+
+    def prior_of(self, name: str) -> dist.Distribution:
+        """The prior of one of `spreads`."""
+        if name == "residual_correlation":
+            return self.priors.residual_correlation.numpyro()
+        if name.endswith(("_K", "_C")):
+            prior = self.priors.of_sd(name)
+        else:
+            prior = self.priors.of_spread(name.removeprefix("sd_"))
+        return HalfNormalSpread(prior.scale) if isinstance(prior, HalfNormal) else prior.numpyro()
+
+
 @partial(jax.tree_util.register_dataclass, data_fields=["log_mass_sd"], meta_fields=_SHAPE_OF_MODEL)
 @dataclass(frozen=True)
-class TraceModel:
+class TraceModel(Hyperparameters):
     """What is assumed: the likelihood, the parts of b, the priors, and the error of the recorded mass.
 
     A tree of one leaf, ``log_mass_sd``, which the dataset states; all else is compared by value, so that what
@@ -108,23 +138,6 @@ class TraceModel:
         """
         extra = [f"log_{parameter.name}" for parameter in element_named(self.element).extra]
         return self.nuisance[-1] in {"atanh_theta1", *extra}
-
-    @property
-    def spreads(self) -> tuple[str, ...]:
-        """Names of the standard deviations and correlations: all that is sampled but standard normals."""
-        groups = sorted({name for name in self.locations.spread if name})
-        own = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
-        return (*groups, *own, *(f"sd_{name}" for name in self.nuisance))
-
-    def prior_of(self, name: str) -> dist.Distribution:
-        """The prior of one of `spreads`."""
-        if name == "residual_correlation":
-            return self.priors.residual_correlation.numpyro()
-        if name.endswith(("_K", "_C")):
-            prior = self.priors.of_sd(name)
-        else:
-            prior = self.priors.of_spread(name.removeprefix("sd_"))
-        return HalfNormalSpread(prior.scale) if isinstance(prior, HalfNormal) else prior.numpyro()
 
 
 class Physical(NamedTuple):
@@ -207,12 +220,14 @@ def with_normal_errors(data: TraceData) -> TraceData:
     return data._replace(record=data.record._replace(uniform=jnp.zeros_like(data.record.uniform)))
 
 
-def sample_hyperparameters(model: TraceModel) -> dict[str, Array]:
+def sample_hyperparameters(model: Hyperparameters) -> dict[str, Array]:
     """Sample all standard deviations and the correlation from their priors."""
     return {name: numpyro.sample(name, model.prior_of(name)) for name in model.spreads}
 
 
-def sample_warped(model: TraceModel, warp: SinhArcsinh) -> tuple[dict[str, Array], Float[Array, " rest"]]:
+def sample_warped(
+    model: Hyperparameters, warp: SinhArcsinh
+) -> tuple[dict[str, Array], Float[Array, " rest"]]:
     """The same on coordinates of one site, `COORDINATES`, in which the posterior is nearly normal.
 
     ``warp`` maps them to the unconstrained ones in the order of `TraceModel.spreads`, and to any others that
@@ -234,7 +249,7 @@ def sample_warped(model: TraceModel, warp: SinhArcsinh) -> tuple[dict[str, Array
     return sites, raw[len(model.spreads) :]
 
 
-def _grouped(model: TraceModel) -> list[tuple[dist.Distribution, list[str]]]:
+def _grouped(model: Hyperparameters) -> list[tuple[dist.Distribution, list[str]]]:
     """The spreads' priors, all half-normal ones as one of a vector."""
     priors = {name: model.prior_of(name) for name in model.spreads}
     alike = [name for name, prior in priors.items() if isinstance(prior, HalfNormalSpread)]
@@ -243,7 +258,7 @@ def _grouped(model: TraceModel) -> list[tuple[dist.Distribution, list[str]]]:
     return together + [(prior, [name]) for name, prior in priors.items() if name not in alike]
 
 
-def constrained(model: TraceModel, raw: Mapping[str, Array]) -> dict[str, Array]:
+def constrained(model: Hyperparameters, raw: Mapping[str, Array]) -> dict[str, Array]:
     """The standard deviations and the correlation from their unconstrained coordinates, of any shape."""
     return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.spreads}
 

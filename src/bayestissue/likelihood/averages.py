@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import cache
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +13,7 @@ from jaxtyping import Array, Float
 from numpyro.distributions import constraints
 from numpyro.distributions.util import validate_sample
 
+LOG_2_PI = 1.8378770664093453
 REPLICATES = 20_000
 SPREADS = np.geomspace(0.005, 3.0, 40)
 
@@ -70,11 +72,9 @@ class AveragesOfLognormals(dist.Distribution):
         """The synthetic normal density of the event."""
         mean, sd, correlation = average_moments(self.loc, self.scale_tril)
         # Two independent pairs (K, C) of correlated normals: the means of the logs, and the spreads.
-        z = (value - mean) / sd
-        K, C = z[..., ::2], z[..., 1::2]
-        r = correlation
-        terms = (K**2 + C**2 - 2 * r * K * C) / (1 - r**2) + jnp.log1p(-(r**2))
-        return -0.5 * terms.sum(-1) - jnp.log(sd).sum(-1) - 2 * jnp.log(2 * jnp.pi)
+        means, roots = (pair_covariance(sd[..., a : a + 2], correlation[..., a // 2]) for a in (0, 2))
+        away = value - mean
+        return pair_log_density(away[..., :2], means) + pair_log_density(away[..., 2:], roots)
 
 
 def average_moments(
@@ -83,24 +83,73 @@ def average_moments(
     """Mean and standard deviation of the event of `AveragesOfLognormals`, and two correlations.
 
     The correlations are those of m_K with m_C, and of cbrt s²_K with cbrt s²_C; the other four vanish
-    nearly. With the spread of the logs about their common mean, s² = variance + variance of ``loc`` over
-    the pairs, both moments follow from a table over s that is simulated once for each n.
-
-    A constant added to the logs of all K moves the mean by (1, 0, 0, 0) times it and changes nothing else:
-    an effect that the n pairs share can be integrated out in closed form.
+    nearly. See `moments_of_people`.
     """
-    n = loc.shape[-2]
+    return moments_of_people(loc.mean(-2), loc.var(-2, ddof=1), scale_tril, loc.shape[-2])
+
+
+def moments_of_people(
+    mean: Float[Array, "*batch 2"],
+    scatter: Float[Array, "*batch 2"],
+    scale_tril: Float[Array, "*batch 2 2"],
+    n: int,
+) -> tuple[Float[Array, "*batch 4"], Float[Array, "*batch 4"], Float[Array, "*batch 2"]]:
+    """The same of n pairs of which only ``mean`` and variance (``scatter``) of the log means are given.
+
+    With the spread of the logs about their common mean, s² = variance + ``scatter``, both moments follow from
+    a table over s that is simulated once for each n. The event's m_K and m_C are normal about ``mean`` and an
+    offset; everything else depends on the spread alone. An effect that the n pairs share can so be
+    integrated out in closed form.
+    """
     variance = jnp.square(scale_tril).sum(-1)
-    spread = jnp.sqrt(variance + loc.var(-2, ddof=1))
-    table = _calibration(n)
-    bias, sd_mean, mean_root, sd_root = (
-        jnp.interp(jnp.log(spread), np.log(SPREADS), column) for column in table
+    spread = jnp.sqrt(variance + scatter)
+    table = jnp.asarray(_calibration(n))
+    bias, sd_mean, mean_root, sd_root = jax.vmap(jnp.interp, (None, None, 0))(
+        jnp.log(spread), np.log(SPREADS), table
     )
     within = jnp.sqrt(variance)
-    mean = jnp.concatenate([loc.mean(-2) + bias * spread, mean_root * spread ** (2 / 3)], axis=-1)
+    moments = jnp.concatenate([mean + bias * spread, mean_root * spread ** (2 / 3)], axis=-1)
     sd = jnp.concatenate([sd_mean * within, sd_root * spread ** (2 / 3)], axis=-1)
     r = scale_tril[..., 1, 0] / within[..., 1]
-    return mean, sd, jnp.stack([r, r**2], axis=-1)
+    return moments, sd, jnp.broadcast_to(jnp.stack([r, r**2], axis=-1), (*sd.shape[:-1], 2))
+
+
+class PairCovariance(NamedTuple):
+    """The covariance [[KK, KC], [KC, CC]] of pairs."""
+
+    KK: Float[Array, "*batch"]
+    KC: Float[Array, "*batch"]
+    CC: Float[Array, "*batch"]
+
+    @property
+    def determinant(self) -> Float[Array, "*batch"]:
+        """KK CC - KC²."""
+        return self.KK * self.CC - self.KC**2
+
+    def inverse(self) -> PairCovariance:
+        """The precision."""
+        return PairCovariance(
+            self.CC / self.determinant, -self.KC / self.determinant, self.KK / self.determinant
+        )
+
+    def times(self, values: Float[Array, "2 *#batch"]) -> Float[Array, "2 *#batch"]:
+        """The matrix times a vector."""
+        return jnp.stack(
+            [self.KK * values[0] + self.KC * values[1], self.KC * values[0] + self.CC * values[1]]
+        )
+
+
+def pair_covariance(sd: Float[Array, "*batch 2"], correlation: Float[Array, "*batch"]) -> PairCovariance:
+    """Of two standard deviations and their correlation."""
+    return PairCovariance(sd[..., 0] ** 2, correlation * sd[..., 0] * sd[..., 1], sd[..., 1] ** 2)
+
+
+def pair_log_density(away: Float[Array, "*batch 2"], covariance: PairCovariance) -> Float[Array, "*batch"]:
+    """Log density of normal pairs, ``away`` from their mean."""
+    K, C = away[..., 0], away[..., 1]
+    precision = covariance.inverse()
+    square = precision.KK * K**2 + 2 * precision.KC * K * C + precision.CC * C**2
+    return -(square + jnp.log(covariance.determinant)) / 2 - LOG_2_PI
 
 
 @cache

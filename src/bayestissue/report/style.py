@@ -73,7 +73,13 @@ _RC: dict[str, Any] = {
 
 @contextmanager
 def style() -> Iterator[None]:
-    """Matplotlib's settings for the length of a block; what was set before comes back after it."""
+    """Matplotlib's settings for the length of a block; what was set before comes back after it.
+
+    Setting them takes as long as a small figure: within a block they stand already.
+    """
+    if mpl.rcParams["svg.hashsalt"] == _RC["svg.hashsalt"]:
+        yield
+        return
     with mpl.rc_context(), warnings.catch_warnings():
         mpl.rcdefaults()
         mpl.rcParams.update(_RC)

@@ -1,4 +1,4 @@
-"""What each trace alone says of its measuring chain, against the standard deviations that were declared.
+"""Outlier test of the measuring chain's errors: each estimated from its trace alone, and standardised.
 
 An error e of velocity and gain together, or of the offset, is estimated from an impact's trace with its
 declared standard deviation s taken away: a normal so wide that it says nothing stands in its place, and all

@@ -1,18 +1,15 @@
-"""What the stacking weights of several fits imply: quantities that mean the same in all of them, mixed."""
+"""Model averaging by stacking: the mixture of several fits' posteriors in proportion to their weights."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.inference.comparing.finished import FinishedRun
 from bayestissue.inference.results.meanings import meaning
-
-if TYPE_CHECKING:
-    from bayestissue.inference.comparing.runs import FinishedRun
 
 # By what it is called: the draws of an impact that it is made of. On a spring and damper side by side the
 # secant stiffness is K itself, and C is the equivalent damping.

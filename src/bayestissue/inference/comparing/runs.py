@@ -1,15 +1,13 @@
-"""Finished fits of the same recordings beside each other: what they predict best, and where they disagree."""
+"""Model comparison: expected log predictive densities and estimates of finished fits beside each other."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
+from bayestissue.inference.comparing.finished import FinishedRun
 from bayestissue.inference.comparing.implied import UNITS, comparable_draws
 from bayestissue.inference.comparing.stacking import COLUMNS as SCORES
 from bayestissue.inference.comparing.stacking import by_importance
@@ -27,37 +25,6 @@ COMPARED = (*EXPONENTS, *UNITS, *_TYPICAL, "K_new", "C_new", "K_subject", "C_sub
 _ELEMENTS = {"impact": "impacts", "subject": "people", "trial": "conditions"}
 # Far above rounding, far below any recorder's resolution.
 _SAME = 1e-9
-
-
-@dataclass(frozen=True)
-class FinishedRun:
-    """A finished `fit`.
-
-    Attributes:
-        name: what tables call it.
-        model: the model as resolved, from ``run.json``.
-        tree: the groups ``posterior`` (of single impacts what `bayestissue.inference.comparing.implied` asks
-            for), ``log_likelihood``, ``log_likelihood_of_groups``, ``observed_data`` and ``constant_data``.
-    """
-
-    name: str
-    model: Mapping[str, Any]
-    tree: xr.DataTree
-
-    @property
-    def quantity(self) -> str:
-        """What the likelihood is a density of: "deceleration" or "displacement"."""
-        return "deceleration" if self.model["likelihood"] == "impact" else "displacement"
-
-    @property
-    def observed(self) -> xr.DataArray:
-        """[impact, sample]: the very numbers that the likelihood is a density of."""
-        return self.tree["observed_data"].dataset[self.quantity]
-
-    @property
-    def people(self) -> np.ndarray:
-        """[impact]: whose each impact is."""
-        return self.tree["constant_data"].dataset["impact_subject"].astype(str).to_numpy()
 
 
 def compare_runs(runs: Sequence[FinishedRun]) -> pd.DataFrame:

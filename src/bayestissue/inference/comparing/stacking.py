@@ -1,4 +1,4 @@
-"""Which explanation predicts best what it has not seen: by impact, and by whole trial."""
+"""Leave-one-out scores of competing models and their stacking weights (Yao et al. 2018)."""
 
 from __future__ import annotations
 

@@ -1,9 +1,12 @@
-"""Sites that hold wherever the posterior lets an impact's parameters be.
+"""Regression sites: the Gaussian site of each likelihood by least squares over the posterior.
 
-Expansions and moments are taken about one value of the spreads. A trace that leaves a direction open, as most
-do beside a discrepancy, has a likelihood that is level there and falls off elsewhere, and what is true about
-one value is far off about another. Least squares over draws of the population find the parabola that serves
-them all.
+log L(u) is approximated by the parabola l + g (u - m) - (u - m)' P (u - m) / 2 nearest to it over draws of u
+from the current approximation, weighted by likelihood over site (Salimans and Knowles 2013 for the
+regression; Minka 2001 for the passes). Expansions and moments are taken about one value of the
+hyperparameters. They fail in two cases. One is a direction that a trace leaves open, as most do beside a
+discrepancy: the likelihood is level about one value and falls off about another. The other is a parameter
+that impacts nearly share: its conditional prior is so narrow that the moments, less the prior's, are the
+noise of a few points. Of dozens of impacts such errors add up. The parabola serves all draws.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from bayestissue.inference.factors.laplace import ConditionalPrior, least_curvat
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.moments import log_site, normals
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors
+from bayestissue.inference.samplers.psis import effective_size
 
 # Draws of each impact's parameters under every one of the population.
 _EACH = 4
@@ -42,8 +46,8 @@ def regression_sites(
 
     Points are drawn by the old summaries and weighted by likelihood over summary, those of one draw of the
     population among themselves. Along an axis where the parabola would open upwards it is made level,
-    but for the bend that its slope needs (`least_curvature`). Where the points tell too little of a trace its
-    old summary stays.
+    but for the curvature that its slope needs (`least_curvature`). Where too few points are effective for a
+    trace its old site stays.
 
     Args:
         model: the model.
@@ -54,12 +58,11 @@ def regression_sites(
     """
     u, value, weight = _points(model, data, summaries, expected, np.random.default_rng([seed, 41]))
     weight = np.where(value > value.max(0) - _DEEPEST, weight, 0.0)
-    effective = weight.sum(0) ** 2 / np.maximum(np.square(weight).sum(0), np.finfo(float).tiny)
     size = u.shape[-1]
-    told = effective > _POINTS_A_TERM * (1 + size) * (2 + size) / 2
+    fitted = effective_size(weight) > _POINTS_A_TERM * (1 + size) * (2 + size) / 2
     made = [np.array(part) for part in summaries]
-    for whole, part in zip(made, _nearest(u[:, told], value[:, told], weight[:, told]), strict=True):
-        whole[told] = part
+    for whole, part in zip(made, _nearest(u[:, fitted], value[:, fitted], weight[:, fitted]), strict=True):
+        whole[fitted] = part
     return Sites(*(jnp.asarray(part) for part in made))
 
 

@@ -1,4 +1,4 @@
-"""Whether the residuals of a fit are white."""
+"""Ljung and Box's portmanteau test of residuals."""
 
 from __future__ import annotations
 

@@ -31,6 +31,7 @@ from bayestissue.hierarchy.traces import (
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.inference.execution.chunks import of_each
 from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors.grid import (
     LikelihoodGrid,
     cleared_of_last,
@@ -45,7 +46,6 @@ from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.posterior.coordinates import Coordinates, straight, warp_about
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
-from bayestissue.inference.samplers.sampling import Progress, silent
 from bayestissue.signal import Displacements
 
 REFINEMENTS = 2
@@ -405,7 +405,7 @@ class _SpreadsFinder:
 
     def coordinates(self, summaries: Sites, mode: np.ndarray) -> Coordinates:
         scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, summaries)[1], mode)))
-        warp = warp_about(lambda flat: -self.at(flat, summaries)[0], mode, scale)
+        warp = warp_about(lambda each: np.array([-self.at(flat, summaries)[0] for flat in each]), mode, scale)
         about = covariance_about(lambda y: self.at(y, summaries, warp)[1], np.zeros(len(mode)))
         return Coordinates(self._names, warp, about)
 

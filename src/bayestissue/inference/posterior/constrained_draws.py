@@ -12,6 +12,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -19,6 +20,7 @@ from bayestissue.hierarchy.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
+    Hyperparameters,
     TraceData,
     TraceModel,
     gaussian,
@@ -82,21 +84,23 @@ def constrained_draws(
     sites, b, impacts, scores = jax.tree.map(
         lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (expected.sites, b, impacts, scores)
     )
-    return ConstrainedDraws(named_sites(prepared, sites, b), impacts, scores)
+    return ConstrainedDraws(named_sites(model, prepared.design, sites, b), impacts, scores)
 
 
-def named_sites(prepared: Prepared, spreads: dict[str, np.ndarray], b: np.ndarray) -> dict[str, np.ndarray]:
+def named_sites(
+    model: Hyperparameters, design: Design, spreads: dict[str, np.ndarray], b: np.ndarray
+) -> dict[str, np.ndarray]:
     """The hierarchy's quantities by name, from the spreads and the locations b, all [chain, draw, ...].
 
     Effects of groups that a formula leaves out are zero, so that what follows need not ask.
     """
     sites = dict(spreads)
     single = {f"{name}_{q}" for q in RESPONSES for name in ("intercept", "mass_exponent")}
-    single |= {f"{name}_mean" for name in prepared.model.nuisance}
-    for name, part in prepared.model.locations.parts.items():
+    single |= {f"{name}_mean" for name in model.nuisance}
+    for name, part in model.locations.parts.items():
         sites[name] = b[..., part.start] if name in single else b[..., part]
-    for term in (SUBJECT, TRIAL, *prepared.design.terms):
-        levels = len(prepared.design.groupings[term.grouping].levels)
+    for term in (SUBJECT, TRIAL, *design.terms):
+        levels = len(design.groupings[term.grouping].levels)
         for response in RESPONSES:
             effect = term.effect(response)
             # Without the levels that only fill up.

@@ -17,7 +17,7 @@ from scipy.stats import norm
 
 from bayestissue.hierarchy.warp import SinhArcsinh
 
-Density = Callable[[Float[np.ndarray, " coordinate"]], float]
+Densities = Callable[[Float[np.ndarray, "point coordinate"]], Float[np.ndarray, " point"]]
 
 # Where an axis is looked at, as a normal's values: less often and it would be missed how it bends.
 _POINTS = np.linspace(-4.0, 4.0, 17)
@@ -63,19 +63,19 @@ def straight(size: int) -> SinhArcsinh:
 
 
 def warp_about(
-    log_density: Density, mode: Float[np.ndarray, " coordinate"], scale: Float[np.ndarray, " coordinate"]
+    log_densities: Densities, mode: Float[np.ndarray, " coordinate"], scale: Float[np.ndarray, " coordinate"]
 ) -> SinhArcsinh:
     """The warp that gives the density along each axis a normal's 5, 50 and 95 % quantiles.
 
     Args:
-        log_density: of all coordinates, up to a constant.
+        log_densities: of points, each of all coordinates, up to a constant.
         mode: where it is greatest.
         scale: of each coordinate there.
     """
     warp = SinhArcsinh(mode, scale, np.zeros_like(mode))
     last = np.full((3, len(mode)), np.inf)
     for _ in range(_MOST_TIMES):
-        found = np.array([_quantiles(log_density, warp, place) for place in range(len(mode))]).T
+        found = np.array([_quantiles(log_densities, warp, place) for place in range(len(mode))]).T
         low, middle, high = found
         along = (high - low) / (2 * _TAIL)
         bend = (high + low - 2 * middle) / (2 * (np.sqrt(1 + _TAIL**2) - 1))
@@ -86,15 +86,12 @@ def warp_about(
     return warp
 
 
-def _quantiles(log_density: Density, warp: SinhArcsinh, place: int) -> Float[np.ndarray, 3]:
+def _quantiles(log_densities: Densities, warp: SinhArcsinh, place: int) -> Float[np.ndarray, 3]:
     """Of one coordinate, all others at the middle of the warp."""
-    about, own = np.array(warp.location), warp.part(place)
-    x = np.asarray(own(_POINTS))
-    values = np.empty(len(x))
-    for number, value in enumerate(x):
-        about[place] = value
-        values[number] = log_density(about)
-    values = np.nan_to_num(values, nan=-np.inf)
+    own = warp.part(place)
+    points = np.repeat(np.array(warp.location)[None], len(_POINTS), axis=0)
+    points[:, place] = own(_POINTS)
+    values = np.nan_to_num(log_densities(points), nan=-np.inf)
     values = np.maximum(values - values.max(), _DEEPEST)
     density = np.exp(PchipInterpolator(_POINTS, values)(_FINELY)) * np.asarray(own.slope(_FINELY))
     below = np.cumsum(density) - density / 2

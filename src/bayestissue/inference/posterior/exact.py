@@ -12,9 +12,10 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceModel, sampled_model, warped
 from bayestissue.inference.execution.compiling import filled_up
+from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.samplers.nuts import Start, run_chains
-from bayestissue.inference.samplers.sampling import Draws, Progress, silent
+from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.padding import bucket
 
 

@@ -102,7 +102,10 @@ def draws_in_part(
     densities["trace"] = _scores_of_some(prepared, summarised, draws).reshape(*shape, -1)
     sites = {name: np.asarray(values).reshape(shape) for name, values in hyper.items()}
     unfolded = ConstrainedDraws(
-        named_sites(prepared, sites, np.asarray(true_b).reshape(*shape, -1)), impacts, densities, kept
+        named_sites(model, prepared.design, sites, np.asarray(true_b).reshape(*shape, -1)),
+        impacts,
+        densities,
+        kept,
     )
     raw = {name: np.asarray(values).reshape(shape) for name, values in draws.raw.items()}
     return replace(found, sites=raw), unfolded, correction

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from scipy.optimize import minimize
 
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
-from bayestissue.hierarchy.traces import TraceModel
+from bayestissue.hierarchy.traces import Hyperparameters
 
 # Of the log of a spread over its prior's scale, and of any other unconstrained coordinate.
 _BOUNDS = (-9.0, 5.0)
@@ -19,7 +19,7 @@ _STEP = 1e-4
 
 
 def find_mode(
-    model: TraceModel,
+    model: Hyperparameters,
     names: tuple[str, ...],
     value_and_slope: Callable[[Float[np.ndarray, " site"]], tuple[float, Float[np.ndarray, " site"]]],
     start: Float[np.ndarray, " site"] | None = None,
@@ -71,5 +71,5 @@ def _unconstrained(place: np.ndarray, by_log: np.ndarray) -> np.ndarray:
     return np.where(by_log, spread + np.log(-np.expm1(-spread)), place)
 
 
-def _is_half_normal(model: TraceModel, name: str) -> bool:
+def _is_half_normal(model: Hyperparameters, name: str) -> bool:
     return name in model.spreads and isinstance(model.prior_of(name), HalfNormalSpread)

@@ -1,9 +1,10 @@
-"""The second path: each trace summarised once, then the population, then a correction.
+"""Importance-corrected MCMC on an approximate marginal posterior (Vihola, Helske and Franks 2020).
 
-With its summary in each trace's place, everything but the standard deviations integrates out, and a chain
-moves through a dozen dimensions whatever the number of impacts. Its draws are weighted by how much the
-traces' true evidence differs from their summaries', and each impact's parameters are drawn from their
-true conditional.
+With a Gaussian site in place of each trace's likelihood, everything but the hyperparameters integrates out,
+and a chain moves through a dozen dimensions whatever the number of impacts. Its draws are weighted by the
+traces' evidence over that of their sites, p(traces | psi, b) / q(traces | psi, b), the sites are improved
+where too few draws stay effective, and each impact's parameters are drawn from their true conditional by
+sampling-importance-resampling.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly, filled_up, in_calls
+from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors import regression
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
@@ -48,7 +50,7 @@ from bayestissue.inference.samplers.independence import independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
 from bayestissue.inference.samplers.psis import below_greatest, effective_size
 from bayestissue.inference.samplers.resampling import systematic
-from bayestissue.inference.samplers.sampling import Draws, Progress, silent
+from bayestissue.inference.samplers.sampling import Draws
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
 # Independent proposals serve where their weights are bounded well and most of them count.
@@ -199,7 +201,7 @@ class _Population(NamedTuple):
         raw: the spreads, unconstrained.
         z_b: the standard locations.
         expected: what they expect of every impact.
-        correction: what the weights are worth.
+        correction: their importance weights.
         compared: draws at which ``ratios`` were taken.
         ratios: likelihood over summary there.
         rng: for what follows.

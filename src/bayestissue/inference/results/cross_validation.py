@@ -1,4 +1,9 @@
-"""How well a fit predicts impacts, people and conditions that it has not seen; and what its priors did."""
+"""Leave-one-out cross-validation of a fit, and power-scaling sensitivity to its priors and data.
+
+With y_i the data of one impact, or of all impacts of a level of a group, elpd_i = log p(y_i | y_-i) is found
+from the draws by Pareto-smoothed importance sampling, their weights in proportion to 1 / p(y_i | draw)
+(Vehtari, Gelman and Gabry 2017, doi:10.1007/s11222-016-9696-4).
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""What traces alone tell of their impacts: how far off each source of error may put it.
+"""Laplace covariance of an impact's parameters given its trace alone, split by source of error.
 
-With N the inverse of what a trace tells of u, the errors integrated out, the part of error a is
-N_a = -N (dP / d log s_a^2) N = dN / d log s_a^2, and the noise's what is left.
+N = P^-1 with the expected information P of u, the errors of the measuring chain integrated out. Error a, of
+standard deviation s_a, has the part N_a = -N (dP / d log s_a^2) N = dN / d log s_a^2, and the noise has what
+is left.
 """
 
 from __future__ import annotations

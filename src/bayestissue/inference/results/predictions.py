@@ -1,4 +1,4 @@
-"""What the model predicts: replicates of every trace, and draws of the priors."""
+"""Posterior and prior predictive draws: replicates of every trace, and draws of the priors."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
-from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, thinned
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
@@ -38,7 +38,7 @@ def predicted(prepared: Prepared, unfolded: ConstrainedDraws, seed: int) -> dict
     }
 
 
-@compiled_quickly()
+@compiled_sooner()
 def replicates(
     model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array
 ) -> dict[str, Float[Array, "draw impact sample"]]:

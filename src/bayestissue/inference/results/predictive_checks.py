@@ -1,4 +1,4 @@
-"""Does the model make data like those it was given? Statistics of replicates beside the observed ones."""
+"""Posterior predictive checks: statistics of replicates beside those of the data (Gelman et al. 1996)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One line for every number of a posterior."""
+"""Posterior summary: moments, quantiles and convergence diagnostics of every quantity, a row each."""
 
 from __future__ import annotations
 

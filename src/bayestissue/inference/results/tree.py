@@ -183,7 +183,9 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
     made, u, ratios = jax.device_get(prior_draws(model, data, key))
     drawn = {name: values[None] for name, values in made.items()}
-    sites = named_sites(prepared, {name: drawn[name] for name in model.spreads}, drawn["locations"])
+    sites = named_sites(
+        model, prepared.design, {name: drawn[name] for name in model.spreads}, drawn["locations"]
+    )
     if "log_mass_error" in drawn:
         person = pd.Index(prepared.design.subjects).get_indexer(
             pd.Index(prepared.impacts["subject"].astype(str))

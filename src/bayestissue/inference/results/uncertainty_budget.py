@@ -1,10 +1,10 @@
-"""How much of an interval of K or C each source makes: noise, measuring chain, mass, element, people.
+"""Uncertainty budget: the share of each source in the posterior variance of log K and log C.
 
-Everything is normal on the log scale once the standard deviations are given. A posterior variance V is then
-homogeneous of degree one in the variances that make it, so that V = sum_s v_s dV/dv_s: what each source
-makes adds up to the whole, and is what a small change of that source alone would change. Of an impact, with
-N the inverse of what its trace tells of u and N_a = -N (dP / d log s_a^2) N the part of error a; of the
-population's means, with those of all impacts.
+The sources are noise, measuring chain, mass, element, people, conditions and impacts. Everything is normal on
+the log scale once the standard deviations are given. A posterior variance V is then homogeneous of degree one
+in the variances that make it, so that V = sum_s v_s dV/dv_s: what each source makes adds up to the whole, and
+is what a small change of that source alone would change. Of an impact this takes N and its parts N_a of
+`bayestissue.inference.results.errors`; of the population's means, those of all impacts.
 """
 
 from __future__ import annotations

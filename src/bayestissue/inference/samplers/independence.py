@@ -20,6 +20,7 @@ from numpyro.infer.util import potential_energy
 from scipy.stats import multivariate_t
 
 from bayestissue.hierarchy.specification import Sampler
+from bayestissue.inference.execution.compiling import first_rows, in_calls
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -113,19 +114,38 @@ def _propose(
     scale = covariance * (DEGREES - 2) / DEGREES
     proposal = multivariate_t(mean, scale, df=DEGREES, seed=rng)  # type: ignore[call-overload]
     points = proposal.rvs(number).reshape(number, len(mean))
-    density = np.asarray(_log_density(model, site, jnp.asarray(points), arguments))
+    density = log_densities(model, arguments, site, points)
     density = np.where(np.isfinite(density), density, -np.inf)
     log_weight = density - proposal.logpdf(points)
     # What has no density is as good as never proposed, but Pareto smoothing wants numbers.
     return points, np.maximum(log_weight, log_weight.max() - 600), density
 
 
-@partial(jax.jit, static_argnames=("model", "site"))
-def _log_density(model: Callable[..., None], site: str, points: Array, arguments: tuple[Any, ...]) -> Array:
-    def one(point: Array) -> Array:
-        return -potential_energy(model, arguments, {}, {site: point})
+def log_densities(
+    model: Callable[..., None],
+    arguments: tuple[Any, ...],
+    site: str,
+    points: Float[np.ndarray, "point coordinate"],
+) -> Float[np.ndarray, " point"]:
+    """Log density of a numpyro ``model`` of one site at any number of its points, up to a constant.
 
-    return jax.lax.map(one, points)
+    Args:
+        model: a numpyro model.
+        arguments: of the model, arrays that are traced.
+        site: the model's only one, unconstrained.
+        points: of it.
+    """
+    return np.asarray(in_calls(partial(_log_densities, model, site, arguments), (points,), POINTS))
+
+
+@partial(jax.jit, static_argnames=("model", "site"))
+def _log_densities(
+    model: Callable[..., None], site: str, arguments: tuple[Any, ...], points: Array, number: Array
+) -> Array:
+    def one(place: Array) -> Array:
+        return -potential_energy(model, arguments, {}, {site: points[place]})
+
+    return first_rows(one, POINTS, number)
 
 
 @jax.jit

@@ -20,6 +20,7 @@ from bayestissue.report.fit.run import FitRun, read_fit_run
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior_figures import exponent_figure
 from bayestissue.report.settings import settings_table
+from bayestissue.report.style import style
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import counted
 
@@ -49,19 +50,20 @@ def fit_page(folder: Path, about: dict[str, Any]) -> str:
         InputError: a file of the run lacks or isn't what a run writes.
     """
     run = read_fit_run(folder, about)
-    return render_page(
-        "fit.html",
-        title=f"K and C from the traces of {about.get('dataset') or folder.name}",
-        subtitle=_subtitle(run),
-        contents=_CONTENTS,
-        about=about,
-        **_first_screen(run),
-        **_impacts(run),
-        **_predictions(run),
-        **_population(run),
-        **_checks(run),
-        **_provenance(run),
-    )
+    with style():
+        return render_page(
+            "fit.html",
+            title=f"K and C from the traces of {about.get('dataset') or folder.name}",
+            subtitle=_subtitle(run),
+            contents=_CONTENTS,
+            about=about,
+            **_first_screen(run),
+            **_impacts(run),
+            **_predictions(run),
+            **_population(run),
+            **_checks(run),
+            **_provenance(run),
+        )
 
 
 def _subtitle(run: FitRun) -> str:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from bayestissue.report.fit.predictions import STRUCTURED, Residuals
 from bayestissue.report.fit.run import FitRun
@@ -38,9 +39,7 @@ def traces_figure(run: FitRun, which: list[int]) -> Markup:
     rows_of_run = run.predicted[which]
     time = 1e3 * run.constant("time")[rows_of_run]
     with style():
-        fig, axes = new_figure(
-            (9.6, 0.7 + 2.3 * rows), 2 * rows, _COLUMNS, squeeze=False, height_ratios=[2, 1] * rows
-        )
+        fig, axes = _panels(rows)
         for at, index in enumerate(rows_of_run):
             row, column = divmod(at, _COLUMNS)
             above, below = axes[2 * row, column], axes[2 * row + 1, column]
@@ -55,13 +54,33 @@ def traces_figure(run: FitRun, which: list[int]) -> Markup:
         for ax in axes[:, :].reshape(rows, 2, _COLUMNS).transpose(0, 2, 1).reshape(-1, 2)[len(which) :].flat:
             ax.remove()
         handles, labels = axes[0, 0].get_legend_handles_labels()
-        fig.legend(handles, labels, loc="outside upper left", ncols=4)
+        fig.legend(handles, labels, loc="upper left", ncols=4)
         return figure(
             fig,
             f"Measured {run.shown} of {len(which)} impacts over the model's 50 % and 90 % predictive bands, "
             "with the measured values less the predictive median in a panel under each.",
             raster=True,
         )
+
+
+def _panels(rows: int) -> tuple[Figure, Any]:
+    """Pairs of axes, one above the other, at places that need not be found by drawing everything twice."""
+    width, height = 9.6, 0.7 + 2.3 * rows
+    fig, axes = new_figure((width, height), 2 * rows, _COLUMNS, squeeze=False)
+    fig.set_layout_engine("none")
+    left, right, top, bottom = 0.75, 0.12, 0.3, 0.45
+    between, gap = 0.5, 0.48
+    wide = (width - left - right - (_COLUMNS - 1) * between) / _COLUMNS
+    pair = (height - top - bottom) / rows
+    inside = 0.06
+    tall = (pair - gap - inside) / 3
+    for place, ax in enumerate(axes.flat):
+        (row, second), column = divmod(place // _COLUMNS, 2), place % _COLUMNS
+        foot = bottom + (rows - 1 - row) * pair + (0 if second else tall + inside)
+        size = (wide / width, (tall if second else 2 * tall) / height)
+        ax.set_position(((left + column * (wide + between)) / width, foot / height, *size))
+    fig.align_ylabels(axes[:, 0])
+    return fig, axes
 
 
 def _panel(above: Any, below: Any, time: np.ndarray, measured: np.ndarray, bands: np.ndarray) -> None:

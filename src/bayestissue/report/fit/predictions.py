@@ -41,6 +41,11 @@ class Residuals:
         return np.isfinite(self.measured) & np.isfinite(self.replicated[0])
 
     @cached_property
+    def _lag_one(self) -> tuple[Float[np.ndarray, "draw impact"], Float[np.ndarray, " impact"]]:
+        """Lag-1 autocorrelations of the replicates and of what was measured, as of `lag_one`."""
+        return _lag_one(self.replicated, self.used), _lag_one(self.measured, self.used)
+
+    @cached_property
     def lag_one(self) -> pd.DataFrame:
         """Lag-1 autocorrelation once a cubic in time is taken off, one row an impact.
 
@@ -49,9 +54,8 @@ class Residuals:
 
         ``measured``, the replicates' 5 % and 95 % points ``low`` and ``high``, and whether it is ``inside``.
         """
-        replicated = _lag_one(self.replicated, self.used)
+        replicated, measured = self._lag_one
         low, high = np.percentile(replicated, [5, 95], axis=0)
-        measured = _lag_one(self.measured, self.used)
         inside = (low <= measured) & (measured <= high)
         return pd.DataFrame({"measured": measured, "low": low, "high": high, "inside": inside})
 
@@ -65,7 +69,7 @@ class Residuals:
         come from draws that have seen the measured trace, which draws the ranks to the middle: chance raises
         the alarm no more often than stated.
         """
-        replicated, measured = _lag_one(self.replicated, self.used), _lag_one(self.measured, self.used)
+        replicated, measured = self._lag_one
         draws = len(replicated)
         above = (replicated > measured).sum(axis=0)
         nearer = np.minimum(above, draws - above)

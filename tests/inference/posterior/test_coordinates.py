@@ -23,8 +23,8 @@ QUANTILES = {
 PROBABILITIES = norm.cdf([-1.645, 0.0, 1.645])
 
 
-def log_density(x: np.ndarray) -> float:
-    return sum(float(each(value)) for each, value in zip(LOGS.values(), x, strict=True))
+def log_densities(points: np.ndarray) -> np.ndarray:
+    return sum(each(values) for each, values in zip(LOGS.values(), points.T, strict=True))
 
 
 MODE = np.array([np.log(0.1), np.log(0.2 * 3.0), np.log(0.05 * np.sqrt(89))])
@@ -32,7 +32,7 @@ MODE = np.array([np.log(0.1), np.log(0.2 * 3.0), np.log(0.05 * np.sqrt(89))])
 
 @pytest.mark.parametrize("scale", [0.3, 1.0])
 def test_a_warp_has_the_quantiles_of_each_axis(scale: float) -> None:
-    warp = warp_about(log_density, MODE, scale * np.array([1.0, 0.5, 0.1]))
+    warp = warp_about(log_densities, MODE, scale * np.array([1.0, 0.5, 0.1]))
     y = norm.ppf(PROBABILITIES)
     found = np.stack([np.asarray(warp(value)) for value in y])
     known = np.stack([each(PROBABILITIES) for each in QUANTILES.values()], axis=1)
@@ -42,7 +42,7 @@ def test_a_warp_has_the_quantiles_of_each_axis(scale: float) -> None:
 
 
 def test_the_warped_density_is_nearly_normal() -> None:
-    warp = warp_about(log_density, MODE, np.array([1.0, 0.5, 0.1]))
+    warp = warp_about(log_densities, MODE, np.array([1.0, 0.5, 0.1]))
     y = np.linspace(-2.0, 2.0, 17)
     for place, each in enumerate(LOGS.values()):
         own = warp.part(place)
@@ -52,8 +52,8 @@ def test_the_warped_density_is_nearly_normal() -> None:
 
 
 def test_where_nothing_is_likely_or_known_the_warp_stays_increasing() -> None:
-    def steep(x: np.ndarray) -> float:
-        return np.nan if x[0] > 0 else float(5 * x[0])
+    def steep(points: np.ndarray) -> np.ndarray:
+        return np.where(points[:, 0] > 0, np.nan, 5 * points[:, 0])
 
     warp = warp_about(steep, np.zeros(1), np.ones(1))
     assert (warp.slope(np.linspace(-9.0, 9.0, 37)[:, None]) > 0).all()

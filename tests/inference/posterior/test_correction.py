@@ -186,7 +186,7 @@ def test_sites_are_fitted_before_any_chain_where_they_do_not_serve_draws_to_seco
     monkeypatch.setattr(recipe, "_log_weights", lambda *_: (next(log_weights)[:, None], None, None))
     monkeypatch.setattr(recipe, "_about_draws", about_draws)
     prepared: Any = SimpleNamespace(model=SimpleNamespace(discrepancy=discrepancy), data=None)
-    sites: Any = SimpleNamespace(spreads=None, summaries=None)
+    sites: Any = SimpleNamespace(spreads=None, summaries=None, data=lambda data: data)
     recipe._about_second_order(prepared, sites, 7, np.random.default_rng(0))
     assert fitted == [7, 8][:fits]
 

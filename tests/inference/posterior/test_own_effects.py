@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -31,13 +30,9 @@ def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_er
     W, pull = root @ root.swapaxes(1, 2), rng.normal(size=(impacts, 2))
     levels = len(design.groupings[name].levels)
     member = (own.level[:, None] == np.arange(levels)).astype(float)
-    of = slots.response
-    weight = {
-        (s, t): jnp.asarray((W[:, of[s], of[t]] * own.value[s] * own.value[t]) @ member)
-        for s, t in slots.together
-    }
-    score = [jnp.asarray((pull[:, a] * value) @ member) for a, value in zip(of, own.value, strict=True)]
-    found = gained(model, slots, {key: jnp.asarray(value) for key, value in sd.items()}, weight, score)
+    sites = {key: np.asarray(value) for key, value in sd.items()}
+    first = np.moveaxis(W, 0, -1)
+    found = gained(model, slots, own, sites, first, pull.T, lambda values: values @ member)
     if name == "trial":
         assert not slots.spread
         return

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from jax import Array
 
 from bayestissue.elements import element, impact
 from bayestissue.elements.comparables import comparables
+from bayestissue.elements.element import Element
 from bayestissue.inference.quantities.static_force import (
     Whole,
     at_common_depth,
@@ -49,13 +53,22 @@ def measured(name: str, values: dict[str, float], to_peak: np.ndarray, off: int 
     return MeasuredImpact(element(name), parameters, NONE, ElementRecord.of(still, count, *given))
 
 
+@partial(jax.jit, static_argnums=0)
+def _whole(which: Element, parameters: Array, record: ElementRecord, delta: Array, error: Array) -> Whole:
+    return whole_impact(MeasuredImpact(which, parameters, NONE, record), delta, error)
+
+
+def whole(given: MeasuredImpact, delta: Array, error: Array) -> Whole:
+    return _whole(given.element, given.parameters, given.record, delta, error)
+
+
 def as_discrepancy(tissue: str, values: dict[str, float]) -> tuple[MeasuredImpact, Whole]:
     """A tissue's impacts as spring and damper, with all that these lack of it as discrepancy."""
     true = comparables(tissue, values, MASS, VELOCITY)
     given = measured("kelvin_voigt", SIDE_BY_SIDE, np.asarray(true.time_to_peak))
     own = motion(given.element, given.parameters, given.record, given.record.velocity)
-    whole = impact(tissue, values, MASS, VELOCITY, given.record.time()).deceleration
-    return given, whole_impact(given, whole - own.d, NONE)
+    all_of_it = impact(tissue, values, MASS, VELOCITY, given.record.time()).deceleration
+    return given, whole(given, all_of_it - own.d, NONE)
 
 
 @pytest.mark.parametrize("off", [-1, 0, 1])
@@ -65,7 +78,7 @@ def test_without_a_discrepancy_the_secant_is_the_element_s(
 ) -> None:
     true = comparables(name, values, MASS, VELOCITY)
     given = measured(name, values, np.asarray(true.time_to_peak), off)
-    found = whole_impact(given, jnp.zeros_like(given.record.d), NONE)
+    found = whole(given, jnp.zeros_like(given.record.d), NONE)
     np.testing.assert_allclose(found.secant, true.K_secant, rtol=TOLERANCE)
 
 
@@ -80,7 +93,7 @@ def test_the_secant_is_that_of_element_and_discrepancy_together() -> None:
 def test_a_faster_impactor_goes_deeper() -> None:
     faster = comparables("stiffening", STIFF, MASS, VELOCITY + 0.05)
     given = measured("stiffening", STIFF, np.asarray(faster.time_to_peak))
-    found = whole_impact(given, jnp.zeros_like(given.record.d), jnp.full(2, 0.05))
+    found = whole(given, jnp.zeros_like(given.record.d), jnp.full(2, 0.05))
     np.testing.assert_allclose(found.secant, faster.K_secant, rtol=TOLERANCE)
     np.testing.assert_allclose(found.peak, faster.peak_displacement, rtol=TOLERANCE)
 
@@ -123,7 +136,7 @@ def test_beside_a_discrepancy_the_law_at_one_depth_is_found_whatever_the_mass(
 def test_a_damper_that_grows_with_depth_is_taken_off_as_the_element_has_it() -> None:
     true = comparables("hunt_crossley", BALL, MASS, VELOCITY)
     given = measured("hunt_crossley", BALL, np.asarray(true.time_to_peak))
-    found = whole_impact(given, jnp.zeros_like(given.record.d), NONE)
+    found = whole(given, jnp.zeros_like(given.record.d), NONE)
     p: Any = {**{key: jnp.full(2, value) for key, value in BALL.items()}, "diameter_m": NONE}
     np.testing.assert_allclose(
         whole_at_common_depth(given, found, DEPTH),

@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 from scipy.stats import norm
 
+from bayestissue.inference.comparing.finished import FinishedRun
 from bayestissue.inference.comparing.implied import IMPLIED_COLUMNS, comparable_draws, implied, mixture
-from bayestissue.inference.comparing.runs import FinishedRun
 
 DRAWS = 4000
 PEOPLE = np.array(["s0", "s1", "s0"])

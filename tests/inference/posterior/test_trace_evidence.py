@@ -24,7 +24,7 @@ from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_d
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
-MODELS = Path(__file__).parents[2] / "models"
+MODELS = Path(__file__).parents[3] / "models"
 # Few draws of a small campaign, and one population to look at.
 SETTINGS, SEED = Sampler(chains=2, warmup=100, draws=100), 2
 # Points of a normal about each impact's draws, twice as wide.
@@ -77,6 +77,10 @@ def fit(request: pytest.FixtureRequest) -> Fit:
     scores = of_draws(prepared, told, expected)
     for name, values in found.log_likelihood.items():
         np.testing.assert_array_equal(values.reshape(scores[name].shape), scores[name])
+    # The correction has compared likelihood and site under every draw already.
+    again = of_draws(prepared, told._replace(corrections=correction.of_impacts), expected)
+    for name, values in scores.items():
+        np.testing.assert_allclose(again[name], values, rtol=1e-9)
     # One of the tenth of all draws under which summaries alone say least of the traces.
     off = np.abs((log_evidence(told.summaries, expected.anchors) - scores["trace"]).sum(-1))
     draw = int(np.argsort(off)[-len(off) // 10])

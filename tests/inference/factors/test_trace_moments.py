@@ -87,11 +87,13 @@ def test_an_expansion_has_the_derivatives_of_the_likelihood(kind: str) -> None:
     def value(u: jax.Array) -> jax.Array:
         return log_likelihood(given.model, data, list(u.T)).sum()
 
-    slope = jax.grad(value)(found.centre)
-    bend = -jnp.stack(
-        [jax.jvp(jax.grad(value), (found.centre,), (jnp.zeros_like(slope).at[:, a].set(1.0),))[1]
-         for a in range(start.shape[1])], axis=-1
-    )  # fmt: skip
+    @jax.jit
+    def derivatives(u: jax.Array) -> tuple[jax.Array, jax.Array]:
+        along = jnp.broadcast_to(jnp.eye(u.shape[1])[:, None], (u.shape[1], *u.shape))
+        columns = jax.vmap(lambda each: jax.jvp(jax.grad(value), (u,), (each,))[1])(along)
+        return jax.grad(value)(u), -jnp.moveaxis(columns, 0, -1)
+
+    slope, bend = derivatives(found.centre)
     sd = 1 / np.sqrt(np.diagonal(np.asarray(bend), axis1=1, axis2=2))
     # Each parameter's likelihood changes over a fortieth of a unit or more: a third derivative is up to forty
     # times the second, or the first where that saturates. Values are rounded in the twelfth digit.

@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
-import numpyro
-import numpyro.distributions as dist
 
-from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.results.labels import labelled_statistics, statistics_of_transitions
-from bayestissue.inference.samplers.sampling import Draws, PosteriorSampler
+from bayestissue.inference.samplers.sampling import Draws
 
 
 def _draws(transitions: int = 12) -> Draws:
@@ -50,13 +46,3 @@ def test_without_thinning_nothing_changes() -> None:
     whole = _draws()
     np.testing.assert_array_equal(whole.thinned(1).sites["x"], whole.sites["x"])
     assert labelled_statistics(whole).identical(statistics_of_transitions(whole))
-
-
-def test_a_sampler_keeps_as_many_draws_as_it_was_asked_for() -> None:
-    def model(y: jnp.ndarray) -> None:
-        numpyro.sample("y", dist.Normal(numpyro.sample("mean", dist.Normal(0.0, 3.0)), 1.0), obs=y)
-
-    settings = Sampler(chains=2, warmup=100, draws=100, thinning=3)
-    (found,) = PosteriorSampler(model, settings).run(0, [(jnp.zeros(3),)])
-    assert found.sites["mean"].shape == (2, 100)
-    assert found.statistics["diverging"].shape == (2, 300)

@@ -1,0 +1,112 @@
+"""Where the processor's time of a fit goes: seconds of each stage, from the first import to the page.
+
+    taskset -c 0 .venv/bin/python benchmarks/stages.py
+    taskset -c 0 .venv/bin/python benchmarks/stages.py data/example models/maxwell.toml
+
+Seconds of the processor in this process, which other work on the machine changes less than the clock's.
+A stage that lies within another counts for itself alone, so that the column adds up to the whole. The first
+run on a machine compiles as well: run it twice.
+"""
+
+from __future__ import annotations
+
+import builtins
+import functools
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+# By module: the functions that are stages.
+STAGES = {
+    "inference.posterior.recipe": ("approximate", "sample_marginal", "_with_impacts", "_log_weights"),
+    "inference.posterior.constrained_draws": ("constrained_draws", "of_draws"),
+    "inference.results.tree": ("posterior_tree", "prior_draws", "replicates"),
+    "inference.fit": (
+        "expanded",
+        "cross_validation",
+        "prior_sensitivity",
+        "summary_table",
+        "uncertainty_budget",
+        "model_form",
+    ),
+    "fitting": ("judge", "point_estimates", "write_run"),
+    "report.fit.page": ("read_fit_run", "render_page"),
+    "report.page": ("figure",),
+    "report": ("draw_page",),
+}
+spent: dict[str, float] = {}
+_within: list[float] = []
+
+
+def timed(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+    """``function``, whose processor time, less that of stages within it, is added to ``spent``."""
+
+    @functools.wraps(function)
+    def called(*arguments: Any, **named: Any) -> Any:
+        begun = time.process_time()
+        _within.append(0.0)
+        try:
+            return function(*arguments, **named)
+        finally:
+            taken = time.process_time() - begun
+            spent[name] = spent.get(name, 0.0) + taken - _within.pop()
+            if _within:
+                _within[-1] += taken
+
+    return called
+
+
+def _time_imports() -> None:
+    bare, deep = builtins.__import__, [False]
+
+    def imported(*arguments: Any, **named: Any) -> Any:
+        if deep[0]:
+            return bare(*arguments, **named)
+        deep[0] = True
+        try:
+            return timed("imports", bare)(*arguments, **named)
+        finally:
+            deep[0] = False
+
+    builtins.__import__ = imported  # type: ignore[assignment]
+
+
+def _time_stages() -> None:
+    """Wherever a stage's function has been imported to, the timed one takes its place."""
+    import bayestissue.fitting
+    import bayestissue.report.fit.page  # noqa: F401
+
+    wrapped = {}
+    for module, names in STAGES.items():
+        for name in names:
+            function = getattr(sys.modules[f"bayestissue.{module}"], name)
+            wrapped[id(function)] = function, timed(name, function)
+    for module in [each for name, each in sys.modules.items() if name.startswith("bayestissue")]:
+        for name, value in list(vars(module).items()):
+            if id(value) in wrapped and wrapped[id(value)][0] is value:
+                setattr(module, name, wrapped[id(value)][1])
+
+
+def main(dataset: str = "data/example", model: str = "models/impact.toml") -> None:
+    """Fit, and print what each stage took."""
+    _time_imports()
+    from bayestissue import runtime
+
+    runtime.keep_compiled()
+    runtime.configure(one_core=True)
+    from bayestissue.commands import fit
+
+    _time_stages()
+    with tempfile.TemporaryDirectory() as folder:
+        arguments = {"model": model, "scheduler": None, "seed": 0, "skip_bad": False, "quiet": True}
+        timed("all else", fit.run)(Path(dataset), out=Path(folder) / "run", overwrite=False, **arguments)
+    for name, seconds in sorted(spent.items(), key=lambda pair: -pair[1]):
+        print(f"{name:26}{seconds:7.2f}")
+    print(f"{'together':26}{sum(spent.values()):7.2f}")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,284 @@
+"""The posterior of the hierarchy over published estimates, by the recipe of traces.
+
+The hyperparameters are sampled with everything linear integrated out and a Gaussian site in each lost table's
+place; b is drawn from its conditional; and the draws are weighted by the tables' factors over their sites.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+
+from bayestissue.hierarchy.estimates import (
+    EffectsDraw,
+    EstimatesData,
+    EstimatesModel,
+    draw_effects,
+    leave_one_out,
+    marginal_model,
+    sampled_model,
+)
+from bayestissue.hierarchy.specification import Sampler
+from bayestissue.hierarchy.traces import COORDINATES, constrained
+from bayestissue.hierarchy.warp import SinhArcsinh
+from bayestissue.inference.execution.compiling import filled_up, first_rows, in_calls
+from bayestissue.inference.execution.progress import Progress, silent
+from bayestissue.inference.posterior.coordinates import Coordinates, straight, warp_about
+from bayestissue.inference.posterior.correction import Correction
+from bayestissue.inference.posterior.mode import covariance_about, find_mode
+from bayestissue.inference.samplers.independence import POINTS, independence_chains, log_densities
+from bayestissue.inference.samplers.nuts import Start, run_chains
+from bayestissue.inference.samplers.psis import k_threshold
+from bayestissue.inference.samplers.resampling import systematic
+from bayestissue.inference.samplers.sampling import Draws
+
+# Of the coordinates, for slopes from differences of values.
+_STEP = 1e-4
+# The sites follow the mode, which then moves a little; and then, if need be, corrected draws, while less of
+# the draws' worth is left.
+_ABOUT_MODE, _MOST_AGAIN, _WELL_PLACED = 3, 2, 0.7
+_OTHER_SEED = 1_000_003
+
+
+class Chains(NamedTuple):
+    """Draws of the hyperparameters, and of the effects given each, by the sites and not corrected.
+
+    Attributes:
+        raw: the hyperparameters, unconstrained, along a first axis of all chains' draws.
+        drawn: the effects, with the densities.
+        sampled: the chains.
+    """
+
+    raw: Float[np.ndarray, "draw hyperparameter"]
+    drawn: EffectsDraw
+    sampled: Draws
+
+
+@dataclass(frozen=True)
+class EstimatesPosterior:
+    """Draws of everything, and how they came about.
+
+    Attributes:
+        draws: the hyperparameters by name, [chain, draw].
+        b: the effects.
+        rows: log density of every row's data.
+        correction: of the draws; None where nothing had to be corrected.
+        data: with the place at which the tables' sites were made.
+        coordinates: of the hyperparameters.
+        chains: before the correction; None where there was none.
+    """
+
+    draws: Draws
+    b: Float[np.ndarray, "chain draw location"]
+    rows: Float[np.ndarray, "chain draw row"]
+    correction: Correction | None
+    data: EstimatesData
+    coordinates: Coordinates
+    chains: Chains | None
+
+
+def sample_posterior(
+    model: EstimatesModel, data: EstimatesData, settings: Sampler, seed: int, progress: Progress = silent
+) -> EstimatesPosterior:
+    """Draw from the posterior.
+
+    Args:
+        model: what is assumed.
+        data: the rows.
+        settings: how many chains and draws, and by which path.
+        seed: of all of it.
+        progress: told how many of the chains' transitions are done, where it takes long.
+    """
+    data, coordinates = approximated(model, data, seed)
+    if settings.path == "exact":
+        return _exact(model, data, coordinates, settings, seed, progress)
+    made: list[tuple[Correction, EstimatesPosterior]] = []
+    for again in range(1 + _MOST_AGAIN):
+        chains = sample_chains(model, data, coordinates, settings, seed + again * _OTHER_SEED, progress)
+        made.append(_corrected(model, data, coordinates, chains, settings, seed))
+        if made[-1][0].relative > _WELL_PLACED:
+            break
+        data = data._replace(scatter=chains.drawn.scatter.mean(0))
+    correction, best = min(made, key=lambda each: each[0].rank)
+    if settings.path == "summary" or correction.trusted:
+        return best
+    return _exact(model, data, coordinates, settings, seed, progress)
+
+
+def sample_chains(
+    model: EstimatesModel,
+    data: EstimatesData,
+    coordinates: Coordinates,
+    settings: Sampler,
+    seed: int,
+    progress: Progress = silent,
+) -> Chains:
+    """Chains of the hyperparameters, and effects given each.
+
+    By independent proposals: in coordinates that may have been made for other data, or else in the data's
+    own; trajectories where both miss part of the posterior.
+    """
+    for made in (lambda: coordinates, lambda: coordinates_about(model, data)):
+        where = made()
+        target = (model, data, where.warp)
+        found = independence_chains(marginal_model, target, COORDINATES, where.covariance, settings, seed)
+        sampled = found.draws
+        if found.pareto_k < k_threshold(settings.chains * settings.transitions):
+            break
+    else:
+        start = Start({COORDINATES: np.zeros(len(where.names))}, (COORDINATES,), where.covariance)
+        target = (model, *filled_up((data,)), where.warp)
+        sampled = run_chains(
+            marginal_model, target, start, settings, seed, progress=progress, processes=False
+        )
+    y = sampled.sites[COORDINATES].reshape(-1, len(where.names))
+    z = np.random.default_rng([seed, 21]).standard_normal((len(y), model.locations.size))
+    raw = np.asarray(where.warp(y))
+    return Chains(raw, draw_all(model, data, raw, z), sampled)
+
+
+def _corrected(
+    model: EstimatesModel,
+    data: EstimatesData,
+    coordinates: Coordinates,
+    chains: Chains,
+    settings: Sampler,
+    seed: int,
+) -> tuple[Correction, EstimatesPosterior]:
+    """Draws chosen by the lost tables' factors over their sites."""
+    shape = (settings.chains, settings.transitions)
+    correction = Correction.of(
+        np.asarray(chains.drawn.log_ratio).reshape(shape), settings.chains * settings.draws
+    )
+    chosen = systematic(correction.weight, settings.draws, np.random.default_rng([seed, 22]))
+    chosen = (chosen + settings.transitions * np.arange(settings.chains)[:, None]).ravel()
+    raw, drawn = chains.raw[chosen], jax.tree.map(lambda values: values[chosen], chains.drawn)
+    found = _by_chain(model, data, coordinates, chains.sampled, raw, drawn, settings)
+    return correction, replace(found, correction=correction, chains=chains)
+
+
+def _exact(
+    model: EstimatesModel,
+    data: EstimatesData,
+    coordinates: Coordinates,
+    settings: Sampler,
+    seed: int,
+    progress: Progress,
+) -> EstimatesPosterior:
+    """Chains of everything, on standard normals that the sites make effects of."""
+    size = len(coordinates.names)
+    centre = {COORDINATES: np.zeros(size), "standard_locations": np.zeros(model.locations.size)}
+    start = Start(centre, (COORDINATES,), coordinates.covariance)
+    arguments = (model, *filled_up((data,)), coordinates.warp)
+    sampled = run_chains(sampled_model, arguments, start, settings, seed, progress=progress)
+    sampled = sampled.thinned(settings.thinning)
+    y, z = (sampled.sites[name].reshape(-1, *np.shape(centre[name])) for name in centre)
+    raw = np.asarray(coordinates.warp(y))
+    drawn = draw_all(model, data, raw, z)
+    return _by_chain(model, data, coordinates, sampled, raw, drawn, settings)
+
+
+def _by_chain(
+    model: EstimatesModel,
+    data: EstimatesData,
+    coordinates: Coordinates,
+    sampled: Draws,
+    raw: Float[np.ndarray, "draw hyperparameter"],
+    drawn: EffectsDraw,
+    settings: Sampler,
+) -> EstimatesPosterior:
+    shape = (settings.chains, settings.draws)
+    sites = constrained(model, dict(zip(model.spreads, raw.T, strict=True)))
+    draws = replace(sampled, sites={name: np.asarray(v).reshape(shape) for name, v in sites.items()})
+    b, rows = (np.asarray(values).reshape(*shape, -1) for values in (drawn.b, drawn.rows))
+    return EstimatesPosterior(draws, b, rows, None, data, coordinates, None)
+
+
+def draw_all(
+    model: EstimatesModel,
+    data: EstimatesData,
+    raw: Float[np.ndarray, "draw hyperparameter"],
+    z: Float[np.ndarray, "draw location"],
+) -> EffectsDraw:
+    """Effects for every draw of the unconstrained hyperparameters, as numpy arrays."""
+    return EffectsDraw(*in_calls(partial(_draw_rows, model, data), (raw, z), POINTS))
+
+
+@partial(jax.jit, static_argnums=0)
+def _draw_rows(
+    model: EstimatesModel,
+    data: EstimatesData,
+    raw: Array,
+    z: Array,
+    number: Array,
+) -> EffectsDraw:
+    def one(place: Array) -> EffectsDraw:
+        sites = constrained(model, dict(zip(model.spreads, raw[place], strict=True)))
+        return draw_effects(model, data, sites, z[place])
+
+    return EffectsDraw(*first_rows(lambda place: tuple(one(place)), POINTS, number))
+
+
+def leave_one_out_densities(
+    model: EstimatesModel, found: EstimatesPosterior
+) -> Float[np.ndarray, "*draw row"]:
+    """Log density of every row given all others, for each draw; see `leave_one_out`."""
+    sites = found.draws.sites
+    flat = np.stack([sites[name].ravel() for name in model.spreads], axis=1)
+    rows = in_calls(partial(_left_out_rows, model, found.data), (flat,), POINTS)
+    return rows.reshape(*sites[model.spreads[0]].shape, -1)
+
+
+@partial(jax.jit, static_argnums=0)
+def _left_out_rows(model: EstimatesModel, data: EstimatesData, values: Array, number: Array) -> Array:
+    def one(place: Array) -> Array:
+        return leave_one_out(model, data, dict(zip(model.spreads, values[place], strict=True)))
+
+    return first_rows(one, POINTS, number)
+
+
+class _Finder(NamedTuple):
+    """The marginal density of the hyperparameters' coordinates, and its slope from differences."""
+
+    model: EstimatesModel
+    data: EstimatesData
+
+    def densities(self, y: np.ndarray, warp: SinhArcsinh | None = None) -> np.ndarray:
+        arguments = (self.model, self.data, warp or straight(y.shape[1]))
+        return log_densities(marginal_model, arguments, COORDINATES, y)
+
+    def at(self, y: np.ndarray, warp: SinhArcsinh | None = None) -> tuple[float, np.ndarray]:
+        """Minus the log density, and the slope of that."""
+        steps = _STEP * np.eye(len(y))
+        value, *others = -self.densities(np.concatenate([y[None], y + steps, y - steps]), warp)
+        ahead, behind = np.reshape(others, (2, -1))
+        return float(value), (ahead - behind) / (2 * _STEP)
+
+
+def approximated(model: EstimatesModel, data: EstimatesData, seed: int) -> tuple[EstimatesData, Coordinates]:
+    """Sites of the lost tables about the posterior mode of the hyperparameters, and coordinates there."""
+    mode = None
+    z = np.random.default_rng([seed, 24]).standard_normal((POINTS, model.locations.size))
+    for _ in range(_ABOUT_MODE):
+        mode = find_mode(model, model.spreads, _Finder(model, data).at, mode)
+        drawn = draw_all(model, data, np.repeat(mode[None], len(z), axis=0), z)
+        data = data._replace(scatter=drawn.scatter.mean(0))
+    return data, coordinates_about(model, data, mode)
+
+
+def coordinates_about(
+    model: EstimatesModel, data: EstimatesData, near: Float[np.ndarray, " hyperparameter"] | None = None
+) -> Coordinates:
+    """Coordinates about the posterior mode, which is sought from ``near`` on."""
+    finder = _Finder(model, data)
+    mode = find_mode(model, model.spreads, finder.at, near)
+    scale = np.sqrt(np.diagonal(covariance_about(lambda y: finder.at(y)[1], mode)))
+    warp = warp_about(finder.densities, mode, scale)
+    about = covariance_about(lambda y: finder.at(y, warp)[1], np.zeros(len(mode)))
+    return Coordinates(model.spreads, warp, about)

@@ -1,0 +1,165 @@
+"""The hierarchy over published estimates, against dense normals and against its other writing."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from numpyro.infer.util import log_density
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal, norm
+
+from bayestissue.dataset.published import read_published
+from bayestissue.hierarchy.estimates import (
+    EstimatesModel,
+    common_effects,
+    draw_effects,
+    estimates_data,
+    leave_one_out,
+    log_evidence,
+    plain_model,
+    population,
+    without,
+)
+from bayestissue.hierarchy.gaussian.arrangement import expected
+from bayestissue.hierarchy.published import published_design, published_observations
+from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.likelihood.averages import AveragesOfLognormals
+
+SPECIFICATION = ModelSpecification(name="small", likelihood="published-estimates")
+SITES = {
+    "sd_subject_K": 0.05,
+    "sd_subject_C": 0.2,
+    "sd_trial_K": 0.02,
+    "sd_trial_C": 0.15,
+    "sd_impact_K": 0.04,
+    "sd_impact_C": 0.5,
+    "residual_correlation": -0.4,
+}
+SCATTER = np.array([[0.002, 0.03], [0.003, 0.05]])
+TABLES = 2
+
+
+@pytest.fixture(scope="module")
+def setting():
+    """The thesis's own tables under one formula, in an arrangement that has room for another."""
+    observations = published_observations(read_published())
+    energy = Formulas(K="log(energy_J) + (1|subject)", C="log(energy_J) + (1|subject)")
+    designs = [
+        published_design(observations, SPECIFICATION, formulas=formulas)
+        for formulas in (SPECIFICATION.formula, energy)
+    ]
+    model = EstimatesModel(common_effects(designs, SPECIFICATION.priors), SPECIFICATION.priors, True)
+    data = estimates_data(designs[0], observations, model)._replace(scatter=SCATTER)
+    sites = {name: jnp.asarray(value) for name, value in SITES.items()}
+    return observations, designs[0], model, data, sites
+
+
+def dense(setting):
+    """Mean and covariance of all estimates (K and C of one after the other), b integrated out by matrices."""
+    _, _, model, data, sites = setting
+    sd = np.asarray(population(model, sites).locations)
+    # [parameter, element of b, row] to [row and parameter, element of b].
+    X = np.asarray(expected(data.design, jnp.eye(len(sd))))[..., TABLES:]
+    X = np.moveaxis(X, (2, 0), (0, 1)).reshape(-1, len(sd))
+    r = SITES["residual_correlation"] * SITES["sd_impact_K"] * SITES["sd_impact_C"]
+    own = np.array([[SITES["sd_impact_K"] ** 2, r], [r, SITES["sd_impact_C"] ** 2]])
+    return X @ data.location_mean, X * sd**2 @ X.T + np.kron(np.eye(len(X) // 2), own)
+
+
+def test_the_estimates_together_are_one_normal(setting) -> None:
+    _, _, model, data, sites = setting
+    only = without(data, np.arange(len(data.value)) < TABLES)
+    direct = multivariate_normal(*dense(setting)).logpdf(data.value[TABLES:].ravel())
+    # A Cholesky factor of a matrix with a condition number of some 1e6, over a sum of some hundred.
+    assert_allclose(log_evidence(model, only, sites), direct, rtol=1e-9)
+
+
+def test_an_estimate_given_all_others_is_the_ratio_of_two_densities(setting) -> None:
+    _, _, model, data, sites = setting
+    found = leave_one_out(model, data, sites)
+    whole = log_evidence(model, data, sites)
+    for row in (0, 1, 2, 40, 71):
+        others = log_evidence(model, without(data, np.arange(len(data.value)) == row), sites)
+        assert_allclose(found[row], whole - others, atol=1e-7)
+
+
+def test_both_writings_are_one_density(setting) -> None:
+    _, _, model, data, sites = setting
+    kept = without(data, np.arange(len(data.value)) % 7 == 0)
+    for seed in range(3):
+        z = jnp.asarray(np.random.default_rng(seed).standard_normal(model.locations.size))
+        drawn = draw_effects(model, kept, sites, z)
+        slope = jax.jacobian(lambda z: draw_effects(model, kept, sites, z).b)(z)
+        plain, _ = log_density(plain_model, (model, kept), {}, sites | {"locations": drawn.b})
+        priors = sum(model.prior_of(name).log_prob(value) for name, value in sites.items())
+        standard = norm.logpdf(np.asarray(z)).sum() - np.linalg.slogdet(np.asarray(slope))[1]
+        sampled = drawn.log_density + drawn.log_ratio + standard + priors
+        assert_allclose(plain, sampled, rtol=1e-9)
+
+
+def test_a_site_is_its_factor_where_people_scatter_as_it_says(setting) -> None:
+    _, _, model, data, sites = setting
+    z = jnp.zeros(model.locations.size)
+    for _ in range(60):
+        drawn = draw_effects(model, data, sites, z)
+        data = data._replace(scatter=np.asarray(drawn.scatter))
+    assert_allclose(draw_effects(model, data, sites, z).log_ratio, 0, atol=1e-9)
+
+
+def test_rows_have_the_densities_of_the_distributions(setting) -> None:
+    observations, design, model, data, sites = setting
+    z = jnp.asarray(np.random.default_rng(5).standard_normal(model.locations.size))
+    drawn = draw_effects(model, data, sites, z)
+    b, parts = np.asarray(drawn.b), model.locations.parts
+    logs = np.stack(
+        [
+            b[parts[f"intercept_{q}"]]
+            + b[parts[f"mass_exponent_{q}"]] * design.responses[q].log_mass
+            + b[parts[f"subject_effect_{q}"]][design.subject]
+            + b[parts[f"trial_effect_{q}"]][design.trial]
+            for q in "KC"
+        ],
+        axis=-1,
+    )
+    r, sd = SITES["residual_correlation"], np.array([SITES["sd_impact_K"], SITES["sd_impact_C"]])
+    scale = np.array([[sd[0], 0.0], [r * sd[1], sd[1] * np.sqrt(1 - r**2)]])
+    estimates = multivariate_normal([0, 0], scale @ scale.T)
+    away = observations.log_estimates - logs[observations.impact_cell]
+    assert_allclose(drawn.rows[TABLES:], estimates.logpdf(away), rtol=1e-9, atol=1e-9)
+    tables = AveragesOfLognormals(jnp.asarray(logs[observations.averaged_cells]), jnp.asarray(scale))
+    assert_allclose(drawn.rows[:TABLES], tables.log_prob(observations.averages), rtol=1e-9, atol=1e-9)
+
+
+def test_a_trial_held_out_by_averaging_over_everything_it_shares(setting) -> None:
+    """Evidence with a trial over that without: also the mean density of the trial over effects without it."""
+    observations, design, model, data, sites = setting
+    trial = np.r_[design.trial[observations.averaged_cells[:, 0]], design.trial[observations.impact_cell]]
+    rows = trial == trial[TABLES]
+    others = without(data, rows | (np.arange(len(rows)) < TABLES))
+    both = without(data, np.arange(len(rows)) < TABLES)
+    z = jnp.asarray(np.random.default_rng(1).standard_normal((20_000, model.locations.size)))
+    wide = {**sites, "sd_impact_K": jnp.asarray(0.2)}
+    ratio = log_evidence(model, both, wide) - log_evidence(model, others, wide)
+    given = jax.jit(jax.vmap(lambda each: draw_effects(model, others, wide, each).rows[rows].sum()))(z)
+    weight = np.exp(np.asarray(given) - float(jnp.max(given)))
+    error = weight.std() / weight.mean() / np.sqrt(len(weight))
+    assert abs(float(ratio) - (logsumexp(given) - np.log(len(given)))) < 4 * error
+
+
+def test_a_formula_s_missing_terms_change_nothing(setting) -> None:
+    observations, _, model, _, sites = setting
+    plain = Formulas(K="1 + (1|subject)", C="1 + (1|subject)")
+    design = published_design(observations, SPECIFICATION, formulas=plain)
+    alone = EstimatesModel(common_effects([design], SPECIFICATION.priors), SPECIFICATION.priors, True)
+    densities = [
+        log_evidence(each, estimates_data(design, observations, each)._replace(scatter=SCATTER), sites)
+        for each in (model, alone)
+    ]
+    assert_allclose(*densities, rtol=1e-10)
+    assert replace(model) == model
+    assert hash(replace(model)) == hash(model)
