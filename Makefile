@@ -39,7 +39,7 @@ $(READY_FOR_TESTS): $(READY) requirements-dev.lock
 report: $(READY)  ## the main job: the example campaign's fit and the published estimates' re-analysis, in reports/
 	@echo "fitting the example campaign, about a minute ..."
 	@$(BIN)/bayestissue fit data/example --model models/arma.toml --out $(REPORTS)/example --overwrite
-	@echo "re-analysing the published estimates, some minutes ..."
+	@echo "re-analysing the published estimates, about half a minute ..."
 	@$(BIN)/bayestissue reproduce --out $(REPORTS)/published --overwrite
 	@echo "open $(REPORTS)/example/report.html and $(REPORTS)/published/report.html"
 	@echo "$(HOW)"

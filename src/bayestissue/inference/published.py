@@ -24,6 +24,7 @@ from bayestissue.inference.comparing.explanations import compare_explanations
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.posterior.constrained_draws import named_sites
 from bayestissue.inference.posterior.estimates import EstimatesPosterior, sample_posterior
+from bayestissue.inference.results.cross_validation import prior_sensitivity
 from bayestissue.inference.results.labels import labelled, labelled_statistics, statistics_of_transitions
 from bayestissue.inference.results.predictive_checks import predictive_checks
 from bayestissue.inference.results.summary import summarise
@@ -104,7 +105,7 @@ def analyse(
         diagnose(summary, statistics_of_transitions(found.draws), further),
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         compare_explanations(model, explanations, trial, settings, seed, progress),
-        _sensitivity(tree),
+        prior_sensitivity(tree),
         _checks(tree, observations),
     )
 
@@ -242,16 +243,6 @@ def _prior_groups(
         "prior": xr.DataTree(label(_quantities(design, observations, sites, rng))),
         "prior_predictive": xr.DataTree(label(_replicates(design, observations, sites, rng))),
     }
-
-
-def _sensitivity(tree: xr.DataTree) -> pd.DataFrame:
-    """Power-scaling sensitivity to the priors and to the data (Kallioinen et al. 2024)."""
-    import arviz as az
-
-    posterior = tree["posterior"].dataset
-    names = [name for name, array in posterior.data_vars.items() if array.ndim == 2]
-    table = az.psense_summary(tree, var_names=names, round_to=4)
-    return table.rename_axis("variable").reset_index()[["variable", "prior", "likelihood", "diagnosis"]]
 
 
 def _checks(tree: xr.DataTree, observations: PublishedObservations) -> pd.DataFrame:

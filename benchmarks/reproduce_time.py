@@ -1,0 +1,69 @@
+"""How long `bayestissue reproduce` takes from command to finished report, by one program or several.
+
+    .venv/bin/python benchmarks/reproduce_time.py
+    .venv/bin/python benchmarks/reproduce_time.py --program OLD .
+
+`first` is with nothing compiled yet, `again` the same command once more. Seconds of the clock, and of the
+processor (`cpu_s`), which other work on the machine changes less. `--program` names checkouts whose programs
+are timed in turn, all by this Python and its libraries. Beside the times the table has the mass exponents
+(mean and 90 % interval) and each explanation's accuracy by trial, so that it is seen whether they agree.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pandas as pd
+
+ROOT = Path(__file__).resolve().parent.parent
+
+
+def timed(program: Path, out: Path, cache: Path) -> dict[str, float]:
+    """Seconds of one run into a new folder."""
+    own = {"PYTHONPATH": str(program / "src"), "JAX_COMPILATION_CACHE_DIR": str(cache)}
+    command = [sys.executable, "-m", "bayestissue", "reproduce", "--quiet", "--out", str(out)]
+    before, begin = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic()
+    subprocess.run(command, check=True, cwd=program, env=os.environ | own)  # noqa: S603 - our own program
+    after, seconds = resource.getrusage(resource.RUSAGE_CHILDREN), time.monotonic() - begin
+    spent = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    return {"s": round(seconds, 1), "cpu_s": round(spent, 1)}
+
+
+def results(folder: Path) -> dict[str, str | float]:
+    """What was found."""
+    summary = pd.read_csv(folder / "summary.csv").set_index("variable")
+    found: dict[str, str | float] = {}
+    for name in ("mass_exponent_K", "mass_exponent_C"):
+        row = summary.loc[name]
+        found[name] = f"{row['mean']:.3f} ({row['eti90_low']:.3f} to {row['eti90_high']:.3f})"
+    table = pd.read_csv(folder / "comparison.csv")
+    by_trial = table[table["scheme"] == "leave one trial out"]
+    return found | {row["model"]: round(row["elpd"], 1) for _, row in by_trial.iterrows()}
+
+
+def main() -> None:
+    """Time every program."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--program", nargs="+", type=Path, default=[ROOT])
+    chosen = parser.parse_args()
+    rows = []
+    for program in chosen.program:
+        with tempfile.TemporaryDirectory() as name:
+            folder = Path(name)
+            for run in ("first", "again"):
+                seconds = timed(program.resolve(), folder / run, folder / "compiled")
+                rows.append({"program": str(program), "run": run, **seconds, **results(folder / run)})
+    print(pd.DataFrame(rows).T.to_string(header=False))
+
+
+if __name__ == "__main__":
+    main()
