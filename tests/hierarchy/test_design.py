@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.formula import left_out_words
+from bayestissue.hierarchy.formulas.formula import left_out_words
 from bayestissue.hierarchy.specification import Formulas
 
 PLAIN = "log(mass_kg) + (1|subject) + (1|trial)"

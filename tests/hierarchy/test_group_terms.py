@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from designs import EVERYTHING, REFERENCE, design_of, impacts, indicator
 from numpy.testing import assert_allclose, assert_array_equal
 
 from bayestissue.errors import InputError
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.formula import judge
-from bayestissue.hierarchy.group_terms import MASS_TERM, GroupTerm
+from bayestissue.hierarchy.formulas.formula import judge
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.population import expected, population_design
 from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from designs import EVERYTHING, REFERENCE, design_of, impacts, indicator
 
 
 @pytest.mark.parametrize(

@@ -87,7 +87,7 @@ def _without_short(data: Dataset, specification: ModelSpecification, source: str
 def _say_what_is_told(prepared: Prepared) -> None:
     """What these data can't tell, before the work begins."""
     from bayestissue.commands.console import echo
-    from bayestissue.hierarchy.formula import left_out_words
+    from bayestissue.hierarchy.formulas.formula import left_out_words
     from bayestissue.inference.results.meanings import ONE_IMPACT
 
     if words := left_out_words(prepared.design.terms_left_out()):

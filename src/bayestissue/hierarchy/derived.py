@@ -9,7 +9,7 @@ import pandas as pd
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, stem_of
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, stem_of
 
 Draws = Mapping[str, np.ndarray]
 

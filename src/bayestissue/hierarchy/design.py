@@ -10,9 +10,16 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.errors import InputError, Problem
-from bayestissue.hierarchy.formula import Judged, adapted, judge
-from bayestissue.hierarchy.group_terms import MASS_TERM, SUBJECT, TRIAL, Grouping, GroupTerm, grouping_of
-from bayestissue.hierarchy.identifiability import Fault
+from bayestissue.hierarchy.formulas.formula import Judged, adapted, judge
+from bayestissue.hierarchy.formulas.group_terms import (
+    MASS_TERM,
+    SUBJECT,
+    TRIAL,
+    Grouping,
+    GroupTerm,
+    grouping_of,
+)
+from bayestissue.hierarchy.formulas.identifiability import Fault
 from bayestissue.hierarchy.specification import Formulas
 
 

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from bayestissue.hierarchy.group_terms import GroupTerm
+from bayestissue.hierarchy.formulas.group_terms import GroupTerm
 
 Positive = Annotated[float, Field(gt=0)]
 

@@ -9,8 +9,8 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from bayestissue.elements.registry import element, element_names
-from bayestissue.hierarchy.formula import group_terms
-from bayestissue.hierarchy.group_terms import SUBJECT, TRIAL, GroupTerm
+from bayestissue.hierarchy.formulas.formula import group_terms
+from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm
 from bayestissue.hierarchy.priors import SD_OF_TERM, ElementPrior, Normal, Priors
 from bayestissue.settings import checked, parse_toml, read_text
 from bayestissue.signal import SignalOptions
@@ -30,7 +30,7 @@ class _Table(BaseModel):
 class Formulas(_Table):
     """Right-hand sides for log K and log C, in the notation of R and formulae.
 
-    One left out is `bayestissue.hierarchy.formula.DEFAULT_FORMULA` less what the data can't tell.
+    One left out is `bayestissue.hierarchy.formulas.formula.DEFAULT_FORMULA` less what the data can't tell.
     """
 
     K: str | None = None

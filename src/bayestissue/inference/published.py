@@ -17,7 +17,7 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.estimates import EstimatesModel, common_effects, estimates_data
-from bayestissue.hierarchy.formula import GROUPS
+from bayestissue.hierarchy.formulas.formula import GROUPS
 from bayestissue.hierarchy.published import PublishedObservations, published_design
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.inference.comparing.explanations import compare_explanations

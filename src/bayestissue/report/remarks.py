@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
-from bayestissue.hierarchy.group_terms import stem_of
+from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.comparing.stacking import decides
 from bayestissue.report.posterior import QUANTITIES, PosteriorRun
 from bayestissue.report.wording import listed

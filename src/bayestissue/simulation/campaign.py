@@ -11,7 +11,7 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
-from bayestissue.hierarchy.group_terms import MASS_TERM, grouping_of
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.simulation.contact import deceleration, leaves, what_is_met
 from bayestissue.simulation.specification import Recording, Simulation, Tissue
 

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from bayestissue.hierarchy.group_terms import MASS_TERM, GroupTerm
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.settings import checked, read_toml
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import jax
@@ -13,10 +14,11 @@ from numpyro.infer.util import potential_energy
 
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy import population
+from bayestissue.hierarchy.gaussian import arrangement
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import COORDINATES, sampled_model
+from bayestissue.hierarchy.traces import COORDINATES, gaussian, sampled_model
 from bayestissue.inference.execution.compiling import compiled_quickly, filled_up
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at
 from bayestissue.inference.posterior.approximate import _value_and_slope, first_guess
@@ -24,7 +26,7 @@ from bayestissue.inference.posterior.conditional_prior import DRAWS, conditional
 from bayestissue.inference.posterior.constrained_draws import constrain_rows, constrained_draws
 from bayestissue.inference.posterior.coordinates import straight
 from bayestissue.inference.posterior.recipe import corrected_draws
-from bayestissue.inference.samplers import nuts
+from bayestissue.inference.samplers import independence
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
@@ -32,8 +34,10 @@ from bayestissue.simulation.specification import Simulation
 ROUNDING = 1e-10
 
 
-def campaign(tmp_path, subjects: int, seed: int, mass_sd: float) -> Dataset:
-    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 1.3)]
+def campaign(
+    tmp_path, subjects: int, seed: int, mass_sd: float, masses: Sequence[float] = (0.4, 1.3)
+) -> Dataset:
+    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in masses]
     tissue = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
     tissue |= {f"sd_{each}": 0.1 for each in ("subject_K", "impact_K", "subject_C", "impact_C")}
     recording = {"sampling_rate_hz": 2200.0, "noise_relative_to_peak": 0.005, "velocity_sd_m_s": 0.005}
@@ -94,35 +98,53 @@ def test_a_model_is_its_value(dataset: Dataset, specification: ModelSpecificatio
     assert jax.tree.leaves(one) == [0.002]
 
 
+def test_fewer_people_and_impacts_left_out_have_the_same_shapes(
+    specification: ModelSpecification, tmp_path
+) -> None:
+    """People and conditions are crossed, and both are filled up."""
+    masses = np.round(np.geomspace(0.4, 1.3, 9), 3).tolist()
+    whole = campaign(tmp_path, 10, 1, 0.002, masses)
+    keep = np.sort(np.random.default_rng(1).permutation(90)[:86])
+    left = whole.impacts.iloc[keep].reset_index(drop=True)
+    part = replace(whole, impacts=left, traces=[whole.traces[i] for i in keep])
+    shapes = set()
+    for each in (whole, campaign(tmp_path, 9, 2, 0.002, masses), part):
+        prepared = prepare(each, specification, source="model")
+        (data,) = filled_up((prepared.data,))
+        sizes = tuple(np.shape(leaf) for leaf in jax.tree.leaves(data))
+        shapes.add((jax.tree.structure((prepared.model, data)), sizes))
+    assert len(shapes) == 1
+
+
 def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
     dataset: Dataset, specification: ModelSpecification, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     prepared = prepare(dataset, specification, source="model")
     with monkeypatch.context() as patch:
-        patch.setattr(population, "bucket", lambda count: count)
+        for module in (population, arrangement):
+            patch.setattr(module, "bucket", lambda count: count)
         plain = prepare(dataset, specification, source="model")
     model, data, sites = prepared.model, prepared.data, sites_of(prepared)
     assert plain.model.locations.size < model.locations.size
-    bare, y = data._replace(record=None), np.random.default_rng(3).normal(size=len(model.spreads)) - 1
+    own, other = gaussian(data, sites), gaussian(plain.data, sites)
+    y = np.random.default_rng(3).normal(size=len(model.spreads)) - 1
     warp = straight(len(y))
-    found = _value_and_slope(model, y, bare, sites, None, warp)
-    wanted = _value_and_slope.jitted(plain.model, y, plain.data._replace(record=None), sites, None, warp)
-    for own, other in zip(found, wanted, strict=True):
-        assert_allclose(own, other, rtol=ROUNDING)
+    found = _value_and_slope(model, y, own, None, warp)
+    wanted = _value_and_slope.jitted(plain.model, y, other, None, warp)
+    for values in zip(found, wanted, strict=True):
+        assert_allclose(*values, rtol=ROUNDING)
     raw = {name: np.full(DRAWS, value) for name, value in zip(model.spreads, y, strict=True)}
-    found = conditional_priors(model, data, sites, raw, np.zeros((DRAWS, model.locations.size)))
+    found = conditional_priors(model, own, raw, np.zeros((DRAWS, model.locations.size)))
     at_mean = np.zeros((DRAWS, plain.model.locations.size))
-    wanted = conditional_priors_of.jitted(
-        plain.model, plain.data._replace(record=None), sites, raw, at_mean, DRAWS
-    )
+    wanted = conditional_priors_of.jitted(plain.model, other, raw, at_mean, DRAWS)
     assert found.about.shape == (DRAWS, *sites.centre.shape)
     assert_allclose(found.about, wanted.about, rtol=ROUNDING)
     assert_allclose(found.precision, wanted.precision, rtol=ROUNDING)
     for name, part in plain.model.locations.parts.items():
-        own = found.b[:, model.locations.parts[name]]
-        assert_allclose(own[:, : part.stop - part.start], wanted.b[:, part], rtol=ROUNDING, atol=ROUNDING)
+        b, count = found.b[:, model.locations.parts[name]], part.stop - part.start
+        assert_allclose(b[:, :count], wanted.b[:, part], rtol=ROUNDING, atol=ROUNDING)
         # A person who is not there has the prior's mean.
-        assert_allclose(own[:, part.stop - part.start :], 0.0, atol=ROUNDING)
+        assert_allclose(b[:, count:], 0.0, atol=ROUNDING)
     u = np.asarray(sites.centre) + 0.1 * np.random.default_rng(4).normal(size=(POINTS, *sites.centre.shape))
     found = densities_at(model, data, u, POINTS)
     assert found.shape == u.shape[:2]
@@ -174,9 +196,8 @@ def test_another_dataset_of_about_that_size_compiles_nothing(
         assert found.sites["subject_effect_K"].shape[2] == people
 
     functions = [densities_at, conditional_priors_of, _value_and_slope, constrain_rows]
+    compiled = [*(function.jitted for function in functions), independence._log_density]
     fitted(dataset)
-    kernels = nuts._compiled.cache_info().currsize
-    sizes = [function.jitted._cache_size() for function in functions]
+    sizes = [function._cache_size() for function in compiled]
     fitted(campaign(tmp_path, 10, 2, 0.004))
-    assert [function.jitted._cache_size() for function in functions] == sizes
-    assert nuts._compiled.cache_info().currsize == kernels
+    assert [function._cache_size() for function in compiled] == sizes

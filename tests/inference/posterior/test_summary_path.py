@@ -174,7 +174,7 @@ def quantities(prepared: Prepared, sites: Approximation, draws: Draws) -> np.nda
     """The hyperparameters, the effects, and log K and log C of every impact, [chain, draw, quantity]."""
     flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in draws.sites.items()}
     z_b, z_u = flat.pop("standard_locations"), flat.pop("standard_impacts")
-    every = conditional_priors(prepared.model, prepared.data, sites.summaries, flat, z_b)
+    every = conditional_priors(prepared.model, sites.data(prepared.data), flat, z_b)
     u = normals(sites.summaries, every.anchors).at(z_u)
     columns = [np.stack([flat[name] for name in prepared.model.spreads], axis=1), every.b]
     columns += [u[..., :2].reshape(len(u), -1)]

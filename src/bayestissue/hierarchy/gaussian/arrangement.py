@@ -38,7 +38,7 @@ class PopulationDesign(NamedTuple):
         level: of each row of the table.
         inner: of each parameter of an impact, the values of the columns of its own effects at every place.
         inner_element: which elements of b these are, one past the last of b where a level has fewer.
-        rest: of each parameter, the columns of all other elements of b.
+        rest: of each parameter, the columns of all other elements of b; of one row where all rows' are alike.
         rest_element: which elements these are.
     """
 
@@ -47,7 +47,7 @@ class PopulationDesign(NamedTuple):
     level: Int[np.ndarray | Array, " row"]
     inner: tuple[Float[Any, "own row slot"], ...]
     inner_element: tuple[Int[Any, "own group"], ...]
-    rest: tuple[Float[Any, "place part"], ...]
+    rest: tuple[Float[Any, "#row slot part"], ...]
     rest_element: tuple[Int[Any, " part"], ...]
 
     def some(self, rows: Int[np.ndarray, " row"]) -> PopulationDesign:
@@ -75,10 +75,10 @@ def expected_by_cell(
     padded = jnp.concatenate([jnp.asarray(b), jnp.zeros((*b.shape[:-1], 1))], axis=-1)
     values = []
     for inner, element, rest, others in zip(*design[3:], strict=True):
-        value = padded[..., others] @ jnp.asarray(rest).T
+        value = jnp.einsum("...p,rsp->...rs", padded[..., others], jnp.asarray(rest))
         own = padded[..., element][..., jnp.asarray(design.level), None]
-        value = value + (jnp.asarray(inner) * own).sum(-3).reshape(value.shape)
-        values.append(value)
+        value = value + (jnp.asarray(inner) * own).sum(-3)
+        values.append(value.reshape(*b.shape[:-1], -1))
     return jnp.stack(values)
 
 
@@ -102,6 +102,9 @@ def arrange(
     part, _, _ = _positions(np.asarray(cell), len(columns[0]))
     (of_place, _), place = _distinct(np.asarray(cell), part)
     part, slot, slots = _positions(nesting.level[of_place], nesting.levels)
+    alike = _slots_alike(nesting, columns, of_place)
+    if alike is not None:
+        part, slot, slots = np.zeros_like(alike), alike, int(alike.max()) + 1
     slots = bucket(slots)
     every = np.arange(nesting.levels)
     (level, _), row = _distinct(
@@ -116,14 +119,28 @@ def arrange(
         values = np.zeros((len(element), places))
         values[:, at] = padded[of_place, column[:, nesting.level[of_place]]]
         others = np.setdiff1d(np.arange(begin, begin + matrix.shape[1]), element)
-        laid = np.zeros((places, len(others)))
-        laid[at] = matrix[of_place][:, others - begin]
+        laid = np.zeros((places if alike is None else slots, len(others)))
+        laid[at if alike is None else slot] = matrix[of_place][:, others - begin]
         inner.append(values.reshape(len(element), len(level), slots))
         inner_element.append(element)
-        rest.append(laid)
+        rest.append(laid.reshape(-1, slots, len(others)))
         rest_element.append(others)
     arranged = tuple(map(tuple, (inner, inner_element, rest, rest_element)))
     return PopulationDesign(at[place], _members(at[place], places), level, *arranged)
+
+
+def _slots_alike(
+    nesting: _Nesting, columns: Sequence[np.ndarray], of_place: np.ndarray
+) -> Int[np.ndarray, " place"] | None:
+    """Of each place a slot whose columns of the rest are the same in all rows, if that is possible.
+
+    Where all people meet the same conditions, a slot is a condition, and one person's columns are everyone's.
+    """
+    whole = np.concatenate(columns, axis=1)[:, nesting.of_element < 0]
+    found, code = np.unique(whole, axis=0, return_inverse=True)
+    slot, level = code.reshape(-1)[of_place], nesting.level[of_place]
+    several = len(_distinct(level, slot)[0][0]) < len(slot)
+    return None if several or nesting.levels * len(found) > _MOST_EMPTY * len(slot) else slot
 
 
 @dataclass(frozen=True)
@@ -173,9 +190,10 @@ def _nestings(
             least, greatest = np.full(own.shape[1], levels), np.full(own.shape[1], -1)
             np.minimum.at(least, effects, level[cells])
             np.maximum.at(greatest, effects, level[cells])
-            # Effects without any cell go where they cost nothing: to the factor's levels, which they match.
-            unused = np.arange(levels) if len(least) == levels else -1
             nested = np.where(least == greatest, least, -1)
+            # Effects without any cell go where they cost nothing: to the factor's levels, if they match them.
+            matches = len(least) == levels and (nested >= 0).any()
+            unused = np.arange(levels) if matches else -1
             of_element[group] = np.where(greatest < 0, unused, nested)
         yield _Nesting(level, levels, of_element, begins)
 

@@ -144,7 +144,7 @@ def _eliminated(
     own_prior: Array, rest_prior: Array, weight: Array, pull: Array, design: PopulationDesign
 ) -> EffectsConditional:
     table = design.inner[0].shape[1:]
-    inner, rest = design.inner, [columns.reshape(*table, -1) for columns in design.rest]
+    inner, rest = design.inner, design.rest
     weight, pull = weight.reshape(*weight.shape[:2], *table), pull.reshape(len(pull), *table)
 
     def by_level(values: Array) -> Array:
@@ -154,10 +154,11 @@ def _eliminated(
         return by_level((inner[a][:, None] * weight[a, b] * inner[b][None]).sum(-1))
 
     def across(a: int, b: int) -> Array:
-        return by_level(jnp.einsum("irs,rsq->iqr", inner[a] * weight[a, b], rest[b]))
+        return by_level(_times_rest(inner[a] * weight[a, b], rest[b]))
 
     def of_rest(a: int, b: int) -> Array:
-        return jnp.einsum("rsp,rsq->pq", rest[a], weight[a, b][..., None] * rest[b])
+        left, right = (_flat(columns) for columns in (rest[a], rest[b]))
+        return left.T @ (_as_rest(weight[a, b], rest[a])[:, None] * right)
 
     size = range(len(weight))
     factor = blocks.cholesky(_symmetric(of_own, size) + own_prior)
@@ -165,12 +166,30 @@ def _eliminated(
     pulled = by_level(jnp.concatenate([(inner[a] * pull[a]).sum(-1) for a in size]))
     half = blocks.solve_lower(factor, pulled)
     left = _symmetric(of_rest, size) + rest_prior - jnp.einsum("iql,ipl->qp", coupling, coupling)
-    right = jnp.concatenate([jnp.einsum("rsp,rs->p", rest[a], pull[a]) for a in size])
+    right = jnp.concatenate([_flat(rest[a]).T @ _as_rest(pull[a], rest[a]) for a in size])
     rest_factor = jnp.linalg.cholesky(left)
     right = right - (coupling * half[:, None]).sum((0, 2))
     return EffectsConditional(
         factor, coupling, half, rest_factor, solve_triangular(rest_factor, right, lower=True)
     )
+
+
+def _flat(columns: Float[Array, "#row slot part"]) -> Float[Array, "place part"]:
+    return columns.reshape(-1, columns.shape[2])
+
+
+def _as_rest(values: Float[Array, "row slot"], columns: Float[Array, "#row slot part"]) -> Array:
+    """Sums over the rows of the table for which the columns are alike."""
+    return values.sum(0) if len(columns) == 1 else values.ravel()
+
+
+def _times_rest(
+    values: Float[Array, "own row slot"], columns: Float[Array, "#row slot part"]
+) -> Float[Array, "own part row"]:
+    """Products with the columns of the rest, summed over slots."""
+    if len(columns) == 1:
+        return jnp.moveaxis(values @ columns[0], 2, 1)
+    return jnp.einsum("irs,rsq->iqr", values, columns)
 
 
 def _by_level(values: Float[Array, "*own row"], design: PopulationDesign) -> Float[Array, "*own level"]:
@@ -211,32 +230,33 @@ def _backward(kept: tuple[EffectsConditional, PopulationDesign], change: Array) 
     By pull that is the mean of X b less its prior mean.
     """
     found, design = kept
-    size, table = range(len(design.inner)), design.inner[0].shape[1:]
+    size = range(len(design.inner))
     rest_covariance = cho_solve((found.rest_factor, True), jnp.eye(len(found.rest_half)))
     gain = blocks.solve_upper(found.factor, found.coupling)
     across = -jnp.einsum("iql,qp->ipl", gain, rest_covariance)
     root = blocks.inverse_factor(found.factor)
     covariance = blocks.product(blocks.transposed(root), root) - jnp.einsum("iql,jql->ijl", across, gain)
     own, rest = found.solve_upper(found.half, found.rest_half)
-    inner_parts, rest_parts = _parts(design.inner, 0), _parts(design.rest, 1)
+    inner_parts, rest_parts = _parts(design.inner, 0), _parts(design.rest, 2)
     rows = jnp.asarray(design.level)
-    rest_columns = [columns.reshape(*table, -1) for columns in design.rest]
 
     def mean(a: int) -> Array:
         value = (design.inner[a] * own[inner_parts[a]][:, rows, None]).sum(0)
-        return value.ravel() + design.rest[a] @ rest[rest_parts[a]]
+        return (value + design.rest[a] @ rest[rest_parts[a]]).ravel()
 
     def one_side(a: int, b: int) -> Array:
-        between = jnp.einsum(
-            "iqr,rsq->irs", across[inner_parts[a], rest_parts[b]][..., rows], rest_columns[b]
-        )
-        return (design.inner[a] * between).sum(0).ravel()
+        own_to_rest = jnp.moveaxis(across[inner_parts[a], rest_parts[b]][..., rows], 1, 2)
+        if len(design.rest[b]) == 1:
+            between = own_to_rest @ design.rest[b][0].T
+        else:
+            between = jnp.einsum("irq,rsq->irs", own_to_rest, design.rest[b])
+        return (design.inner[a] * between).sum(0)
 
     def scatter(a: int, b: int) -> Array:
         of_own = covariance[inner_parts[a], inner_parts[b]][..., rows, None]
-        within = (design.inner[a][:, None] * of_own * design.inner[b][None]).sum((0, 1)).ravel()
+        within = (design.inner[a][:, None] * of_own * design.inner[b][None]).sum((0, 1))
         of_rest = (design.rest[a] @ rest_covariance[rest_parts[a], rest_parts[b]]) * design.rest[b]
-        return within + of_rest.sum(1) + one_side(a, b) + one_side(b, a)
+        return (within + of_rest.sum(-1) + one_side(a, b) + one_side(b, a)).ravel()
 
     about = jnp.stack([mean(a) for a in size])
     upper = {pair: scatter(*pair) for pair in itertools.combinations_with_replacement(size, 2)}

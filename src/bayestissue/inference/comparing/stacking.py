@@ -5,15 +5,13 @@ from __future__ import annotations
 import copy
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
-from scipy.special import logsumexp
 
-from bayestissue.inference.samplers.convergence import effective_size, elements_of
+from bayestissue.inference.results.leave_one_out import above, leave_one_out
 from bayestissue.inference.samplers.psis import k_threshold
 
 COLUMNS = [
@@ -64,7 +62,7 @@ def by_importance(
         its threshold (`k_threshold`), and says where people or conditions are too few for a standard error to
         be trusted.
     """
-    scores = _leave_one_out(trees, variable)
+    scores = leave_one_out(trees, variable)
     pointwise = {name: score.elpd_i.to_numpy().ravel() for name, score in scores.items()}
     table = _table(scheme, pointwise)
     weights = _stacking_weights(scores)
@@ -102,84 +100,8 @@ def _high(score: Any, elements: str) -> str:
     return f"{count} of {pareto_k.size} {elements} with {above(limit)}" if count else ""
 
 
-def above(limit: float) -> str:
-    """What is wrong with a Pareto k̂ beyond its threshold."""
-    return f"Pareto k above {limit:.2g}"
-
-
 def _few(count: int, elements: str) -> str:
     return f"{count} {elements} only: the standard errors are rough" if count < FEW else ""
-
-
-@dataclass(frozen=True)
-class ImportanceScores:
-    """Pointwise expected log predictive densities, Pareto k̂ of each, and the limit of a trusted k̂."""
-
-    elpd: np.ndarray
-    pareto_k: np.ndarray
-    limit: float
-
-    @property
-    def high(self) -> np.ndarray:
-        """Where k̂ is beyond the limit."""
-        return self.pareto_k > self.limit
-
-
-def importance_scores(
-    trees: Mapping[str, xr.DataTree], variable: str, reff: float | None = None
-) -> dict[str, ImportanceScores]:
-    """Leave-one-out densities by Pareto-smoothed importance sampling, for each element of ``variable``.
-
-    ``reff`` is the `relative_size` of the draws, if it is at hand.
-    """
-    return {
-        name: ImportanceScores(
-            np.array(score.elpd_i.to_numpy().ravel()),
-            score.pareto_k.to_numpy().ravel(),
-            k_threshold(score.n_samples),
-        )
-        for name, score in _leave_one_out(trees, variable, reff).items()
-    }
-
-
-def _leave_one_out(
-    trees: Mapping[str, xr.DataTree], variable: str, reff: float | None = None
-) -> dict[str, Any]:
-    import arviz_stats as az
-
-    with warnings.catch_warnings():
-        # Both callers read pareto_k themselves: one reports it, the other refits where it is high.
-        warnings.simplefilter("ignore", UserWarning)
-        found = {}
-        for name, tree in trees.items():
-            own = relative_size(tree) if reff is None else reff
-            asked = {"pointwise": True, "var_name": variable, "reff": own}
-            try:
-                found[name] = az.loo(tree, **asked)
-            except ValueError:
-                # Nearly all draws are one and the same, so that the weights have no tail to be smoothed.
-                found[name] = az.loo(tree, **asked, **_unsmoothed(tree, variable))
-        return found
-
-
-def relative_size(tree: xr.DataTree) -> float:
-    """Effective sample size over number of draws, the mean over all quantities of the posterior.
-
-    It sets the length of the tail that is smoothed, 3 (S / r_eff)^1/2 of S draws.
-    """
-    posterior = tree["posterior"].dataset.drop_dims("kept_draw", errors="ignore")
-    draws = np.concatenate([elements_of(array) for array in posterior.data_vars.values()])
-    chains, length = draws.shape[1:]
-    return float(effective_size(draws).mean() / (chains * length)) if chains > 1 else 1.0
-
-
-def _unsmoothed(tree: xr.DataTree, variable: str) -> dict[str, xr.DataArray]:
-    """Plain importance weights, of which nothing vouches for any: Pareto k̂ is infinite."""
-    log_weights = -tree["log_likelihood"].dataset[variable]
-    axes = tuple(log_weights.get_axis_num(("chain", "draw")))
-    log_weights = log_weights - logsumexp(log_weights.to_numpy(), axis=axes, keepdims=True)
-    pareto_k = xr.full_like(log_weights.isel(chain=0, draw=0, drop=True), np.inf)
-    return {"log_weights": log_weights, "pareto_k": pareto_k}
 
 
 def by_trial(pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:

@@ -14,9 +14,9 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.gaussian.impacts import Sites
-from bayestissue.hierarchy.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (

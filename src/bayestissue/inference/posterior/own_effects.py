@@ -17,9 +17,9 @@ from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formulas.group_terms import SUBJECT, Grouping
 from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.effects import integrated_levels
-from bayestissue.hierarchy.group_terms import SUBJECT, Grouping
 from bayestissue.hierarchy.traces import TraceModel
 
 

@@ -16,9 +16,9 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.impacts import CellSums, Sites
-from bayestissue.hierarchy.group_terms import stem_of
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls

@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.inference.comparing.stacking import above, importance_scores, relative_size
+from bayestissue.inference.results.leave_one_out import above, importance_scores, relative_size
 from bayestissue.inference.samplers.convergence import elements_of
 
 COLUMNS = ["scheme", "label", "elpd", "pareto_k", "warning"]

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.group_terms import MASS_TERM, stem_of
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, stem_of
 from bayestissue.inference.quantities.elements import element_attributes
 from bayestissue.inference.results.meanings import meaning
 from bayestissue.inference.samplers.sampling import Draws

@@ -13,7 +13,7 @@ import xarray as xr
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.group_terms import stem_of
+from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.compiling import compiled_quickly

@@ -17,9 +17,9 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import population
 from bayestissue.inference.execution.kept import some_of

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from markupsafe import Markup
 
-from bayestissue.hierarchy.group_terms import stem_of
+from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
 from bayestissue.report.posterior import QUANTITIES, Quantity, Spread, spread

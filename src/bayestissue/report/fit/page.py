@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from bayestissue.hierarchy.formula import left_out_words
-from bayestissue.hierarchy.group_terms import stem_of
+from bayestissue.hierarchy.formulas.formula import left_out_words
+from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import ONE_IMPACT
 from bayestissue.report import model_words, posterior, posterior_tables, remarks
 from bayestissue.report.fit import answers, depth, estimates, predictions, sources, tables, words

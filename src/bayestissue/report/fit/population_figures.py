@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
-from bayestissue.hierarchy.group_terms import stem_of
+from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.estimates import apparent_exponent, shown_rows, side_by_side
 from bayestissue.report.fit.groupings import groupings
 from bayestissue.report.fit.run import FitRun

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 import pandas as pd
 
-from bayestissue.hierarchy.group_terms import stem_of
+from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.estimates import Held
 from bayestissue.report.fit.groupings import groupings, own_slopes
 from bayestissue.report.fit.run import FitRun

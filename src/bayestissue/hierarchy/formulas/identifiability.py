@@ -16,7 +16,7 @@ import pandas as pd
 from jaxtyping import Float
 from scipy.sparse import csr_array
 
-from bayestissue.hierarchy.group_terms import MASS_TERM, Grouping, GroupTerm, grouping_of
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, Grouping, GroupTerm, grouping_of
 
 # The relative precision of a table given to three or four digits: a smaller difference, or a combination of
 # columns below it, is rounding and not information.

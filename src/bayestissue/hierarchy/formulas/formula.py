@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
-from bayestissue.hierarchy.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, written
-from bayestissue.hierarchy.identifiability import (
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, written
+from bayestissue.hierarchy.formulas.identifiability import (
     PRECISION,
     Fault,
     unidentified,

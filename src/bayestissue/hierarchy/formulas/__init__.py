@@ -1,0 +1,1 @@
+"""Formulas: their terms, what a table of impacts can tell of them, and their columns."""
