@@ -20,7 +20,7 @@ from causes_bench import work
 from bayestissue.causes.batches import Batch
 from bayestissue.causes.schedule import run_batches
 from bayestissue.errors import InputError
-from bayestissue.hierarchy.population import PopulationDesign
+from bayestissue.hierarchy.gaussian.arrangement import arrange
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.execution import chunks
 from bayestissue.inference.execution.chunks import in_blocks
@@ -133,7 +133,8 @@ def test_what_is_done_impact_by_impact_is_the_same_on_a_cluster(
     x = 1e-3 * np.sin(np.linspace(20, 26, count)[:, None] * time_s) * np.exp(-5 * time_s)
     same = np.ones(count)
     record = displacement_record(x, np.full(count, samples), 0 * same, 1e-3 * same, np.zeros((count, 3)))
-    data = TraceData(record, PopulationDesign((), np.zeros(count, int)), np.zeros(2), np.arange(count), same)
+    design = arrange([np.ones((1, 2))], np.zeros(count, int), [])
+    data = TraceData(record, design, np.zeros(2), np.arange(count), same)
     factor = 2.0
 
     def found() -> tuple[Any, fit.PointFit]:
