@@ -79,14 +79,13 @@ def independence_chains(
         mean = weight @ points
         covariance = (points - mean).T @ ((points - mean) * weight[:, None])
     count = settings.chains * settings.transitions
-    found = _propose(model, arguments, site, mean, covariance, count, rng)
+    made = [_propose(model, arguments, site, mean, covariance, count, rng)]
     # A chain stays where it is until a proposal is accepted: the more of them are refused, the more are made
     # for each transition.
-    times = _proposals_of_a_transition(_effective_share(found[1]))
+    times = _proposals_of_a_transition(_effective_share(made[0][1]))
     if times > 1:
-        more = _propose(model, arguments, site, mean, covariance, (times - 1) * count, rng)
-        found = tuple(np.concatenate(pair) for pair in zip(found, more, strict=True))
-    points, log_weight, density = found
+        made.append(_propose(model, arguments, site, mean, covariance, (times - 1) * count, rng))
+    points, log_weight, density = (np.concatenate(parts) for parts in zip(*made, strict=True))
     _, k = pareto_smoothed(log_weight)
     shape = (settings.chains, settings.transitions)
     share = np.exp(log_weight - log_weight.max())
