@@ -36,7 +36,7 @@ def run(
         from bayestissue.dataset.published import read_published
         from bayestissue.hierarchy.published import published_design, published_observations
         from bayestissue.hierarchy.specification import read_specification
-        from bayestissue.inference.published import analyse, competing_designs
+        from bayestissue.inference.published.analysis import analyse, competing_designs
         from bayestissue.inference.samplers.diagnostics import verdict_in_words
         from bayestissue.report import draw_page
         from bayestissue.reproduction import reproduce_published

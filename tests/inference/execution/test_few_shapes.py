@@ -24,9 +24,9 @@ from bayestissue.inference.factors.likelihoods import POINTS, densities_at
 from bayestissue.inference.posterior.approximate import _value_and_slope, first_guess
 from bayestissue.inference.posterior.conditional_prior import DRAWS, conditional_priors, conditional_priors_of
 from bayestissue.inference.posterior.constrained_draws import constrain_rows, constrained_draws
-from bayestissue.inference.posterior.coordinates import straight
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.samplers import independence
+from bayestissue.inference.samplers.coordinates import straight
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 

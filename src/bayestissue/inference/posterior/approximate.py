@@ -44,8 +44,8 @@ from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.moments import compare, refine, standard_points
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
-from bayestissue.inference.posterior.coordinates import Coordinates, straight, warp_about
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
+from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
 from bayestissue.signal import Displacements
 
 REFINEMENTS = 2

@@ -44,8 +44,8 @@ from bayestissue.inference.posterior.approximate import (
     spreads_of_summaries,
 )
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
-from bayestissue.inference.posterior.coordinates import Coordinates
 from bayestissue.inference.posterior.correction import Correction
+from bayestissue.inference.samplers.coordinates import Coordinates
 from bayestissue.inference.samplers.independence import independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
 from bayestissue.inference.samplers.psis import below_greatest, effective_size

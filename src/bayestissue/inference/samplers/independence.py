@@ -27,6 +27,8 @@ from bayestissue.inference.samplers.sampling import Draws
 DEGREES = 7.0
 ROUNDS = 3
 POINTS = 500
+# More where still more are refused would not help: such proposals do not serve.
+MOST_PROPOSALS = 8
 
 
 class IndependenceDraws(NamedTuple):
@@ -77,28 +79,43 @@ def independence_chains(
         mean = weight @ points
         covariance = (points - mean).T @ ((points - mean) * weight[:, None])
     count = settings.chains * settings.transitions
-    points, log_weight, density = _propose(model, arguments, site, mean, covariance, count, rng)
+    made = [_propose(model, arguments, site, mean, covariance, count, rng)]
+    # A chain stays where it is until a proposal is accepted: the more of them are refused, the more are made
+    # for each transition.
+    times = _proposals_of_a_transition(_effective_share(made[0][1]))
+    if times > 1:
+        made.append(_propose(model, arguments, site, mean, covariance, (times - 1) * count, rng))
+    points, log_weight, density = (np.concatenate(parts) for parts in zip(*made, strict=True))
     _, k = pareto_smoothed(log_weight)
     shape = (settings.chains, settings.transitions)
     share = np.exp(log_weight - log_weight.max())
-    begin = rng.choice(count, size=settings.chains, p=share / share.sum())
-    uniform = np.log(rng.uniform(size=shape))
-    place, accepted = _accept(
-        jnp.asarray(log_weight), jnp.arange(count).reshape(shape), jnp.asarray(begin), jnp.asarray(uniform)
-    )
-    place = np.asarray(place)
+    begin = rng.choice(len(points), size=settings.chains, p=share / share.sum())
+    proposed = jnp.arange(len(points)).reshape(settings.chains, -1)
+    uniform = jnp.asarray(np.log(rng.uniform(size=proposed.shape)))
+    places, chances = _accept(jnp.asarray(log_weight), proposed, jnp.asarray(begin), uniform)
+    place = np.asarray(places)[:, times - 1 :: times]
+    accepted = np.asarray(chances).reshape(*shape, times).mean(-1)
     energy = -density[place]
     statistics = {
         "diverging": np.zeros(shape, bool),
         "num_steps": np.ones(shape, int),
-        "accept_prob": np.asarray(accepted),
+        "accept_prob": accepted,
         "energy": energy,
         "potential_energy": energy,
     }
-    weight = share[np.isfinite(share)]
-    effective = weight.sum() ** 2 / np.square(weight).sum() / count
     draws = Draws({site: points[place]}, statistics, settings.max_tree_depth)
-    return IndependenceDraws(draws, float(k), float(effective))
+    return IndependenceDraws(draws, float(k), _effective_share(log_weight))
+
+
+def _effective_share(log_weight: Float[np.ndarray, " point"]) -> float:
+    """Effective number of weighted points over their number (Kong 1992)."""
+    weight = np.exp(log_weight - log_weight.max())
+    return float(weight.sum() ** 2 / np.square(weight).sum() / len(weight))
+
+
+def _proposals_of_a_transition(effective: float) -> int:
+    """So many that consecutive draws are nearly independent, about 3 / e - 2 for an effective share e."""
+    return int(np.clip(np.ceil(3 / effective - 2), 1, MOST_PROPOSALS))
 
 
 def _propose(

@@ -15,9 +15,9 @@ from bayestissue.hierarchy.estimates import EstimatesModel, common_effects, esti
 from bayestissue.hierarchy.published import published_design, published_observations
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.inference.comparing import explanations
-from bayestissue.inference.comparing.explanations import log_predictive_density
 from bayestissue.inference.posterior.constrained_draws import named_sites
-from bayestissue.inference.posterior.estimates import sample_posterior
+from bayestissue.inference.published.explanations import log_predictive_density
+from bayestissue.inference.published.posterior import sample_posterior
 from bayestissue.likelihood.averages import average_statistics
 
 TRUTH = {"mass_exponent_K": 0.4, "mass_exponent_C": 1.2, "intercept_K": 3.0, "intercept_C": 0.5}

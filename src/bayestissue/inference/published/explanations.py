@@ -15,7 +15,7 @@ from bayestissue.hierarchy.estimates import EstimatesData, EstimatesModel, witho
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.comparing import stacking
 from bayestissue.inference.execution.progress import Progress, silent
-from bayestissue.inference.posterior.estimates import (
+from bayestissue.inference.published.posterior import (
     Chains,
     EstimatesPosterior,
     draw_all,

@@ -20,10 +20,10 @@ from bayestissue.hierarchy.estimates import EstimatesModel, common_effects, esti
 from bayestissue.hierarchy.formulas.formula import GROUPS
 from bayestissue.hierarchy.published import PublishedObservations, published_design
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.inference.comparing.explanations import compare_explanations
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.posterior.constrained_draws import named_sites
-from bayestissue.inference.posterior.estimates import EstimatesPosterior, sample_posterior
+from bayestissue.inference.published.explanations import compare_explanations
+from bayestissue.inference.published.posterior import EstimatesPosterior, sample_posterior
 from bayestissue.inference.results.cross_validation import prior_sensitivity
 from bayestissue.inference.results.labels import labelled, labelled_statistics, statistics_of_transitions
 from bayestissue.inference.results.predictive_checks import predictive_checks

@@ -29,9 +29,9 @@ from bayestissue.hierarchy.traces import COORDINATES, constrained
 from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.inference.execution.compiling import filled_up, first_rows, in_calls
 from bayestissue.inference.execution.progress import Progress, silent
-from bayestissue.inference.posterior.coordinates import Coordinates, straight, warp_about
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
+from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
 from bayestissue.inference.samplers.independence import POINTS, independence_chains, log_densities
 from bayestissue.inference.samplers.nuts import Start, run_chains
 from bayestissue.inference.samplers.psis import k_threshold

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import chi, halfnorm, norm
 
-from bayestissue.inference.posterior.coordinates import Coordinates, straight, warp_about
+from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
 
 # Of the log: a spread that the data leave anywhere below a tenth, one of ten people, one of ninety impacts.
 LOGS = {

@@ -1,0 +1,1 @@
+"""Published estimates: their posterior, and the explanations that compete for them."""
