@@ -196,7 +196,7 @@ def test_another_dataset_of_about_that_size_compiles_nothing(
         assert found.sites["subject_effect_K"].shape[2] == people
 
     functions = [densities_at, conditional_priors_of, _value_and_slope, constrain_rows]
-    compiled = [*(function.jitted for function in functions), independence._log_density]
+    compiled = [*(function.jitted for function in functions), independence._log_densities]
     fitted(dataset)
     sizes = [function._cache_size() for function in compiled]
     fitted(campaign(tmp_path, 10, 2, 0.004))

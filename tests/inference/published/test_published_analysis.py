@@ -14,8 +14,8 @@ from bayestissue.dataset.published import read_published
 from bayestissue.hierarchy.estimates import EstimatesModel, common_effects, estimates_data, plain_model
 from bayestissue.hierarchy.published import published_design, published_observations
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
-from bayestissue.inference.comparing import explanations
 from bayestissue.inference.posterior.constrained_draws import named_sites
+from bayestissue.inference.published import explanations
 from bayestissue.inference.published.explanations import log_predictive_density
 from bayestissue.inference.published.posterior import sample_posterior
 from bayestissue.likelihood.averages import average_statistics
