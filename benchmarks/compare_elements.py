@@ -43,12 +43,12 @@ from bayestissue.inference.comparing.runs import compare_runs
 from bayestissue.inference.comparing.stacking import decides
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.posterior.recipe import Correction
-from bayestissue.inference.results.cross_validation import SCHEMES
+from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.simulation import simulate
 
 CAMPAIGNS = 10
 TABLE = ROOT / "benchmarks" / "compare_elements.csv"
-BY_IMPACT, BY_PERSON = SCHEMES["impact"][0], SCHEMES["subject"][0]
+BY_IMPACT, BY_PERSON = scheme_words("impact"), scheme_words("subject")
 
 
 @cache
