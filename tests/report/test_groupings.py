@@ -62,7 +62,9 @@ def test_the_first_screen_says_whether_people_differ_in_the_dependence_on_mass(m
     about = read_json(folder / "run.json")
     told = differing_words(read_fit_run(folder, about))
     if differ:
-        assert told.startswith("People differ in it: in K 4 of 4 people are told apart from the population's")
+        assert told.startswith(
+            "People differ in it: in K 4 of 4 people are told apart from the common exponent"
+        )
     else:
         assert told.startswith("People are not seen to differ in it: in K no person is told apart")
         return
