@@ -95,7 +95,7 @@ def _differing(run: FitRun, slope: OwnSlope) -> str:
         else f"{several.capitalize()} are not seen to differ in it"
     )
     return (
-        f"{begin}: in {slope.quantity} {of} {verb} told apart from the common exponent by a 90 % interval; "
+        f"{begin}: in {slope.quantity} {of} {verb} told apart from the common exponent by 90 % intervals; "
         f"standard deviation of the exponents {scatter.value} ({scatter.range})."
     )
 
