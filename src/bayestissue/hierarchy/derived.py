@@ -9,7 +9,7 @@ import pandas as pd
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, stem_of
+from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, stem_of
 
 Draws = Mapping[str, np.ndarray]
 
@@ -46,15 +46,6 @@ def _coefficient(kept: Draws, slope: str, response: str) -> np.ndarray | float:
     """The population's coefficient of a covariate; 0 where the formula has none besides the levels' own."""
     name = f"mass_exponent_{response}" if slope == MASS_TERM else f"effect_of_{slope}_{response}"
     return kept.get(name, 0.0)
-
-
-def group_effect(design: Design, sites: Draws, group: str, response: str) -> np.ndarray:
-    """The effects on the intercept of a grouping's levels [chain, draw, level]; zero where there are none."""
-    term = GroupTerm(design.groupings[group].factors)
-    if term in design.responses[response].terms:
-        return sites[term.effect(response)]
-    levels = len(design.groupings[group].levels)
-    return np.zeros((*sites[f"intercept_{response}"].shape, levels))
 
 
 def common_logs(

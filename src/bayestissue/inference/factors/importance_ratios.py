@@ -29,7 +29,7 @@ from bayestissue.inference.execution.compiling import compiled_quickly, compiled
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_site
+from bayestissue.inference.factors.moments import evenly_spaced, log_site, standard_points
 from bayestissue.inference.samplers.psis import below_greatest
 
 # Among an impact's parameters: the noise, after log K and log C.
@@ -159,6 +159,19 @@ def importance_ratios(
 
     made = tuple(table(number) for number in range(tables))
     return ImportanceRatios(u, log_density, log_ratio, made)  # type: ignore[arg-type]
+
+
+def ratios_among(
+    model: TraceModel,
+    data: TraceData,
+    summaries: Sites,
+    anchors: ConditionalPrior,
+    profile: LikelihoodGrid | None = None,
+) -> ImportanceRatios:
+    """`importance_ratios` at evenly spaced ones of any number of draws, which ``anchors`` has."""
+    some = ConditionalPrior(*(part[evenly_spaced(len(anchors.mean))] for part in anchors))
+    standard = standard_points(summaries.centre.shape[1])
+    return importance_ratios(model, data, summaries, some, standard, profile)
 
 
 def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:

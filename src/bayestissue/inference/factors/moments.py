@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import logsumexp
 from scipy.stats import norm, qmc
 
@@ -25,6 +25,11 @@ from bayestissue.inference.factors.laplace import ConditionalPrior, chosen, leas
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 
 POINTS = 64
+
+
+def evenly_spaced(count: int, number: int = POINTS) -> Int[np.ndarray, " number"]:
+    """Places of so many draws among ``count`` of them."""
+    return np.linspace(0, count - 1, number).astype(int)
 
 
 class Points(NamedTuple):

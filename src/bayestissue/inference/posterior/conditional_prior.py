@@ -1,4 +1,4 @@
-"""Where draws of the population put each impact's parameters, before its own trace is heard."""
+"""The conditional prior N(X b, S) of each impact's parameters, given draws of the population."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The correction of `ratios` for many impacts: expanded to second order in the population.
+"""Log evidence ratios of many impacts, expanded to second order in the population.
 
 What a trace's true evidence adds to its summary's is a smooth function of what the population says of the
 impact. Small as it is for one trace, over many it adds up to more than weights could put right. But with many
@@ -28,12 +28,12 @@ from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
-    importance_ratios,
     log_corrections,
     log_evidence_corrections,
+    ratios_among,
 )
 from bayestissue.inference.factors.laplace import ConditionalPrior
-from bayestissue.inference.factors.moments import standard_points
+from bayestissue.inference.factors.moments import evenly_spaced
 
 
 class PopulationDraws(NamedTuple):
@@ -44,7 +44,7 @@ class PopulationDraws(NamedTuple):
 
     def some(self, number: int) -> PopulationDraws:
         """As many of them, evenly spaced."""
-        chosen = np.linspace(0, len(self.b) - 1, number).astype(int)
+        chosen = evenly_spaced(len(self.b), number)
         return PopulationDraws({name: values[chosen] for name, values in self.raw.items()}, self.b[chosen])
 
 
@@ -77,13 +77,12 @@ def expand(
     design, cell = data.design, np.asarray(data.design.cell)
     at, about = (np.asarray(part)[0] for part in _seen(model, design, middle))
     mixture = anchors_of(model, design, draws)
-    standard = standard_points(summaries.centre.shape[1])
 
     def one(part: TraceData, rows: np.ndarray) -> tuple[Array, Array]:
         here = np.concatenate([about[cell[rows]], np.broadcast_to(at, (len(rows), len(at)))], axis=1)
         own, own_profile = told_of_rows(summaries, profile, rows)
         anchors = _of_cells(mixture, cell[rows])
-        return _expand(own, importance_ratios(model, part, own, anchors, standard, own_profile), here)
+        return _expand(own, ratios_among(model, part, own, anchors, own_profile), here)
 
     slope, bend = in_blocks(data, one, progress=progress)
     return Expansion(
@@ -118,12 +117,11 @@ def residual_log_weights(
         checked: the draws to check.
     """
     cell = np.asarray(data.design.cell)
-    standard = standard_points(summaries.centre.shape[1])
     compared, seen = (anchors_of(model, data.design, draws) for draws in (mixture, checked))
 
     def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
         own, own_profile = told_of_rows(summaries, profile, rows)
-        points = importance_ratios(model, part, own, _of_cells(compared, cell[rows]), standard, own_profile)
+        points = ratios_among(model, part, own, _of_cells(compared, cell[rows]), own_profile)
         return log_evidence_corrections(own, points, _of_cells(seen, cell[rows])).T
 
     exact = in_blocks(data, one, progress=progress).sum(0)

@@ -29,12 +29,12 @@ from bayestissue.inference.factors import regression
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
-    importance_ratios,
     log_evidence_corrections,
+    ratios_among,
 )
 from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_site, normals, standard_points
+from bayestissue.inference.factors.moments import evenly_spaced, log_site, normals
 from bayestissue.inference.posterior.approximate import (
     LAST,
     Approximation,
@@ -297,11 +297,8 @@ def _log_weights(
     prepared: Prepared, sites: Approximation, every: ConditionalPriors
 ) -> tuple[Float[np.ndarray, "draw impact"], ImportanceRatios, ConditionalPriors]:
     """Each impact's part of draws' log importance weights; the ratios, and the draws at which these are."""
-    standard = standard_points(sites.summaries.centre.shape[1])
-    compared = _rows(every, np.linspace(0, len(every.b) - 1, len(standard)).astype(int))
-    ratios = importance_ratios(
-        prepared.model, prepared.data, sites.summaries, compared.anchors, standard, sites.profile
-    )
+    ratios = ratios_among(prepared.model, prepared.data, sites.summaries, every.anchors, sites.profile)
+    compared = _rows(every, evenly_spaced(len(every.b)))
     of_impacts = log_evidence_corrections(sites.summaries, ratios, every.anchors)
     return np.where(np.isfinite(of_impacts), of_impacts, -np.inf), ratios, compared
 

@@ -1,8 +1,8 @@
 """Log densities of traces given the population, each impact's own parameters integrated out.
 
 Of each impact, and of all impacts of a person or a condition with the effects of that integrated out too:
-what cross-validation asks for. They are those of the summaries, times what the traces themselves make of
-them.
+what cross-validation asks for. They are the evidence of the sites, times the
+ratio of the traces' own evidence to it.
 """
 
 from __future__ import annotations
@@ -25,11 +25,11 @@ from bayestissue.inference.execution.compiling import compiled_sooner, first_row
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
-    importance_ratios,
     log_evidence_corrections,
+    ratios_among,
 )
 from bayestissue.inference.factors.laplace import ConditionalPrior
-from bayestissue.inference.factors.moments import normals, standard_points
+from bayestissue.inference.factors.moments import normals
 from bayestissue.inference.posterior.conditional_prior import ConditionalPriors
 from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, gained, own_effects
 
@@ -72,8 +72,9 @@ def of_draws(
         expected: what the draws expect; its sites are those of the draws.
     """
     besides = log_evidence_ratios(prepared.model, prepared.data, told, expected.anchors)
+    groups = own_effects(prepared.model, prepared.design)
     parts = [
-        _of_some(prepared, told.summaries, expected, besides, slice(begin, begin + _AT_ONCE))
+        _of_some(prepared, groups, told.summaries, expected, besides, slice(begin, begin + _AT_ONCE))
         for begin in range(0, len(besides), _AT_ONCE)
     ]
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -85,10 +86,7 @@ def log_evidence_ratios(
     """Log of each trace's evidence over its summary's, where draws of the population expect its impact."""
     ratios, found = told.ratios, told.corrections
     if ratios is None:
-        standard = standard_points(told.summaries.centre.shape[1])
-        some = np.linspace(0, len(anchors.mean) - 1, len(standard)).astype(int)
-        few = ConditionalPrior(*(part[some] for part in anchors))
-        ratios = importance_ratios(model, data, told.summaries, few, standard, told.profile)
+        ratios = ratios_among(model, data, told.summaries, anchors, told.profile)
     if found is None:
         found = log_evidence_corrections(told.summaries, ratios, anchors)
     return found if told.profile is None else found + _of_profile(told.profile, anchors)
@@ -108,18 +106,18 @@ def _profile_evidence(
 
 def _of_some(
     prepared: Prepared,
+    groups: dict[str, tuple[Slots, OwnEffects]],
     summaries: Sites,
     expected: ConditionalPriors,
     besides: Float[np.ndarray, "draw impact"],
     some: slice,
 ) -> dict[str, np.ndarray]:
-    model, design = prepared.model, prepared.design
     anchors = ConditionalPrior(*(part[some] for part in expected.anchors))
     sites = {name: values[some] for name, values in expected.sites.items()}
     b, besides = expected.b[some], besides[some]
     given, about = normals(summaries, anchors)
     scores = {"trace": given.log_density(about) + besides}
-    for name, (slots, own) in own_effects(model, design).items():
+    for name, (slots, own) in groups.items():
         mean = without(slots, own, b, about)
         alone = given.log_density(mean) + besides
         member = (own.level[:, None] == np.arange(own.element.shape[1])).astype(float)
@@ -127,7 +125,7 @@ def _of_some(
         def total(values: Any, member: Any = member) -> Any:
             return values @ member
 
-        added = gained(model, slots, own, sites, given.weight, given.pull(mean), total)
+        added = gained(prepared.model, slots, own, sites, given.weight, given.pull(mean), total)
         scores[f"traces_of_{stem_of(name)}"] = total(alone) + added
     return scores
 

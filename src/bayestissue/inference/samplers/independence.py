@@ -21,7 +21,7 @@ from scipy.stats import multivariate_t
 
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.execution.compiling import first_rows, in_calls
-from bayestissue.inference.samplers.psis import pareto_smoothed
+from bayestissue.inference.samplers.psis import below_greatest, effective_size, pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 
 DEGREES = 7.0
@@ -108,9 +108,8 @@ def independence_chains(
 
 
 def _effective_share(log_weight: Float[np.ndarray, " point"]) -> float:
-    """Effective number of weighted points over their number (Kong 1992)."""
-    weight = np.exp(log_weight - log_weight.max())
-    return float(weight.sum() ** 2 / np.square(weight).sum() / len(weight))
+    """Effective number of weighted points over their number."""
+    return float(effective_size(np.exp(below_greatest(log_weight))) / len(log_weight))
 
 
 def _proposals_of_a_transition(effective: float) -> int:
