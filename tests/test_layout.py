@@ -17,11 +17,11 @@ MOST_MODULES = 12
 MOST_FLOORS = {"inference": 14, "hierarchy": 9, "likelihood": 4}
 # The rooms of inference, each of which may import those before it.
 ROOMS = (
-    *("execution", "samplers", "points", "factors", "posterior", "many", "quantities", "results"),
+    *("execution", "samplers", "points", "factors", "posterior", "quantities", "results"),
     *("comparing", "checking", "published", "fit"),
 )
 # Imports against that order; none are wanted: today's number may fall and not rise.
-MOST_UPWARD = 3
+MOST_UPWARD = 1
 
 
 def modules(package: str) -> dict[str, Path]:

@@ -20,9 +20,9 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import COORDINATES, gaussian, sampled_model
 from bayestissue.inference.execution.compiling import compiled_quickly, filled_up
+from bayestissue.inference.factors.conditional_prior import DRAWS, conditional_priors, conditional_priors_of
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at
 from bayestissue.inference.posterior.approximate import _value_and_slope, first_guess
-from bayestissue.inference.posterior.conditional_prior import DRAWS, conditional_priors, conditional_priors_of
 from bayestissue.inference.posterior.constrained_draws import constrain_rows, constrained_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.samplers import independence

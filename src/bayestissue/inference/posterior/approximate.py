@@ -32,6 +32,7 @@ from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.inference.execution.chunks import of_each
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.progress import Progress, silent
+from bayestissue.inference.factors.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.factors.grid import (
     LikelihoodGrid,
     cleared_of_last,
@@ -43,7 +44,6 @@ from bayestissue.inference.factors.laplace import ConditionalPrior, laplace_site
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.moments import compare, refine, standard_points
 from bayestissue.inference.points.fit import PointFit, fit_points
-from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
 from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
 from bayestissue.signal import Displacements

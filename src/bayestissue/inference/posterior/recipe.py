@@ -26,6 +26,7 @@ from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly, filled_up, in_calls
 from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors import regression
+from bayestissue.inference.factors.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
@@ -43,7 +44,6 @@ from bayestissue.inference.posterior.approximate import (
     potential_at,
     spreads_of_summaries,
 )
-from bayestissue.inference.posterior.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.samplers.coordinates import Coordinates
 from bayestissue.inference.samplers.independence import independence_chains
