@@ -52,7 +52,9 @@ def test_a_site_with_u_integrated_out_is_the_dense_integral(dense: Dense, scale:
     direct = [multivariate_normal(about[:, i], whole[i]).logpdf(dense.seen[i]) for i in range(dense.number)]
     assert_allclose(found.log_density(about), direct + dense.constants, rtol=1e-10)
     weight = np.linalg.inv(whole)
-    assert_allclose(np.moveaxis(stacked(found.weight), -1, 0), weight, rtol=1e-8, atol=1e-10 * np.abs(weight).max())
+    assert_allclose(
+        np.moveaxis(stacked(found.weight), -1, 0), weight, rtol=1e-8, atol=1e-10 * np.abs(weight).max()
+    )
     pull = np.einsum("iab,ib->ai", weight, dense.seen - about.T)
     assert_allclose(found.pull(about), pull, rtol=1e-7, atol=1e-9 * np.abs(pull).max())
 

@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jax.scipy.linalg import cho_solve, solve_triangular
 from jaxtyping import Float
@@ -127,7 +126,9 @@ def integrated_levels(
     """
     turned = blocks.transposed(root)
     inner = blocks.product(blocks.product(turned, weight), root)
-    factor = blocks.cholesky([[value + (a == b) for b, value in enumerate(row)] for a, row in enumerate(inner)])
+    factor = blocks.cholesky(
+        [[value + (a == b) for b, value in enumerate(row)] for a, row in enumerate(inner)]
+    )
     half = blocks.solve_lower(factor, blocks.times(turned, pull))
     return blocks.dot(half, half) / 2 - blocks.log_diagonal(factor)
 

@@ -71,7 +71,7 @@ class ImpactPrior(NamedTuple):
 
 @dataclass(frozen=True)
 class ImpactConditional:
-    """u of impacts given X b: vectors and matrices of entries, as `bayestissue.hierarchy.gaussian.blocks` has.
+    """u of impacts given X b: vectors and matrices of entries, see `bayestissue.hierarchy.gaussian.blocks`.
 
     Attributes:
         prior: of u, whose axes behind the parameters broadcast with the sites' own.
