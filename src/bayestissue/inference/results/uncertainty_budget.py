@@ -147,7 +147,7 @@ class _Hierarchy:
         self._spread, columns, self._prior = jax.device_get(found)
         self._columns = columns.transpose(2, 0, 1)
         self._scatter = _scatter(prepared, self._spread)
-        self.omega = sum(self._scatter.values())
+        self.omega = np.sum(list(self._scatter.values()), axis=0)
         self._both = (np.arange(len(self.omega)) < 2).astype(float)
 
     def _measured(self, errors: TraceErrors) -> tuple[Matrices, dict[str, Matrices]]:
