@@ -9,9 +9,9 @@
 500 times (`designs`: 300) the standard deviations, the population, each impact's parameters and trace are
 drawn from the model itself, top down, and the draw is fitted as `path = "automatic"` does it: through the
 summary path, and through the exact one where the correction is not trusted. If that samples the posterior,
-the rank of each drawn value among 99 thinned draws is uniform. The design is that of coverage_fit.py; a trace
-has 110 samples. Its first two displacements are 0 and V dt whatever K and C are: the likelihood is conditional
-on them, so they must tell nothing of what is drawn. Models: calibration-*.toml.
+the rank of each drawn value among 99 thinned draws is uniform. The design is that of coverage_fit.py; a
+trace has 110 samples. Its first two displacements are 0 and V dt whatever K and C are: the likelihood is
+conditional on them, so they must tell nothing of what is drawn. Models: calibration-*.toml.
 
 `designs` is a design with two sides a person, sessions, and people's own mass exponents: five people are hit
 on two sides in four conditions, each impact in one of four sessions. Of the effects the first level's are
