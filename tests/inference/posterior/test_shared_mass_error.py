@@ -164,7 +164,7 @@ def test_with_the_error_integrated_out_the_density_is_the_plain_models() -> None
         found = from_standard(model, data, told, sites, z_b, z_u)
         plain = {
             **sites,
-            "locations": found.b.at[jnp.concatenate([on_K, on_C])].add(jnp.tile(error, 2)),
+            "locations": found.b.at[jnp.concatenate([on_K, on_C])].add(jnp.tile(error, 2)),  # noqa: PD008
             "log_mass_error": jnp.asarray(error),
             "log_K_and_C": jnp.stack(found.u[:2], axis=1),
             "noise": found.u[2],
