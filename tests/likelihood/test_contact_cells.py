@@ -58,13 +58,16 @@ def log_prob(given: MeasuredImpact) -> np.ndarray:
 
 def contact_errors(given: MeasuredImpact, seed: int, number: int) -> np.ndarray:
     """Draws of the first impact's error of contact."""
+    keys = jax.random.split(jax.random.PRNGKey(seed), number)
+    return np.asarray(_contact_errors(given.element, given.parameters, given.log_sigma, keys, given.record))
 
-    @jax.jit
-    def drawn(keys: jax.Array, record: ElementRecord) -> jax.Array:
-        same = MeasuredImpact(given.element, given.parameters, given.log_sigma, record)
-        return jax.vmap(same.draw_errors)(keys)[:, 0, 3]
 
-    return np.asarray(drawn(jax.random.split(jax.random.PRNGKey(seed), number), given.record))
+@partial(jax.jit, static_argnums=0)
+def _contact_errors(
+    which: Element, parameters: jax.Array, log_sigma: jax.Array, keys: jax.Array, record: ElementRecord
+) -> jax.Array:
+    given = MeasuredImpact(which, parameters, log_sigma, record)
+    return jax.vmap(given.draw_errors)(keys)[:, 0, 3]
 
 
 def measured(name: str, width: int, *, sigma: float = SIGMA, lead: float = 2.6) -> MeasuredImpact:
@@ -218,7 +221,13 @@ def test_early_samples_bound_contact() -> None:
 
 def test_replicates_have_contact_where_the_trace_has_it() -> None:
     given = measured("maxwell", 1, sigma=1e-2)
-    made = np.asarray(given.sample(jax.random.PRNGKey(3)))
+
+    @jax.jit
+    def sampled(record: ElementRecord) -> jax.Array:
+        same = MeasuredImpact(given.element, given.parameters, given.log_sigma, record)
+        return same.sample(jax.random.PRNGKey(3))
+
+    made = np.asarray(sampled(given.record))
     expected = response("maxwell", np.arange(SAMPLES) * DT + np.full((2, 1), 2.6 * DT), VELOCITY)
     inside = np.arange(SAMPLES) < COUNT[:, None]
     # Errors of velocity, gain and offset are as large as these.

@@ -153,6 +153,9 @@ def test_with_the_error_integrated_out_the_density_is_the_plain_models() -> None
     error = 0.1 * rng.normal(size=PEOPLE)
     on_K, on_C = (np.r_[model.locations.parts[f"subject_effect_{q}"]] for q in "KC")
 
+    moved = np.zeros(model.locations.size)
+    moved[on_K] = moved[on_C] = error
+
     @jax.jit
     def both(z_b: jax.Array, z_u: jax.Array) -> tuple[jax.Array, ...]:
         """The two densities at one place, the effects there, and how the place goes with z."""
@@ -164,7 +167,7 @@ def test_with_the_error_integrated_out_the_density_is_the_plain_models() -> None
         found = from_standard(model, data, told, sites, z_b, z_u)
         plain = {
             **sites,
-            "locations": found.b.at[jnp.concatenate([on_K, on_C])].add(jnp.tile(error, 2)),  # noqa: PD008
+            "locations": found.b + moved,
             "log_mass_error": jnp.asarray(error),
             "log_K_and_C": jnp.stack(found.u[:2], axis=1),
             "noise": found.u[2],
