@@ -88,14 +88,9 @@ def model_file(campaign: Path, path: str, warmup: int = 200, draws: int = 300) -
 def finished(campaign: Path) -> Path:
     out = campaign / "finished"
     with undrawn_figures():
-<<<<<<< HEAD
-        model = model_file(campaign, "summary")
-        fitted = bayestissue("fit", campaign / "data", "--model", model, "--out", out)
-=======
         fitted = bayestissue(
             "fit", campaign / "data", "--model", model_file(campaign, "summary"), "--out", out
         )
->>>>>>> h4
     # So few draws may well fail the diagnostics; then everything is written all the same.
     assert fitted.status in (0, 3), fitted.err
     return out
