@@ -80,7 +80,7 @@ def expand(
     def one(part: TraceData, rows: np.ndarray) -> tuple[Array, Array]:
         here = np.concatenate([about[cell[rows]], np.broadcast_to(at, (len(rows), len(at)))], axis=1)
         own, own_profile = told_of_rows(summaries, profile, rows)
-        anchors = _of_cells(mixture, cell[rows])
+        anchors = of_cells(mixture, cell[rows])
         return _expand(own, ratios_among(model, part, own, anchors, own_profile), here)
 
     slope, bend = in_blocks(data, one, progress=progress)
@@ -120,8 +120,8 @@ def residual_log_weights(
 
     def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
         own, own_profile = told_of_rows(summaries, profile, rows)
-        points = ratios_among(model, part, own, _of_cells(compared, cell[rows]), own_profile)
-        return log_evidence_corrections(own, points, _of_cells(seen, cell[rows])).T
+        points = ratios_among(model, part, own, of_cells(compared, cell[rows]), own_profile)
+        return log_evidence_corrections(own, points, of_cells(seen, cell[rows])).T
 
     exact = in_blocks(data, one, progress=progress).sum(0)
     if expansion is not None:
@@ -136,7 +136,8 @@ def anchors_of(model: TraceModel, design: PopulationDesign, draws: PopulationDra
     return ConditionalPrior(np.asarray(about), np.asarray(precision(draws.raw))[:, None])
 
 
-def _of_cells(anchors: ConditionalPrior, cell: np.ndarray) -> ConditionalPrior:
+def of_cells(anchors: ConditionalPrior, cell: np.ndarray) -> ConditionalPrior:
+    """The same of impacts in these places."""
     return anchors._replace(mean=anchors.mean[:, cell])
 
 
