@@ -65,7 +65,8 @@ def draws_in_part(
 ) -> tuple[Draws, ConstrainedDraws, Correction]:
     """Draws of the population, and of the impacts what `ConstrainedDraws` keeps, corrected."""
     model = prepared.model
-    summarised = with_expansion(prepared, summarised, seed, partial(say, "comparing traces and summaries"))
+    comparing = partial(say, "comparing traces and summaries")
+    summarised = with_expansion(prepared, summarised, seed, comparing)
     sampling = partial(say, "sampling the population")
     found = sample_marginal(prepared, summarised, settings, seed, sampling).thinned(settings.thinning)
     shape = (settings.chains, settings.draws)
@@ -73,16 +74,8 @@ def draws_in_part(
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 4)
     say("drawing people and conditions", 0, 1)
     draws, scores = _population(prepared, summarised, y, keys[0])
-    weights = residual_log_weights(
-        model,
-        prepared.data,
-        summarised.summaries,
-        summarised.profile,
-        summarised.expansion,
-        draws.some(POINTS),
-        draws.some(CHECKS),
-        progress=partial(say, "comparing traces and summaries"),
-    )
+    mixture, checked = draws.some(POINTS), draws.some(CHECKS)
+    weights = residual_log_weights(prepared, summarised, mixture, checked, progress=comparing)
     correction = Correction.of(weights[None], CHECKS)
     densities = {name: np.asarray(v).reshape(*shape, *v.shape[1:]) for name, v in scores.items()}
     hyper = constrained(model, draws.raw)
@@ -109,28 +102,17 @@ def with_expansion(
     Each expansion is made about the posterior's middle under the one before. One that leaves no posterior at
     all is left out: what is then found at the end tells of it.
     """
-    model, rng = prepared.model, np.random.default_rng([seed, 25])
+    rng = np.random.default_rng([seed, 25])
     for number in range(EXPANSIONS):
         y = np.zeros((1 + POINTS, len(summarised.spreads.names)))
         y[1:] = rng.multivariate_normal(y[0], summarised.spreads.covariance, POINTS)
         drawn, _ = _population(prepared, summarised, y, jax.random.PRNGKey(number), middle=True)
-        middle, others = (
-            PopulationDraws({name: values[part] for name, values in drawn.raw.items()}, drawn.b[part])
-            for part in (slice(1), slice(1, None))
-        )
+        middle, others = drawn.rows(slice(1)), drawn.rows(slice(1, None))
 
         def told(done: int, total: int, number: int = number) -> None:
             progress(number * total + done, EXPANSIONS * total)
 
-        expansion = expand(
-            model,
-            prepared.data,
-            summarised.summaries,
-            summarised.profile,
-            middle,
-            others,
-            progress=told,
-        )
+        expansion = expand(prepared, summarised, middle, others, progress=told)
         found = replace(summarised, expansion=expansion)
         near = {name: np.asarray(values[0]) for name, values in middle.raw.items()}
         spreads = spreads_of_summaries(prepared, found, near)
@@ -219,7 +201,7 @@ def _of_impacts(
     cell, summaries = np.asarray(design.cell), summarised.summaries
     kept = kept_draws(*shape, len(cell))
     which = (np.arange(shape[0])[:, None] * shape[1] + kept).ravel()
-    draws = PopulationDraws({name: values[which] for name, values in draws.raw.items()}, draws.b[which])
+    draws = draws.rows(which)
     anchors, sites, people = anchors_of(model, design, draws), constrained(model, draws.raw), of_mass[which]
 
     def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
@@ -251,6 +233,6 @@ def _scores_of_some(
     model, rows = prepared.model, some_impacts(len(prepared.data.log_mass))
     some = some_of(prepared, rows)
     anchors = of_cells(anchors_of(model, some.data.design, draws), np.asarray(some.data.design.cell))
-    told = LikelihoodApproximation(*told_of_rows(summarised.summaries, summarised.profile, rows))
+    told = LikelihoodApproximation(*told_of_rows(summarised, rows))
     expected = ConditionalPriors({}, np.asarray(draws.b), anchors.mean, anchors.precision[:, 0])
     return of_draws(some, told, expected, {})["trace"]
