@@ -8,7 +8,6 @@ import pytest
 
 from bayestissue import runtime
 
-
 # Also the smallest: reading one takes a quarter of the time that compiling it does. JAX by itself would look
 # through all of them whenever it keeps one more.
 KEEP_ALL = {
