@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
-from numpyro.infer import Predictive
+from numpyro import handlers
 
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
@@ -21,11 +22,7 @@ from bayestissue.inference.execution.compiling import (
 )
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, thinned
-from bayestissue.likelihood.element.deceleration import DecelerationRecord
-from bayestissue.likelihood.element.discrepancy import integrals
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord, motion
-from bayestissue.oscillator import impact_motion
+from bayestissue.likelihood.element.response import ElementRecord
 
 PREDICTIVE_DRAWS = 100
 PRIOR_DRAWS = 1000
@@ -46,7 +43,7 @@ def predicted(prepared: Prepared, unfolded: ConstrainedDraws, seed: int) -> dict
 def replicates(
     model: TraceModel, data: TraceData, u: Float[np.ndarray, "draw impact parameter"], keys: Array
 ) -> dict[str, Float[np.ndarray, "draw impact sample"]]:
-    """A replicate of every trace for each draw of ``u``; see `_replicate`."""
+    """A replicate of every trace for each draw of ``u``, as displacement and as deceleration."""
     return in_calls(partial(replicates_of, model, data), (u, keys), PREDICTIVE_DRAWS)
 
 
@@ -55,44 +52,11 @@ def replicates_of(
     model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array, number: int
 ) -> dict[str, Float[Array, "draw impact sample"]]:
     """What is compiled of `replicates`: the first so many of `PREDICTIVE_DRAWS` draws."""
-    return first_rows(lambda place: _replicate(model, data, u[place], keys[place]), PREDICTIVE_DRAWS, number)
 
+    def one(place: Any) -> dict[str, Array]:
+        return trace_distribution(model, data, list(u[place].T)).replicate(keys[place])
 
-def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array) -> dict[str, jax.Array]:
-    """One replicate of every trace, as displacement and as deceleration."""
-    columns = [u[:, a] for a in range(u.shape[1])]
-    distribution, record = trace_distribution(model, data, columns), data.record
-    if isinstance(distribution, MeasuredImpact):
-        return _element_replicate(distribution, key)
-    trace = distribution.sample(key)
-    inside = jnp.arange(trace.shape[1]) < record.n_samples[:, None]
-    time = record.first_time[:, None] + jnp.arange(trace.shape[1]) * record.dt[:, None]
-    at = physical(model, data, columns)
-    if isinstance(record, DecelerationRecord):
-        velocity = record.velocity[:, None]
-        x = impact_motion(time, at.omega_n[:, None], at.zeta[:, None], velocity).displacement
-        return {
-            "deceleration": jnp.where(inside, trace, jnp.nan),
-            "displacement": jnp.where(inside, x, jnp.nan),
-        }
-    bend = -jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
-    edges = jnp.pad(bend, ((0, 0), (1, 1)), constant_values=jnp.nan)
-    middle = jnp.arange(trace.shape[1]) < record.n_samples[:, None] - 1
-    return {
-        "displacement": jnp.where(inside, trace, jnp.nan),
-        "deceleration": jnp.where(middle, edges, jnp.nan),
-    }
-
-
-def _element_replicate(distribution: MeasuredImpact, key: jax.Array) -> dict[str, jax.Array]:
-    """The same of any element, whose discrepancy is part of both."""
-    distribution = distribution.with_contact_found(key)
-    record = distribution.record
-    trace, delta = distribution.sample_with_discrepancy(key)
-    own = motion(distribution.element, distribution.parameters, record, record.velocity)
-    x = own.x - integrals(delta, record.first_time, record.dt)[1]
-    found = {"deceleration": trace, "displacement": x}
-    return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
+    return first_rows(one, PREDICTIVE_DRAWS, number)
 
 
 @compiled_quickly()
@@ -104,12 +68,13 @@ def prior_draws(
     The last are the natural frequency and damping ratio, where the element is spring and damper side by side.
     """
     shared = ["log_mass_error"] if model.mass_error == "subject" else []
-    bare = Predictive(
-        lambda: impacts_model(model, data),
-        num_samples=PRIOR_DRAWS,
-        return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance, *shared],
-    )
-    drawn = bare(key)
+    wanted = [*model.spreads, "locations", "log_K_and_C", *model.nuisance, *shared]
+
+    def one(key: Array) -> dict[str, Array]:
+        made = handlers.trace(handlers.seed(impacts_model, key)).get_trace(model, data)
+        return {name: made[name]["value"] for name in wanted}
+
+    drawn = jax.lax.map(one, jax.random.split(key, PRIOR_DRAWS))
     rest = [drawn.pop(name)[..., None] for name in model.nuisance]
     u = jnp.concatenate([drawn.pop("log_K_and_C"), *rest], axis=-1)
     if isinstance(data.record, ElementRecord):
