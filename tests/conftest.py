@@ -1,9 +1,8 @@
 from __future__ import annotations
 
 import os
-from io import TextIOBase
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -17,6 +16,9 @@ def pytest_configure(config: pytest.Config) -> None:
     the next run: all of it is kept in the folder that pytest keeps, unless another is named. A test that
     counts compilations, or wants none kept, names a folder of its own.
     """
+    if config.option.markexpr == "not long":
+        # Most of the default suite's time is the compiler's; a long test runs longer than it compiles.
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0"
     if hasattr(config, "cache"):
         os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("compiled")))
         os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
@@ -25,14 +27,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 @pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are made but not drawn, which is most of a page's cost."""
-    from matplotlib.figure import Figure
+def undrawn() -> Iterator[None]:
+    """Figures of a test are made but not drawn."""
+    from command_line import undrawn_figures
 
-    def nothing(_: Figure, file: Any, **__: Any) -> None:
-        file.write('<svg viewBox="0 0 1 1"></svg>' if isinstance(file, TextIOBase) else b"")
-
-    monkeypatch.setattr(Figure, "savefig", nothing)
+    with undrawn_figures():
+        yield
 
 
 @pytest.fixture(scope="session")

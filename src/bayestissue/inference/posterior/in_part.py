@@ -276,7 +276,7 @@ def _draw_block(
 
         def ratio(candidate: Array) -> Array:
             u = given.draw(expectation.T, candidate)
-            return log_likelihood(model, data, list(u)) - sites.log_density(u.T)
+            return log_likelihood(model, data, list(u)) - sites.log_density(jnp.stack(u, axis=-1))
 
         ratios = jax.lax.map(ratio, candidates)
         choice = jax.random.categorical(of_choice, jnp.nan_to_num(ratios, nan=-jnp.inf), axis=0)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -53,7 +52,7 @@ def replicates_of(
 ) -> dict[str, Float[Array, "draw impact sample"]]:
     """What is compiled of `replicates`: the first so many of `PREDICTIVE_DRAWS` draws."""
 
-    def one(place: Any) -> dict[str, Array]:
+    def one(place: Array) -> dict[str, Array]:
         return trace_distribution(model, data, list(u[place].T)).replicate(keys[place])
 
     return first_rows(one, PREDICTIVE_DRAWS, number)
