@@ -40,9 +40,9 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     campaign = simulate(
         Simulation.model_validate(
             {
-                "name": "three by four",
+                "name": "four by four",
                 "seed": 4,
-                "design": {"subjects": 3, "conditions": conditions},
+                "design": {"subjects": 4, "conditions": conditions},
                 "tissue": {
                     "K_N_per_m": 3000.0,
                     "C_N_s_per_m": 25.0,
@@ -52,7 +52,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
                     "sd_impact_C": 0.05,
                 },
                 "recording": {
-                    "sampling_rate_hz": 1000.0,
+                    "sampling_rate_hz": 2000.0,
                     "noise_relative_to_peak": 0.005,
                     "relative_mass_sd": 0.002,
                     "velocity_sd_m_s": 0.005,
@@ -66,7 +66,7 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
         for n, end in zip(campaign.n_samples, ends, strict=True)
     ]
     return Dataset(
-        name="three by four",
+        name="four by four",
         description="",
         impacts=campaign.impacts,
         traces=traces,
@@ -124,7 +124,7 @@ def test_summaries_stand_for_the_traces(
     assert correction.trusted
     assert correction.relative > 0.5
     unfolded = constrained_draws(prepared, sites.summaries, draws, jax.random.PRNGKey(1))
-    assert unfolded.impacts["K"].shape == (2, 400, 12)
+    assert unfolded.impacts["K"].shape == (2, 400, 16)
     assert np.isfinite(unfolded.log_likelihood["trace"]).all()
 
 
