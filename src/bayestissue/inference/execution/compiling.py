@@ -22,6 +22,8 @@ Function = Callable[..., Any]
 Static = str | Sequence[str]
 # XLA spends most of a compilation on making the result fast.
 _QUICKLY, _SOONER = {"xla_backend_optimization_level": 0}, {"xla_backend_optimization_level": 1}
+# XLA's own level, for what runs thousands of times, whatever XLA_FLAGS say.
+FULLY = {"xla_backend_optimization_level": 3}
 
 
 def compiled_quickly(static_argnames: Static = ()) -> Callable[[Function], Function]:
