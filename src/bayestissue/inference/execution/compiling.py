@@ -49,7 +49,7 @@ def compiled_sooner(static_argnames: Static = ()) -> Callable[[Function], Functi
 
 def compiled(static_argnames: Static = ()) -> Callable[[Function], Function]:
     """`jax.jit` for what runs long; otherwise as `compiled_quickly`."""
-    return lambda function: _for_few_shapes(function, static_argnames, {})
+    return lambda function: _for_few_shapes(function, static_argnames, FULLY)
 
 
 def _for_few_shapes(function: Function, static_argnames: Static, options: dict[str, Any]) -> Function:
