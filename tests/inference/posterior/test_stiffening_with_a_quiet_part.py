@@ -10,12 +10,13 @@ from bayestissue import resources
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.fit import TraceAnalysis, fit_traces
+from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.simulation import Simulation, simulate
+from bayestissue.simulation.campaign import Campaign
 
 
-@pytest.mark.long
-def test_sites_about_corrected_draws_pass_where_the_first_ones_leave_a_few_hundredths() -> None:
-    """72 impacts of one further parameter: all but known, and nearly the same in all of them."""
+def campaign(seed: int) -> Campaign:
+    """72 impacts of six people."""
     conditions = [
         {"trial": f"{mass} kg, {velocity} m/s", "mass_kg": mass, "velocity_m_s": velocity}
         for mass, velocity in itertools.product((0.4, 0.7, 1.1, 1.3), (1.25, 1.5, 1.75))
@@ -36,11 +37,17 @@ def test_sites_about_corrected_draws_pass_where_the_first_ones_leave_a_few_hundr
         "relative_mass_sd": 0.002,
     }
     design = {"subjects": 6, "conditions": conditions}
-    made = simulate(
+    return simulate(
         Simulation.model_validate(
-            {"name": "stiffening", "seed": 1, "design": design, "tissue": tissue, "recording": recording}
+            {"name": "stiffening", "seed": seed, "design": design, "tissue": tissue, "recording": recording}
         )
     )
+
+
+@pytest.mark.long
+def test_sites_about_corrected_draws_pass_where_the_first_ones_leave_a_few_hundredths() -> None:
+    """72 impacts of one further parameter: all but known, and nearly the same in all of them."""
+    made = campaign(1)
     specification = read_specification(resources.shared("models", "stiffening.toml"))
     given = prepare(made.dataset("stiffening"), specification, source="the model file")
     found = fit_traces(given, specification, 0, lambda *_: None)
@@ -52,3 +59,15 @@ def test_sites_about_corrected_draws_pass_where_the_first_ones_leave_a_few_hundr
     depth = found.tree["posterior"].dataset["stiffening_depth_m"].mean(("chain", "draw"))
     # Each impact's depth is known to two hundredths; pooled, far better.
     assert abs(float(depth.mean()) / 0.02 - 1) < 0.02
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("seed", [2, 3])
+def test_a_wrong_element_beside_a_discrepancy_is_corrected_without_the_exact_path(seed: int) -> None:
+    """A spring and damper: moments less a sharp conditional prior of the discrepancy once lost all draws."""
+    specification = read_specification(resources.shared("models", "impact.toml"))
+    specification = specification.model_copy(update={"discrepancy": "always"})
+    given = prepare(campaign(seed).dataset("stiffening"), specification, source="the model file")
+    _, _, correction = corrected_draws(given, specification.sampler, 0)
+    assert correction.trusted, correction.words
+    assert correction.relative > 1 / 3

@@ -132,3 +132,14 @@ def test_a_parameter_that_impacts_nearly_share_is_corrected_wherever_the_draws_h
     error = corrections - true
     # Chebyshev's polynomial of nine nodes follows tanh over plus and minus three to about a hundredth.
     np.testing.assert_allclose(error - error.mean(0), 0, atol=0.02)
+
+
+@pytest.mark.parametrize("scatter", [300.0, 744.0, 3000.0])
+def test_weights_of_hundreds_of_nats_are_no_reason_to_trust_or_to_stop(scatter: float) -> None:
+    log_weight = scatter * np.random.default_rng(3).normal(size=(4, 1000))
+    log_weight[0, 0] = -np.inf
+    found = Correction.of(log_weight, 4000)
+    assert found.pareto_k > 1
+    assert not found.trusted
+    assert np.isfinite(found.effective)
+    assert found.row()["passed"] is False

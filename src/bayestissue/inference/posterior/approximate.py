@@ -50,8 +50,6 @@ from bayestissue.inference.samplers.coordinates import Coordinates, straight, wa
 from bayestissue.signal import Displacements
 
 REFINEMENTS = 2
-# Beside a discrepancy traces leave directions open, and summaries follow the population more slowly.
-WITH_DISCREPANCY = 6
 # A profile integrates the other parameters over so many points: few where impacts are many.
 PROFILE_POINTS, FEW = 32, 4
 # Points of all impacts together that a grid is integrated over.
@@ -220,15 +218,18 @@ def approximate(
         expansions: what `expanded` found, if it was asked before.
         normal: whether a last parameter that traces may leave open is part of the normal summaries, or has a
             profile of its own; as the traces suggest, unless given.
-        refinements: how often moments replace the expansions, `REFINEMENTS` or `WITH_DISCREPANCY` times
-            unless given. They make a summary that stands for its trace;
-            one that only whitens, as on the exact path, is better without: under a population whose spread
-            has its mode next to 0, moments tell of a trace what is not there.
+        refinements: how often moments replace the expansions, `REFINEMENTS` times unless given. They make
+            a summary that stands for its trace; one that only whitens, as on the exact path, is better
+            without: under a population whose spread has its mode next to 0, moments tell of a trace what is
+            not there. Beside a discrepancy, whose log has such a spread in most fits, there are none: the
+            noise of moments, less a prior twenty times as sharp as the trace, leaves summaries so wide that
+            the more the population spreads, the better it seems, and recipe's regression replaces the
+            expansions instead.
         say: told how many of these passes are done, and of how many.
     """
     model, data = prepared.model, prepared.data
     if refinements is None:
-        refinements = WITH_DISCREPANCY if model.discrepancy else REFINEMENTS
+        refinements = 0 if model.discrepancy else REFINEMENTS
     passes = 2 + refinements + model.weakly_identified
 
     def told(number: int) -> Progress:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from jaxtyping import Float
+from scipy.special import logsumexp
 
 # Above it the error of a smoothed mean falls too slowly, however many draws there are.
 GREATEST_K = 0.7
@@ -35,7 +36,8 @@ def below_greatest(log_weight: np.ndarray) -> np.ndarray:
 def pareto_smoothed(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
     """Log importance weights with their greatest smoothed, and the Pareto k of these (Vehtari et al. 2024).
 
-    Where no draw has any weight they are left as they are, and k is infinite: nothing vouches for them.
+    Where no draw has any weight, or a draw or two have all, they are left as they are, and k is infinite:
+    nothing vouches for them.
 
     Args:
         log_weight: [draw]; minus infinity, or no number, for a draw without weight.
@@ -51,5 +53,9 @@ def pareto_smoothed(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
         return np.full(log_weight.shape, -np.log(log_weight.size)), np.inf
     # The library takes log likelihoods to leave out, whose weights are their inverses, and knows no infinity.
     smoothed = np.full(log_weight.shape, -np.inf)
-    smoothed[has], k = array_stats.psislw(-log_weight[has])
+    # Weights of some hundred nats leave the library's fit of their tail without numbers.
+    with np.errstate(all="ignore"):
+        smoothed[has], k = array_stats.psislw(-log_weight[has])
+    if np.isnan(smoothed).any() or np.isnan(k):
+        return np.where(has, log_weight, -np.inf) - logsumexp(log_weight[has]), np.inf
     return smoothed, float(k)
