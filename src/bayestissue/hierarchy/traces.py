@@ -278,11 +278,14 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
         about = about.at[:2].add(-error)
     kk, kc, cc = spread.own
     own = jnp.stack([jnp.stack([kk, kc]), jnp.stack([kc, cc])])
-    logs = numpyro.sample("log_K_and_C", dist.MultivariateNormal(about[:2].T, own).to_event(1))
-    rest = [
-        numpyro.sample(name, dist.Normal(mean, sd).to_event(1))
-        for name, mean, sd in zip(model.nuisance, about[2:], spread.nuisance, strict=True)
-    ]
+    with numpyro.plate("impacts", data.log_mass.shape[0]):
+        # Its check would be compiled in twenty pieces, even within a compiled function.
+        pair = dist.MultivariateNormal(about[:2].T, own, validate_args=False)
+        logs = numpyro.sample("log_K_and_C", pair)
+        rest = [
+            numpyro.sample(name, dist.Normal(mean, sd))
+            for name, mean, sd in zip(model.nuisance, about[2:], spread.nuisance, strict=True)
+        ]
     return [logs[..., 0], logs[..., 1], *rest]
 
 

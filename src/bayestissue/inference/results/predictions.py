@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
-from numpyro import handlers
+from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
@@ -67,13 +67,12 @@ def prior_draws(
     The last are the natural frequency and damping ratio, where the element is spring and damper side by side.
     """
     shared = ["log_mass_error"] if model.mass_error == "subject" else []
-    wanted = [*model.spreads, "locations", "log_K_and_C", *model.nuisance, *shared]
-
-    def one(key: Array) -> dict[str, Array]:
-        made = handlers.trace(handlers.seed(impacts_model, key)).get_trace(model, data)
-        return {name: made[name]["value"] for name in wanted}
-
-    drawn = jax.lax.map(one, jax.random.split(key, PRIOR_DRAWS))
+    bare = Predictive(
+        lambda: impacts_model(model, data),
+        num_samples=PRIOR_DRAWS,
+        return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance, *shared],
+    )
+    drawn = bare(key)
     rest = [drawn.pop(name)[..., None] for name in model.nuisance]
     u = jnp.concatenate([drawn.pop("log_K_and_C"), *rest], axis=-1)
     if isinstance(data.record, ElementRecord):
