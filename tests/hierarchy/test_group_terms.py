@@ -235,9 +235,9 @@ def test_priors_of_group_terms_are_the_files_or_as_wide_as_peoples() -> None:
     priors = specification(
         priors={"sd_group": {"subject:side": own}, "sd_slope": {"log(mass_kg)|subject": slope}}
     ).complete_priors()
-    assert priors.of_sd("sd_subject_side_K").scale == 0.2
-    assert priors.of_sd("sd_subject_mass_exponent_C").scale == 0.3
-    assert priors.of_sd("sd_session_K") == priors.sd_subject.K
+    assert priors.by_name()["sd_subject_side_K"].scale == 0.2
+    assert priors.by_name()["sd_subject_mass_exponent_C"].scale == 0.3
+    assert priors.by_name()["sd_session_K"] == priors.sd_subject.K
     assert set(priors.sd_group) == {"subject:side", "session", "operator"}
     sites = {"sd_subject_side_K": np.array([[0.1, 0.5]]), "sd_subject_mass_exponent_K": np.array([[0.2]])}
     densities = priors.log_densities(sites)

@@ -13,7 +13,7 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
-from bayestissue.inference.results.labels import group_attributes, labelled
+from bayestissue.inference.results.labels import design_attributes, labelled
 from bayestissue.inference.results.tree import _dimensions
 from bayestissue.simulation import Simulation, simulate
 from designs import design_of
@@ -40,7 +40,7 @@ def test_dimensions_and_meanings_follow_the_columns() -> None:
         derived.reported_sites(design, sites) | derived.people_and_conditions(design, sites),
         _dimensions(design),
         {name: list(grouping.levels) for name, grouping in design.groupings.items()},
-        attributes=group_attributes(design),
+        attributes=design_attributes(design),
     )
     dims = {str(name): array.dims[2:] for name, array in found.data_vars.items()}
     assert dims["subject_side_effect_K"] == dims["K_subject_side"] == ("subject:side",)

@@ -22,7 +22,7 @@ from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, 
 from bayestissue.inference.quantities.elements import per_impact
 from bayestissue.inference.quantities.secant_exponents import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.results.labels import (
-    group_attributes,
+    design_attributes,
     labelled,
     labelled_statistics,
     of_one_person,
@@ -32,7 +32,6 @@ from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.response import ElementRecord
 
-RESPONSES = derived.RESPONSES
 ERRORS = {
     "impact": ("velocity_error", "offset_error", "contact_time_error"),
     "element": ("velocity_error", "gain_error", "offset_error", "contact_time_error"),
@@ -55,7 +54,7 @@ def posterior_tree(
     """
     rng = np.random.default_rng(seed)
     named = partial(
-        labelled, dimensions=_dimensions(prepared.design), attributes=group_attributes(prepared.design)
+        labelled, dimensions=_dimensions(prepared.design), attributes=design_attributes(prepared.design)
     )
     put = partial(named, coordinates=_coordinates(prepared))
     every, whole = put, prepared
@@ -104,10 +103,10 @@ def _dimensions(design: Design) -> dict[str, tuple[str, ...]]:
     return {
         **dict.fromkeys((*PER_IMPACT, *errors, "trace"), ("impact",)),
         **{f"{name}_sd": ("impact",) for name in errors},
-        **{f"{q}_{stem}": (name,) for q in RESPONSES for name, stem in stems.items()},
+        **{f"{q}_{stem}": (name,) for q in design.responses for name, stem in stems.items()},
         **{
             (term.own if term.slope else term.effect)(q): (term.grouping,)
-            for q in RESPONSES
+            for q in design.responses
             for term in design.terms
         },
         **{f"traces_of_{stem}": (name,) for name, stem in stems.items()},
