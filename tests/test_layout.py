@@ -14,7 +14,7 @@ SOURCE = Path(bayestissue.__file__).parent
 LARGE = ("inference", "hierarchy", "likelihood")
 MOST_MODULES = 12
 # Modules on the longest way down by imports. Of inference 6 are wanted: today's number may fall and not rise.
-MOST_FLOORS = {"inference": 14, "hierarchy": 9, "likelihood": 4}
+MOST_FLOORS = {"inference": 10, "hierarchy": 8, "likelihood": 4}
 # The rooms of inference, each of which may import those before it.
 ROOMS = (
     *("execution", "samplers", "points", "factors", "posterior", "quantities", "results"),

@@ -14,9 +14,10 @@ from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import log_likelihood, with_normal_errors
-from bayestissue.inference.factors.laplace import ConditionalPrior, laplace_sites, weak_prior
+from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, log_site, points_of
+from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.factors.likelihoods import POINTS, log_likelihoods
-from bayestissue.inference.factors.moments import Points, log_evidence, log_site, points_of, refine
+from bayestissue.inference.factors.moments import Points, refine
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation

@@ -13,15 +13,14 @@ from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import gaussian
+from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, normals, standard_points
 from bayestissue.inference.factors.conditional_prior import conditional_priors
 from bayestissue.inference.factors.grid import flat_grid
 from bayestissue.inference.factors.importance_ratios import (
     importance_ratios,
     log_evidence_corrections,
 )
-from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_site, normals, standard_points
 from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.correction import Correction

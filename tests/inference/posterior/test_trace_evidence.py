@@ -13,11 +13,10 @@ from scipy.special import logsumexp
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import gaussian
+from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, times
 from bayestissue.inference.factors.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.factors.importance_ratios import log_evidence_corrections
-from bayestissue.inference.factors.laplace import ConditionalPrior, times
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_evidence
 from bayestissue.inference.posterior.approximate import approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import marginal_draws

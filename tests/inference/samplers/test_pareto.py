@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from bayestissue.inference.factors import importance_ratios as ratios
+from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
     importance_ratios,
     log_evidence_corrections,
 )
-from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.posterior import recipe as summary_path
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.samplers.psis import below_greatest, effective_size, k_threshold, pareto_smoothed

@@ -14,7 +14,7 @@ from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.gaussian.conditional import Data, integrate_out
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
-from bayestissue.inference.factors.laplace import ConditionalPrior
+from bayestissue.inference.factors.conditional import ConditionalPrior
 
 # Draws of one call: as few as are asked for then, so that one compilation serves any number.
 DRAWS = 64

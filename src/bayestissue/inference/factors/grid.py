@@ -15,9 +15,8 @@ from scipy.stats import norm
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.factors.laplace import ConditionalPrior
+from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, points_of
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_site, points_of
 from bayestissue.padding import adds_nothing
 
 

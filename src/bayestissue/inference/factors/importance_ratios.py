@@ -26,10 +26,14 @@ from bayestissue.hierarchy.gaussian.impacts import (
 )
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
+from bayestissue.inference.factors.conditional import (
+    ConditionalPrior,
+    evenly_spaced,
+    log_site,
+    standard_points,
+)
 from bayestissue.inference.factors.grid import LikelihoodGrid
-from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import evenly_spaced, log_site, standard_points
 from bayestissue.inference.samplers.psis import below_greatest
 
 # Among an impact's parameters: the noise, after log K and log C.

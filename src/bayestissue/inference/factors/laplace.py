@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -10,6 +10,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.inference.factors.conditional import ConditionalPrior, times
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 
 ITERATIONS = 60
@@ -25,37 +26,6 @@ _LEAST_PRECISION = 1e-3
 _STEP, _SHORTEST, _LONGEST = 0.03, 1e-6, 0.003
 # A search is over where no step promises so much log likelihood, or only the least steps gain.
 _NOTHING_LEFT, _STUCK = 1e-6, 1e6
-
-
-class ConditionalPrior(NamedTuple):
-    """A normal prior of each impact's parameters: what the rest of the data say of them.
-
-    Attributes:
-        mean: of each impact.
-        precision: of each impact, or one of all.
-    """
-
-    mean: Float[Any, "impact parameter"]
-    precision: Float[Any, "*#impact parameter parameter"]
-
-    def of_each(self) -> ConditionalPrior:
-        """The same with a precision of each impact."""
-        shape = (*self.mean.shape, self.mean.shape[-1])
-        return self._replace(precision=np.broadcast_to(self.precision, shape))
-
-    def log_density(
-        self, u: Float[np.ndarray, "*point impact parameter"]
-    ) -> Float[np.ndarray, "*point impact"]:
-        """Up to a constant."""
-        away = u - self.mean
-        return -(away * times(self.precision, away)).sum(-1) / 2
-
-
-def times(
-    matrices: Float[np.ndarray, "*#batch row column"], vectors: Float[np.ndarray, "*batch column"]
-) -> Float[np.ndarray, "*batch row"]:
-    """Matrices times vectors."""
-    return (matrices @ vectors[..., None])[..., 0]
 
 
 def laplace_sites(

@@ -10,26 +10,22 @@ from typing import NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.special import logsumexp
-from scipy.stats import norm, qmc
 
 from bayestissue.hierarchy.gaussian.impacts import (
-    ImpactConditional,
-    ImpactPrior,
     Sites,
-    parameters_first,
 )
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.factors.laplace import ConditionalPrior, chosen, least_curvature, times
+from bayestissue.inference.factors.conditional import (
+    ConditionalPrior,
+    log_evidence,
+    log_site,
+    points_of,
+    times,
+)
+from bayestissue.inference.factors.laplace import chosen, least_curvature
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-
-POINTS = 64
-
-
-def evenly_spaced(count: int, number: int = POINTS) -> Int[np.ndarray, " number"]:
-    """Places of so many draws among ``count`` of them."""
-    return np.linspace(0, count - 1, number).astype(int)
 
 
 class Points(NamedTuple):
@@ -44,52 +40,6 @@ class Points(NamedTuple):
     log_ratio: Float[np.ndarray, "point impact"]
 
 
-def standard_points(size: int, number: int = POINTS) -> Float[np.ndarray, "point parameter"]:
-    """Normal points that fill the space evenly: Sobol's sequence and its mirror image."""
-    uniform = qmc.Sobol(size, seed=20).random(number // 2)
-    half = norm.ppf(np.clip(uniform, 1e-9, 1 - 1e-9))
-    return np.concatenate([half, -half])
-
-
-class Normals(NamedTuple):
-    """Where the population and the sites put impacts' parameters, of one or more draws of the population.
-
-    Attributes:
-        given: the conditional of `bayestissue.hierarchy.gaussian.impacts`.
-        about: X b, the parameters first.
-    """
-
-    given: ImpactConditional
-    about: Float[np.ndarray, "parameter *draw impact"]
-
-    def at(
-        self, z: Float[np.ndarray, "*draw impact parameter"]
-    ) -> Float[np.ndarray, "*draw impact parameter"]:
-        """From standard normals."""
-        return np.moveaxis(self.given.draw(self.about, np.moveaxis(z, -1, 0)), 0, -1)
-
-
-def normals(summaries: Sites, anchor: ConditionalPrior) -> Normals:
-    """See `Normals`; of the sites and a conditional prior N(a, D^-1) of one or more draws."""
-    return Normals(conditional_of(summaries, anchor), np.moveaxis(anchor.mean, -1, 0))
-
-
-def conditional_of(summaries: Sites, anchor: ConditionalPrior) -> ImpactConditional:
-    """The conditional of impacts' parameters under the precision of one or more draws of the population."""
-    prior = ImpactPrior(
-        np.moveaxis(anchor.precision, (-2, -1), (0, 1)),
-        np.linalg.slogdet(anchor.precision)[1],
-    )
-    return ImpactConditional.of(prior, parameters_first(Sites(*map(np.asarray, summaries))))
-
-
-def points_of(
-    summaries: Sites, anchor: ConditionalPrior, standard: Float[np.ndarray, "point parameter"]
-) -> Float[np.ndarray, "point impact parameter"]:
-    """The same standard normals of every impact taken there."""
-    return normals(summaries, anchor).at(standard[:, None])
-
-
 def compare(
     model: TraceModel,
     data: TraceData,
@@ -100,14 +50,6 @@ def compare(
     """Compare where the population and the summaries put each impact's parameters."""
     u = points_of(summaries, anchor, standard)
     return Points(u, log_likelihoods(model, data, u) - log_site(summaries, u))
-
-
-def log_site(
-    summaries: Sites, u: Float[np.ndarray, "*point impact parameter"]
-) -> Float[np.ndarray, "*point impact"]:
-    """`Sites.log_density` as a numpy array."""
-    held = Sites._make(map(np.asarray, summaries))
-    return np.asarray(held.log_density(u))
 
 
 def refine(summaries: Sites, anchor: ConditionalPrior, points: Points, *, bent: bool = False) -> Sites:
@@ -147,9 +89,3 @@ def refine(summaries: Sites, anchor: ConditionalPrior, points: Points, *, bent: 
     made = (mean, slope, precision, level)
     pairs = zip(made, map(np.asarray, summaries), strict=True)
     return Sites(*(jnp.asarray(chosen(usable, *pair)) for pair in pairs))
-
-
-def log_evidence(summaries: Sites, anchor: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
-    """Log of the integral of each site over a conditional prior, of one or more draws of the population."""
-    given, about = normals(summaries, anchor)
-    return given.log_density(about)

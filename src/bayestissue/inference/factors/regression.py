@@ -18,10 +18,10 @@ from scipy.special import softmax
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, normals
 from bayestissue.inference.factors.conditional_prior import ConditionalPriors
-from bayestissue.inference.factors.laplace import ConditionalPrior, least_curvature
+from bayestissue.inference.factors.laplace import least_curvature
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import log_site, normals
 from bayestissue.inference.samplers.psis import effective_size
 
 # Draws of each impact's parameters under every one of the population.

@@ -32,6 +32,7 @@ from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.inference.execution.chunks import of_each
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.progress import Progress, silent
+from bayestissue.inference.factors.conditional import ConditionalPrior, standard_points
 from bayestissue.inference.factors.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.factors.grid import (
     LikelihoodGrid,
@@ -40,9 +41,9 @@ from bayestissue.inference.factors.grid import (
     integrated_likelihood_grid,
 )
 from bayestissue.inference.factors.grid_sum import BLOCK, GridSum, grid_sum_around
-from bayestissue.inference.factors.laplace import ConditionalPrior, laplace_sites, weak_prior
+from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import compare, refine, standard_points
+from bayestissue.inference.factors.moments import compare, refine
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
 from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about

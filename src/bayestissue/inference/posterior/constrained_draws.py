@@ -28,8 +28,8 @@ from bayestissue.hierarchy.traces import (
     trace_distribution,
 )
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
+from bayestissue.inference.factors.conditional import normals
 from bayestissue.inference.factors.conditional_prior import conditional_priors
-from bayestissue.inference.factors.moments import normals
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
 from bayestissue.inference.samplers.sampling import Draws

@@ -25,6 +25,7 @@ from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, population
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.progress import Progress, silent
+from bayestissue.inference.factors.conditional import ConditionalPrior, evenly_spaced
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
@@ -32,8 +33,6 @@ from bayestissue.inference.factors.importance_ratios import (
     log_evidence_corrections,
     ratios_among,
 )
-from bayestissue.inference.factors.laplace import ConditionalPrior
-from bayestissue.inference.factors.moments import evenly_spaced
 
 
 class PopulationDraws(NamedTuple):

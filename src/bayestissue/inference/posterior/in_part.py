@@ -34,7 +34,7 @@ from bayestissue.hierarchy.traces import (
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
 from bayestissue.inference.execution.progress import Progress, silent
-from bayestissue.inference.factors.moments import POINTS, log_evidence
+from bayestissue.inference.factors.conditional import POINTS, log_evidence
 from bayestissue.inference.posterior.approximate import LAST, Approximation, spreads_of_summaries
 from bayestissue.inference.posterior.constrained_draws import (
     ConstrainedDraws,

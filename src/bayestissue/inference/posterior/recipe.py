@@ -26,6 +26,7 @@ from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_quickly, filled_up, in_calls
 from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors import regression
+from bayestissue.inference.factors.conditional import ConditionalPrior, evenly_spaced, log_site, normals
 from bayestissue.inference.factors.conditional_prior import ConditionalPriors, conditional_priors
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
@@ -33,9 +34,7 @@ from bayestissue.inference.factors.importance_ratios import (
     log_evidence_corrections,
     ratios_among,
 )
-from bayestissue.inference.factors.laplace import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import evenly_spaced, log_site, normals
 from bayestissue.inference.posterior.approximate import (
     LAST,
     Approximation,

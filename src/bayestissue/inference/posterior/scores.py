@@ -22,6 +22,7 @@ from bayestissue.hierarchy.gaussian.impacts import CellSums, Sites
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
+from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.conditional_prior import ConditionalPriors
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
@@ -29,8 +30,6 @@ from bayestissue.inference.factors.importance_ratios import (
     log_evidence_corrections,
     ratios_among,
 )
-from bayestissue.inference.factors.laplace import ConditionalPrior
-from bayestissue.inference.factors.moments import normals
 from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, gained, own_effects
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.

@@ -26,7 +26,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
-from bayestissue.inference.results.tree import PREDICTIVE_DRAWS, replicates
+from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 from bayestissue.likelihood.arma.displacement import DisplacementRecord, displacement_record
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.impact import MeasuredImpact
