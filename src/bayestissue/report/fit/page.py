@@ -22,7 +22,7 @@ from bayestissue.report.posterior_figures import exponent_figure
 from bayestissue.report.settings import settings_table
 from bayestissue.report.style import style
 from bayestissue.report.tables import Row, Table, columns
-from bayestissue.report.wording import counted
+from bayestissue.report.wording import counted, listed
 
 _CONTENTS = (
     ("estimates", "Impacts"),
@@ -133,12 +133,13 @@ def _population(run: FitRun) -> dict[str, Any]:
         "ranked_plots": {
             name: [
                 ranked_figure(run, quantity, level)
-                for quantity in posterior.QUANTITIES
+                for quantity in run.responses
                 if run.has(f"{stem_of(level)}_effect_{quantity}")
             ]
             for level, name in levels.items()
         },
-        "differs": {name: remarks.who_differs(run, level) for level, name in levels.items()},
+        "responses": listed(list(run.responses)),
+        "differs": {name: remarks.who_differs(run, level, run.responses) for level, name in levels.items()},
         "slope_words": [slope_words(run, slope) for slope in slopes],
         "slope_plots": [slope_figure(run, slope) for slope in slopes],
         "slopes_table": posterior_tables.summary_table(run.summary, [slope.name for slope in slopes]),
