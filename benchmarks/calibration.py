@@ -3,18 +3,28 @@
     .venv/bin/python benchmarks/calibration.py arma
     .venv/bin/python benchmarks/calibration.py a2
     .venv/bin/python benchmarks/calibration.py impact
+    .venv/bin/python benchmarks/calibration.py designs
+    .venv/bin/python benchmarks/calibration.py designs --lane 1 --lanes 2    # a half, beside --lane 2
 
-500 times the standard deviations, the population, every impact's parameters and its trace are drawn from
-the model itself, top down, and the draw is fitted as `path = "automatic"` does it: through the summary
-path, and through the exact one where Pareto k says so. If that samples the posterior, the rank of each drawn
-value among 99 thinned draws is uniform. The design is that of
-coverage_fit.py; a trace has 110 samples. Its first two displacements are 0 and V dt whatever K and C are: the
-likelihood is conditional on them, so they must tell nothing of what is drawn. Models: calibration-*.toml.
+500 times (`designs`: 300) the standard deviations, the population, each impact's parameters and trace are
+drawn from the model itself, top down, and the draw is fitted as `path = "automatic"` does it: through the
+summary path, and through the exact one where the correction is not trusted. If that samples the posterior,
+the rank of each drawn value among 99 thinned draws is uniform. The design is that of coverage_fit.py; a trace
+has 110 samples. Its first two displacements are 0 and V dt whatever K and C are: the likelihood is conditional
+on them, so they must tell nothing of what is drawn. Models: calibration-*.toml.
+
+`designs` is a design with two sides a person, sessions, and people's own mass exponents: five people are hit
+on two sides in four conditions, each impact in one of four sessions. Of the effects the first level's are
+ranked, and the first person's own mass exponent.
+
+Ranks are added to calibration_ranks_*.csv as they are made; the same command goes on where it stopped, and
+puts the table of tests into calibration.csv. Remove a file of ranks that an earlier program made.
 """
 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -40,11 +50,17 @@ from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.simulation import simulate
 
-DATA_SETS, SAMPLES, RANKS, BINS = 500, 110, 100, 20
-SEED = 2026
+SAMPLES, RANKS, BINS = 110, 100, 20
+DATA_SETS = {"arma": 500, "a2": 500, "impact": 500, "designs": 300}
+SEEDS = {"arma": 2026, "a2": 2026, "impact": 2026, "designs": 2027}
+FACTORS: dict[str, tuple[dict[str, Any], ...]] = {
+    "designs": (
+        {"name": "side", "levels": ["left", "right"]},
+        {"name": "session", "levels": 4, "every": False},
+    )
+}
 EXACT = Sampler(chains=2, warmup=400, draws=500, target_accept=0.9, path="exact")
 HERE = Path(__file__).parent
-KINDS = ("arma", "a2", "impact")
 
 
 def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
@@ -73,23 +89,52 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
 def blank(kind: str) -> Prepared:
     """Model, design and measuring chain, with traces of which only the start is told."""
     specification = read_specification(HERE / f"calibration-{kind}.toml")
-    prepared = prepare(simulate(campaign(0)).dataset("calibration"), specification, source="the model file")
+    made = campaign(0)
+    design = type(made.design).model_validate({**made.design.model_dump(), "factors": FACTORS.get(kind, ())})
+    dataset = simulate(made.model_copy(update={"design": design})).dataset("calibration")
+    prepared = prepare(dataset, specification, source="the model file")
     start = np.zeros((len(prepared.impacts), SAMPLES))
     start[:, 1] = prepared.signal.velocity * prepared.signal.dt
     return with_traces(prepared, start)
 
 
-def ranks(kind: str, data_sets: int, seconds: float, seed: int) -> pd.DataFrame:
-    """One row per drawn data set: the rank of each quantity, and the Pareto k of the correction."""
-    base = blank(kind)
-    draw, begun, rows = drawing(base), time.perf_counter(), []
-    for number in range(data_sets):
+def ranks_file(kind: str) -> Path:
+    """Where the ranks of one model are kept."""
+    return HERE / f"calibration_ranks_{kind}.csv"
+
+
+def made_before(kind: str) -> pd.DataFrame:
+    """The ranks that earlier calls found: each drawn data set once, with the Pareto k of its correction."""
+    if not ranks_file(kind).is_file():
+        return pd.DataFrame({"data_set": []})
+    found = pd.read_csv(ranks_file(kind)).drop_duplicates("data_set")
+    return found.sort_values("data_set", ignore_index=True)
+
+
+def add(kind: str, row: dict[str, float]) -> None:
+    """Add a line, after a header where there is none; in one write, so that two lanes may share the file."""
+    frame = pd.DataFrame([row])
+    with contextlib.suppress(FileExistsError), ranks_file(kind).open("x", encoding="utf-8") as file:
+        file.write(",".join(frame.columns) + "\n")
+    with ranks_file(kind).open("a", encoding="utf-8") as file:
+        file.write(frame.to_csv(index=False, header=False, float_format="%.3f", lineterminator="\n"))
+
+
+def run(kind: str, data_sets: int, seconds: float, lane: int, lanes: int) -> None:
+    """Fit the data sets of one lane that no earlier call has fitted."""
+    base, begun = blank(kind), time.perf_counter()
+    draw, before = drawing(base), set(made_before(kind)["data_set"])
+    groups = [
+        term.effect(q) for q in "KC" for term in base.design.responses[q].terms if term.grouping != "trial"
+    ]
+    for number in range(lane - 1, data_sets, lanes):
+        if number in before:
+            continue
         if time.perf_counter() - begun > seconds:
             break
-        rows.append(ranks_of_one(base, draw, number, seed))
-        if number % 20 == 0:
-            print(f"{kind}: {number + 1} data sets, {time.perf_counter() - begun:.0f} s", flush=True)
-    return pd.DataFrame(rows)
+        made = ranks_of_one(base, draw, number, SEEDS[kind], groups=groups if kind in FACTORS else ())
+        add(kind, {"data_set": number} | made)
+        print(f"{kind}: data set {number}, {time.perf_counter() - begun:.0f} s", flush=True)
 
 
 def drawing(base: Prepared) -> Callable[..., Any]:
@@ -197,22 +242,20 @@ def figure(found: dict[str, pd.DataFrame]) -> None:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Simulation-based calibration of fits.")
-    parser.add_argument("likelihood", choices=KINDS)
-    parser.add_argument("--data-sets", type=int, default=DATA_SETS)
+    parser.add_argument("model", choices=list(DATA_SETS))
+    parser.add_argument("--data-sets", type=int, help="in all, those of earlier calls too")
     parser.add_argument("--seconds", type=float, default=np.inf, help="begin no data set after these")
-    parser.add_argument("--seed", type=int, default=SEED, help="of what is drawn")
+    parser.add_argument("--lane", type=int, default=1, help="which share of the data sets, from 1")
+    parser.add_argument("--lanes", type=int, default=1, help="how many shares there are")
     asked = parser.parse_args()
     runtime.configure()
-    made = ranks(asked.likelihood, asked.data_sets, asked.seconds, asked.seed)
-    command = f"benchmarks/calibration.py {asked.likelihood}"
-    if len(made) != DATA_SETS:
-        command += f" --data-sets {len(made)}"
-    if asked.seed != SEED:
-        command += f" --seed {asked.seed}"
-    made.to_csv(HERE / f"calibration_ranks_{asked.likelihood}.csv", index=False, float_format="%.3f")
-    files = {kind: HERE / f"calibration_ranks_{kind}.csv" for kind in KINDS}
-    figure({kind: pd.read_csv(path) for kind, path in files.items() if path.is_file()})
-    kept_with(HERE / "calibration.csv", table(asked.likelihood, made, command), "likelihood")
+    run(asked.model, asked.data_sets or DATA_SETS[asked.model], asked.seconds, asked.lane, asked.lanes)
+    found = {kind: made_before(kind).drop(columns="data_set") for kind in DATA_SETS}
+    figure({kind: ranks for kind, ranks in found.items() if len(ranks)})
+    count = len(found[asked.model])
+    command = f"benchmarks/calibration.py {asked.model}"
+    command += f" --data-sets {count}" if count != DATA_SETS[asked.model] else ""
+    kept_with(HERE / "calibration.csv", table(asked.model, found[asked.model], command), "likelihood")
 
 
 if __name__ == "__main__":

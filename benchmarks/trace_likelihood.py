@@ -21,7 +21,7 @@ import jax.numpy as jnp
 from bayestissue.dataset import read_dataset
 from bayestissue.hierarchy.specification import read_specification
 from bayestissue.hierarchy.trace_data import KINDS, prepare
-from bayestissue.hierarchy.traces import Kind, observed, trace_distribution
+from bayestissue.hierarchy.traces import Kind, trace_distribution
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.runtime import configure
 
@@ -36,10 +36,10 @@ def calls(kind: Kind) -> dict[str, Callable[[], Any]]:
     model, data, u = prepared.model, prepared.data, list(jnp.asarray(first_guess(prepared)).T)
 
     def recorded(u: list[jax.Array], data: Any) -> jax.Array:
-        return trace_distribution(model, data, u).log_prob(observed(data)).sum()
+        return trace_distribution(model, data, u).log_prob(data.record.traces).sum()
 
     def other(u: list[jax.Array], data: Any) -> jax.Array:
-        return trace_distribution(model, data, u).log_prob(observed(data) + 0.0).sum()
+        return trace_distribution(model, data, u).log_prob(data.record.traces + 0.0).sum()
 
     made = {}
     for name, density in (("recorded", recorded), ("other", other)):

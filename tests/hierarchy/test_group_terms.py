@@ -252,11 +252,17 @@ def test_a_prior_of_no_term_is_refused(key: str) -> None:
         specification(priors={"sd_group": {key: {q: scale(0.2) for q in "KC"}}})
 
 
-def test_published_estimates_know_people_and_conditions_alone() -> None:
+def test_published_estimates_take_the_columns_of_their_tables() -> None:
     from bayestissue.dataset.published import read_published
     from bayestissue.hierarchy.published import published_design, published_observations
 
     observations = published_observations(read_published())
-    model = ModelSpecification(name="x", likelihood="published-estimates")
-    with pytest.raises(InputError, match="no other group terms"):
-        published_design(observations, model, formulas=Formulas(K="(log(mass_kg)|subject)", C="(1|subject)"))
+    content = {"name": "x", "likelihood": "published-estimates"}
+    compared = {"own": "(log(mass_kg)|subject)", "energy": "(1|energy_J)"}
+    model = ModelSpecification.model_validate({**content, "comparison": {"formulas": compared}})
+    assert {"sd_subject_mass_exponent_K", "sd_energy_J_C"} <= set(model.complete_priors().by_name())
+    for formula in compared.values():
+        design = published_design(observations, model, formulas=Formulas(K=formula, C="(1|subject)"))
+        assert formula == design.formulas.K
+    with pytest.raises(InputError, match="no column side"):
+        published_design(observations, model, formulas=Formulas(K="(1|subject:side)", C="(1|subject)"))

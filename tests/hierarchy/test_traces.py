@@ -25,7 +25,6 @@ from bayestissue.hierarchy.traces import (
     TraceModel,
     from_standard,
     log_likelihood,
-    observed,
     physical,
     plain_model,
     sampled_model,
@@ -177,7 +176,7 @@ def test_the_likelihood_is_one_event_an_impact(kind: Kind) -> None:
     assert distribution.batch_shape == (NUMBER,)
     assert distribution.event_shape == (SAMPLES,)
     scores = log_likelihood(model, data, u)
-    assert_allclose(scores, distribution.log_prob(observed(data) + 0.0), rtol=1e-8)
+    assert_allclose(scores, distribution.log_prob(data.record.traces + 0.0), rtol=1e-8)
 
 
 def test_spreads_are_the_groups_the_impacts_and_the_nuisance() -> None:

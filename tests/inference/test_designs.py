@@ -14,8 +14,7 @@ from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.fit import fit_traces
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
-from bayestissue.inference.results.labels import design_attributes, labelled
-from bayestissue.inference.results.tree import _dimensions
+from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
 from bayestissue.simulation import Simulation, simulate
 from designs import design_of
 
@@ -39,7 +38,7 @@ def test_dimensions_and_meanings_follow_the_columns() -> None:
     sites |= {name: rng.uniform(0.1, 1, (2, 3)) for name in single - {""}}
     found = labelled(
         derived.reported_sites(design, sites) | derived.people_and_conditions(design, sites),
-        _dimensions(design),
+        design_dimensions(design),
         {name: list(grouping.levels) for name, grouping in design.groupings.items()},
         attributes=design_attributes(design),
     )

@@ -188,9 +188,14 @@ class ModelSpecification(_Table):
             raise ValueError('likelihood = "impact" beside element: the others are of spring and damper')
         return self
 
+    def group_terms(self) -> tuple[GroupTerm, ...]:
+        """`Formulas.group_terms` of the model's own formulas and of those that compete with them."""
+        every = [self.formula, *(Formulas(K=each, C=each) for each in self.comparison.formulas.values())]
+        return tuple(dict.fromkeys(term for formulas in every for term in formulas.group_terms()))
+
     @model_validator(mode="after")
     def _of_the_formula(self) -> Self:
-        asked = self.formula.group_terms()
+        asked = self.group_terms()
         if strange := [str(term) for term in self.priors.of_terms() if term not in asked]:
             raise ValueError(
                 f"priors.sd_group and priors.sd_slope of {', '.join(map(str, asked)) or 'nothing'}, all "
@@ -224,7 +229,7 @@ class ModelSpecification(_Table):
             for each in element(self.element).extra
         }
         set_apart = self.priors.of_terms()
-        terms = {term: set_apart.get(term, SD_OF_TERM) for term in self.formula.group_terms()}
+        terms = {term: set_apart.get(term, SD_OF_TERM) for term in self.group_terms()}
         return self.priors.model_copy(
             update={
                 "element": own | self.priors.element,

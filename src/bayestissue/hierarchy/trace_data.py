@@ -17,8 +17,8 @@ from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
-from bayestissue.hierarchy.traces import Kind, TraceData, TraceModel, nuisance_of
-from bayestissue.likelihood.arma.displacement import DisplacementRecord, displacement_record
+from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
+from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.discrepancy import modes
 from bayestissue.likelihood.element.response import ElementRecord
@@ -212,7 +212,7 @@ def _without_people(design: Design, source: str) -> list[Problem]:
 
 def _record(
     dataset: MeasuredImpacts, specification: ModelSpecification, signal: Displacements
-) -> tuple[DisplacementRecord | DecelerationRecord | ElementRecord, np.ndarray]:
+) -> tuple[Record, np.ndarray]:
     """The traces with the standard deviations of their linear errors, and each trace's peak."""
     chain, recorded = dataset.uncertainty, dataset.quantity == "displacement"
     velocity_sd = np.hypot(chain.velocity_sd_m_s, chain.relative_gain_sd * signal.velocity)

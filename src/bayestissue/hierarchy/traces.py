@@ -42,7 +42,7 @@ NUISANCE: dict[str, tuple[str, ...]] = {
     "a2": ("noise",),
     "impact": ("noise",),
 }
-RECORDED = (DecelerationRecord, ElementRecord)
+Record = DisplacementRecord | DecelerationRecord | ElementRecord
 LOG_2 = 0.6931471805599453
 # The site that holds the coordinates of all spreads where they are warped.
 COORDINATES = "coordinates"
@@ -64,7 +64,7 @@ class TraceData(NamedTuple):
             its noise.
     """
 
-    record: DisplacementRecord | DecelerationRecord | ElementRecord
+    record: Record
     design: PopulationDesign
     location_mean: Float[Array, " location"]
     log_mass: Float[Array, " impact"]
@@ -205,24 +205,14 @@ def trace_distribution(
     return MeasuredDisplacement(at.omega_n, at.zeta, at.theta1, at.log_sigma, data.record)
 
 
-def observed(data: TraceData) -> Array:
-    """The traces themselves, [impact, sample]."""
-    return data.record.d if isinstance(data.record, RECORDED) else data.record.x
-
-
 def log_likelihood(model: TraceModel, data: TraceData, u: list[Array]) -> Float[Array, " impact"]:
     """Log density of each trace given its own parameters, the chain's errors integrated out."""
-    return trace_distribution(model, data, u).log_prob(observed(data))
+    return trace_distribution(model, data, u).log_prob(data.record.traces)
 
 
 def with_normal_errors(data: TraceData) -> TraceData:
     """The same traces, every error of the measuring chain taken as normal with its standard deviation."""
-    if not isinstance(data.record, RECORDED):
-        return data
-    if isinstance(data.record, ElementRecord) and data.record.before is not None:
-        # Over all cells of contact the likelihood is smooth as it is.
-        return data
-    return data._replace(record=data.record._replace(uniform=jnp.zeros_like(data.record.uniform)))
+    return data._replace(record=data.record.with_normal_errors())
 
 
 def sample_hyperparameters(model: Hyperparameters) -> dict[str, Array]:
@@ -276,7 +266,7 @@ def population(model: TraceModel, sites: dict[str, Array]) -> Covariances:
 def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True) -> None:
     """The model from the top down: standard deviations, b, each impact's parameters, its trace."""
     u = impacts_model(model, data)
-    seen = observed(data) if conditioned else None
+    seen = data.record.traces if conditioned else None
     with numpyro.plate("impact", data.log_mass.shape[0]):
         numpyro.sample("trace", trace_distribution(model, data, u), obs=seen)
 
@@ -335,7 +325,7 @@ def sampled_model(
         # Slopes of what is left out must be numbers too.
         u = [jnp.where(present, values, values[:1]) for values in u]
     with numpyro.plate("impact", number), numpyro.handlers.mask(mask=True if present is None else present):
-        numpyro.sample("trace", trace_distribution(model, data, u), obs=observed(data))
+        numpyro.sample("trace", trace_distribution(model, data, u), obs=data.record.traces)
 
 
 def warped(z_b: Float[Array, "*batch location"], warp: SinhArcsinh) -> Float[Array, "*batch location"]:

@@ -1,92 +1,116 @@
-"""Cholesky factors and solves of many small matrices at once, [row, column, *block], in numpy or JAX.
+"""Algebra of many small matrices at once, written out entry by entry, in numpy or JAX.
 
-Rows and columns come first and are unrolled, so that every operation runs along the blocks: a library call
-would visit the matrices one by one.
+A vector is a sequence of entries and a matrix one of rows, each entry an array over the blocks; an array with
+these axes first is such a sequence too. Every operation runs along the blocks, and XLA makes one loop of
+several: a library call would visit the matrices one by one, and whole matrices put together between two steps
+would all go through memory.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
+from functools import reduce
+from operator import add, mul
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Num
 
-Array = Any  # of numpy or JAX: what comes in decides what comes out
-
-
-def cholesky(matrix: Float[Array, "row row *block"]) -> Float[Array, "row row *block"]:
-    """The lower factor L of symmetric positive definite matrices, matrix = L L'."""
-    xp, left, columns = matrix.__array_namespace__(), matrix, []
-    for k in range(len(matrix)):
-        column = left[:, 0] / xp.sqrt(left[0, 0])
-        left = left[1:, 1:] - column[1:, None] * column[None, 1:]
-        columns.append(xp.concat([xp.zeros_like(column[:1])] * k + [column]))
-    return xp.stack(columns, axis=1) if columns else matrix
+Entry = Any  # an array of numpy or JAX, or a number
+Vector = Sequence[Entry]
+Matrix = Sequence[Vector]
+# Row i of a lower triangular matrix has i + 1 entries.
+Triangle = list[list[Entry]]
 
 
-def solve_lower(
-    factor: Float[Array, "row row *block"], right: Num[Array, " row *right"]
-) -> Float[Array, " row *right"]:
-    """L^-1 right; the blocks are the last axes of ``right`` too, and other axes may come before them."""
-    solved: list[Array] = []
-    for i in range(len(factor)):
-        rest = right[i]
-        for j, before in enumerate(solved):
-            rest = rest - factor[i, j] * before
-        solved.append(rest / factor[i, i])
-    return factor.__array_namespace__().stack(solved) if solved else right
+def dot(left: Vector, right: Vector) -> Entry:
+    """Sum of products as far as the shorter one reaches."""
+    terms = list(map(mul, left, right))
+    return reduce(add, terms) if terms else 0.0
 
 
-def solve_upper(
-    factor: Float[Array, "row row *block"], right: Num[Array, " row *right"]
-) -> Float[Array, " row *right"]:
+def cholesky(matrix: Matrix) -> Triangle:
+    """The lower factor L of symmetric positive definite matrices, matrix = L L'; their lower half is read."""
+    factor: Triangle = []
+    for i in range(len(matrix)):
+        row: list[Entry] = []
+        for above in factor:
+            row.append((matrix[i][len(row)] - dot(row, above)) / above[-1])
+        square = matrix[i][i] - dot(row, row)
+        factor.append([*row, square.__array_namespace__().sqrt(square)])
+    return factor
+
+
+def solve_lower(factor: Triangle, right: Vector) -> list[Entry]:
+    """L^-1 right; the entries of ``right`` may have axes before those of the blocks."""
+    solved: list[Entry] = []
+    for row, value in zip(factor, right, strict=True):
+        solved.append((value - dot(solved, row)) / row[-1])
+    return solved
+
+
+def solve_upper(factor: Triangle, right: Vector) -> list[Entry]:
     """L'^-1 right, as `solve_lower`."""
-    solved: list[Array] = []
+    solved: list[Entry] = []
     for i in reversed(range(len(factor))):
-        rest = right[i]
-        for j, after in zip(range(i + 1, len(factor)), solved, strict=True):
-            rest = rest - factor[j, i] * after
-        solved.insert(0, rest / factor[i, i])
-    return factor.__array_namespace__().stack(solved) if solved else right
+        below = [row[i] for row in factor[i + 1 :]]
+        solved.insert(0, (right[i] - dot(solved, below)) / factor[i][i])
+    return solved
 
 
-def inverse_factor(factor: Float[Array, "row row *block"]) -> Float[Array, "row row *block"]:
+def inverse_factor(factor: Triangle) -> Triangle:
     """L^-1, so that (L^-1)' L^-1 is the inverse of L L'."""
-    size = len(factor)
-    return solve_lower(factor, np.eye(size).reshape(size, size, *[1] * (factor.ndim - 2)))
+    inverse: Triangle = []
+    for i, row in enumerate(factor):
+        over = 1 / row[i]
+        columns = [[above[j] for above in inverse[j:]] for j in range(i)]
+        inverse.append([*(-over * dot(row[j:], column) for j, column in enumerate(columns)), over])
+    return inverse
 
 
-def log_diagonal(factor: Float[Array, "row row *block"]) -> Float[Array, " *block"]:
+def log_diagonal(factor: Triangle) -> Entry:
     """Log of the product of the factor's diagonal: half the log determinant of the matrix."""
-    xp = factor.__array_namespace__()
-    return sum((xp.log(factor[i, i]) for i in range(len(factor))), xp.zeros(()))
+    diagonal = [row[-1] for row in factor]
+    if not diagonal:
+        return np.zeros(())
+    # One log instead of one for each: a dozen standard deviations are far from where products overflow.
+    product = reduce(mul, diagonal)
+    return product.__array_namespace__().log(product)
 
 
-def product(
-    left: Float[Array, "row inner *#block"], right: Float[Array, "inner column *#block"]
-) -> Float[Array, "row column *block"]:
-    """Of matrices; written as a sum, since a small product is a call each."""
-    return (left[:, :, None] * right[None]).sum(1)
+def times(matrix: Matrix, vector: Vector) -> list[Entry]:
+    """Matrices times vectors; of a lower triangle its own entries."""
+    return [dot(row, vector) for row in matrix]
 
 
-def times(
-    matrix: Float[Array, "row column *#block"], vector: Float[Array, "column *#block"]
-) -> Float[Array, " row *block"]:
-    """Matrices times vectors."""
-    return (matrix * vector[None]).sum(1)
+def turned_times(triangle: Triangle, vector: Vector) -> list[Entry]:
+    """The transpose of lower triangles times vectors."""
+    return [dot([row[a] for row in triangle[a:]], vector[a:]) for a in range(len(triangle))]
 
 
-def outer(left: Float[Array, " row *block"], right: Float[Array, " column *block"]) -> Array:
-    """Products of every entry with every entry."""
-    return left[:, None] * right[None]
+def squared(triangle: Triangle) -> list[list[Entry]]:
+    """The transpose of lower triangles times these."""
+    return symmetric(
+        len(triangle), lambda a, b: dot(*zip(*((row[a], row[b]) for row in triangle[a:]), strict=True))
+    )
 
 
-def with_axes(values: Array, first: int, axes: int) -> Array:
-    """The same with so many axes behind the ``first``, those that are missing of length one."""
-    missing = (1,) * (axes + first - values.ndim)
-    return values.reshape(*values.shape[:first], *missing, *values.shape[first:])
+def product(left: Matrix, right: Matrix) -> list[list[Entry]]:
+    """Of matrices, the left one possibly a lower triangle."""
+    return [times(transposed(right), row) for row in left]
 
 
-def transposed(matrix: Float[Array, "row column *block"]) -> Float[Array, "column row *block"]:
+def transposed(matrix: Matrix) -> list[list[Entry]]:
     """Rows and columns exchanged."""
-    return matrix.swapaxes(0, 1)
+    return [list(column) for column in zip(*matrix, strict=True)]
+
+
+def symmetric(size: int, entry: Callable[[int, int], Entry]) -> list[list[Entry]]:
+    """Of entries that are made once for a >= b."""
+    lower = [[entry(a, b) for b in range(a + 1)] for a in range(size)]
+    return [[lower[max(a, b)][min(a, b)] for b in range(size)] for a in range(size)]
+
+
+def stacked(matrix: Matrix) -> Any:
+    """One array with the axes of rows and columns first."""
+    xp = matrix[0][0].__array_namespace__()
+    return xp.stack([xp.stack(xp.broadcast_arrays(*row)) for row in matrix])

@@ -54,14 +54,17 @@ class Expansion(NamedTuple):
     def value(self, about: Float[Array, "parameter place"], covariances: Covariances) -> Array:
         """Of each place, where X b is ``about``."""
         away = self._away(about, covariances)
-        return (away * (self.slope + blocks.times(self.bend, away) / 2)).sum(0)
+        return (away * (self.slope + self._bent(away) / 2)).sum(0)
 
     def added_to(self, sums: CellSums, about: Float[Array, "parameter place"], to: Covariances) -> CellSums:
         """The sums at ``about`` with the expansion in them."""
-        turned = self.slope + blocks.times(self.bend, self._away(about, to))
+        turned = self.slope + self._bent(self._away(about, to))
         size = len(about)
         weight, constant = sums.weight - self.bend[:size, :size], sums.constant + self.value(about, to)
         return CellSums(weight, sums.pull + turned[:size], constant)
+
+    def _bent(self, away: Float[Array, "v place"]) -> Float[Array, "v place"]:
+        return jnp.stack(blocks.times(self.bend, away))
 
     def _away(self, about: Array, covariances: Covariances) -> Array:
         moved = flat_spreads(covariances) - self.spreads
@@ -132,7 +135,7 @@ class Conditional(NamedTuple):
     ) -> Float[Array, "parameter impact"]:
         """Each impact's u from standard normals, given b."""
         given = ImpactConditional.of(self.prior, parameters_first(sites))
-        return given.draw(expected(self.design, b), standard.T)
+        return jnp.stack(given.draw(expected(self.design, b), standard.T))
 
 
 def integrate_out(data: Data, covariances: Covariances) -> Conditional:

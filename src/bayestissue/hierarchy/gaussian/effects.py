@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 from jax import Array
 from jax.scipy.linalg import cho_solve, solve_triangular
 from jaxtyping import Float
@@ -38,7 +37,7 @@ class EffectsConditional(NamedTuple):
         rest_half: F^-1 times what then pulls the rest.
     """
 
-    factor: Float[Array, "own own level"]
+    factor: blocks.Triangle
     coupling: Float[Array, "own rest level"]
     half: Float[Array, "own level"]
     rest_factor: Float[Array, "rest rest"]
@@ -56,7 +55,7 @@ class EffectsConditional(NamedTuple):
         """The inverse of the whole factor's transpose times a vector."""
         rest = solve_triangular(self.rest_factor, rest, lower=True, trans=1)
         left = own - (self.coupling * rest[:, None]).sum(1)
-        return blocks.solve_upper(self.factor, left), rest
+        return _stacked(blocks.solve_upper(self.factor, left), own), rest
 
 
 def log_density_of_cells(
@@ -113,9 +112,7 @@ def effects_from_standard(
 
 
 def integrated_levels(
-    weight: Float[Array, "effect effect *level"],
-    pull: Float[Array, " effect *level"],
-    root: Float[Array, "effect effect *#level"],
+    weight: blocks.Matrix, pull: blocks.Vector, root: blocks.Matrix
 ) -> Float[Array, "*level"]:
     """What the log density of each level's data gains by its effects being integrated out, from 0.
 
@@ -128,11 +125,12 @@ def integrated_levels(
         root: R.
     """
     turned = blocks.transposed(root)
-    size = len(pull)
-    one = np.eye(size).reshape(size, size, *[1] * (pull.ndim - 1))
-    factor = blocks.cholesky(one + blocks.product(blocks.product(turned, weight), root))
+    inner = blocks.product(blocks.product(turned, weight), root)
+    factor = blocks.cholesky(
+        [[value + (a == b) for b, value in enumerate(row)] for a, row in enumerate(inner)]
+    )
     half = blocks.solve_lower(factor, blocks.times(turned, pull))
-    return (half**2).sum(0) / 2 - blocks.log_diagonal(factor)
+    return blocks.dot(half, half) / 2 - blocks.log_diagonal(factor)
 
 
 def _elements(design: PopulationDesign) -> tuple[Array, Array]:
@@ -162,9 +160,10 @@ def _eliminated(
 
     size = range(len(weight))
     factor = blocks.cholesky(_symmetric(of_own, size) + own_prior)
-    coupling = blocks.solve_lower(factor, _assembled(across, size))
+    coupled = _assembled(across, size)
+    coupling = _stacked(blocks.solve_lower(factor, coupled), coupled)
     pulled = by_level(jnp.concatenate([(inner[a] * pull[a]).sum(-1) for a in size]))
-    half = blocks.solve_lower(factor, pulled)
+    half = _stacked(blocks.solve_lower(factor, pulled), pulled)
     left = _symmetric(of_rest, size) + rest_prior - jnp.einsum("iql,ipl->qp", coupling, coupling)
     right = jnp.concatenate([_flat(rest[a]).T @ _as_rest(pull[a], rest[a]) for a in size])
     rest_factor = jnp.linalg.cholesky(left)
@@ -172,6 +171,10 @@ def _eliminated(
     return EffectsConditional(
         factor, coupling, half, rest_factor, solve_triangular(rest_factor, right, lower=True)
     )
+
+
+def _stacked(entries: Sequence[Array], like: Array) -> Array:
+    return jnp.stack(entries) if entries else like
 
 
 def _flat(columns: Float[Array, "#row slot part"]) -> Float[Array, "place part"]:
@@ -209,7 +212,7 @@ def _assembled(entry: Callable[[int, int], Array], size: Sequence[int]) -> Array
 def _symmetric(entry: Callable[[int, int], Array], size: Sequence[int]) -> Array:
     """A symmetric matrix of blocks, those of its upper triangle given."""
     upper = {pair: entry(*pair) for pair in itertools.combinations_with_replacement(size, 2)}
-    return _assembled(lambda a, b: upper[a, b] if a <= b else blocks.transposed(upper[b, a]), size)
+    return _assembled(lambda a, b: upper[a, b] if a <= b else upper[b, a].swapaxes(0, 1), size)
 
 
 @jax.custom_vjp
@@ -232,10 +235,11 @@ def _backward(kept: tuple[EffectsConditional, PopulationDesign], change: Array) 
     found, design = kept
     size = range(len(design.inner))
     rest_covariance = cho_solve((found.rest_factor, True), jnp.eye(len(found.rest_half)))
-    gain = blocks.solve_upper(found.factor, found.coupling)
+    gain = _stacked(blocks.solve_upper(found.factor, found.coupling), found.coupling)
     across = -jnp.einsum("iql,qp->ipl", gain, rest_covariance)
-    root = blocks.inverse_factor(found.factor)
-    covariance = blocks.product(blocks.transposed(root), root) - jnp.einsum("iql,jql->ijl", across, gain)
+    covariance = -jnp.einsum("iql,jql->ijl", across, gain)
+    if found.factor:
+        covariance = covariance + blocks.stacked(blocks.squared(blocks.inverse_factor(found.factor)))
     own, rest = found.solve_upper(found.half, found.rest_half)
     inner_parts, rest_parts = _parts(design.inner, 0), _parts(design.rest, 2)
     rows = jnp.asarray(design.level)
@@ -262,9 +266,9 @@ def _backward(kept: tuple[EffectsConditional, PopulationDesign], change: Array) 
     upper = {pair: scatter(*pair) for pair in itertools.combinations_with_replacement(size, 2)}
     squares = jnp.stack([jnp.stack([upper[min(a, b), max(a, b)] for b in size]) for a in size])
     return (
-        -change / 2 * (covariance + blocks.outer(own, own)),
-        -change / 2 * (rest_covariance + blocks.outer(rest, rest)),
-        -change / 2 * (squares + blocks.outer(about, about)),
+        -change / 2 * (covariance + own[:, None] * own[None]),
+        -change / 2 * (rest_covariance + rest[:, None] * rest[None]),
+        -change / 2 * (squares + about[:, None] * about[None]),
         change * about,
         None,
     )

@@ -71,74 +71,93 @@ class ImpactPrior(NamedTuple):
 
 @dataclass(frozen=True)
 class ImpactConditional:
-    """u of impacts given X b, all of it with the parameters first, as `parameters_first` makes them.
+    """u of impacts given X b: vectors and matrices of entries, see `bayestissue.hierarchy.gaussian.blocks`.
 
     Attributes:
         prior: of u, whose axes behind the parameters broadcast with the sites' own.
-        sites: of the impacts.
+        sites: of the impacts, as `parameters_first` makes them.
         factor: L, with L L' = P + D.
     """
 
     prior: ImpactPrior
     sites: SitesFirst
-    factor: Any
+    factor: blocks.Triangle
 
     @classmethod
     def of(cls, prior: ImpactPrior, sites: SitesFirst) -> ImpactConditional:
-        """Of sites with the parameters first; either may lack leading axes that the other has."""
-        axes = max(prior.precision.ndim, sites.precision.ndim) - 2
-        precision = blocks.with_axes(sites.precision, 2, axes)
-        centre, slope = (blocks.with_axes(part, 1, axes) for part in sites[:2])
-        prior = prior._replace(precision=blocks.with_axes(prior.precision, 2, axes))
-        factor = blocks.cholesky(precision + prior.precision)
-        return cls(prior, SitesFirst(centre, slope, precision, sites.log_likelihood), factor)
+        """Of sites with the parameters first."""
+        size, (p, d) = len(sites.precision), (sites.precision, prior.precision)
+        both = [[p[a][b] + d[a][b] for b in range(a + 1)] for a in range(size)]
+        return cls(prior, sites, blocks.cholesky(both))
 
     @cached_property
-    def covariance(self) -> Any:
-        """V."""
-        root = blocks.inverse_factor(self.factor)
-        return blocks.product(blocks.transposed(root), root)
+    def _root(self) -> blocks.Triangle:
+        """L^-1."""
+        return blocks.inverse_factor(self.factor)
 
     @cached_property
-    def shrinkage(self) -> Any:
+    def _of_prior(self) -> blocks.Matrix:
+        """L^-1 D."""
+        return blocks.product(self._root, self.prior.precision)
+
+    @cached_property
+    def _of_site(self) -> blocks.Matrix:
+        """L^-1 P."""
+        return blocks.product(self._root, self.sites.precision)
+
+    @cached_property
+    def covariance(self) -> blocks.Matrix:
+        """V = L'^-1 L^-1."""
+        return blocks.squared(self._root)
+
+    @cached_property
+    def shrinkage(self) -> blocks.Matrix:
         """V P, by which the mean of u moves from X b towards what the site says."""
-        return blocks.product(self.covariance, self.sites.precision)
+        columns = blocks.transposed(self._of_site)
+        return blocks.transposed([blocks.turned_times(self._root, column) for column in columns])
 
     @cached_property
-    def weight(self) -> Any:
+    def weight(self) -> blocks.Matrix:
         """W = D V P, the precision with which a site tells X b."""
-        return blocks.product(self.prior.precision, self.shrinkage)
+        columns = [blocks.transposed(part) for part in (self._of_prior, self._of_site)]
+        return blocks.symmetric(len(self.factor), lambda a, b: blocks.dot(columns[0][a], columns[1][b]))
 
-    def moved(self, about: Any) -> Any:
+    def _toward_site(self, about: blocks.Vector) -> blocks.Vector:
+        """L^-1 (g - P (X b - m))."""
+        bent = blocks.times(self._of_site, self._away(about))
+        return [g - b for g, b in zip(blocks.times(self._root, self.sites.slope), bent, strict=True)]
+
+    def _away(self, about: blocks.Vector) -> blocks.Vector:
+        return [v - m for v, m in zip(about, self.sites.centre, strict=True)]
+
+    def moved(self, about: blocks.Vector) -> blocks.Vector:
         """The mean of u less X b, where that is ``about``: V g - V P (X b - m)."""
-        away = about - self.sites.centre
-        return blocks.times(self.covariance, self.sites.slope) - blocks.times(self.shrinkage, away)
+        return blocks.turned_times(self._root, self._toward_site(about))
 
-    def pull(self, about: Any) -> Any:
+    def pull(self, about: blocks.Vector) -> blocks.Vector:
         """The slope of `log_density`: D V g - W (X b - m)."""
-        return blocks.times(self.prior.precision, self.moved(about))
+        return blocks.times(blocks.transposed(self._of_prior), self._toward_site(about))
 
-    def log_density(self, about: Any) -> Any:
+    def log_density(self, about: blocks.Vector) -> blocks.Entry:
         """Log of the sites, u integrated out, where X b is ``about``."""
-        away, (_, slope, precision, level) = about - self.sites.centre, self.sites
-        half = blocks.solve_lower(self.factor, slope)
+        half = blocks.times(self._root, self.sites.slope)
+        toward = self._toward_site(about)
         # (X b - m)' (D V g - W (X b - m) / 2), in factors.
-        near = half - blocks.solve_lower(self.factor, blocks.times(precision, away)) / 2
-        gained = near * blocks.solve_lower(self.factor, blocks.times(self.prior.precision, away))
+        near = [(h + t) / 2 for h, t in zip(half, toward, strict=True)]
+        gained = blocks.dot(near, blocks.times(self._of_prior, self._away(about)))
         scale = self.prior.log_determinant / 2 - blocks.log_diagonal(self.factor)
-        return level + scale + (gained + half**2 / 2).sum(0)
+        return self.sites.log_likelihood + scale + gained + blocks.dot(half, half) / 2
 
-    def toward(self, about: Any) -> Any:
+    def toward(self, about: blocks.Vector) -> blocks.Vector:
         """L^-1 (g + D (X b - m)), where X b is ``about``."""
-        right = self.sites.slope + blocks.times(self.prior.precision, about - self.sites.centre)
-        return blocks.solve_lower(self.factor, right)
+        pulled = blocks.times(self.prior.precision, self._away(about))
+        return blocks.times(self._root, [g + p for g, p in zip(self.sites.slope, pulled, strict=True)])
 
-    def draw(self, about: Any, standard: Any) -> Any:
+    def draw(self, about: blocks.Vector, standard: blocks.Vector) -> blocks.Vector:
         """U from standard normals: N(m + V (g + D (X b - m)), V)."""
-        half = self.toward(about)
-        axes = max(half.ndim, standard.ndim) - 1
-        centre, half, standard = (blocks.with_axes(v, 1, axes) for v in (self.sites.centre, half, standard))
-        return centre + blocks.solve_upper(self.factor, half + standard)
+        half = [h + z for h, z in zip(self.toward(about), standard, strict=True)]
+        pairs = zip(self.sites.centre, blocks.turned_times(self._root, half), strict=True)
+        return [m + moved for m, moved in pairs]
 
 
 def parameters_first(sites: Sites) -> SitesFirst:
@@ -187,7 +206,16 @@ def cell_sums(prior: ImpactPrior, about: Float[Array, "parameter place"], laid: 
         about: X b at b's prior mean.
         laid: the sites, see `lay`.
     """
-    return _over_blocks(partial(_sums_of_block, prior, about), laid)
+    weight, pull, constant = _over_blocks(partial(_sums_of_block, prior, about), laid)
+    return CellSums(_whole(weight), jnp.stack(pull), constant)
+
+
+def _lower(matrix: blocks.Matrix) -> blocks.Triangle:
+    return [list(row[: a + 1]) for a, row in enumerate(matrix)]
+
+
+def _whole(lower: blocks.Triangle) -> Array:
+    return blocks.stacked(blocks.symmetric(len(lower), lambda a, b: lower[a][b]))
 
 
 def _over_blocks(function: Any, laid: SitesFirst) -> Any:
@@ -202,10 +230,10 @@ def _over_blocks(function: Any, laid: SitesFirst) -> Any:
     return jax.lax.scan(add, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), first), laid)[0]
 
 
-def _sums_of_block(prior: ImpactPrior, about: Array, sites: SitesFirst) -> CellSums:
-    given, about = ImpactConditional.of(prior, sites), about[:, None]
-    made = given.weight, given.pull(about), given.log_density(about)
-    return CellSums(*(values.sum(-2) for values in made))
+def _sums_of_block(prior: ImpactPrior, about: Array, sites: SitesFirst) -> Any:
+    given = ImpactConditional.of(prior, sites)
+    made = _lower(given.weight), given.pull(about), given.log_density(about)
+    return jax.tree.map(lambda values: values.sum(-2), made)
 
 
 def _forward(prior: ImpactPrior, about: Array, laid: SitesFirst) -> tuple[CellSums, Any]:
@@ -216,22 +244,25 @@ def _backward(given: Any, change: CellSums) -> tuple[ImpactPrior, None, None]:
     prior, about, laid = given
     of_precision = _over_blocks(partial(_change_of_block, prior, about, change), laid)
     slots = laid.log_likelihood.shape[0] * laid.log_likelihood.shape[1]
-    return ImpactPrior(of_precision, slots * change.constant.sum() / 2), None, None
+    return ImpactPrior(_whole(of_precision), slots * change.constant.sum() / 2), None, None
 
 
-def _change_of_block(prior: ImpactPrior, about: Array, change: CellSums, sites: SitesFirst) -> Array:
+def _change_of_block(prior: ImpactPrior, about: Array, change: CellSums, sites: SitesFirst) -> Any:
     """By D: T W T' + (T p t' + t p' T') / 2 - c (V + t t') / 2 with changes W, p and c of the three sums.
 
     T is V P, and t the mean of u - X b.
     """
     given = ImpactConditional.of(prior, sites)
-    shrink, mean = given.shrinkage, given.moved(about[:, None])
-    of_weight, of_pull, of_constant = (part[..., None, :] for part in change)
-    bent = blocks.product(blocks.product(shrink, of_weight), blocks.transposed(shrink))
-    pulled = blocks.outer(blocks.times(shrink, of_pull), mean)
-    squares = given.covariance + blocks.outer(mean, mean)
-    whole = bent + (pulled + blocks.transposed(pulled) - of_constant * squares) / 2
-    return whole.sum((-2, -1))
+    shrink, mean, covariance = given.shrinkage, given.moved(about), given.covariance
+    bent = blocks.product(shrink, change.weight)
+    pulled = blocks.times(shrink, change.pull)
+
+    def entry(a: int, b: int) -> Array:
+        across = (pulled[a] * mean[b] + pulled[b] * mean[a]) / 2
+        squares = covariance[a][b] + mean[a] * mean[b]
+        return (blocks.dot(bent[a], shrink[b]) + across - change.constant / 2 * squares).sum()
+
+    return [[entry(a, b) for b in range(a + 1)] for a in range(len(mean))]
 
 
 cell_sums.defvjp(_forward, _backward)

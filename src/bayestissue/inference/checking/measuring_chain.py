@@ -40,7 +40,6 @@ from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import expanded, first_guess
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
-from bayestissue.inference.results.tree import error_names
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
@@ -156,7 +155,7 @@ def freed(prepared: Prepared, name: str, given: Sites | None = None) -> Freed:
         given: `expanded` of the same, if it is at hand.
     """
     data, column = with_normal_errors(prepared.data), _column(prepared, name)
-    sign = -1.0 if error_names(prepared)[column] == "ramp_error" else 1.0
+    sign = -1.0 if [*prepared.data.record.errors][column] == "ramp_error" else 1.0
     sd = np.asarray(data.record.error_sd)
     unit, declared = _unit(prepared, name), sd[:, column]
     wide = np.where(np.arange(sd.shape[1]) == column, _WIDE[name] * unit[:, None], sd)
@@ -181,7 +180,7 @@ def freed(prepared: Prepared, name: str, given: Sites | None = None) -> Freed:
 
 
 def _column(prepared: Prepared, name: str) -> int:
-    names = error_names(prepared)
+    names = prepared.data.record.errors
     return next(place for place, each in enumerate(names) if each in _COLUMN[name])
 
 
@@ -191,7 +190,7 @@ def _unit(prepared: Prepared, name: str) -> Float[np.ndarray, " impact"]:
         return signal.velocity
     if name == OFFSET:
         return signal.velocity / signal.time_to_peak
-    is_time = "contact_time_error" in error_names(prepared)
+    is_time = "contact_time_error" in prepared.data.record.errors
     return signal.time_to_peak * (1.0 if is_time else signal.velocity)
 
 

@@ -79,7 +79,7 @@ class Normals(NamedTuple):
         self, z: Float[np.ndarray, "*draw impact parameter"]
     ) -> Float[np.ndarray, "*draw impact parameter"]:
         """From standard normals."""
-        return np.moveaxis(self.given.draw(self.about, np.moveaxis(z, -1, 0)), 0, -1)
+        return np.stack(self.given.draw(self.about, np.moveaxis(z, -1, 0)), axis=-1)
 
 
 def normals(summaries: Sites, anchor: ConditionalPrior) -> Normals:

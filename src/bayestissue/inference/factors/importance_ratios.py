@@ -121,7 +121,7 @@ def importance_ratios(
     known, tables = _known_and_tabulated(model, profile is not None)
     order, free = _order(known, tables), known - tables
     normals = _Ordered.of(Sites(*map(np.asarray, summaries)), anchors, known, tables)
-    means, sds = normals.of_tabulated()
+    means, sds = map(np.stack, normals.of_tabulated())
     references = means.mean(1)
     reaches = np.abs(means - references[:, None]).max(1) + 4 * sds.max(1)
     lasts = anchors.mean[..., -1] + anchors.precision[..., -1, -1] ** -0.5 * standard[:, -1:]
@@ -131,8 +131,8 @@ def importance_ratios(
 
     def ratio(away: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
         """With the tabulated parameters so far from the centre, the others from their conditional."""
-        given = normals._replace(shift=normals.shift[:, some], factor=normals.factor[:, :, some])
-        whole = np.broadcast_to(away[:, None], (tables, *given.shift.shape[1:]))
+        given = normals.at(some)
+        whole = np.broadcast_to(away[:, None], (tables, *given.shift[0].shape))
         moved = np.concatenate([given.given(whole, standard[some, :free].T[..., None]), whole])
         u = centre + np.moveaxis(moved, 0, -1)[..., back]
         complete = u if profile is None else np.concatenate([u, lasts[some, :, None]], axis=-1)
@@ -146,8 +146,7 @@ def importance_ratios(
     log_density = np.full(u.shape[:2], -np.inf)
     moved = np.moveaxis((u - centre)[..., order], -1, 0)
     for draw in range(len(standard)):
-        one = normals._replace(shift=normals.shift[:, draw, None], factor=normals.factor[:, :, draw, None])
-        log_density = np.logaddexp(log_density, one.log_density(moved))
+        log_density = np.logaddexp(log_density, normals.at((draw, None)).log_density(moved))
     few = slice(None, None, max(1, len(standard) // _POINTS_A_NODE))
     nodes = np.polynomial.chebyshev.chebpts1(_NODES)
 
@@ -200,7 +199,7 @@ class _Ordered(NamedTuple):
     """The normal conditional of each impact's parameters less the site's centre, the tabulated ones last.
 
     L' (u - m) - shift is standard normal, with L L' = P + D: the last parameters follow alone, and the others
-    given them. All arrays have the parameters first, in numpy or JAX.
+    given them. All are entries, as `bayestissue.hierarchy.gaussian.blocks` has them.
 
     Attributes:
         shift: L^-1 (g + D (X b - m)).
@@ -208,8 +207,8 @@ class _Ordered(NamedTuple):
         free: how many parameters have no table.
     """
 
-    shift: Any
-    factor: Any
+    shift: blocks.Vector
+    factor: blocks.Triangle
     free: int
 
     @classmethod
@@ -230,24 +229,30 @@ class _Ordered(NamedTuple):
         about = xp.moveaxis(prior.mean[..., order], -1, 0)
         return cls(found.toward(about), found.factor, size - tables)
 
-    def of_tabulated(self) -> tuple[Any, Any]:
+    def at(self, index: Any) -> _Ordered:
+        """With every entry indexed so."""
+        shift, factor = jax.tree.map(lambda entry: entry[index], (self.shift, self.factor))
+        return _Ordered(shift, factor, self.free)
+
+    def of_tabulated(self) -> tuple[blocks.Vector, blocks.Vector]:
         """Mean and standard deviation of each tabulated parameter."""
-        factor = self.factor[self.free :, self.free :]
-        root = blocks.inverse_factor(factor)
-        return blocks.solve_upper(factor, self.shift[self.free :]), (root**2).sum(0) ** 0.5
+        factor = [row[self.free :] for row in self.factor[self.free :]]
+        variance = blocks.squared(blocks.inverse_factor(factor))
+        mean = blocks.solve_upper(factor, self.shift[self.free :])
+        return mean, [row[a] ** 0.5 for a, row in enumerate(variance)]
 
-    def given(self, away: Any, z: Any) -> Any:
+    def given(self, away: blocks.Vector, z: blocks.Vector) -> blocks.Vector:
         """The free parameters from standard normals, the tabulated ones being ``away``."""
-        free = self.free
-        upper = blocks.transposed(self.factor)
-        right = self.shift[:free] + z - blocks.times(upper[:free, free:], away)
-        return blocks.solve_upper(self.factor[:free, :free], right)
+        tied, free = self.factor[self.free :], self.factor[: self.free]
+        pulled = [blocks.dot([row[a] for row in tied], away) for a in range(self.free)]
+        right = [s + own - p for s, own, p in zip(self.shift, z, pulled, strict=False)]
+        return blocks.solve_upper(free, right)
 
-    def log_density(self, moved: Any) -> Any:
+    def log_density(self, moved: blocks.Vector) -> Any:
         """Of the free parameters given the tabulated ones, up to a constant."""
-        factor = self.factor[:, : self.free]
-        z = blocks.times(blocks.transposed(factor), moved) - self.shift[: self.free]
-        return blocks.log_diagonal(factor[: self.free]) - (z**2).sum(0) / 2
+        turned = blocks.turned_times(self.factor, moved)[: self.free]
+        z = [t - s for t, s in zip(turned, self.shift, strict=False)]
+        return blocks.log_diagonal(self.factor[: self.free]) - blocks.dot(z, z) / 2
 
 
 def _chebyshev() -> np.ndarray:
@@ -291,8 +296,7 @@ def log_corrections(
     size, tables = ratios.u.shape[-1], len(ratios.tables)
     given = _Ordered.of(summaries, prior, size, tables)
     moved = jnp.moveaxis((ratios.u - summaries.centre[:, :size])[..., jnp.array(_order(size, tables))], -1, 0)
-    spread_out = given._replace(shift=given.shift[:, None], factor=given.factor[:, :, None])
-    log_weight = spread_out.log_density(moved) - ratios.log_density
+    log_weight = given.at(None).log_density(moved) - ratios.log_density
     weighted, weight = (jax.nn.logsumexp(w, axis=0) for w in (log_weight + ratios.log_ratio, log_weight))
     places = zip(*given.of_tabulated(), strict=True)
     means = [table.log_mean(*place) for table, place in zip(ratios.tables, places, strict=True)]

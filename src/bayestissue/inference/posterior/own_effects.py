@@ -110,8 +110,8 @@ def gained(
     slots: Slots,
     own: OwnEffects,
     sites: dict[str, Any],
-    weight: Float[Any, "parameter parameter *draw impact"],
-    pull: Float[Any, "parameter *draw impact"],
+    weight: blocks.Matrix,
+    pull: blocks.Vector,
     total: Callable[[Any], Any],
 ) -> Any:
     """What the log density of each level's traces gains by the level's own effects being integrated out.
@@ -121,29 +121,30 @@ def gained(
         slots: what the effects are.
         own: where they are.
         sites: the standard deviations, [*draw] each.
-        weight: W, the precision with which each impact's trace tells X b.
+        weight: W, the precision with which each impact's trace tells X b, entries [*draw, impact].
         pull: the slopes of its log evidence by X b, the level's own effects being 0.
         total: from values of impacts, along a last axis, to their sums over each level.
     """
     if not slots.spread:
         return 0.0
-    of, axes = np.array(slots.parameter), pull.ndim - 1
-    value = blocks.with_axes(own.value, 1, axes)
-    squares = total(weight[of][:, of] * blocks.outer(value, value))
-    return integrated_levels(squares, total(pull[of] * value), _root(model, slots, sites)[..., None])
+    each = list(zip(slots.parameter, own.value, strict=True))
+
+    def squares(s: int, t: int) -> Any:
+        (a, one), (b, other) = each[s], each[t]
+        return total(weight[a][b] * (one * other))
+
+    pulled = [total(pull[a] * value) for a, value in each]
+    return integrated_levels(blocks.symmetric(len(each), squares), pulled, _root(model, slots, sites))
 
 
-def _root(model: TraceModel, slots: Slots, sites: dict[str, Any]) -> Float[Any, "slot slot *draw"]:
-    """The lower Cholesky factor of the prior covariance of a level's effects."""
-    sd = {slot: sites[name] for slot, name in enumerate(slots.spread)}
-    entries = {(slot, slot): value for slot, value in sd.items()}
-    xp = sd[0].__array_namespace__()
-    variance = model.log_mass_sd**2
+def _root(model: TraceModel, slots: Slots, sites: dict[str, Any]) -> list[list[Any]]:
+    """The lower Cholesky factor of the prior covariance of a level's effects, entries [*draw, 1]."""
+    sd = [sites[name][..., None] for name in slots.spread]
+    xp, variance, count = sd[0].__array_namespace__(), model.log_mass_sd**2, range(len(sd))
+    entries = {(slot, slot): value for slot, value in enumerate(sd)}
     for K, C in slots.shared:
         first = xp.sqrt(sd[K] ** 2 + variance)
         # C + v - v^2 / (K + v), without the difference of near equals
         last = xp.sqrt(sd[C] ** 2 + variance * sd[K] ** 2 / first**2)
         entries |= {(K, K): first, (C, K): variance / first, (C, C): last}
-    count, zero = range(len(slots.spread)), xp.zeros_like(sd[0])
-    rows = [xp.stack([entries.get((s, t), zero) for t in count]) for s in count]  # noqa: PD013
-    return xp.stack(rows)  # noqa: PD013
+    return [[entries.get((s, t), xp.zeros_like(sd[0])) for t in count] for s in count]

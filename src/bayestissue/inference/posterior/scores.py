@@ -151,7 +151,7 @@ def scores_of_groups(
     """
 
     def at(away: Array) -> tuple[Array, Array]:
-        bent = blocks.times(sums.weight, away)
+        bent = jnp.stack(blocks.times(sums.weight, away))
         return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
 
     scores = {"traces": at(moved)[0].sum()}
@@ -161,8 +161,7 @@ def scores_of_groups(
             continue
 
         def total(values: Array, own: OwnEffects = own) -> Array:
-            summed = jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), own.level, own.element.shape[1])
-            return jnp.moveaxis(summed, 0, -1)
+            return jax.ops.segment_sum(values, own.level, own.element.shape[1])
 
         value, pull = at(without(slots, own, b, moved))
         added = gained(model, slots, own, sites, sums.weight, pull, total)

@@ -14,40 +14,33 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
-    observed,
     trace_distribution,
     with_normal_errors,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
-from bayestissue.likelihood.arma.displacement import DisplacementRecord, displacement_record
-from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.likelihood.element.response import ElementRecord, response
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 
-NOISE, CONTACT, ELEMENT = "noise", "contact moment", "element"
+NOISE, ELEMENT = "noise", "element"
 # Of log s_a^2: the derivative's own error is this squared over 24.
 _STEP = 0.1
 _SHORTER = 0.9
 _ITERATIONS = 5
-_ERRORS = {3: ("velocity and gain", "offset", CONTACT), 4: ("velocity", "gain", "offset", CONTACT)}
-_OF_DISPLACEMENT = (CONTACT, "velocity and gain", "offset")
-
 # What the mean of a trace does not depend on: told apart from K and C, and as small as to be nothing.
 _OF_NOISE = ("noise", "atanh_theta1", "discrepancy", "atanh_noise_correlation")
 _CORRELATIONS = ("atanh_theta1", "atanh_noise_correlation")
 _NOTHING = -60.0
 
 Matrices = Float[np.ndarray, "impact parameter parameter"]
-Record = DecelerationRecord | DisplacementRecord | ElementRecord
 
 
 @dataclass(frozen=True)
@@ -85,7 +78,7 @@ def trace_errors(
 
     parts: dict[str, Matrices] = {}
     error_sd = np.asarray(data.record.error_sd)
-    for column, name in enumerate(_error_names(prepared)):
+    for column, name in enumerate(data.record.errors.values()):
         if error_sd[:, column].any():
             ends = [_information(prepared, _scaled(data, column, side), u) for side in (1, -1)]
             parts[name] = part(*ends)
@@ -114,7 +107,7 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
         jax.random.split(jax.random.PRNGKey(0), PREDICTIVE_DRAWS),
     )
     trace = made["deceleration" if prepared.model.kind == "impact" else "displacement"][0]
-    record = _with_traces(data.record, np.nan_to_num(np.asarray(trace)), np.asarray(data.record.n_samples))
+    record = data.record.with_traces(np.nan_to_num(np.asarray(trace)), np.asarray(data.record.n_samples))
     return data._replace(record=record)
 
 
@@ -149,12 +142,6 @@ def _scaled(data: TraceData, column: int, side: int) -> TraceData:
     return data._replace(record=data.record._replace(error_sd=data.record.error_sd * factor))
 
 
-def _error_names(prepared: Prepared) -> tuple[str, ...]:
-    if prepared.model.kind != "impact":
-        return _OF_DISPLACEMENT
-    return _ERRORS[prepared.data.record.error_sd.shape[1]]
-
-
 class ShorterWindow(NamedTuple):
     """What a window a tenth shorter does to what traces alone say of log K and log C.
 
@@ -178,7 +165,7 @@ def shorter_window(prepared: Prepared, u: Float[np.ndarray, "impact parameter"])
         return None
     n = np.asarray(whole.record.n_samples)
     fewer = np.minimum(n, np.maximum(np.ceil(_SHORTER * n), FEWEST_SAMPLES)).astype(n.dtype)
-    shorter = _with_traces(whole.record, np.asarray(observed(whole)), fewer)
+    shorter = whole.record.with_traces(np.asarray(whole.record.traces), fewer)
     found = [
         laplace_sites(prepared.model, data, u, weak_prior(u), _ITERATIONS)
         for data in (whole, whole._replace(record=shorter))
@@ -190,17 +177,3 @@ def shorter_window(prepared: Prepared, u: Float[np.ndarray, "impact parameter"])
     ]
     gained = np.maximum(variances[1] - variances[0], 0.0)[:, :2]
     return ShorterWindow(centres[1] - centres[0], np.sqrt(gained))
-
-
-def _with_traces(
-    record: Record, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
-) -> Record:
-    """The record of other traces, or of fewer of their samples."""
-    if isinstance(record, ElementRecord):
-        other = record._replace(n_samples=jnp.asarray(n_samples))
-        return other._replace(d=jnp.where(other.inside(), jnp.asarray(traces), 0.0))
-    first, dt, error_sd = (np.asarray(each) for each in (record.first_time, record.dt, record.error_sd))
-    if isinstance(record, DisplacementRecord):
-        return displacement_record(traces, n_samples, first, dt, error_sd)
-    velocity, uniform = np.asarray(record.velocity), np.asarray(record.uniform)
-    return DecelerationRecord.of(traces, n_samples, first, dt, velocity, error_sd, uniform)

@@ -14,11 +14,7 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, p
 from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, thinned
-from bayestissue.likelihood.element.deceleration import DecelerationRecord
-from bayestissue.likelihood.element.discrepancy import integrals
-from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord, motion
-from bayestissue.oscillator import impact_motion
+from bayestissue.likelihood.element.response import ElementRecord
 
 PREDICTIVE_DRAWS = 100
 PRIOR_DRAWS = 1000
@@ -42,45 +38,12 @@ def predicted(prepared: Prepared, unfolded: ConstrainedDraws, seed: int) -> dict
 def replicates(
     model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array
 ) -> dict[str, Float[Array, "draw impact sample"]]:
-    """A replicate of every trace for each draw of ``u``; see `_replicate`."""
-    return jax.lax.map(lambda part: _replicate(model, data, *part), (u, keys))
+    """A replicate of every trace for each draw of ``u``; as displacement and as deceleration."""
 
+    def one(draw: tuple[Array, Array]) -> dict[str, Array]:
+        return trace_distribution(model, data, list(draw[0].T)).replicate(draw[1])
 
-def _replicate(model: TraceModel, data: TraceData, u: jax.Array, key: jax.Array) -> dict[str, jax.Array]:
-    """One replicate of every trace, as displacement and as deceleration."""
-    columns = [u[:, a] for a in range(u.shape[1])]
-    distribution, record = trace_distribution(model, data, columns), data.record
-    if isinstance(distribution, MeasuredImpact):
-        return _element_replicate(distribution, key)
-    trace = distribution.sample(key)
-    inside = jnp.arange(trace.shape[1]) < record.n_samples[:, None]
-    time = record.first_time[:, None] + jnp.arange(trace.shape[1]) * record.dt[:, None]
-    at = physical(model, data, columns)
-    if isinstance(record, DecelerationRecord):
-        velocity = record.velocity[:, None]
-        x = impact_motion(time, at.omega_n[:, None], at.zeta[:, None], velocity).displacement
-        return {
-            "deceleration": jnp.where(inside, trace, jnp.nan),
-            "displacement": jnp.where(inside, x, jnp.nan),
-        }
-    bend = -jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
-    edges = jnp.pad(bend, ((0, 0), (1, 1)), constant_values=jnp.nan)
-    middle = jnp.arange(trace.shape[1]) < record.n_samples[:, None] - 1
-    return {
-        "displacement": jnp.where(inside, trace, jnp.nan),
-        "deceleration": jnp.where(middle, edges, jnp.nan),
-    }
-
-
-def _element_replicate(distribution: MeasuredImpact, key: jax.Array) -> dict[str, jax.Array]:
-    """The same of any element, whose discrepancy is part of both."""
-    distribution = distribution.with_contact_found(key)
-    record = distribution.record
-    trace, delta = distribution.sample_with_discrepancy(key)
-    own = motion(distribution.element, distribution.parameters, record, record.velocity)
-    x = own.x - integrals(delta, record.first_time, record.dt)[1]
-    found = {"deceleration": trace, "displacement": x}
-    return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
+    return jax.lax.map(one, (u, keys))
 
 
 @compiled_quickly()

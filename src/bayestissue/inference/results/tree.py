@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
@@ -23,20 +24,15 @@ from bayestissue.inference.quantities.elements import per_impact
 from bayestissue.inference.quantities.secant_exponents import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.results.labels import (
     design_attributes,
+    design_dimensions,
     labelled,
     labelled_statistics,
     of_one_person,
 )
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, predicted, prior_draws, replicates
 from bayestissue.inference.samplers.sampling import Draws
-from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.response import ElementRecord
 
-ERRORS = {
-    "impact": ("velocity_error", "offset_error", "contact_time_error"),
-    "element": ("velocity_error", "gain_error", "offset_error", "contact_time_error"),
-    "displacement": ("level_error", "ramp_error", "offset_error"),
-}
 PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass", *per_impact())
 
 
@@ -54,7 +50,9 @@ def posterior_tree(
     """
     rng = np.random.default_rng(seed)
     named = partial(
-        labelled, dimensions=_dimensions(prepared.design), attributes=design_attributes(prepared.design)
+        labelled,
+        dimensions=_dimensions(prepared.design, prepared.data.record.errors),
+        attributes=design_attributes(prepared.design),
     )
     put = partial(named, coordinates=_coordinates(prepared))
     every, whole = put, prepared
@@ -66,7 +64,7 @@ def posterior_tree(
         every = partial(
             named,
             coordinates={**_coordinates(whole), "kept_draw": unfolded.kept},
-            kept=frozenset({*PER_IMPACT, *EXPONENTS, *(name for names in ERRORS.values() for name in names)}),
+            kept=frozenset({*PER_IMPACT, *EXPONENTS, *prepared.data.record.errors}),
         )
     quantities = _quantities(whole, unfolded.sites, unfolded.impacts, rng)
     quantities |= mass_exponents_of_secants(whole, unfolded, seed)
@@ -97,18 +95,12 @@ def _coordinates(prepared: Prepared) -> dict[str, Any]:
     return {"impact": prepared.impacts["impact"].astype(str).tolist(), **levels}
 
 
-def _dimensions(design: Design) -> dict[str, tuple[str, ...]]:
+def _dimensions(design: Design, errors: Iterable[str] = ()) -> dict[str, tuple[str, ...]]:
     stems = {name: stem_of(name) for name in design.groupings}
-    errors = {name for names in ERRORS.values() for name in names}
     return {
         **dict.fromkeys((*PER_IMPACT, *errors, "trace"), ("impact",)),
         **{f"{name}_sd": ("impact",) for name in errors},
-        **{f"{q}_{stem}": (name,) for q in design.responses for name, stem in stems.items()},
-        **{
-            (term.own if term.slope else term.effect)(q): (term.grouping,)
-            for q in design.responses
-            for term in design.terms
-        },
+        **design_dimensions(design),
         **{f"traces_of_{stem}": (name,) for name, stem in stems.items()},
         **{f"impact_{stem}": ("impact",) for stem in stems.values()},
         **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "sample")),
@@ -130,18 +122,10 @@ def _quantities(
     values |= derived.people_and_conditions(design, sites)
     values |= {name: impacts[name] for name in PER_IMPACT if name in impacts}
     if "chain_error" in impacts:
-        names = error_names(prepared)
-        known = np.asarray(prepared.data.record.error_sd).any(axis=0)
-        values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(names) if known[i]}
+        record = prepared.data.record
+        known = np.asarray(record.error_sd).any(axis=0)
+        values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(record.errors) if known[i]}
     return values | derived.new_impact(design, sites, rng)
-
-
-def error_names(prepared: Prepared) -> tuple[str, ...]:
-    """What the columns of the record's errors are called in the posterior."""
-    record = prepared.data.record
-    if isinstance(record, ElementRecord):
-        return ERRORS["element"]
-    return ERRORS["impact" if isinstance(record, DecelerationRecord) else "displacement"]
 
 
 def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
@@ -154,12 +138,10 @@ def _observed(prepared: Prepared) -> dict[str, np.ndarray]:
 
 
 def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
-    signal = prepared.signal
-    error_sd = np.asarray(prepared.data.record.error_sd)
-    first = np.asarray(prepared.data.record.first_time)
+    signal, record = prepared.signal, prepared.data.record
+    error_sd, first = np.asarray(record.error_sd), np.asarray(record.first_time)
     time = first[:, None] + np.arange(signal.x.shape[1]) * signal.dt[:, None]
     inside = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    record = prepared.data.record
     depth = record.common_depth if isinstance(record, ElementRecord) else None
     return {
         **({} if depth is None else {"common_depth_m": np.asarray(depth)[0]}),
@@ -173,7 +155,7 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
             f"impact_{stem_of(name)}": np.array(grouping.levels)[grouping.code]
             for name, grouping in prepared.design.groupings.items()
         },
-        **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(error_names(prepared))},
+        **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(record.errors)},
     }
 
 

@@ -57,6 +57,31 @@ class DisplacementRecord(NamedTuple):
     spread: Float[Array, "block impact lane"]
     error_sd: Float[Array, "impact 3"]
 
+    @property
+    def traces(self) -> Float[Array, "impact sample"]:
+        """The recorded displacements."""
+        return self.x
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """What each column of ``error_sd`` is called in the posterior, and which link of the chain errs."""
+        return {
+            "level_error": "contact moment",
+            "ramp_error": "velocity and gain",
+            "offset_error": "offset",
+        }
+
+    def with_traces(
+        self, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
+    ) -> DisplacementRecord:
+        """The record of other traces, or of fewer of their samples."""
+        same = map(np.asarray, (self.first_time, self.dt, self.error_sd))
+        return displacement_record(traces, n_samples, *same)
+
+    def with_normal_errors(self) -> DisplacementRecord:
+        """The record itself, whose errors are normal."""
+        return self
+
 
 def displacement_record(
     x: Float[np.ndarray, "impact sample"],
@@ -279,6 +304,17 @@ class MeasuredDisplacement(dist.Distribution):
         ).sample(key_of_x)
         inside = jnp.arange(record.x.shape[1]) < record.n_samples[:, None]
         return jnp.where(inside, clean + added, 0.0)
+
+    def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
+        """A replicate of every trace, as displacement [m] and as deceleration [m/s^2]; NaN past its end."""
+        record, trace = self.record, self.sample(key)
+        bend = -jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
+        edges = jnp.pad(bend, ((0, 0), (1, 1)), constant_values=jnp.nan)
+        left = record.n_samples[:, None] - jnp.arange(trace.shape[1])
+        return {
+            "displacement": jnp.where(left > 0, trace, jnp.nan),
+            "deceleration": jnp.where(left > 1, edges, jnp.nan),
+        }
 
     def _filtered(self, value: Array) -> Products:
         record = self.record

@@ -68,6 +68,38 @@ class DecelerationRecord(NamedTuple):
         padded = np.pad(np.asarray(d), ((0, 0), (0, width - d.shape[1])))
         return cls(d, n_samples, first_time, dt, velocity, error_sd, uniform, in_blocks(padded))
 
+    @property
+    def traces(self) -> Float[Array, "impact sample"]:
+        """The recorded decelerations."""
+        return self.d
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """What each column of ``error_sd`` is called in the posterior, and which link of the chain errs."""
+        return {
+            "velocity_error": "velocity and gain",
+            "offset_error": "offset",
+            "contact_time_error": "contact moment",
+        }
+
+    def with_traces(
+        self, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
+    ) -> DecelerationRecord:
+        """The record of other traces, or of fewer of their samples."""
+        return self.of(traces, n_samples, *map(np.asarray, self[2:7]))
+
+    def with_normal_errors(self) -> DecelerationRecord:
+        """The same, every error of the measuring chain taken as normal with its standard deviation."""
+        return self._replace(uniform=jnp.zeros_like(self.uniform))
+
+    def inside(self) -> Bool[Array, "impact sample"]:
+        """True where there is a sample."""
+        return jnp.arange(self.d.shape[1]) < self.n_samples[:, None]
+
+    def time(self) -> Float[Array, "impact sample"]:
+        """Time since contact, also past a row's end [s]."""
+        return self.first_time[:, None] + jnp.arange(self.d.shape[1]) * self.dt[:, None]
+
 
 @jax.custom_jvp
 def recorded_log_likelihood(
@@ -211,10 +243,16 @@ class MeasuredDeceleration(dist.Distribution):
         noise = jax.random.normal(key_of_noise, (*shape, *self.event_shape))
         return jnp.where(inside, expected + added + jnp.exp(self.log_sigma)[:, None] * noise, 0.0)
 
+    def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
+        """A replicate of every trace, as displacement [m] and as deceleration [m/s^2]; NaN past its end."""
+        record, trace = self.record, self.sample(key)
+        velocity = record.velocity[:, None]
+        x = impact_motion(record.time(), self.omega_n[:, None], self.zeta[:, None], velocity).displacement
+        found = {"deceleration": trace, "displacement": x}
+        return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
+
     def _columns(self) -> tuple[Array, tuple[Array, ...], Array]:
-        record = self.record
-        inside = jnp.arange(record.d.shape[1]) < record.n_samples[:, None]
-        time = record.first_time[:, None] + jnp.arange(record.d.shape[1]) * record.dt[:, None]
+        record, inside, time = self.record, self.record.inside(), self.record.time()
         omega_n, zeta, velocity = self.omega_n[:, None], self.zeta[:, None], record.velocity[:, None]
         unit = impact_motion(time, omega_n, zeta, 1.0)
         # d obeys the same equation as x: d' = -2 zeta omega_n d + omega_n^2 v

@@ -28,6 +28,7 @@ from bayestissue.likelihood.element.response import (
     ElementRecord,
     Response,
     columns,
+    motion,
     response,
 )
 from bayestissue.likelihood.linear_errors import (
@@ -272,6 +273,19 @@ class MeasuredImpact(dist.Distribution):
             noise = autoregressive.correlated(noise, self.atanh_correlation)
         added = _added(errors, found, record) + jnp.exp(self.log_sigma)[:, None] * noise
         return jnp.where(record.inside(), found.d + delta + added, 0.0), delta
+
+    def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
+        """A replicate of every trace, as displacement [m] and as deceleration [m/s^2]; NaN past its end.
+
+        The discrepancy is part of both.
+        """
+        known = self.with_contact_found(key)
+        record = known.record
+        trace, delta = known.sample_with_discrepancy(key)
+        own = motion(known.element, known.parameters, record, record.velocity)
+        x = own.x - discrepancy.integrals(delta, record.first_time, record.dt)[1]
+        found = {"deceleration": trace, "displacement": x}
+        return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
 
     def _noise(self) -> _Noise:
         return _Noise(self.log_sigma, self.log_discrepancy, self.atanh_correlation)

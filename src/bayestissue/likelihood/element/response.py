@@ -70,6 +70,35 @@ class ElementRecord(NamedTuple):
         made = cls(*(jnp.asarray(array) for array in arrays), **given)
         return made._replace(d=jnp.where(made.inside(), made.d, 0.0))
 
+    @property
+    def traces(self) -> Float[Array, "impact sample"]:
+        """The recorded decelerations."""
+        return self.d
+
+    @property
+    def errors(self) -> dict[str, str]:
+        """What each column of ``error_sd`` is called in the posterior, and which link of the chain errs."""
+        return {
+            "velocity_error": "velocity",
+            "gain_error": "gain",
+            "offset_error": "offset",
+            "contact_time_error": "contact moment",
+        }
+
+    def with_traces(
+        self, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
+    ) -> ElementRecord:
+        """The record of other traces, or of fewer of their samples."""
+        other = self._replace(n_samples=jnp.asarray(n_samples))
+        return other._replace(d=jnp.where(other.inside(), jnp.asarray(traces), 0.0))
+
+    def with_normal_errors(self) -> ElementRecord:
+        """The same, every error of the measuring chain taken as normal with its standard deviation.
+
+        Over all cells of contact the likelihood is smooth as it is.
+        """
+        return self if self.before is not None else self._replace(uniform=jnp.zeros_like(self.uniform))
+
     def at_contact(self, first_time: Float[Array, " impact"]) -> ElementRecord:
         """The same traces with contact so long before the first sample [s], its error about that."""
         return self._replace(first_time=first_time, before=None, n_before=None, quiet_sd=None)
