@@ -13,7 +13,7 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup shell report test check-code test-long benchmark benchmark-fit lock clean
+.PHONY: help setup shell report report-example report-published test check-code test-long benchmark benchmark-fit lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -36,13 +36,18 @@ $(READY_FOR_TESTS): $(READY) requirements-dev.lock
 	@$(PYTHON) tools/install.py $(VENV) requirements-dev.lock
 	@touch $@
 
+# Neither half needs the other: each takes one core, and what both print follows one after the other.
 report: $(READY)  ## the main job: the example campaign's fit and the published estimates' re-analysis, in reports/
-	@echo "fitting the example campaign, about a minute ..."
-	@$(BIN)/bayestissue fit data/example --model models/arma.toml --out $(REPORTS)/example --overwrite
-	@echo "re-analysing the published estimates, about half a minute ..."
-	@$(BIN)/bayestissue reproduce --out $(REPORTS)/published --overwrite
+	@echo "fitting the example campaign and re-analysing the published estimates side by side, a minute or two ..."
+	@$(MAKE) --no-print-directory -j2 $(if $(filter output-sync,$(.FEATURES)),--output-sync=target) report-example report-published
 	@echo "open $(REPORTS)/example/report.html and $(REPORTS)/published/report.html"
 	@echo "$(HOW)"
+
+report-example: $(READY)
+	@$(BIN)/bayestissue fit data/example --model models/arma.toml --out $(REPORTS)/example --overwrite
+
+report-published: $(READY)
+	@$(BIN)/bayestissue reproduce --out $(REPORTS)/published --overwrite
 
 test: $(READY_FOR_TESTS) check-code  ## style, types, import order and the test suite
 	@echo "tests, some minutes (more of them the first time, when all is compiled) ..."

@@ -9,9 +9,9 @@
 500 times (`designs`: 300) the standard deviations, the population, each impact's parameters and trace are
 drawn from the model itself, top down, and the draw is fitted as `path = "automatic"` does it: through the
 summary path, and through the exact one where the correction is not trusted. If that samples the posterior,
-the rank of each drawn value among 99 thinned draws is uniform. The design is that of coverage_fit.py; a trace
-has 110 samples. Its first two displacements are 0 and V dt whatever K and C are: the likelihood is conditional
-on them, so they must tell nothing of what is drawn. Models: calibration-*.toml.
+the rank of each drawn value among 99 thinned draws is uniform. The design is that of coverage_fit.py; a
+trace has 110 samples. Its first two displacements are 0 and V dt whatever K and C are: the likelihood is
+conditional on them, so they must tell nothing of what is drawn. Models: calibration-*.toml.
 
 `designs` is a design with two sides a person, sessions, and people's own mass exponents: five people are hit
 on two sides in four conditions, each impact in one of four sessions. Of the effects the first level's are
@@ -36,6 +36,8 @@ import jax
 import numpy as np
 import pandas as pd
 from coverage_fit import SAMPLER, campaign, kept_with
+from documents import README, between_marks
+from documents import table as markdown
 from numpyro.infer import Predictive
 from scipy import stats
 
@@ -240,6 +242,21 @@ def figure(found: dict[str, pd.DataFrame]) -> None:
     page.savefig(HERE / "calibration.svg", metadata={"Date": None})
 
 
+def document(lines: pd.DataFrame) -> None:
+    """Write the p-values of all models into README.md, and the least of each."""
+    both = lines["chi_square_p"].map("{:.3f}".format) + " / " + lines["ecdf_p"].map("{:.3f}".format)
+    cells = lines.assign(p=both).pivot_table("p", "quantity", "likelihood", "first", sort=False)
+    rows = cells[[kind for kind in DATA_SETS if kind in cells]].reset_index()
+    said = []
+    for kind, own in lines.groupby("likelihood", sort=False):
+        least, exact = own[["chi_square_p", "ecdf_p"]].min().min(), own["pareto_k_above_0.7"].max()
+        said.append(
+            f"`{kind}`: {own['data_sets'].max()} data sets, {exact} of them with a Pareto k above 0.7; "
+            f"the least of {2 * len(own)} p-values is {least:.3f}."
+        )
+    between_marks(README, "calibration.py", "\n".join([*said, "", markdown(rows)]))
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(description="Simulation-based calibration of fits.")
     parser.add_argument("model", choices=list(DATA_SETS))
@@ -255,7 +272,8 @@ def main() -> None:
     count = len(found[asked.model])
     command = f"benchmarks/calibration.py {asked.model}"
     command += f" --data-sets {count}" if count != DATA_SETS[asked.model] else ""
-    kept_with(HERE / "calibration.csv", table(asked.model, found[asked.model], command), "likelihood")
+    lines = table(asked.model, found[asked.model], command)
+    document(kept_with(HERE / "calibration.csv", lines, "likelihood"))
 
 
 if __name__ == "__main__":

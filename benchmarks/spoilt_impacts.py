@@ -20,14 +20,14 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from documents import README, between_marks
 
 from bayestissue import runtime
 from bayestissue.simulation import sound
 from bayestissue.simulation.spoiling import KINDS
 from bayestissue.simulation.spoilt import judged, sound_ones, spoilt_ones
 
-HERE = Path(__file__).parent
-BEGIN, END = "<!-- spoilt_impacts.py: begin -->", "<!-- spoilt_impacts.py: end -->"
+HERE, SCRIPT = Path(__file__).parent, "spoilt_impacts.py"
 SOUND = 1000
 
 
@@ -88,14 +88,6 @@ def statement(rows: pd.DataFrame) -> str:
     )
 
 
-def between_marks(path: Path, text: str, indent: str = "") -> None:
-    """Replace what stands between the marks of this script."""
-    content = path.read_text(encoding="utf-8")
-    before, rest = content.split(BEGIN)
-    after = rest.split(END)[1]
-    path.write_text(f"{before}{BEGIN}\n{text}\n{indent}{END}{after}", encoding="utf-8")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -120,9 +112,9 @@ def main() -> None:
 
 def document(found: pd.DataFrame) -> None:
     """Write the table and what it says between the marks."""
-    between_marks(HERE / "README.md", f"{statement(found)}\n\n{table(found)}")
+    between_marks(README, SCRIPT, f"{statement(found)}\n\n{table(found)}")
     said = textwrap.fill(statement(found), 118, initial_indent="  ", subsequent_indent="  ")
-    between_marks(HERE.parent / "README.md", said, indent="  ")
+    between_marks(HERE.parent / "README.md", SCRIPT, said, indent="  ")
 
 
 if __name__ == "__main__":

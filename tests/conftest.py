@@ -1,13 +1,21 @@
 from __future__ import annotations
 
 import os
-from io import TextIOBase
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from bayestissue import runtime
+
+# Also the smallest: reading one takes a quarter of the time that compiling it does. JAX by itself would look
+# through all of them whenever it keeps one more.
+KEEP_ALL = {
+    "JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS": "0",
+    "JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES": "-1",
+    "JAX_COMPILATION_CACHE_MAX_SIZE": "-1",
+}
+MOST_KEPT = 1_000_000_000
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -17,22 +25,34 @@ def pytest_configure(config: pytest.Config) -> None:
     the next run: all of it is kept in the folder that pytest keeps, unless another is named. A test that
     counts compilations, or wants none kept, names a folder of its own.
     """
+    if config.option.markexpr == "not long" and "--xla_backend_opt" not in os.environ.get("XLA_FLAGS", ""):
+        # Most of the default suite's time is the compiler's; a long test runs longer than it compiles.
+        os.environ["XLA_FLAGS"] = f"{os.environ.get('XLA_FLAGS', '')} --xla_backend_optimization_level=0"
     if hasattr(config, "cache"):
-        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(config.cache.mkdir("compiled")))
-        os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.1")
+        kept = config.cache.mkdir("compiled")
+        if not hasattr(config, "workerinput"):
+            _empty_if_large(kept)
+        os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(kept))
+        for name, value in KEEP_ALL.items():
+            os.environ.setdefault(name, value)
         runtime.keep_compiled()
     runtime.configure()
 
 
+def _empty_if_large(folder: Path) -> None:
+    entries = list(folder.iterdir())
+    if sum(entry.stat().st_size for entry in entries) > MOST_KEPT:
+        for entry in entries:
+            entry.unlink()
+
+
 @pytest.fixture
-def undrawn(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are made but not drawn, which is most of a page's cost."""
-    from matplotlib.figure import Figure
+def undrawn() -> Iterator[None]:
+    """Figures of a test are made but not drawn."""
+    from command_line import undrawn_figures
 
-    def nothing(_: Figure, file: Any, **__: Any) -> None:
-        file.write('<svg viewBox="0 0 1 1"></svg>' if isinstance(file, TextIOBase) else b"")
-
-    monkeypatch.setattr(Figure, "savefig", nothing)
+    with undrawn_figures():
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -15,6 +15,8 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from command_line import bayestissue, undrawn_figures
+
 SPECIFICATION = """
 name = "small"
 seed = 3
@@ -67,16 +69,12 @@ def command(*arguments: str | Path) -> list[str]:
     return [sys.executable, "-m", "bayestissue", *map(str, arguments)]
 
 
-def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command(*arguments), capture_output=True, text=True, check=False)  # noqa: S603
-
-
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("campaign")
     (folder / "spec.toml").write_text(SPECIFICATION, encoding="utf-8")
-    made = run("simulate", folder / "spec.toml", "--out", folder / "data", "--quiet")
-    assert made.returncode == 0, made.stderr
+    made = bayestissue("simulate", folder / "spec.toml", "--out", folder / "data", "--quiet")
+    assert made.status == 0, made.err
     return folder
 
 
@@ -89,9 +87,12 @@ def model_file(campaign: Path, path: str, warmup: int = 200, draws: int = 300) -
 @pytest.fixture(scope="module")
 def finished(campaign: Path) -> Path:
     out = campaign / "finished"
-    fitted = run("fit", campaign / "data", "--model", model_file(campaign, "summary"), "--out", out)
+    with undrawn_figures():
+        fitted = bayestissue(
+            "fit", campaign / "data", "--model", model_file(campaign, "summary"), "--out", out
+        )
     # So few draws may well fail the diagnostics; then everything is written all the same.
-    assert fitted.returncode in (0, 3), fitted.stderr
+    assert fitted.status in (0, 3), fitted.err
     return out
 
 
@@ -152,9 +153,9 @@ def test_wrong_models_are_refused_before_anything_is_written(campaign: Path) -> 
         'name = "w"\nlikelihood = "a2"\n[formula]\nK = "log(mass_kg) + energy_J + velocity_m_s"\n',
         encoding="utf-8",
     )
-    refused = run("fit", campaign / "data", "--model", model, "--out", campaign / "refused")
-    assert refused.returncode == 2
-    assert "E = ½MV²" in refused.stderr
+    refused = bayestissue("fit", campaign / "data", "--model", model, "--out", campaign / "refused")
+    assert refused.status == 2
+    assert "E = ½MV²" in refused.err
     assert not (campaign / "refused").exists()
 
 

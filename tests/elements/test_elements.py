@@ -147,15 +147,14 @@ def test_wall_grows_on_behind_itself_without_a_seam() -> None:
         return which.force(x, 0.0 * x, (), p)
 
     laws = (spring, jax.grad(spring), jax.grad(jax.grad(spring)))
-    for law in laws:
+    for law in map(jax.jit, laws):
         # The third derivative, 6 K h / (h - x)^4 h, over two steps of rounding size.
         np.testing.assert_allclose(law(jnp.array(edge - 1e-12)), law(jnp.array(edge + 1e-12)), rtol=1e-7)
     x = jnp.linspace(0.0, 0.1, 2000)
     assert (jnp.diff(spring(x)) > 0).all()
     energy = which.stored(x, 0 * x, (), p)
-    np.testing.assert_allclose(
-        jax.vmap(jax.grad(lambda x: which.stored(x, x, (), p)))(x), spring(x), rtol=1e-9
-    )
+    of_energy = jax.jit(jax.vmap(jax.grad(lambda x: which.stored(x, x, (), p))))
+    np.testing.assert_allclose(of_energy(x), spring(x), rtol=1e-9)
     assert (jnp.diff(energy) > 0).all()
 
 
@@ -165,7 +164,6 @@ def test_derivatives_agree_with_differences(name: str) -> None:
     base = jnp.log(jnp.array([VALUES[name][each] for each in names] + [1.0]))
     time = 0.6 * TIME[:, ::9]
 
-    @jax.jit
     def made(logs: jax.Array) -> dict[str, jax.Array]:
         p = dict(zip(names, jnp.exp(logs[:-1]), strict=True))
         velocity = VELOCITY + logs[-1]
@@ -173,13 +171,15 @@ def test_derivatives_agree_with_differences(name: str) -> None:
         found = comparables(name, p, MASS, velocity)
         return {"d": path.deceleration, "K": found.K_secant, "C": found.C_equivalent, "e": found.energy_lost}
 
-    slopes = jax.jit(jax.jacfwd(made))(base)
+    # Compiled once, slopes and values.
+    both = jax.jit(jax.jacfwd(lambda logs: (made(logs),) * 2, has_aux=True))
+    slopes, _ = both(base)
     step = 1e-5
     # A linear element: rounding over the step. Another: K moves the solver's nodes, and so its error, 1e-9.
     tolerance = 1e-6 if which.linear else 1e-4
     for k in range(len(names) + 1):
         change = step * np.eye(len(names) + 1)[k]
-        high, low = made(base + change), made(base - change)
+        high, low = both(base + change)[1], both(base - change)[1]
         for key, slope in slopes.items():
             difference = (high[key] - low[key]) / (2 * step)
             scale = max(np.abs(difference).max(), np.abs(high[key]).max())
@@ -203,10 +203,11 @@ def test_derivatives_are_finite_where_roots_repeat(name: str) -> None:
         return impact(name, p, mass, 1.5, TIME[:1, ::9]).deceleration
 
     base = jnp.log(jnp.array([values[each] for each in names]))
-    slopes, run = jax.jit(jax.jacfwd(d))(base), jax.jit(d)
+    both = jax.jit(jax.jacfwd(lambda logs: (d(logs),) * 2, has_aux=True))
+    slopes, _ = both(base)
     for k in range(len(names)):
         change = 1e-5 * np.eye(len(names))[k]
-        difference = (run(base + change) - run(base - change)) / 2e-5
+        difference = (both(base + change)[1] - both(base - change)[1]) / 2e-5
         assert np.abs(slopes[..., k] - difference).max() < 1e-6 * np.abs(slopes).max()
 
 

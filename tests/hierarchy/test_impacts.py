@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from dense_normal import SIZE, Dense
@@ -13,6 +15,8 @@ from bayestissue.hierarchy.gaussian.impacts import (
     ImpactConditional,
     ImpactPrior,
     Sites,
+    SitesFirst,
+    cell_sums,
     parameters_first,
 )
 
@@ -81,6 +85,16 @@ def test_many_draws_of_the_population_at_once_are_each_of_them(dense: Dense) -> 
     for place, scale in enumerate(scales):
         alone = conditional(dense, dense.of_u / scale).log_density(about[:, place])
         assert_allclose(together[place], alone, rtol=1e-12)
+
+
+def test_products_of_small_matrices_are_written_out() -> None:
+    """A sum over an axis of three would be a reduction, which XLA makes a loop of its own through memory."""
+    blocks, places = 2, 32
+    vector, single = jnp.zeros((blocks, SIZE, 1, places)), jnp.zeros((blocks, 1, places))
+    laid = SitesFirst(vector, vector, jnp.zeros((blocks, SIZE, SIZE, 1, places)), single)
+    prior = ImpactPrior(jnp.eye(SIZE), jnp.zeros(()))
+    compiled = jax.jit(cell_sums).lower(prior, jnp.zeros((SIZE, places)), laid).compile()
+    assert " reduce(" not in compiled.as_text()
 
 
 def test_a_site_is_a_parabola_about_its_centre(dense: Dense) -> None:

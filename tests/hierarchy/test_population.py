@@ -55,6 +55,14 @@ def test_impacts_of_one_cell_share_its_row() -> None:
     assert len(set(one_each.cell)) == 6
 
 
+def test_people_whom_no_term_asks_for_share_cells() -> None:
+    of_mass, level = (Formulas(K=terms, C=terms) for terms in ("log(mass_kg) + (1|trial)", "1"))
+    _, columns = population_design(design(2, of_mass), Priors(), NUISANCE)
+    assert sorted(np.unique(columns.cell, return_counts=True)[1]) == [6, 6]
+    _, columns = population_design(design(2, level), Priors(), NUISANCE)
+    assert len(set(columns.cell)) == 1
+
+
 def test_expectations_are_the_sums_of_the_formula() -> None:
     made = design(3, Formulas(K=WHOLE, C="1 + (1|subject)"))
     locations, columns = population_design(made, Priors(), NUISANCE)

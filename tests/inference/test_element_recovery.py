@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import jax
@@ -35,6 +36,7 @@ LONG = pytest.mark.long
 TYPICAL = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
 
 
+@cache
 def campaign(name: str) -> Campaign:
     conditions = [
         {"trial": "a", "mass_kg": 0.375, "velocity_m_s": 1.5},

@@ -58,13 +58,16 @@ def log_prob(given: MeasuredImpact) -> np.ndarray:
 
 def contact_errors(given: MeasuredImpact, seed: int, number: int) -> np.ndarray:
     """Draws of the first impact's error of contact."""
+    keys = jax.random.split(jax.random.PRNGKey(seed), number)
+    return np.asarray(_contact_errors(given.element, given.parameters, given.log_sigma, keys, given.record))
 
-    @jax.jit
-    def drawn(keys: jax.Array, record: ElementRecord) -> jax.Array:
-        same = MeasuredImpact(given.element, given.parameters, given.log_sigma, record)
-        return jax.vmap(same.draw_errors)(keys)[:, 0, 3]
 
-    return np.asarray(drawn(jax.random.split(jax.random.PRNGKey(seed), number), given.record))
+@partial(jax.jit, static_argnums=0)
+def _contact_errors(
+    which: Element, parameters: jax.Array, log_sigma: jax.Array, keys: jax.Array, record: ElementRecord
+) -> jax.Array:
+    given = MeasuredImpact(which, parameters, log_sigma, record)
+    return jax.vmap(given.draw_errors)(keys)[:, 0, 3]
 
 
 def measured(name: str, width: int, *, sigma: float = SIGMA, lead: float = 2.6) -> MeasuredImpact:
@@ -163,14 +166,15 @@ def test_slopes_are_those_of_differences() -> None:
     which = given.element
 
     @jax.jit
+    @jax.value_and_grad
     def total(logs: jax.Array) -> jax.Array:
         return _log_prob(which, jnp.exp(logs[:-1]), logs[-1], given.record).sum()
 
     logs = jnp.concatenate([jnp.log(given.parameters), given.log_sigma[None]])
-    slope = np.asarray(jax.jit(jax.grad(total))(logs))
+    slope = np.asarray(total(logs)[1])
     h = 1e-5
     for place in np.ndindex(*logs.shape):
-        ends = [float(total(logs.at[place].add(side * h))) for side in (1, -1)]
+        ends = [float(total(logs.at[place].add(side * h))[0]) for side in (1, -1)]
         # Third derivatives of a log density of a few thousand, and its rounding over 2 h.
         assert slope[place] == pytest.approx((ends[0] - ends[1]) / (2 * h), abs=1e-3, rel=1e-5)
 
@@ -179,11 +183,17 @@ def test_slopes_are_those_of_differences() -> None:
 def test_contact_is_found_where_it_was(name: str) -> None:
     """Nearly without noise the moment is told to a hundredth of a sampling interval or so."""
     given = measured(name, 1, sigma=1e-3)
+
+    @jax.jit
+    def found(record: ElementRecord) -> tuple[jax.Array, jax.Array]:
+        same = MeasuredImpact(given.element, given.parameters, given.log_sigma, record)
+        return same.draw_errors(jax.random.PRNGKey(0)), same.mean_first_time()
+
+    errors, mean_first = found(given.record)
     first = np.asarray(given.record.first_time)
-    errors = np.asarray(given.draw_errors(jax.random.PRNGKey(0)))
     # The trace is linear in the moment over half an interval: the rest is bent by a few per cent.
     assert first - errors[:, 3] == pytest.approx(np.full(2, 2.6 * DT), abs=0.1 * DT)
-    assert np.asarray(given.mean_first_time()) == pytest.approx(np.full(2, 2.5 * DT), abs=0.01 * DT)
+    assert np.asarray(mean_first) == pytest.approx(np.full(2, 2.5 * DT), abs=0.01 * DT)
 
 
 def test_drawn_contact_is_distributed_as_its_density() -> None:
@@ -211,7 +221,13 @@ def test_early_samples_bound_contact() -> None:
 
 def test_replicates_have_contact_where_the_trace_has_it() -> None:
     given = measured("maxwell", 1, sigma=1e-2)
-    made = np.asarray(given.sample(jax.random.PRNGKey(3)))
+
+    @jax.jit
+    def sampled(record: ElementRecord) -> jax.Array:
+        same = MeasuredImpact(given.element, given.parameters, given.log_sigma, record)
+        return same.sample(jax.random.PRNGKey(3))
+
+    made = np.asarray(sampled(given.record))
     expected = response("maxwell", np.arange(SAMPLES) * DT + np.full((2, 1), 2.6 * DT), VELOCITY)
     inside = np.arange(SAMPLES) < COUNT[:, None]
     # Errors of velocity, gain and offset are as large as these.

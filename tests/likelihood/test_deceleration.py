@@ -117,9 +117,12 @@ def densities(*parts: jax.Array) -> jax.Array:
     return MeasuredDeceleration(*parts, RECORD).log_prob(RECORD.d)
 
 
+slopes_of = jax.jit(jax.grad(lambda *parts: densities(*parts).sum(), argnums=(0, 1, 2)))
+
+
 def test_slopes_are_central_differences() -> None:
     at = [jnp.asarray(p) for p in (OMEGA_N, ZETA, LOG_SIGMA)]
-    slopes = jax.grad(lambda *parts: densities(*parts).sum(), argnums=(0, 1, 2))(*at)
+    slopes = slopes_of(*at)
     forward = jax.jvp(densities, tuple(at), tuple(map(jnp.ones_like, at)))[1]
     assert_allclose(forward, sum(slopes), rtol=1e-9, atol=1e-8)
     for k, slope in enumerate(slopes):
@@ -141,11 +144,8 @@ def test_slopes_in_closed_form_are_those_of_the_plain_path() -> None:
         return marginal_log_likelihood(products, distribution.log_sigma, RECORD.error_sd, RECORD.uniform)
 
     assert_allclose(densities(*at), jax.jit(plain)(*at), rtol=1e-12)
-    found = [
-        jax.jit(jax.grad(lambda *parts, f=f: f(*parts).sum(), argnums=(0, 1, 2)))(*at)
-        for f in (densities, plain)
-    ]
-    for fast, slow in zip(*found, strict=True):
+    slopes = jax.jit(jax.grad(lambda *parts: plain(*parts).sum(), argnums=(0, 1, 2)))(*at)
+    for fast, slow in zip(slopes_of(*at), slopes, strict=True):
         # Both are differences of sums over some tens of samples, the greatest of which set the rounding.
         assert_allclose(fast, slow, rtol=1e-9, atol=1e-11 * np.abs(slow).max())
 
@@ -164,7 +164,11 @@ def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
 def test_curvature_is_the_difference_of_slopes() -> None:
     at = jnp.stack([jnp.asarray(p) for p in (OMEGA_N, ZETA, LOG_SIGMA)])
     total = lambda p: densities(*p).sum()  # noqa: E731
-    curvature, slopes = jax.jit(jax.hessian(total))(at), jax.jit(jax.grad(total))
+    curvature = jax.jit(jax.hessian(total))(at)
+
+    def slopes(at: jax.Array) -> jax.Array:
+        return jnp.stack(slopes_of(*at))
+
     for k in range(3):
         for i in range(5):
             step = 1e-5 * max(abs(float(at[k, i])), 0.1)

@@ -1,12 +1,29 @@
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.likelihood import log_likelihood, sine_transforms
-from bayestissue.likelihood.quadratic import log_determinant, quadratic_form
+from bayestissue.likelihood import SineTransforms, log_likelihood, quadratic, sine_transforms
+from bayestissue.likelihood.quadratic import quadratic_form
+
+# Compiled once for all cases.
+log_determinant = jax.jit(quadratic.log_determinant)
+slope_of_determinant = jax.grad(quadratic.log_determinant)
+slopes_of_determinant = jax.jit(jax.vmap(slope_of_determinant))
+bends_of_determinant = jax.jit(jax.vmap(jax.grad(slope_of_determinant)))
+
+
+@jax.jit
+@partial(jax.grad, argnums=1)
+def slopes_of_total(data: SineTransforms, p: jax.Array) -> jax.Array:
+    return log_likelihood(data, *p).sum()
+
+
+bends_of_total = jax.jit(jax.jacfwd(slopes_of_total, argnums=1))
 
 
 def made(impacts: int = 3, n: int = 150) -> tuple:
@@ -28,7 +45,7 @@ def test_determinant_is_the_sum_of_even_powers(theta1: float, count: int) -> Non
     )
     weights = np.exp(powers - expected)
     slope = float(weights @ (2 * np.arange(count + 1))) / theta1 if theta1 else 0.0
-    found = jax.grad(log_determinant)(jnp.array(theta1), jnp.array(float(count)))
+    (found,) = slopes_of_determinant(jnp.array([theta1]), jnp.array([float(count)]))
     assert float(found) == pytest.approx(slope, rel=1e-8, abs=1e-12)
 
 
@@ -40,27 +57,23 @@ def test_slope_of_the_determinant_is_smooth_where_its_formulas_meet(count: int) 
         powers = 2.0 * np.arange(count + 1)
         weights = np.exp(powers * np.log(theta1)[:, None])
         mean, size = (weights @ powers) / weights.sum(1), jnp.full(4, float(count))
-        slopes = jax.vmap(jax.grad(log_determinant))(jnp.asarray(theta1), size)
+        slopes = slopes_of_determinant(jnp.asarray(theta1), size)
         np.testing.assert_allclose(slopes, mean / theta1, rtol=1e-11)
-        bends = jax.vmap(jax.grad(jax.grad(log_determinant)))(jnp.asarray(theta1), size)
+        bends = bends_of_determinant(jnp.asarray(theta1), size)
         variance = (weights @ powers**2) / weights.sum(1) - mean**2
         # the difference of two numbers of the order of count^2
         np.testing.assert_allclose(bends, (variance - mean) / theta1**2, rtol=1e-9, atol=1e-11 * count**2)
-    assert float(jax.grad(jax.grad(log_determinant))(jnp.array(0.0), jnp.array(7.0))) == pytest.approx(2.0)
+    (bend,) = bends_of_determinant(jnp.zeros(1), jnp.full(1, 7.0))
+    assert float(bend) == pytest.approx(2.0)
 
 
 @pytest.mark.parametrize("theta1", [-1.0, -0.4, 0.0, 0.9])
 def test_second_derivatives_are_the_differences_of_the_first(theta1: float) -> None:
     data, _, _ = made(impacts=1)
     at = jnp.array([0.1, 0.02, theta1, 0.7])
-
-    def total(p: jax.Array) -> jax.Array:
-        return log_likelihood(data, *p).sum()
-
-    curvature = jax.hessian(total)(at)
-    slopes, step = jax.jit(jax.grad(total)), 1e-5
+    curvature, step = bends_of_total(data, at), 1e-5
     for k in range(4):
-        ahead, behind = (slopes(at.at[k].add(sign * step)) for sign in (1, -1))
+        ahead, behind = (slopes_of_total(data, at.at[k].add(sign * step)) for sign in (1, -1))
         # central differences: third derivatives by step squared, and rounding by 1e-16 / step
         scale = np.abs(curvature[k]).max()
         np.testing.assert_allclose(curvature[k], (ahead - behind) / (2 * step), rtol=1e-5, atol=1e-6 * scale)
@@ -75,7 +88,7 @@ def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
 
     values, slopes = jax.jit(jax.vmap(jax.value_and_grad(total)))(c1)
     for chain in range(4):
-        value, slope = jax.value_and_grad(total)(c1[chain])
+        value, slope = jax.jit(jax.value_and_grad(total))(c1[chain])
         assert float(values[chain]) == pytest.approx(float(value), rel=1e-13)
         np.testing.assert_allclose(slopes[chain], slope, rtol=1e-12)
 
@@ -88,9 +101,10 @@ def test_form_is_differentiable_by_the_data_too() -> None:
         moved = tuple(c + step * d for c, d in zip(data.columns, direction, strict=True))
         return quadratic_form(coefficients, theta1, moved, data.spread).sum()
 
-    slope = jax.grad(form)(jnp.array(0.0))
+    both = jax.jit(jax.value_and_grad(form))
+    _, slope = both(jnp.array(0.0))
     # a quadratic form: central differences are exact but for rounding
-    finite = (form(jnp.array(0.5)) - form(jnp.array(-0.5))) / 1.0
+    finite = (both(jnp.array(0.5))[0] - both(jnp.array(-0.5))[0]) / 1.0
     assert float(slope) == pytest.approx(float(finite), rel=1e-9)
 
 

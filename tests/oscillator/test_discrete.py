@@ -7,13 +7,18 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayestissue.oscillator import (
-    arccos_branch,
-    autocovariance_a2,
-    from_differences,
-    to_continuous,
-    to_differences,
-    to_discrete,
+from bayestissue import oscillator
+
+# As they are used: within what is compiled.
+autocovariance_a2, from_differences, to_continuous, to_differences, to_discrete = map(
+    jax.jit,
+    (
+        oscillator.autocovariance_a2,
+        oscillator.from_differences,
+        oscillator.to_continuous,
+        oscillator.to_differences,
+        oscillator.to_discrete,
+    ),
 )
 
 RADIANS_PER_SAMPLE = st.floats(-4, 0.4).map(lambda exponent: 10.0**exponent)
@@ -108,9 +113,11 @@ def test_gradients_match_finite_differences() -> None:
 
 
 def test_inverse_is_differentiable_at_critical_damping() -> None:
-    forward = jax.jacfwd(lambda p: jnp.stack(to_differences(p[0], p[1], 1.0)[:2]))(jnp.array([0.1, 1.0]))
-    c1, c2, theta1 = to_differences(0.1, 1.0, 1.0)
-    inverse = jax.jacfwd(lambda c: jnp.stack(from_differences(c[0], c[1], theta1, 1.0)))(jnp.array([c1, c2]))
+    at = jnp.array([0.1, 1.0])
+    forward = jax.jit(jax.jacfwd(lambda p: jnp.stack(to_differences(p[0], p[1], 1.0)[:2])))(at)
+    *c, theta1 = to_differences(0.1, 1.0, 1.0)
+    back = jax.jacfwd(lambda c: jnp.stack(from_differences(c[0], c[1], theta1, 1.0)))
+    inverse = jax.jit(back)(jnp.array(c))
     np.testing.assert_allclose(inverse @ forward, np.eye(2), atol=1e-9)
 
 
@@ -118,7 +125,7 @@ def test_theta1_picks_the_branch_of_arccos() -> None:
     # omega_d = 471 rad/s at 10 ms, where arccos answers 157.3
     omega_n, zeta, dt = 471.3, 0.05, 0.01
     coefficients = to_discrete(omega_n, zeta, dt)
-    assert int(arccos_branch(*coefficients)) == 1
+    assert int(oscillator.arccos_branch(*coefficients)) == 1
     np.testing.assert_allclose(to_continuous(*coefficients, dt), (omega_n, zeta), rtol=1e-9)
     main = np.arccos(coefficients[0] / (2 * np.sqrt(-coefficients[1]))) / dt
     assert main == pytest.approx(157.6, abs=0.5)
@@ -133,7 +140,7 @@ def test_higher_branches_make_a_round_trip(w: float, zeta: float) -> None:
 def test_noise_like_theta1_leaves_the_main_branch_when_sampling_is_fine() -> None:
     phi1, phi2, _ = to_discrete(100.0, jnp.array([0.05, 0.5, 0.95]), 1e-4)
     for theta1 in (-1.0, -0.9, 0.0, 0.9):
-        assert not arccos_branch(phi1, phi2, theta1).any()
+        assert not oscillator.arccos_branch(phi1, phi2, theta1).any()
 
 
 def test_coefficients_of_no_oscillator_give_nan() -> None:

@@ -80,8 +80,8 @@ def test_it_says_what_the_weights_imply(html):
 
 
 @pytest.mark.usefixtures("drawn")
-def test_runs_of_different_elements_are_compared_by_what_means_the_same(tmp_path):
-    out = made(tmp_path, impact={"likelihood": "impact"}, other={"likelihood": "impact", "worse": 1.0})
+def test_runs_of_different_elements_are_compared_by_what_means_the_same(folder, tmp_path):
+    out = shutil.copytree(folder, tmp_path / "other")
     about = json.loads((out / "run.json").read_text(encoding="utf-8"))
     about["runs"][1]["model"]["element"] = "maxwell"
     # With its mark the run would be refused as changed.
@@ -132,8 +132,8 @@ def test_the_page_can_be_written_anew(folder, html):
     assert write_report(folder).read_text(encoding="utf-8") == html
 
 
-def test_what_lacks_is_named(tmp_path):
-    out = made(tmp_path, one={}, two={"worse": 1.0})
+def test_what_lacks_is_named(folder, tmp_path):
+    out = shutil.copytree(folder, tmp_path / "lacks")
     (out / "posteriors.csv").unlink()
     with pytest.raises(InputError, match=r"posteriors\.csv"):
         write_report(out)

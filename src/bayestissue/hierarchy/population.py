@@ -103,11 +103,8 @@ def population_design(
         What the elements of b are, and X with rows that repeat kept once, arranged for elimination.
     """
     design, row = _distinct_rows(design)
-    effects, rows = effects_of(design, priors, nuisance)
-    whole = np.concatenate(rows, axis=1)
-    _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)
-    columns = [matrix[first] for matrix in rows]
-    return effects, arrange(columns, cell.reshape(-1)[row], effects.groups)
+    effects, columns = effects_of(design, priors, nuisance)
+    return effects, arrange(columns, row, effects.groups)
 
 
 def effects_of(
@@ -125,9 +122,10 @@ def effects_of(
 def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
     """The design with rows that repeat kept once, and of each row the one that is kept.
 
-    One column for a hundred people here, where the matrices need a hundred.
+    Rows of X are alike where all that its terms are made of is: one column of levels, where X has a hundred.
     """
-    keys = [grouping.code for grouping in design.groupings.values()]
+    asked = {term.grouping for part in design.responses.values() for term in part.terms}
+    keys = [np.zeros(len(design.subject)), *(design.groupings[name].code for name in sorted(asked))]
     for part in design.responses.values():
         keys += [*part.covariates.T, *([] if part.log_mass is None else [part.log_mass])]
         keys += [column.covariate for column in part.terms.values()]

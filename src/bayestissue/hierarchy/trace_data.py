@@ -136,8 +136,8 @@ def assemble(
     record, peak = _record(dataset, specification, signal)
     data = TraceData(
         record,
-        jax.tree.map(jnp.asarray, columns),
-        jnp.asarray(found.mean),
+        jax.device_put(columns),
+        jax.device_put(found.mean),
         jnp.log(jnp.asarray(signal.mass)),
         jnp.log(jnp.asarray(peak)),
     )

@@ -284,7 +284,8 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
     kk, kc, cc = spread.own
     own = jnp.stack([jnp.stack([kk, kc]), jnp.stack([kc, cc])])
     with numpyro.plate("impacts", data.log_mass.shape[0]):
-        pair = dist.MultivariateNormal(about[:2].T, own)
+        # Its check would be compiled in twenty pieces, even within a compiled function.
+        pair = dist.MultivariateNormal(about[:2].T, own, validate_args=False)
         logs = numpyro.sample("log_K_and_C", pair)
         rest = [
             numpyro.sample(name, dist.Normal(mean, sd))

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -69,10 +70,10 @@ def sine_transforms(
         spread[rows if len(spread) > 1 else slice(None), : n - 2] = spread_of(n - 2)
     clean = np.where(np.arange(x.shape[1]) < lengths[:, None], x, 0.0)
     return SineTransforms(
-        jnp.asarray(clean),
+        jax.device_put(clean),
         tuple(in_blocks(column) for column in columns),
         in_blocks(spread),
-        jnp.asarray(lengths - 2.0),
+        jax.device_put(lengths - 2.0),
     )
 
 
@@ -84,7 +85,8 @@ def spread_of(count: int) -> Float[np.ndarray, " frequency"]:
 def in_blocks(rows: Float[np.ndarray, "row frequency"]) -> Float[Array, "block row lane"]:
     """Cut the frequencies, a multiple of `FILLED`, into `BLOCKS` blocks, and put these first."""
     blocks = rows.reshape(len(rows), BLOCKS, -1).swapaxes(0, 1)
-    return jnp.asarray(np.ascontiguousarray(blocks))
+    # As it is: `jnp.asarray` is compiled anew for every shape.
+    return jax.device_put(np.ascontiguousarray(blocks))
 
 
 def sine_transform(series: Float[Array, "*batch sample"]) -> Float[Array, "*batch sample"]:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -15,7 +17,7 @@ from bayestissue.hierarchy.gaussian.arrangement import arrange
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import MeasuredImpacts, Prepared, prepare
-from bayestissue.hierarchy.traces import TraceData
+from bayestissue.hierarchy.traces import TraceData, constrained
 from bayestissue.inference import fit as traces
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
@@ -25,7 +27,9 @@ from bayestissue.inference.factors.grid import LikelihoodGrid, flat_grid
 from bayestissue.inference.factors.grid_sum import surface_of
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.posterior import approximate
-from bayestissue.inference.posterior.approximate import first_guess
+from bayestissue.inference.posterior.approximate import Approximation, first_guess
+from bayestissue.inference.posterior.expansion import PopulationDraws
+from bayestissue.inference.posterior.in_part import _at_true_masses, _of_impacts
 from bayestissue.inference.results.summary import summarise
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.simulation import simulate
@@ -155,6 +159,41 @@ def test_few_at_a_time_have_the_sites_of_all_together(
         # standard deviations, so that a curvature is known to 1e-9 / 0.03^2.
         scale = np.abs(one).max(axis=tuple(range(1, one.ndim)), keepdims=True)
         np.testing.assert_allclose(one / scale, other / scale, atol=1e-5)
+
+
+def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
+    dozen: MeasuredImpacts, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    specification = ModelSpecification.model_validate(
+        {"name": "shared", "likelihood": "impact", "mass_error": "subject"}
+    )
+    dozen = replace(dozen, uncertainty=replace(dozen.uncertainty, relative_mass_sd=0.05))
+    made = prepare(dozen, specification, source="model")
+    model, centre = made.model, first_guess(made)
+    number, size = centre.shape
+    narrow = np.broadcast_to(1e6 * np.eye(size), (number, size, size))
+    sites = Sites(centre, np.zeros(centre.shape), narrow, np.zeros(number))
+    rng = np.random.default_rng(2)
+    raw = {name: rng.normal(-1, 0.1, 4) for name in model.spreads}
+    draws = PopulationDraws(
+        raw, jnp.asarray(made.data.location_mean + rng.normal(size=(4, len(model.locations.mean))))
+    )
+    keys = jax.random.split(jax.random.PRNGKey(1), 4)
+    monkeypatch.setattr(trace_blocks, "BLOCK", 5)
+    found, kept = _of_impacts(made, Approximation(sites, None, None), draws, keys, (2, 2), 3, lambda *_: None)  # type: ignore[arg-type]
+    assert list(kept) == [0, 1]
+    error = np.log(found["mass"]) - np.asarray(made.data.log_mass)
+    own = error.reshape(4, -1)[:, [np.flatnonzero(made.design.subject == s)[0] for s in range(3)]]
+    # In 32 bits, of a log near 0.
+    np.testing.assert_allclose(error.reshape(4, -1), own[:, made.design.subject], atol=1e-6)
+    assert np.abs(own).min() > 1e-4
+    # And b is moved by the same errors.
+    moved = _at_true_masses(model, constrained(model, raw), draws.b, keys) - draws.b
+    for q in "KC":
+        effects = np.asarray(moved)[:, model.locations.parts[f"subject_effect_{q}"]][:, :3]
+        np.testing.assert_allclose(effects, own, atol=1e-6)
+    # Sites so narrow leave the parameters where they are: in blocks each impact has its own.
+    np.testing.assert_allclose(found["parameters"][0, 0], centre, atol=0.01)
 
 
 @pytest.fixture(scope="module")

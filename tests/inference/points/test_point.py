@@ -94,7 +94,7 @@ def test_standard_errors_are_those_of_the_observed_information() -> None:
         return -arma21_log_likelihood(x, p[0], p[1], p[2], jnp.exp(p[3]))
 
     at = jnp.array([fit.phi1[0], fit.phi2[0], fit.theta1[0], np.log(fit.sigma_a[0])])
-    covariance = jnp.linalg.inv(jax.hessian(loss)(at))
+    covariance = jnp.linalg.inv(jax.jit(jax.hessian(loss))(at))
     inflation = (len(x) - 2) / (len(x) - 5)
     assert fit.theta1_se[0] == pytest.approx(float(jnp.sqrt(covariance[2, 2] * inflation)), rel=1e-4)
     # C = -M ln(-phi2) / dt
@@ -110,6 +110,7 @@ def test_standard_errors_of_stiffness_match_differences() -> None:
     c1, c2, theta1 = to_differences(0.05, zeta, 1.0)
     one, step = jnp.ones(6), 1e-8
 
+    @jax.jit
     def physical(d1: float, d2: float, covariance: Covariance) -> dict[str, jax.Array]:
         return _physical(Profile(c1 + d1, c2 + d2, theta1, one, one), covariance, one, one)
 

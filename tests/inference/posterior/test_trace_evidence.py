@@ -60,7 +60,9 @@ def small_campaign() -> Simulation:
     )
 
 
-@pytest.fixture(scope="module", params=["impact", "standard_linear", "arma"])
+@pytest.fixture(
+    scope="module", params=["impact", "arma", pytest.param("standard_linear", marks=pytest.mark.long)]
+)
 def fit(request: pytest.FixtureRequest) -> Fit:
     """With every parameter in the summary, and with a last one that has a profile."""
     specification = read_specification(MODELS / f"{request.param}.toml")

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 Entry = Any  # an array of numpy or JAX, or a number
-Vector = Sequence[Entry]
-Matrix = Sequence[Vector]
+Vector = Sequence[Entry] | Any
+Matrix = Sequence[Vector] | Any
 # Row i of a lower triangular matrix has i + 1 entries.
 Triangle = list[list[Entry]]
 

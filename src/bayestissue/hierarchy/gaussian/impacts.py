@@ -71,7 +71,7 @@ class ImpactPrior(NamedTuple):
 
 @dataclass(frozen=True)
 class ImpactConditional:
-    """u of impacts given X b: vectors and matrices of entries, see `bayestissue.hierarchy.gaussian.blocks`.
+    """u of impacts given X b, in entries: see `bayestissue.hierarchy.gaussian.blocks`.
 
     Attributes:
         prior: of u, whose axes behind the parameters broadcast with the sites' own.
@@ -151,12 +151,13 @@ class ImpactConditional:
     def toward(self, about: blocks.Vector) -> blocks.Vector:
         """L^-1 (g + D (X b - m)), where X b is ``about``."""
         pulled = blocks.times(self.prior.precision, self._away(about))
-        return blocks.times(self._root, [g + p for g, p in zip(self.sites.slope, pulled, strict=True)])
+        right = [g + p for g, p in zip(self.sites.slope, pulled, strict=True)]
+        return blocks.solve_lower(self.factor, right)
 
     def draw(self, about: blocks.Vector, standard: blocks.Vector) -> blocks.Vector:
         """U from standard normals: N(m + V (g + D (X b - m)), V)."""
         half = [h + z for h, z in zip(self.toward(about), standard, strict=True)]
-        pairs = zip(self.sites.centre, blocks.turned_times(self._root, half), strict=True)
+        pairs = zip(self.sites.centre, blocks.solve_upper(self.factor, half), strict=True)
         return [m + moved for m, moved in pairs]
 
 

@@ -269,9 +269,9 @@ def _named_groups(prepared: Prepared, pattern: Pattern) -> list[str]:
 def structure_left(prepared: Prepared, name: str, found: Freed) -> float:
     """The score of `bayestissue.inference.checking.model_form` with an error taken as the traces have it."""
     data = _shifted(prepared, with_normal_errors(prepared.data), name, found.error)
-    u = jnp.broadcast_to(jnp.asarray(found.centre), (PREDICTIVE_DRAWS, *found.centre.shape))
+    u = np.broadcast_to(found.centre, (PREDICTIVE_DRAWS, *found.centre.shape))
     keys = jax.random.split(jax.random.PRNGKey(0), PREDICTIVE_DRAWS)
-    made = np.asarray(replicates(prepared.model, data, u, keys)["deceleration"])
+    made = replicates(prepared.model, data, u, keys)["deceleration"]
     inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
     offset = found.error[:, None] if name == OFFSET else 0.0
     measured = np.where(inside, prepared.signal.deceleration - offset, np.nan)

@@ -9,7 +9,6 @@ from __future__ import annotations
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -34,14 +33,14 @@ def misfit_precheck(prepared: Prepared, expansions: Sites, seed: int) -> dict[st
         expansions: each trace's own, as `bayestissue.inference.posterior.approximate.expanded` finds them.
         seed: of the replicates.
     """
-    best = jnp.asarray(expansions.centre)
-    noise = np.exp(np.asarray(best)[:, 2] + np.asarray(prepared.data.log_peak))
+    best = np.asarray(expansions.centre)
+    noise = np.exp(best[:, 2] + np.asarray(prepared.data.log_peak))
     if np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
         return None
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 31), PREDICTIVE_DRAWS)
-    u = jnp.broadcast_to(best, (PREDICTIVE_DRAWS, *best.shape))
+    u = np.broadcast_to(best, (PREDICTIVE_DRAWS, *best.shape))
     made = replicates(prepared.model, prepared.data, u, keys)["deceleration"]
     inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
     measured = np.where(inside, prepared.signal.deceleration, np.nan)
-    found = judged(measured, np.asarray(made))
+    found = judged(measured, made)
     return found if found["score"] > _PLAIN else None

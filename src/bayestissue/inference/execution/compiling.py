@@ -22,6 +22,8 @@ Function = Callable[..., Any]
 Static = str | Sequence[str]
 # XLA spends most of a compilation on making the result fast.
 _QUICKLY, _SOONER = {"xla_backend_optimization_level": 0}, {"xla_backend_optimization_level": 1}
+# XLA's own level, for what runs thousands of times, whatever XLA_FLAGS say.
+FULLY = {"xla_backend_optimization_level": 3}
 
 
 def compiled_quickly(static_argnames: Static = ()) -> Callable[[Function], Function]:
@@ -47,7 +49,7 @@ def compiled_sooner(static_argnames: Static = ()) -> Callable[[Function], Functi
 
 def compiled(static_argnames: Static = ()) -> Callable[[Function], Function]:
     """`jax.jit` for what runs long; otherwise as `compiled_quickly`."""
-    return lambda function: _for_few_shapes(function, static_argnames, {})
+    return lambda function: _for_few_shapes(function, static_argnames, FULLY)
 
 
 def _for_few_shapes(function: Function, static_argnames: Static, options: dict[str, Any]) -> Function:

@@ -27,6 +27,7 @@ from bayestissue.padding import bucket
 Method = Literal["exact", "dds"]
 Column = Float[np.ndarray, " impact"]
 BATCH = 256
+_FEWEST = 16
 _FEW = 500
 _TYPES: dict[str, type] = {"branch": int, "noiseless": bool, "theta1_at_limit": bool}
 
@@ -135,8 +136,8 @@ def _fit_of_batch(
 
 
 def _batches(count: int) -> Iterator[np.ndarray]:
-    """Batches of 1, 2, 4 ... impacts, so that few sizes are ever compiled; filled up with the last impact."""
-    size = 2 ** (-(-count // -(-count // BATCH)) - 1).bit_length()
+    """Batches of 16, 32 ... impacts, so that few sizes are ever compiled; filled up with the last impact."""
+    size = max(_FEWEST, 2 ** (-(-count // -(-count // BATCH)) - 1).bit_length())
     for begin in range(0, count, size):
         yield np.minimum(np.arange(begin, begin + size), count - 1)
 

@@ -76,8 +76,8 @@ def constrained_draws(
     flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
     expected = conditional_priors(model, gaussian(data, summaries), flat, flat["standard_locations"])
     u = normals(summaries, expected.anchors).at(flat["standard_impacts"])
-    keys = jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1])
-    rows = (expected.sites, expected.b, expected.about, u, keys)
+    keys = jax.vmap(jax.random.split)(jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1]))
+    rows = (expected.sites, expected.b, expected.about, u, keys[:, 0], keys[:, 1])
     b, impacts = in_calls(partial(constrain_rows, model, data), rows, DRAWS)
     scores = of_draws(prepared, told or LikelihoodApproximation(summaries), expected)
     sites, b, impacts, scores = jax.tree.map(
@@ -116,18 +116,20 @@ def constrain_rows(
     b: Float[Array, "draw location"],
     about: Float[Array, "draw impact parameter"],
     u: Float[Array, "draw impact parameter"],
-    keys: Array,
+    of_mass: Array,
+    of_errors: Array,
     number: int,
 ) -> tuple[Array, dict[str, Float[Array, "draw impact ..."]]]:
-    """Locations at people's true masses, and every impact's quantities, of the first so many draws."""
+    """Locations at people's true masses, and every impact's quantities, of the first so many draws.
+
+    ``of_mass`` and ``of_errors`` are keys of the errors of mass and of all other errors.
+    """
 
     def one(place: Any) -> tuple[Array, dict[str, Array]]:
         own = {name: values[place] for name, values in sites.items()}
-        locations, here, values, key = b[place], about[place], u[place], keys[place]
-        of_mass, of_errors = jax.random.split(key)
-        spread, columns = population(model, own), list(values.T)
-        locations, mass_error = _mass_error(model, data, spread, locations, columns, list(here.T), of_mass)
-        return locations, impact_quantities(model, data, columns, mass_error, of_errors)
+        spread, columns, here = population(model, own), list(u[place].T), list(about[place].T)
+        locations, mass_error = _mass_error(model, data, spread, b[place], columns, here, of_mass[place])
+        return locations, impact_quantities(model, data, columns, mass_error, of_errors[place])
 
     return first_rows(one, DRAWS, number)
 
@@ -178,11 +180,18 @@ def _mass_error(
     of u; where it is a person's, of that of the person's effects, from which it is taken apart here. Either
     way e is normal given what is seen.
     """
-    if spread.shared is not None:
-        error = error_of_people(spread.locations, spread.shared, b, key)
-        b = b.at[spread.shared.effect_on_K].add(error).at[spread.shared.effect_on_C].add(error)
+    b, error = at_true_masses(spread, b, key)
+    if error is not None:
         return b, of_impacts(data.design, spread, error)
     return b, impact_error(model, spread, u, about, key)
+
+
+def at_true_masses(spread: Covariances, b: Array, key: Array) -> tuple[Array, Float[Array, " person"] | None]:
+    """People's effects in b put at their true mass, and the errors that all impacts of a person share."""
+    if spread.shared is None:
+        return b, None
+    error = error_of_people(spread.locations, spread.shared, b, key)
+    return b.at[spread.shared.effect_on_K].add(error).at[spread.shared.effect_on_C].add(error), error
 
 
 def impact_error(

@@ -10,7 +10,7 @@ draws can be trusted.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,6 +22,7 @@ from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expecte
 from bayestissue.hierarchy.gaussian.conditional import Expansion, flat_spreads
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, constrained, population
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.progress import Progress, silent
@@ -33,6 +34,7 @@ from bayestissue.inference.factors.importance_ratios import (
     log_evidence_corrections,
     ratios_among,
 )
+from bayestissue.inference.posterior.approximate import Approximation
 
 
 class PopulationDraws(NamedTuple):
@@ -41,10 +43,13 @@ class PopulationDraws(NamedTuple):
     raw: dict[str, Float[Array, " draw"]]
     b: Float[Array, "draw location"]
 
+    def rows(self, chosen: Any) -> PopulationDraws:
+        """Some of them."""
+        return PopulationDraws({name: values[chosen] for name, values in self.raw.items()}, self.b[chosen])
+
     def some(self, number: int) -> PopulationDraws:
         """As many of them, evenly spaced."""
-        chosen = evenly_spaced(len(self.b), number)
-        return PopulationDraws({name: values[chosen] for name, values in self.raw.items()}, self.b[chosen])
+        return self.rows(evenly_spaced(len(self.b), number))
 
 
 def rows_of(summaries: Sites, rows: np.ndarray) -> Sites:
@@ -53,10 +58,8 @@ def rows_of(summaries: Sites, rows: np.ndarray) -> Sites:
 
 
 def expand(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Sites,
-    profile: LikelihoodGrid | None,
+    prepared: Prepared,
+    sites: Approximation,
     middle: PopulationDraws,
     draws: PopulationDraws,
     *,
@@ -65,23 +68,21 @@ def expand(
     """The expansion about one population.
 
     Args:
-        model: the model.
-        data: the traces.
-        summaries: of them.
-        profile: of their last parameter, if it has one.
+        prepared: model and data.
+        sites: of the traces.
         middle: one draw of the population, about which to expand.
-        draws: of the population, as many as there are points: where traces and summaries are compared.
+        draws: of the population, as many as there are points: where traces and sites are compared.
         progress: told how many blocks of impacts are done.
     """
+    model, data = prepared.model, prepared.data
     design, cell = data.design, np.asarray(data.design.cell)
     at, about = (np.asarray(part)[0] for part in _seen(model, design, middle))
     mixture = anchors_of(model, design, draws)
 
     def one(part: TraceData, rows: np.ndarray) -> tuple[Array, Array]:
         here = np.concatenate([about[cell[rows]], np.broadcast_to(at, (len(rows), len(at)))], axis=1)
-        own, own_profile = told_of_rows(summaries, profile, rows)
-        anchors = _of_cells(mixture, cell[rows])
-        return _expand(own, ratios_among(model, part, own, anchors, own_profile), here)
+        own, grid = told_of_rows(sites, rows)
+        return _expand(own, ratios_among(model, part, own, of_cells(mixture, cell[rows]), grid), here)
 
     slope, bend = in_blocks(data, one, progress=progress)
     return Expansion(
@@ -93,11 +94,8 @@ def expand(
 
 
 def residual_log_weights(
-    model: TraceModel,
-    data: TraceData,
-    summaries: Sites,
-    profile: LikelihoodGrid | None,
-    expansion: Expansion | None,
+    prepared: Prepared,
+    sites: Approximation,
     mixture: PopulationDraws,
     checked: PopulationDraws,
     *,
@@ -106,26 +104,24 @@ def residual_log_weights(
     """Log of the true evidence over the one that draws were made with, for some draws, less their mean.
 
     Args:
-        model: the model.
-        data: the traces.
-        summaries: of them.
-        profile: of their last parameter, if it has one.
-        expansion: of what the summaries leave out, where it is part of the density.
-        progress: told how many blocks of impacts are done.
-        mixture: draws of the population at which traces and summaries are compared.
+        prepared: model and data.
+        sites: of the traces, with what they leave out expanded where that is part of the density.
+        mixture: draws of the population at which traces and sites are compared.
         checked: the draws to check.
+        progress: told how many blocks of impacts are done.
     """
+    model, data = prepared.model, prepared.data
     cell = np.asarray(data.design.cell)
     compared, seen = (anchors_of(model, data.design, draws) for draws in (mixture, checked))
 
     def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
-        own, own_profile = told_of_rows(summaries, profile, rows)
-        points = ratios_among(model, part, own, _of_cells(compared, cell[rows]), own_profile)
-        return log_evidence_corrections(own, points, _of_cells(seen, cell[rows])).T
+        own, grid = told_of_rows(sites, rows)
+        points = ratios_among(model, part, own, of_cells(compared, cell[rows]), grid)
+        return log_evidence_corrections(own, points, of_cells(seen, cell[rows])).T
 
     exact = in_blocks(data, one, progress=progress).sum(0)
-    if expansion is not None:
-        exact = exact - np.asarray(_expanded(model, data.design, expansion, checked))
+    if sites.expansion is not None:
+        exact = exact - np.asarray(_expanded(model, data.design, sites.expansion, checked))
     return exact - exact.mean()
 
 
@@ -136,7 +132,8 @@ def anchors_of(model: TraceModel, design: PopulationDesign, draws: PopulationDra
     return ConditionalPrior(np.asarray(about), np.asarray(precision(draws.raw))[:, None])
 
 
-def _of_cells(anchors: ConditionalPrior, cell: np.ndarray) -> ConditionalPrior:
+def of_cells(anchors: ConditionalPrior, cell: np.ndarray) -> ConditionalPrior:
+    """The same of impacts in these places."""
     return anchors._replace(mean=anchors.mean[:, cell])
 
 
@@ -148,14 +145,12 @@ def _seen(
     return spreads, jnp.moveaxis(expected_by_cell(design, draws.b), 0, -1)
 
 
-def told_of_rows(
-    summaries: Sites, profile: LikelihoodGrid | None, rows: np.ndarray
-) -> tuple[Sites, LikelihoodGrid | None]:
-    """Some impacts' summaries, and their profile if there is one."""
-    own = rows_of(summaries, rows)
-    if profile is None:
+def told_of_rows(sites: Approximation, rows: np.ndarray) -> tuple[Sites, LikelihoodGrid | None]:
+    """Some impacts' sites, and their grid of the last parameter if there is one."""
+    own, grid = rows_of(sites.summaries, rows), sites.profile
+    if grid is None:
         return own, None
-    return own, profile._replace(log_likelihood=jnp.asarray(np.asarray(profile.log_likelihood)[:, rows]))
+    return own, grid._replace(log_likelihood=jnp.asarray(np.asarray(grid.log_likelihood)[:, rows]))
 
 
 @jax.jit

@@ -20,27 +20,21 @@ from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data, integrate_out
-from bayestissue.hierarchy.gaussian.impacts import ImpactConditional, Sites, parameters_first
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import (
-    COORDINATES,
-    TraceData,
-    TraceModel,
-    constrained,
-    log_likelihood,
-    population,
-)
+from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel, constrained, population
 from bayestissue.inference.execution.chunks import in_blocks
+from bayestissue.inference.execution.compiling import in_calls
 from bayestissue.inference.execution.kept import kept_draws, some_impacts, some_of
 from bayestissue.inference.execution.progress import Progress, silent
-from bayestissue.inference.factors.conditional import POINTS, log_evidence
+from bayestissue.inference.factors.conditional import POINTS, normals
+from bayestissue.inference.factors.conditional_prior import ConditionalPriors
 from bayestissue.inference.posterior.approximate import LAST, Approximation, spreads_of_summaries
 from bayestissue.inference.posterior.constrained_draws import (
+    DRAWS,
     ConstrainedDraws,
-    error_of_people,
-    impact_error,
-    impact_quantities,
+    at_true_masses,
+    constrain_rows,
     named_sites,
 )
 from bayestissue.inference.posterior.correction import Correction
@@ -48,23 +42,18 @@ from bayestissue.inference.posterior.expansion import (
     PopulationDraws,
     anchors_of,
     expand,
+    of_cells,
     residual_log_weights,
     rows_of,
     told_of_rows,
 )
 from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, own_effects
-from bayestissue.inference.posterior.recipe import CANDIDATES, sample_marginal
-from bayestissue.inference.posterior.scores import (
-    LikelihoodApproximation,
-    log_evidence_ratios,
-    scores_of_groups,
-)
+from bayestissue.inference.posterior.recipe import CANDIDATES, sample_marginal, sir_proposals
+from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws, scores_of_groups
 from bayestissue.inference.samplers.sampling import Draws
 
 CHECKS = 40
 EXPANSIONS = 2
-# Draws at a time: a thousand impacts' matrices take memory.
-_AT_ONCE = 64
 
 
 def draws_in_part(
@@ -76,7 +65,8 @@ def draws_in_part(
 ) -> tuple[Draws, ConstrainedDraws, Correction]:
     """Draws of the population, and of the impacts what `ConstrainedDraws` keeps, corrected."""
     model = prepared.model
-    summarised = with_expansion(prepared, summarised, seed, partial(say, "comparing traces and summaries"))
+    comparing = partial(say, "comparing traces and summaries")
+    summarised = with_expansion(prepared, summarised, seed, comparing)
     sampling = partial(say, "sampling the population")
     found = sample_marginal(prepared, summarised, settings, seed, sampling).thinned(settings.thinning)
     shape = (settings.chains, settings.draws)
@@ -84,21 +74,14 @@ def draws_in_part(
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 21), 4)
     say("drawing people and conditions", 0, 1)
     draws, scores = _population(prepared, summarised, y, keys[0])
-    weights = residual_log_weights(
-        model,
-        prepared.data,
-        summarised.summaries,
-        summarised.profile,
-        summarised.expansion,
-        draws.some(POINTS),
-        draws.some(CHECKS),
-        progress=partial(say, "comparing traces and summaries"),
-    )
+    mixture, checked = draws.some(POINTS), draws.some(CHECKS)
+    weights = residual_log_weights(prepared, summarised, mixture, checked, progress=comparing)
     correction = Correction.of(weights[None], CHECKS)
     densities = {name: np.asarray(v).reshape(*shape, *v.shape[1:]) for name, v in scores.items()}
     hyper = constrained(model, draws.raw)
-    true_b, error = _with_true_masses(model, hyper, draws.b, keys[1])
-    impacts, kept = _of_impacts(prepared, summarised, draws, error, shape, keys[2], say)
+    of_mass = jax.random.split(keys[1], len(y))
+    true_b = _at_true_masses(model, hyper, draws.b, of_mass)
+    impacts, kept = _of_impacts(prepared, summarised, draws, of_mass, shape, seed, say)
     densities["trace"] = _scores_of_some(prepared, summarised, draws).reshape(*shape, -1)
     sites = {name: np.asarray(values).reshape(shape) for name, values in hyper.items()}
     unfolded = ConstrainedDraws(
@@ -119,28 +102,17 @@ def with_expansion(
     Each expansion is made about the posterior's middle under the one before. One that leaves no posterior at
     all is left out: what is then found at the end tells of it.
     """
-    model, rng = prepared.model, np.random.default_rng([seed, 25])
+    rng = np.random.default_rng([seed, 25])
     for number in range(EXPANSIONS):
         y = np.zeros((1 + POINTS, len(summarised.spreads.names)))
         y[1:] = rng.multivariate_normal(y[0], summarised.spreads.covariance, POINTS)
         drawn, _ = _population(prepared, summarised, y, jax.random.PRNGKey(number), middle=True)
-        middle, others = (
-            PopulationDraws({name: values[part] for name, values in drawn.raw.items()}, drawn.b[part])
-            for part in (slice(1), slice(1, None))
-        )
+        middle, others = drawn.rows(slice(1)), drawn.rows(slice(1, None))
 
         def told(done: int, total: int, number: int = number) -> None:
             progress(number * total + done, EXPANSIONS * total)
 
-        expansion = expand(
-            model,
-            prepared.data,
-            summarised.summaries,
-            summarised.profile,
-            middle,
-            others,
-            progress=told,
-        )
+        expansion = expand(prepared, summarised, middle, others, progress=told)
         found = replace(summarised, expansion=expansion)
         near = {name: np.asarray(values[0]) for name, values in middle.raw.items()}
         spreads = spreads_of_summaries(prepared, found, near)
@@ -204,20 +176,13 @@ def _effects_and_scores(
     return jax.lax.map(one, (raw, z))
 
 
-def _with_true_masses(
-    model: TraceModel, sites: dict[str, Array], b: Array, key: Array
-) -> tuple[Array, Float[Array, "draw person"] | None]:
-    """Effects at people's true masses, where all impacts of a person share one error; and that error."""
-    if model.mass_error == "impact":
-        return b, None
-    keys = jax.random.split(key, len(b))
+@jax.jit
+def _at_true_masses(model: TraceModel, sites: dict[str, Array], b: Array, keys: Array) -> Array:
+    """Effects at people's true masses, where all impacts of a person share one error, as `constrain_rows`."""
 
-    def one(draw: tuple[dict[str, Array], Array, Array]) -> tuple[Array, Array]:
-        spread = population(model, draw[0])
-        shared = spread.shared
-        assert shared is not None  # noqa: S101 - the error is a person's
-        error = error_of_people(spread.locations, shared, draw[1], draw[2])
-        return draw[1].at[shared.effect_on_K].add(error).at[shared.effect_on_C].add(error), error
+    def one(draw: tuple[dict[str, Array], Array, Array]) -> Array:
+        own, effects, key = draw
+        return at_true_masses(population(model, own), effects, key)[0]
 
     return jax.lax.map(one, (sites, b, keys))
 
@@ -226,27 +191,34 @@ def _of_impacts(
     prepared: Prepared,
     summarised: Approximation,
     draws: PopulationDraws,
-    error: Array | None,
+    of_mass: Array,
     shape: tuple[int, int],
-    key: Array,
+    seed: int,
     say: Callable[[str, int, int], None],
 ) -> tuple[dict[str, np.ndarray], Int[np.ndarray, " kept"]]:
     """Every impact's parameters for the draws that are kept, [chain, kept draw, impact]."""
-    model, data = prepared.model, prepared.data
-    kept = kept_draws(*shape, len(data.log_mass))
+    model, design = prepared.model, prepared.data.design
+    cell, summaries = np.asarray(design.cell), summarised.summaries
+    kept = kept_draws(*shape, len(cell))
     which = (np.arange(shape[0])[:, None] * shape[1] + kept).ravel()
-    raw = {name: values[which] for name, values in draws.raw.items()}
-    about = np.moveaxis(np.asarray(expected_by_cell(data.design, draws.b[which])), 0, -1)
-    cell, person = np.asarray(data.design.cell), prepared.design.subject
-    of_people = None if error is None else np.asarray(error)[which]
+    draws = draws.rows(which)
+    anchors, sites, people = anchors_of(model, design, draws), constrained(model, draws.raw), of_mass[which]
 
-    def one(part: TraceData, rows: np.ndarray) -> dict[str, Array]:
-        own = None if of_people is None else of_people[:, person[rows]]
-        keys = jax.random.split(jax.random.fold_in(key, int(rows[0])), len(which))
-        sites = rows_of(summarised.summaries, rows)
-        return _draw_block(model, part, sites, raw, about[:, cell[rows]], own, keys)
+    def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
+        rng = np.random.default_rng([seed, 24, int(rows[0])])
+        own, here = rows_of(summaries, rows), of_cells(anchors, cell[rows])
+        seeds = rng.integers(2**32, size=len(which))
+        z = sir_proposals(model, part, own, CANDIDATES, here.mean, here.precision[:, 0], seeds)
+        keys = jax.random.split(jax.random.PRNGKey(rng.integers(2**32)), (2, len(which)))
+        shared = people if model.mass_error == "subject" else keys[0]
+        given = (sites, draws.b, here.mean, normals(own, here).at(z), shared, keys[1])
+        # Of the design X b of these impacts is asked alone.
+        part = part._replace(design=design._replace(cell=cell[rows]))
+        _, made = in_calls(partial(constrain_rows, model, part), given, DRAWS)
+        # Seven digits of a draw are more than it knows, and half the memory.
+        return {name: np.moveaxis(values, 1, 0).astype(np.float32) for name, values in made.items()}
 
-    made = in_blocks(data, one, progress=partial(say, "drawing each impact"))
+    made = in_blocks(prepared.data, one, progress=partial(say, "drawing each impact"))
     impacts = {
         name: np.moveaxis(v.reshape(len(v), shape[0], len(kept), *v.shape[2:]), 0, 2)
         for name, v in made.items()
@@ -254,55 +226,13 @@ def _of_impacts(
     return impacts, kept
 
 
-@jax.jit
-def _draw_block(
-    model: TraceModel,
-    data: TraceData,
-    sites: Sites,
-    raw: dict[str, Array],
-    about: Float[Array, "draw impact parameter"],
-    error: Float[Array, "draw impact"] | None,
-    keys: Array,
-) -> dict[str, Array]:
-    """Each impact's quantities, [impact, draw], chosen as `recipe.sir_proposals` does."""
-
-    def one(draw: tuple[dict[str, Array], Array, Array | None, Array]) -> dict[str, Array]:
-        own, expectation, shared, key = draw
-        spread = population(model, constrained(model, own))
-        given = ImpactConditional.of(spread.of_impact(), parameters_first(sites))
-        of_candidates, of_choice, of_mass, of_errors = jax.random.split(key, 4)
-        shape = sites.centre.T.shape
-        candidates = jax.random.normal(of_candidates, (CANDIDATES, *shape))
-
-        def ratio(candidate: Array) -> Array:
-            u = given.draw(expectation.T, candidate)
-            return log_likelihood(model, data, list(u)) - sites.log_density(u.T)
-
-        ratios = jax.lax.map(ratio, candidates)
-        choice = jax.random.categorical(of_choice, jnp.nan_to_num(ratios, nan=-jnp.inf), axis=0)
-        standard = jnp.take_along_axis(candidates, choice[None, None], axis=0)[0]
-        u = list(given.draw(expectation.T, standard))
-        if shared is None:
-            shared = impact_error(model, spread, u, list(expectation.T), of_mass)
-        return impact_quantities(model, data, u, shared, of_errors)
-
-    made = jax.lax.map(one, (raw, about, error, keys))
-    # Seven digits of a draw are more than it knows, and half the memory.
-    return {name: jnp.moveaxis(values, 1, 0).astype(jnp.float32) for name, values in made.items()}
-
-
 def _scores_of_some(
     prepared: Prepared, summarised: Approximation, draws: PopulationDraws
 ) -> Float[np.ndarray, "draw shown"]:
     """Log density of the traces of some impacts, every draw."""
-    rows = some_impacts(len(prepared.data.log_mass))
-    some = some_of(prepared, rows).data
-    anchors = anchors_of(prepared.model, some.design, draws)
-    anchors = anchors._replace(mean=anchors.mean[:, np.asarray(some.design.cell)])
-    told = LikelihoodApproximation(*told_of_rows(summarised.summaries, summarised.profile, rows))
-    besides = log_evidence_ratios(prepared.model, some, told, anchors)
-    parts = [
-        log_evidence(told.summaries, type(anchors)(*(part[begin : begin + _AT_ONCE] for part in anchors)))
-        for begin in range(0, len(besides), _AT_ONCE)
-    ]
-    return besides + np.concatenate(parts)
+    model, rows = prepared.model, some_impacts(len(prepared.data.log_mass))
+    some = some_of(prepared, rows)
+    anchors = of_cells(anchors_of(model, some.data.design, draws), np.asarray(some.data.design.cell))
+    told = LikelihoodApproximation(*told_of_rows(summarised, rows))
+    expected = ConditionalPriors({}, np.asarray(draws.b), anchors.mean, anchors.precision[:, 0])
+    return of_draws(some, told, expected, {})["trace"]

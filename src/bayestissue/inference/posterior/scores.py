@@ -54,7 +54,10 @@ class LikelihoodApproximation(NamedTuple):
 
 
 def of_draws(
-    prepared: Prepared, told: LikelihoodApproximation, expected: ConditionalPriors
+    prepared: Prepared,
+    told: LikelihoodApproximation,
+    expected: ConditionalPriors,
+    groups: dict[str, tuple[Slots, OwnEffects]] | None = None,
 ) -> dict[str, np.ndarray]:
     """Log densities under each draw of the population: "trace" [draw, impact], "traces_of_subject" and so on.
 
@@ -69,9 +72,10 @@ def of_draws(
         prepared: the fit.
         told: of the traces' likelihoods.
         expected: what the draws expect; its sites are those of the draws.
+        groups: groupings with their levels' own effects; all of the design unless given.
     """
     besides = log_evidence_ratios(prepared.model, prepared.data, told, expected.anchors)
-    groups = own_effects(prepared.model, prepared.design)
+    groups = own_effects(prepared.model, prepared.design) if groups is None else groups
     parts = [
         _of_some(prepared, groups, told.summaries, expected, besides, slice(begin, begin + _AT_ONCE))
         for begin in range(0, len(besides), _AT_ONCE)

@@ -25,7 +25,7 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
-from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
+from bayestissue.inference.results.predictions import replicates
 from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.likelihood.element.response import ElementRecord, response
 from bayestissue.signal.displacement import FEWEST_SAMPLES
@@ -98,14 +98,8 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
         return with_normal_errors(prepared.data._replace(record=record))
     data = with_normal_errors(prepared.data)
     quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
-    bare = data.record._replace(error_sd=jnp.zeros_like(data.record.error_sd))
-    # As many draws as predictions have, so that nothing is compiled anew.
-    made = replicates(
-        prepared.model,
-        data._replace(record=bare),
-        jnp.tile(jnp.asarray(quiet), (PREDICTIVE_DRAWS, 1, 1)),
-        jax.random.split(jax.random.PRNGKey(0), PREDICTIVE_DRAWS),
-    )
+    bare = data.record._replace(error_sd=jax.device_put(np.zeros(data.record.error_sd.shape)))
+    made = replicates(prepared.model, data._replace(record=bare), quiet[None], jax.random.PRNGKey(0)[None])
     trace = made["deceleration" if prepared.model.kind == "impact" else "displacement"][0]
     record = data.record.with_traces(np.nan_to_num(np.asarray(trace)), np.asarray(data.record.n_samples))
     return data._replace(record=record)
@@ -139,7 +133,9 @@ def _information(prepared: Prepared, data: TraceData, u: np.ndarray) -> Matrices
 def _scaled(data: TraceData, column: int, side: int) -> TraceData:
     """With the log variance of one error larger or smaller by half a step."""
     factor = np.where(np.arange(data.record.error_sd.shape[1]) == column, np.exp(side * _STEP / 4), 1.0)
-    return data._replace(record=data.record._replace(error_sd=data.record.error_sd * factor))
+    return data._replace(
+        record=data.record._replace(error_sd=jax.device_put(np.asarray(data.record.error_sd) * factor))
+    )
 
 
 class ShorterWindow(NamedTuple):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,7 +13,12 @@ from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
-from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner
+from bayestissue.inference.execution.compiling import (
+    compiled_quickly,
+    compiled_sooner,
+    first_rows,
+    in_calls,
+)
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, thinned
 from bayestissue.likelihood.element.response import ElementRecord
@@ -26,24 +33,29 @@ def predicted(prepared: Prepared, unfolded: ConstrainedDraws, seed: int) -> dict
     if unfolded.kept is not None:
         parameters = parameters[:, :, some_impacts(parameters.shape[2])].astype(float)
     some = thinned({"u": parameters}, PREDICTIVE_DRAWS)["u"]
-    flat = jnp.asarray(some.reshape(-1, *some.shape[2:]))
+    flat = some.reshape(-1, *some.shape[2:])
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), len(flat))
     made = replicates(prepared.model, prepared.data, flat, keys)
-    return {
-        name: np.asarray(v, np.float32).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()
-    }
+    return {name: v.astype(np.float32).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()}
+
+
+def replicates(
+    model: TraceModel, data: TraceData, u: Float[np.ndarray, "draw impact parameter"], keys: Array
+) -> dict[str, Float[np.ndarray, "draw impact sample"]]:
+    """A replicate of every trace for each draw of ``u``, as displacement and as deceleration."""
+    return in_calls(partial(replicates_of, model, data), (u, keys), PREDICTIVE_DRAWS)
 
 
 @compiled_sooner()
-def replicates(
-    model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array
+def replicates_of(
+    model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array, number: int
 ) -> dict[str, Float[Array, "draw impact sample"]]:
-    """A replicate of every trace for each draw of ``u``; as displacement and as deceleration."""
+    """What is compiled of `replicates`: the first so many of `PREDICTIVE_DRAWS` draws."""
 
-    def one(draw: tuple[Array, Array]) -> dict[str, Array]:
-        return trace_distribution(model, data, list(draw[0].T)).replicate(draw[1])
+    def one(place: Array) -> dict[str, Array]:
+        return trace_distribution(model, data, list(u[place].T)).replicate(keys[place])
 
-    return jax.lax.map(one, (u, keys))
+    return first_rows(one, PREDICTIVE_DRAWS, number)
 
 
 @compiled_quickly()

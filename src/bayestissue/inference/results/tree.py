@@ -7,7 +7,6 @@ from functools import partial
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -179,9 +178,9 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
         "C": np.exp(u[None, ..., 1] + error),
         **{name: values[None] for name, values in ratios.items()},
     }
-    some = jnp.asarray(u[:PREDICTIVE_DRAWS])
+    some = u[:PREDICTIVE_DRAWS]
     seen = replicates(model, data, some, jax.random.split(key, len(some)))
     # A prior's wall may be thin enough to throw the impactor back faster than any number.
     with np.errstate(over="ignore"):
-        single = {name: np.asarray(v, np.float32)[None] for name, v in seen.items()}
+        single = {name: v.astype(np.float32)[None] for name, v in seen.items()}
     return {"prior": put(_quantities(prepared, sites, impacts, rng)), "prior_predictive": put(single)}

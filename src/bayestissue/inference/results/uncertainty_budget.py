@@ -11,17 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL
-from bayestissue.hierarchy.gaussian.arrangement import expected
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import population
+from bayestissue.hierarchy.traces import TraceModel, population
+from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_of
 from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.results.errors import (
@@ -75,10 +78,10 @@ def uncertainty_budget(prepared: Prepared, unfolded: ConstrainedDraws) -> pd.Dat
         rows = np.unique(np.linspace(0, rows[-1], MOST_IMPACTS).astype(int))
     part = some_of(prepared, rows) if many else prepared
     u = np.median(unfolded.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
-    spread = _spread(part, unfolded, np.median)
-    errors = trace_errors(part, u, _RIDGE * np.linalg.inv(sum(_scatter(part, spread).values())))
+    middle = _Hierarchy(part, _middle(part, unfolded, np.median))
+    errors = trace_errors(part, u, _RIDGE * np.linalg.inv(middle.omega))
     drawn = {q: np.var(np.log(unfolded.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
-    tables = [_of_impacts(_Hierarchy(part, spread, errors).of_impacts(not many), drawn)]
+    tables = [_of_impacts(middle.of_impacts(errors, not many), drawn)]
     if (window := None if many else shorter_window(part, u)) is not None:
         ends = (np.median(np.abs(window.moved), axis=0) / _MEDIAN, np.median(window.expected, axis=0))
         rows_of_window = [
@@ -90,21 +93,21 @@ def uncertainty_budget(prepared: Prepared, unfolded: ConstrainedDraws) -> pd.Dat
     means = {}
     if not many:
         # Variances of means are linear in those of the spreads, whose posteriors have long tails.
-        means = _Hierarchy(part, _spread(part, unfolded, _root_mean_square), errors).of_means()
+        means = _Hierarchy(part, _middle(part, unfolded, _root_mean_square)).of_means(errors)
         tables.append(_of_population(prepared, TYPICAL_PERSON, means, unfolded))
     of_new = _with_scatter(prepared, means, unfolded)
     tables.append(_of_population(prepared, NEW_PERSON, of_new, unfolded))
     return pd.concat(tables, ignore_index=True)[COLUMNS]
 
 
-def _spread(
+def _middle(
     prepared: Prepared, unfolded: ConstrainedDraws, middle: Callable[[np.ndarray], np.floating]
-) -> Covariances:
-    """The standard deviations at the middle of their draws."""
-    sites = {name: jnp.asarray(middle(unfolded.sites[name])) for name in prepared.model.spreads}
+) -> dict[str, np.floating]:
+    """The standard deviations at the middle of their draws, and the median correlation."""
+    sites = {name: middle(unfolded.sites[name]) for name in prepared.model.spreads}
     if "residual_correlation" in sites:
-        sites["residual_correlation"] = jnp.asarray(np.median(unfolded.sites["residual_correlation"]))
-    return population(prepared.model, sites)
+        sites["residual_correlation"] = np.median(unfolded.sites["residual_correlation"])
+    return sites
 
 
 def _root_mean_square(values: np.ndarray) -> np.floating:
@@ -114,7 +117,7 @@ def _root_mean_square(values: np.ndarray) -> np.floating:
 def _scatter(prepared: Prepared, spread: Covariances) -> dict[str, Float[np.ndarray, "parameter parameter"]]:
     """Covariance of u about X b by source, an error of mass left out."""
     model = prepared.model
-    kk, kc, cc = (np.asarray(value) for value in spread.own)
+    kk, kc, cc = spread.own
     mass = model.log_mass_sd**2 if model.mass_error == "impact" else 0.0
     size = 2 + len(model.nuisance)
     found = {IMPACTS: np.zeros((size, size))}
@@ -126,35 +129,45 @@ def _scatter(prepared: Prepared, spread: Covariances) -> dict[str, Float[np.ndar
     return found
 
 
+@compiled_quickly()
+def _dense(
+    model: TraceModel, design: PopulationDesign, sites: dict[str, Array]
+) -> tuple[Covariances, Float[Array, "parameter location impact"], Float[Array, "location location"]]:
+    """The hierarchy at these standard deviations: covariances, columns of X, prior precision of b."""
+    spread, unit = population(model, sites), jnp.eye(model.locations.size)
+    return spread, expected(design, unit), spread.of_effects().among(jnp.arange(len(unit)))
+
+
 class _Hierarchy:
     """The normal hierarchy with its standard deviations given, every covariance by source."""
 
-    def __init__(self, prepared: Prepared, spread: Covariances, errors: TraceErrors) -> None:
-        self._prepared, self._spread = prepared, spread
-        self._scatter = _scatter(prepared, spread)
-        size = errors.total.shape[1]
-        self._both = (np.arange(size) < 2).astype(float)
-        own = prepared.model.log_mass_sd**2 if spread.shared is None else 0.0
-        of_mass = own * np.multiply.outer(self._both, self._both)
-        self._measured = {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
-        self._omega = sum(self._scatter.values())
-        self._noise = errors.total + of_mass
-        unit = jnp.eye(prepared.model.locations.size)
-        self._columns = np.asarray(expected(prepared.data.design, unit)).transpose(2, 0, 1)
-        self._prior = np.asarray(spread.of_effects().among(jnp.arange(len(unit))))
+    def __init__(self, prepared: Prepared, sites: dict[str, np.floating]) -> None:
+        self._prepared = prepared
+        found = _dense(prepared.model, prepared.data.design, sites)
+        self._spread, columns, self._prior = jax.device_get(found)
+        self._columns = columns.transpose(2, 0, 1)
+        self._scatter = _scatter(prepared, self._spread)
+        self.omega = np.sum(list(self._scatter.values()), axis=0)
+        self._both = (np.arange(len(self.omega)) < 2).astype(float)
 
-    def of_means(self) -> dict[str, dict[str, float]]:
+    def _measured(self, errors: TraceErrors) -> tuple[Matrices, dict[str, Matrices]]:
+        """What the traces' errors and the mass's add, all together and by source."""
+        own = self._prepared.model.log_mass_sd**2 if self._spread.shared is None else 0.0
+        of_mass = own * np.multiply.outer(self._both, self._both)
+        by_source = {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
+        return errors.total + of_mass, by_source
+
+    def of_means(self, errors: TraceErrors) -> dict[str, dict[str, float]]:
         """By response and source: the variance of the population's mean log at the reference mass."""
-        weight = np.linalg.inv(self._omega + self._noise)
+        noise, measured = self._measured(errors)
+        weight = np.linalg.inv(self.omega + noise)
         covariance = self._covariance_of_means(weight)
         locations = self._prepared.model.locations
         found: dict[str, dict[str, float]] = {}
         for response in RESPONSES:
             v = covariance[:, locations.parts[f"intercept_{response}"].start]
             w = np.einsum("iab,ibl,l->ia", weight, self._columns, v)
-            made = {
-                name: float(np.einsum("ia,iab,ib->", w, matrix, w)) for name, matrix in self._measured.items()
-            }
+            made = {name: float(np.einsum("ia,iab,ib->", w, matrix, w)) for name, matrix in measured.items()}
             for name, matrix in self._scatter.items():
                 made[name] = made.get(name, 0.0) + float(np.einsum("ia,ab,ib->", w, matrix, w))
             found[response] = made | self._of_effects(v, made[MASS])
@@ -167,7 +180,7 @@ class _Hierarchy:
     def _of_effects(self, v: Float[np.ndarray, " location"], mass: float) -> dict[str, float]:
         """What people, conditions and priors add, of v' (prior precision) v."""
         spread, names = self._spread, np.array(self._prepared.model.locations.spread)
-        variance = np.asarray(spread.locations) ** 2
+        variance = spread.locations**2
         pull = self._prior @ v
         made = pull**2 * variance
         if spread.shared is not None:
@@ -179,30 +192,28 @@ class _Hierarchy:
             groups[source] += float(made[names == name].sum())
         return {MASS: mass, **groups}
 
-    def of_impacts(self, whole: bool) -> dict[str, dict[str, np.ndarray]]:
+    def of_impacts(self, errors: TraceErrors, whole: bool) -> dict[str, dict[str, np.ndarray]]:
         """By response and source: the variance of each impact's log, [impact].
 
         Where the data are not ``whole``, the means of person and condition count as known.
         """
-        told = np.linalg.inv(self._noise)
-        V = np.linalg.inv(np.linalg.inv(self._omega) + told)
+        noise, measured = self._measured(errors)
+        told = np.linalg.inv(noise)
+        V = np.linalg.inv(np.linalg.inv(self.omega) + told)
         gain = V @ told
         left = np.eye(gain.shape[1]) - gain
-        made = {
-            name: np.einsum("iab,ibc,iac->ia", gain, matrix, gain) for name, matrix in self._measured.items()
-        }
+        made = {name: np.einsum("iab,ibc,iac->ia", gain, matrix, gain) for name, matrix in measured.items()}
         for name, matrix in self._scatter.items():
             made[name] = made.get(name, 0.0) + np.einsum("iab,bc,iac->ia", left, matrix, left)
         if whole:
-            covariance = self._covariance_of_means(np.linalg.inv(self._omega + self._noise))
+            covariance = self._covariance_of_means(np.linalg.inv(self.omega + noise))
             pulled = left @ self._columns
             made[PERSON_AND_CONDITION] = np.einsum(
                 "ial,lm,iam->ia", pulled, covariance, pulled, optimize=True
             )
         if (shared := self._spread.shared) is not None:
             K, C = (
-                np.asarray(self._spread.locations)[place] ** 2
-                for place in (shared.effect_on_K[0], shared.effect_on_C[0])
+                self._spread.locations[place] ** 2 for place in (shared.effect_on_K[0], shared.effect_on_C[0])
             )
             error = shared.variance * K * C / (K * C + shared.variance * (K + C))
             made[MASS] = made[MASS] + error * self._both

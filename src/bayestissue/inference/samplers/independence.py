@@ -20,7 +20,7 @@ from numpyro.infer.util import potential_energy
 from scipy.stats import multivariate_t
 
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.execution.compiling import first_rows, in_calls
+from bayestissue.inference.execution.compiling import FULLY, first_rows, in_calls
 from bayestissue.inference.samplers.psis import below_greatest, effective_size, pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -154,7 +154,7 @@ def log_densities(
     return np.asarray(in_calls(partial(_log_densities, model, site, arguments), (points,), POINTS))
 
 
-@partial(jax.jit, static_argnames=("model", "site"))
+@partial(jax.jit, static_argnames=("model", "site"), compiler_options=FULLY)
 def _log_densities(
     model: Callable[..., None], site: str, arguments: tuple[Any, ...], points: Array, number: Array
 ) -> Array:

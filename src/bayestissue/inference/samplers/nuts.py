@@ -22,7 +22,7 @@ from numpyro.infer.util import ParamInfo
 
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.execution.compiling import FULLY, compiled_quickly
 from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.samplers.sampling import STATISTICS, Draws
 from bayestissue.results import scratch, whole_file
@@ -275,7 +275,8 @@ def _compiled(
         return jax.lax.scan(step, state, None, length=SEGMENT)
 
     return _Kernel(
-        compiled_quickly()(many(begin, in_axes=(0, None))), jax.jit(many(advance, in_axes=(0, None)))
+        compiled_quickly()(many(begin, in_axes=(0, None))),
+        jax.jit(many(advance, in_axes=(0, None)), compiler_options=FULLY),
     )
 
 

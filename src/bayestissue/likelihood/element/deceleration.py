@@ -62,11 +62,12 @@ class DecelerationRecord(NamedTuple):
 
         Values past a row's end are cleared.
         """
-        d, n_samples, first_time, dt, velocity, error_sd, uniform = (jnp.asarray(array) for array in arrays)
-        d = jnp.where(jnp.arange(d.shape[1]) < n_samples[:, None], d, 0.0)
+        d, n_samples, *others = (np.asarray(array) for array in arrays)
+        d = np.where(np.arange(d.shape[1]) < n_samples[:, None], d, 0.0)
         width = FILLED * bucket(-(-d.shape[1] // FILLED))
-        padded = np.pad(np.asarray(d), ((0, 0), (0, width - d.shape[1])))
-        return cls(d, n_samples, first_time, dt, velocity, error_sd, uniform, in_blocks(padded))
+        padded = np.pad(d, ((0, 0), (0, width - d.shape[1])))
+        arrays = jax.device_put((d, n_samples, *others))
+        return cls._make([*arrays, in_blocks(padded)])
 
     @property
     def traces(self) -> Float[Array, "impact sample"]:
