@@ -83,7 +83,8 @@ def test_the_first_screen_says_whether_people_differ_in_the_dependence_on_mass(m
     assert told in first
     text = re.sub(r"<[^>]+>", " ", html)
     assert "mass exponent of K of each person itself" in text
-    assert "K and C of each of the levels of subject:side at 0.7 kg" in text
+    assert "K of each of the levels of subject:side at 0.7 kg" in text
+    assert "K, C and thickness_m of each person at 0.7 kg" in text
     assert "sd_subject_side_K" in text
     for words in ("thickness_m of each person, ranked", "log thickness_m", "sd_subject_thickness_m"):
         assert words in text, words

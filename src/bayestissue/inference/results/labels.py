@@ -149,13 +149,14 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
 
 def design_dimensions(design: Design) -> dict[str, tuple[str, ...]]:
     """Of each response of the levels of a grouping, and of the effects of each group term."""
-    of_levels = {f"{q}_{stem_of(name)}": (name,) for q in design.responses for name in design.groupings}
-    of_terms = {
+    found: dict[str, tuple[str, ...]] = {
+        f"{q}_{stem_of(name)}": (name,) for q in design.responses for name in design.groupings
+    }
+    return found | {
         (term.own if term.slope else term.effect)(q): (term.grouping,)
         for q, part in design.responses.items()
         for term in part.terms
     }
-    return of_levels | of_terms
 
 
 def of_one_person(draws: xr.Dataset) -> None:

@@ -129,16 +129,15 @@ def _predictions(run: FitRun) -> dict[str, Any]:
 def _population(run: FitRun) -> dict[str, Any]:
     levels = {level: remarks.group_words(level)[1] for level in dict.fromkeys((*_FIRST, *groupings(run)))}
     slopes = own_slopes(run)
+    ranked = {
+        level: [q for q in run.responses if run.has(f"{stem_of(level)}_effect_{q}")] for level in levels
+    }
     return {
         "ranked_plots": {
-            name: [
-                ranked_figure(run, quantity, level)
-                for quantity in run.responses
-                if run.has(f"{stem_of(level)}_effect_{quantity}")
-            ]
+            name: [ranked_figure(run, quantity, level) for quantity in ranked[level]]
             for level, name in levels.items()
         },
-        "responses": listed(list(run.responses)),
+        "responses": {name: listed(ranked[level]) for level, name in levels.items()},
         "differs": {name: remarks.who_differs(run, level, run.responses) for level, name in levels.items()},
         "slope_words": [slope_words(run, slope) for slope in slopes],
         "slope_plots": [slope_figure(run, slope) for slope in slopes],
