@@ -68,7 +68,7 @@ def posterior_tree(
     quantities = _quantities(whole, unfolded.sites, unfolded.impacts, rng)
     quantities |= mass_exponents_of_secants(whole, unfolded, seed)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
-    priors = compiled_quickly()(specification.priors.log_densities)(
+    priors = compiled_quickly()(specification.complete_priors().log_densities)(
         {k: v for k, v in unfolded.sites.items() if k in quantities}
     )
     log_likelihood = unfolded.log_likelihood
