@@ -10,8 +10,31 @@ import pandas as pd
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES, intercept, sd_impact
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, stem_of
+from bayestissue.hierarchy.population import Effects
 
 Draws = Mapping[str, np.ndarray]
+
+
+def named_sites(
+    locations: Effects, design: Design, spreads: dict[str, np.ndarray], b: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The hierarchy's quantities by name, from the spreads and the locations b, all [chain, draw, ...].
+
+    Effects of groups that a formula leaves out are zero, so that what follows need not ask.
+    """
+    sites = dict(spreads)
+    for each in locations.each:
+        part = locations.parts[each.name]
+        several = each.spread or each.name.startswith("covariate_effect")
+        sites[each.name] = b[..., part] if several else b[..., part.start]
+    for term in (SUBJECT, TRIAL, *design.terms):
+        levels = len(design.groupings[term.grouping].levels)
+        for response in design.responses:
+            effect = term.effect(response)
+            # Without the levels that only fill up.
+            sites[effect] = sites.get(effect, np.zeros((*b.shape[:2], levels)))[..., :levels]
+            sites.setdefault(term.sd(response), np.zeros(b.shape[:2]))
+    return sites
 
 
 def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:

@@ -18,6 +18,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
+from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data, integrate_out
 from bayestissue.hierarchy.specification import Sampler
@@ -30,13 +31,7 @@ from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors.conditional import POINTS, normals
 from bayestissue.inference.factors.conditional_prior import ConditionalPriors
 from bayestissue.inference.posterior.approximate import LAST, Approximation, spreads_of_summaries
-from bayestissue.inference.posterior.constrained_draws import (
-    DRAWS,
-    ConstrainedDraws,
-    at_true_masses,
-    constrain_rows,
-    named_sites,
-)
+from bayestissue.inference.posterior.constrained_draws import DRAWS, at_true_masses, constrain_rows
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.expansion import (
     PopulationDraws,
@@ -50,7 +45,7 @@ from bayestissue.inference.posterior.expansion import (
 from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, own_effects
 from bayestissue.inference.posterior.recipe import CANDIDATES, sample_marginal, sir_proposals
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws, scores_of_groups
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 
 CHECKS = 40
 EXPANSIONS = 2
@@ -85,7 +80,7 @@ def draws_in_part(
     densities["trace"] = _scores_of_some(prepared, summarised, draws).reshape(*shape, -1)
     sites = {name: np.asarray(values).reshape(shape) for name, values in hyper.items()}
     unfolded = ConstrainedDraws(
-        named_sites(model, prepared.design, sites, np.asarray(true_b).reshape(*shape, -1)),
+        named_sites(model.locations, prepared.design, sites, np.asarray(true_b).reshape(*shape, -1)),
         impacts,
         densities,
         kept,

@@ -14,13 +14,13 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.estimates import EstimatesModel, common_effects, estimates_data
 from bayestissue.hierarchy.published import PublishedObservations, published_design
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.posterior.constrained_draws import named_sites
 from bayestissue.inference.published.explanations import compare_explanations
 from bayestissue.inference.published.posterior import EstimatesPosterior, sample_posterior
 from bayestissue.inference.results.cross_validation import prior_sensitivity
@@ -89,7 +89,7 @@ def analyse(
     found = sample_posterior(model, data, settings, seed, partial(say, "sampling the posterior"))
     say("predicting", 0, 1)
     rng = np.random.default_rng(seed)
-    sites = named_sites(model, design, found.draws.sites, found.b)
+    sites = named_sites(model.locations, design, found.draws.sites, found.b)
     tree = _tree(design, observations, specification, sites, found, rng)
     tree = tree.assign(_prior_groups(model, design, observations, seed, rng))
     posterior = tree["posterior"].dataset
@@ -243,7 +243,7 @@ def _prior_groups(
         for name, known in zip(effects.spread, effects.sd, strict=True)
     ]
     b = effects.mean + np.stack(sd, axis=-1) * rng.standard_normal((1, PRIOR_DRAWS, effects.size))
-    sites = named_sites(model, design, spreads, b)
+    sites = named_sites(model.locations, design, spreads, b)
     label = _labelling(design, observations)
     return {
         "prior": xr.DataTree(label(_quantities(design, observations, sites, rng))),

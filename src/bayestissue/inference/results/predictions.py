@@ -20,7 +20,7 @@ from bayestissue.inference.execution.compiling import (
     in_calls,
 )
 from bayestissue.inference.execution.kept import some_impacts
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, thinned
+from bayestissue.inference.samplers.sampling import ConstrainedDraws, thinned
 from bayestissue.likelihood.element.response import ElementRecord
 
 PREDICTIVE_DRAWS = 100

@@ -12,13 +12,13 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, named_sites
 from bayestissue.inference.quantities.elements import per_impact
 from bayestissue.inference.quantities.secant_exponents import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.results.labels import (
@@ -29,7 +29,7 @@ from bayestissue.inference.results.labels import (
     of_one_person,
 )
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, predicted, prior_draws, replicates
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 from bayestissue.likelihood.element.response import ElementRecord
 
 PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass", *per_impact())
@@ -164,7 +164,7 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
     made, u, ratios = jax.device_get(prior_draws(model, data, key))
     drawn = {name: values[None] for name, values in made.items()}
     sites = named_sites(
-        model, prepared.design, {name: drawn[name] for name in model.spreads}, drawn["locations"]
+        model.locations, prepared.design, {name: drawn[name] for name in model.spreads}, drawn["locations"]
     )
     if "log_mass_error" in drawn:
         person = pd.Index(prepared.design.subjects).get_indexer(
