@@ -13,7 +13,6 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -95,13 +94,13 @@ def named_sites(
     Effects of groups that a formula leaves out are zero, so that what follows need not ask.
     """
     sites = dict(spreads)
-    single = {f"{name}_{q}" for q in RESPONSES for name in ("intercept", "mass_exponent")}
-    single |= {f"{name}_mean" for name in model.nuisance}
-    for name, part in model.locations.parts.items():
-        sites[name] = b[..., part.start] if name in single else b[..., part]
+    for each in model.locations.each:
+        part = model.locations.parts[each.name]
+        several = each.spread or each.name.startswith("covariate_effect")
+        sites[each.name] = b[..., part] if several else b[..., part.start]
     for term in (SUBJECT, TRIAL, *design.terms):
         levels = len(design.groupings[term.grouping].levels)
-        for response in RESPONSES:
+        for response in design.responses:
             effect = term.effect(response)
             # Without the levels that only fill up.
             sites[effect] = sites.get(effect, np.zeros((*b.shape[:2], levels)))[..., :levels]

@@ -110,7 +110,7 @@ def corrected_draws(
         return Attempt(sites, _population_draws(prepared, sites, settings, seed, progress))
 
     made = _attempts(prepared, sites, sample, seed, rng)
-    if prepared.model.weakly_identified and not _best(made).correction.trusted:
+    if prepared.model.may_have_grid and not _best(made).correction.trusted:
         other = approximate(prepared, normal=sites.profile is not None, say=say)
         made += _attempts(prepared, other, sample, seed, rng)
     best = _best(made)

@@ -224,8 +224,8 @@ def _sources(prepared: Prepared) -> dict[str, str]:
     """What each unknown standard deviation of effects is a source by."""
     return {
         term.sd(q): _TERMS.get(term, f"{term.slope and f'{term.slope} by '}{term.grouping}")
-        for term in prepared.design.terms
-        for q in RESPONSES
+        for q, part in prepared.design.responses.items()
+        for term in part.terms
     }
 
 
