@@ -53,7 +53,9 @@ def replicates_of(
     """What is compiled of `replicates`: the first so many of `PREDICTIVE_DRAWS` draws."""
 
     def one(place: Array) -> dict[str, Array]:
-        return trace_distribution(model, data, list(u[place].T)).replicate(keys[place])
+        made = trace_distribution(model, data, list(u[place].T)).replicate(keys[place])
+        # Else the noise is made anew for every part of the row that is written: three times as long.
+        return jax.lax.optimization_barrier(made)
 
     return first_rows(one, PREDICTIVE_DRAWS, number)
 
