@@ -41,9 +41,9 @@ from bayestissue.inference.comparing.finished import FinishedRun
 from bayestissue.inference.comparing.implied import OF_IMPACTS, implied
 from bayestissue.inference.comparing.runs import compare_runs
 from bayestissue.inference.comparing.stacking import decides
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.posterior.recipe import Correction
 from bayestissue.inference.results.cross_validation import scheme_words
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.simulation import simulate
 
 CAMPAIGNS = 10

@@ -24,7 +24,7 @@ from coverage_fit import LEVELS, Fits, campaign, kept_with, summarised
 from bayestissue import runtime
 from bayestissue.elements import element, element_names
 from bayestissue.hierarchy.specification import read_specification
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.simulation import Simulation, simulate
 
 CAMPAIGNS = 50

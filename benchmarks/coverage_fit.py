@@ -30,9 +30,10 @@ from bayestissue import runtime
 from bayestissue.dataset import Dataset
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
+from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import Correction, corrected_draws
 from bayestissue.inference.posterior.scores import LikelihoodApproximation
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.signal import displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.simulation import Simulation, simulate

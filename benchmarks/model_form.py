@@ -26,10 +26,11 @@ from bayestissue import runtime
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking.model_form import LIMIT, pooled_score
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
+from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.recipe import Correction, corrected_draws
 from bayestissue.inference.results.tree import predicted
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.simulation import simulate
 
 CAMPAIGNS = 12

@@ -33,10 +33,10 @@ def impacts(people: int = 4, repeats: int = 2) -> pd.DataFrame:
     )
 
 
-def design_of(K: str, C: str | None = None, rows: pd.DataFrame | None = None) -> Design:
-    """The design of one formula, or of two."""
+def design_of(K: str, C: str | None = None, rows: pd.DataFrame | None = None, **further: str) -> Design:
+    """The design of one formula, or of two, and of further parameters'."""
     table = impacts() if rows is None else rows
-    formulas = Formulas(K=K, C=K if C is None else C)
+    formulas = Formulas(K=K, C=K if C is None else C, **further)
     return build_design(formulas, table, reference_mass_kg=REFERENCE, source="m.toml")
 
 

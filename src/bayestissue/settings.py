@@ -13,6 +13,7 @@ from bayestissue.errors import InputError, Problem
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
+    from pydantic.fields import FieldInfo
 
 _LARGEST = 10_000_000
 
@@ -145,10 +146,17 @@ def _at(schema: type[BaseModel], location: Sequence[str | int]) -> type[BaseMode
     for part in location:
         if isinstance(part, int):
             continue
-        if node is None or part not in node.model_fields:
+        field = None if node is None else node.model_fields.get(part, _free(node))
+        if field is None:
             return None
-        node = _table_in(node.model_fields[part].annotation)
+        node = _table_in(field.annotation)
     return node
+
+
+def _free(table: type[BaseModel]) -> FieldInfo | None:
+    """The kind of keys that a table may have besides its own: that of its own."""
+    fields = iter(table.model_fields.values())
+    return next(fields, None) if table.model_config.get("extra") == "allow" else None
 
 
 def _table_in(annotation: Any) -> type[BaseModel] | None:
@@ -168,7 +176,8 @@ def _existing(location: Sequence[str | int], schema: type[BaseModel]) -> tuple[s
         if kept and node is None and isinstance(part, str):
             break
         last = place == len(location) - 1
-        if isinstance(part, str) and node is not None and part not in node.model_fields and not last:
+        known = node is None or part in node.model_fields or _free(node) is not None
+        if isinstance(part, str) and not known and not last:
             continue
         kept.append(part)
     return tuple(kept)

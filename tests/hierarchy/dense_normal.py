@@ -18,7 +18,7 @@ OWN = np.array([[0.2, -0.05], [-0.05, 0.3]])
 NUISANCE_SD = (0.6, 0.4)
 PEOPLE, SIDES, TRIALS = 4, 2, 3
 LOG_MASS = np.array([-0.4, 0.0, 0.5])
-# What the formulas of log K and log C have besides an intercept and a mass exponent.
+# What the formulas of log K, log C and further parameters have besides an intercept and a mass exponent.
 DESIGNS = {
     "no groups": ("", ""),
     "people": ("subject", "subject"),
@@ -28,6 +28,8 @@ DESIGNS = {
     "people's own mass exponents": ("subject slope", "subject slope trial"),
     "sessions across operators": ("session operator", "session operator"),
     "trials of which one has no impact": ("subject trials_and_none", "subject"),
+    "the last parameter by people and trials": ("subject", "", None, "subject slope trial"),
+    "the third parameter across the first's": ("subject", "subject", "trial side", None),
 }
 
 
@@ -68,17 +70,22 @@ class Dense:
         rows = rows_of_campaign(repeats)
         self.number = len(rows)
         matrices, self.groups, sd = [], [], []
-        for formula in DESIGNS[name]:
-            own = [np.ones((self.number, 1)), LOG_MASS[rows[:, 2], None]]
-            sd += [1.5, 0.8]
+        formulas = (*DESIGNS[name], None, None)[:SIZE]
+        for formula in formulas:
+            own = [np.ones((self.number, 1))]
+            sd.append(1.5)
+            if formula is None:
+                matrices += own
+                continue
+            own.append(LOG_MASS[rows[:, 2], None])
+            sd.append(0.8)
             for k, term in enumerate(formula.split()):
                 matrix = columns_of(term, rows)
                 self.groups.append(slice(len(sd), len(sd) + matrix.shape[1]))
                 sd += [0.7 - 0.2 * k] * matrix.shape[1]
                 own.append(matrix)
             matrices.append(np.concatenate(own, axis=1))
-        matrices += [np.ones((self.number, 1))] * (SIZE - 2)
-        self.sd = np.array([*sd, 1.1, 0.9])
+        self.sd = np.array(sd)
         self.mean = self.rng.normal(size=len(self.sd))
         whole = np.concatenate(matrices, axis=1)
         _, first, cell = np.unique(whole, axis=0, return_index=True, return_inverse=True)

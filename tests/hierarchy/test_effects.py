@@ -26,6 +26,8 @@ CASES = [
     ("people's own mass exponents", 2, 0.0, 1.0),
     ("sessions across operators", 1, 0.0, 1.0),
     ("trials of which one has no impact", 2, 0.0, 1.0),
+    ("the last parameter by people and trials", 2, 0.0, 1.0),
+    ("the third parameter across the first's", 1, 0.3, 1.0),
 ]
 
 

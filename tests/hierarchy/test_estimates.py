@@ -30,8 +30,15 @@ from bayestissue.hierarchy.published import published_design, published_observat
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.likelihood.averages import AveragesOfLognormals
 
-SPECIFICATION = ModelSpecification(name="small", likelihood="published-estimates")
+OWN_EXPONENTS = "log(mass_kg) + (log(mass_kg)|subject) + (1|trial)"
+SPECIFICATION = ModelSpecification(
+    name="small",
+    likelihood="published-estimates",
+    formula=Formulas(K=OWN_EXPONENTS, C="log(mass_kg) + (1|subject) + (1|trial)"),
+)
+PRIORS = SPECIFICATION.complete_priors()
 SITES = {
+    "sd_subject_mass_exponent_K": 0.1,
     "sd_subject_K": 0.05,
     "sd_subject_C": 0.2,
     "sd_trial_K": 0.02,
@@ -49,14 +56,14 @@ TABLES = 2
 
 @pytest.fixture(scope="module")
 def setting():
-    """The thesis's own tables under one formula, in an arrangement that has room for another."""
+    """The thesis's tables, people with exponents of their own, in an arrangement with room for another."""
     observations = published_observations(read_published())
     energy = Formulas(K="log(energy_J) + (1|subject)", C="log(energy_J) + (1|subject)")
     designs = [
         published_design(observations, SPECIFICATION, formulas=formulas)
         for formulas in (SPECIFICATION.formula, energy)
     ]
-    model = EstimatesModel(common_effects(designs, SPECIFICATION.priors), SPECIFICATION.priors, True)
+    model = EstimatesModel(common_effects(designs, PRIORS), PRIORS, True)
     data = estimates_data(designs[0], observations, model)._replace(scatter=SCATTER)
     sites = {name: jnp.asarray(value) for name, value in SITES.items()}
     return observations, designs[0], model, data, sites
@@ -135,6 +142,8 @@ def test_rows_have_the_densities_of_the_distributions(setting) -> None:
         ],
         axis=-1,
     )
+    of_people = b[parts["subject_mass_exponent_deviation_K"]][design.subject]
+    logs[:, 0] += of_people * design.responses["K"].log_mass
     r, sd = SITES["residual_correlation"], np.array([SITES["sd_impact_K"], SITES["sd_impact_C"]])
     scale = np.array([[sd[0], 0.0], [r * sd[1], sd[1] * np.sqrt(1 - r**2)]])
     estimates = multivariate_normal([0, 0], scale @ scale.T)
@@ -164,7 +173,7 @@ def test_a_formula_s_missing_terms_change_nothing(setting) -> None:
     observations, _, model, _, sites = setting
     plain = Formulas(K="1 + (1|subject)", C="1 + (1|subject)")
     design = published_design(observations, SPECIFICATION, formulas=plain)
-    alone = EstimatesModel(common_effects([design], SPECIFICATION.priors), SPECIFICATION.priors, True)
+    alone = EstimatesModel(common_effects([design], PRIORS), PRIORS, True)
     densities = [
         evidence(each, estimates_data(design, observations, each)._replace(scatter=SCATTER), sites)
         for each in (model, alone)

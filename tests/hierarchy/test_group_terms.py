@@ -235,9 +235,9 @@ def test_priors_of_group_terms_are_the_files_or_as_wide_as_peoples() -> None:
     priors = specification(
         priors={"sd_group": {"subject:side": own}, "sd_slope": {"log(mass_kg)|subject": slope}}
     ).complete_priors()
-    assert priors.of_sd("sd_subject_side_K").scale == 0.2
-    assert priors.of_sd("sd_subject_mass_exponent_C").scale == 0.3
-    assert priors.of_sd("sd_session_K") == priors.sd_subject.K
+    assert priors.by_name()["sd_subject_side_K"].scale == 0.2
+    assert priors.by_name()["sd_subject_mass_exponent_C"].scale == 0.3
+    assert priors.by_name()["sd_session_K"] == priors.sd_subject.K
     assert set(priors.sd_group) == {"subject:side", "session", "operator"}
     sites = {"sd_subject_side_K": np.array([[0.1, 0.5]]), "sd_subject_mass_exponent_K": np.array([[0.2]])}
     densities = priors.log_densities(sites)
@@ -252,11 +252,17 @@ def test_a_prior_of_no_term_is_refused(key: str) -> None:
         specification(priors={"sd_group": {key: {q: scale(0.2) for q in "KC"}}})
 
 
-def test_published_estimates_know_people_and_conditions_alone() -> None:
+def test_published_estimates_take_the_columns_of_their_tables() -> None:
     from bayestissue.dataset.published import read_published
     from bayestissue.hierarchy.published import published_design, published_observations
 
     observations = published_observations(read_published())
-    model = ModelSpecification(name="x", likelihood="published-estimates")
-    with pytest.raises(InputError, match="no other group terms"):
-        published_design(observations, model, formulas=Formulas(K="(log(mass_kg)|subject)", C="(1|subject)"))
+    content = {"name": "x", "likelihood": "published-estimates"}
+    compared = {"own": "(log(mass_kg)|subject)", "energy": "(1|energy_J)"}
+    model = ModelSpecification.model_validate({**content, "comparison": {"formulas": compared}})
+    assert {"sd_subject_mass_exponent_K", "sd_energy_J_C"} <= set(model.complete_priors().by_name())
+    for formula in compared.values():
+        design = published_design(observations, model, formulas=Formulas(K=formula, C="(1|subject)"))
+        assert formula == design.formulas.K
+    with pytest.raises(InputError, match="no column side"):
+        published_design(observations, model, formulas=Formulas(K="(1|subject:side)", C="(1|subject)"))

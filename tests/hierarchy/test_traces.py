@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from typing import Literal
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,7 +15,8 @@ from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.priors import Priors
-from bayestissue.hierarchy.specification import Formulas
+from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.hierarchy.traces import (
     COORDINATES,
     NUISANCE,
@@ -31,6 +34,7 @@ from bayestissue.hierarchy.warp import SinhArcsinh
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.oscillator import spring_damper
+from bayestissue.simulation import Simulation, simulate
 
 RNG = np.random.default_rng(6)
 NUMBER, SAMPLES = 6, 12
@@ -65,16 +69,34 @@ def made(kind: Kind) -> tuple[TraceModel, TraceData, Sites]:
         jnp.log(jnp.asarray(rows["mass_kg"].to_numpy())),
         jnp.full(NUMBER, np.log(peak)),
     )
-    size = 2 + len(model.nuisance)
+    return model, data, sites_about(np.array([8.0, 3.0, -3.0, 0.3])[: 2 + len(model.nuisance)])
+
+
+def made_with_arm() -> tuple[TraceModel, TraceData, Sites]:
+    """The same by the standard linear element, whose ratio of springs is each person's own."""
+    conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.0} for mass in (0.5, 1.2)]
+    content = {
+        **{"name": "arm", "design": {"subjects": 3, "conditions": conditions}},
+        "tissue": {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0},
+        "recording": {"sampling_rate_hz": 500.0, "noise_relative_to_peak": 0.01, "relative_mass_sd": 0.02},
+    }
+    dataset = simulate(Simulation.model_validate(content)).dataset("arm")
+    formula = {"K": "log(mass_kg)", "C": "(1|subject)", "arm_ratio": "log(mass_kg) + (1|subject)"}
+    file = {"name": "arm", "likelihood": "impact", "element": "standard_linear", "discrepancy": "none"}
+    given = prepare(dataset, ModelSpecification.model_validate({**file, "formula": formula}), source="m.toml")
+    return given.model, given.data, sites_about(np.array([7.6, 3.2, -4.6, 0.7]))
+
+
+def sites_about(middle: np.ndarray) -> Sites:
+    size = len(middle)
     root = RNG.normal(size=(NUMBER, size, size))
-    centre = np.array([8.0, 3.0, -3.0, 0.3])[:size] + 0.1 * RNG.normal(size=(NUMBER, size))
-    summaries = Sites(
+    centre = middle + 0.1 * RNG.normal(size=(NUMBER, size))
+    return Sites(
         jnp.asarray(centre),
         jnp.asarray(RNG.normal(size=(NUMBER, size))),
         jnp.asarray(root @ root.swapaxes(1, 2) + np.eye(size)),
         jnp.asarray(RNG.normal(size=NUMBER)),
     )
-    return model, data, summaries
 
 
 def point(model: TraceModel) -> tuple[dict[str, jax.Array], jax.Array, jax.Array]:
@@ -83,9 +105,9 @@ def point(model: TraceModel) -> tuple[dict[str, jax.Array], jax.Array, jax.Array
     return sites, z_b, jnp.asarray(RNG.normal(size=(NUMBER, 2 + len(model.nuisance))))
 
 
-@pytest.mark.parametrize("kind", KINDS)
-def test_both_models_are_one_density_in_two_coordinates(kind: Kind) -> None:
-    model, data, summaries = made(kind)
+@pytest.mark.parametrize("kind", [*KINDS, "arm"])
+def test_both_models_are_one_density_in_two_coordinates(kind: Kind | Literal["arm"]) -> None:
+    model, data, summaries = made_with_arm() if kind == "arm" else made(kind)
 
     @jax.jit
     def both(sites: dict[str, jax.Array], z_b: jax.Array, z_u: jax.Array) -> tuple[jax.Array, ...]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import numpy as np
@@ -35,6 +36,10 @@ def made(request, tmp_path):
         subject_side_effect_K=(("chain", "draw", "subject:side"), effect),
         sd_subject_side_K=(("chain", "draw"), np.exp(-2 + 0.1 * rng.normal(size=shape))),
         K_subject_side=(("chain", "draw", "subject:side"), 2500 * np.exp(effect)),
+        subject_effect_thickness_m=groups["posterior"]["subject_effect_K"],
+        subject_mass_exponent_thickness_m=(("chain", "draw", "subject"), own),
+        sd_subject_mass_exponent_thickness_m=(("chain", "draw"), np.full(shape, 0.3)),
+        thickness_m_subject=groups["posterior"]["K_subject"].assign_attrs(unit="m"),
     )
     groups["posterior"] = groups["posterior"].assign_coords({"subject:side": SIDES})
     path.unlink()
@@ -44,7 +49,11 @@ def made(request, tmp_path):
     more = table[table["variable"] == "subject_effect_K"].assign(variable="subject_mass_exponent_K")
     sds = table[table["variable"] == "sd_subject_K"]
     more = [more.assign(label=labels), *(sds.assign(variable=f"sd_{n}_K") for n in ("subject_side",))]
+    more += [sds.assign(variable=name) for name in ("sd_subject_thickness_m", "log_thickness_m_mean")]
     pd.concat([table, *more]).to_csv(folder / "summary.csv", index=False)
+    about = read_json(folder / "run.json")
+    about["model"]["formula"] = {"K": "1", "C": "1", "thickness_m": "(log(mass_kg)|subject)"}
+    (folder / "run.json").write_text(json.dumps(about), encoding="utf-8")
     return folder, request.param
 
 
@@ -53,7 +62,8 @@ def test_groups_and_slopes_are_found_by_their_names(made) -> None:
     run = read_fit_run(folder, read_json(folder / "run.json"))
     assert groupings(run) == ["subject", "trial", "subject:side"]
     assert [(slope.name, slope.shared) for slope in own_slopes(run)] == [
-        ("subject_mass_exponent_K", "mass_exponent_K")
+        ("subject_mass_exponent_K", "mass_exponent_K"),
+        ("subject_mass_exponent_thickness_m", "mass_exponent_thickness_m"),
     ]
 
 
@@ -73,5 +83,10 @@ def test_the_first_screen_says_whether_people_differ_in_the_dependence_on_mass(m
     assert told in first
     text = re.sub(r"<[^>]+>", " ", html)
     assert "mass exponent of K of each person itself" in text
-    assert "K and C of each of the levels of subject:side at 0.7 kg" in text
+    assert "K of each of the levels of subject:side at 0.7 kg" in text
+    assert "K, C and thickness_m of each person at 0.7 kg" in text
     assert "sd_subject_side_K" in text
+    for words in ("thickness_m of each person, ranked", "log thickness_m", "sd_subject_thickness_m"):
+        assert words in text, words
+    assert "log_thickness_m_mean" in text
+    assert re.search(r"in K \d of 4[^.;]*; in C [^.;]*; in thickness_m \d of 4", text)

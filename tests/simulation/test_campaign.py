@@ -184,9 +184,28 @@ def test_effects_of_further_groups_leave_the_other_random_numbers_as_they_are():
     np.testing.assert_array_equal(a.impacts["session"], b.impacts["session"])
 
 
+def test_further_parameters_differ_between_people():
+    specification = with_groups().model_dump()
+    specification["tissue"] |= {"element": "wall", "parameters": {"thickness_m": 0.04}, "sd_subject_K": 0.1}
+    plain = simulate(Simulation.model_validate(specification))
+    specification["tissue"]["sd_group"] = {
+        "subject": {"thickness_m": 0.3},
+        **specification["tissue"]["sd_group"],
+    }
+    made = simulate(Simulation.model_validate(specification))
+    truth = made.truth
+    np.testing.assert_allclose(np.log(truth["thickness_m"] / 0.04), truth["subject_effect_thickness_m"])
+    each = truth.groupby(made.impacts["subject"])["subject_effect_thickness_m"]
+    assert (each.nunique() == 1).all()
+    assert each.first().std() == pytest.approx(0.3, rel=3 / (2 * 40) ** 0.5)
+    # What people's K differ by comes from elsewhere.
+    np.testing.assert_array_equal(truth["subject_effect_K"], plain.truth["subject_effect_K"])
+
+
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
+        ({"sd_group": {"subject": {"thickness_m": 0.1}}}, "keys K, C, without thickness_m"),
         ({"sd_group": {"subject:hand": {"K": 0.1}}}, "without hand"),
         ({"sd_slope": {"age|subject": {"K": 0.1}}}, "without age"),
     ],

@@ -1,4 +1,4 @@
-"""What the hierarchy's draws say of K and C: for impacts, people, conditions, and a new person."""
+"""What the hierarchy's draws say of K, C and what else has a formula: of people, conditions, a new person."""
 
 from __future__ import annotations
 
@@ -8,10 +8,33 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.effects import RESPONSES, intercept, sd_impact
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, stem_of
+from bayestissue.hierarchy.population import Effects
 
 Draws = Mapping[str, np.ndarray]
+
+
+def named_sites(
+    locations: Effects, design: Design, spreads: dict[str, np.ndarray], b: np.ndarray
+) -> dict[str, np.ndarray]:
+    """The hierarchy's quantities by name, from the spreads and the locations b, all [chain, draw, ...].
+
+    Effects of groups that a formula leaves out are zero, so that what follows need not ask.
+    """
+    sites = dict(spreads)
+    for each in locations.each:
+        part = locations.parts[each.name]
+        several = each.spread or each.name.startswith("covariate_effect")
+        sites[each.name] = b[..., part] if several else b[..., part.start]
+    for term in (SUBJECT, TRIAL, *design.terms):
+        levels = len(design.groupings[term.grouping].levels)
+        for response in design.responses:
+            effect = term.effect(response)
+            # Without the levels that only fill up.
+            sites[effect] = sites.get(effect, np.zeros((*b.shape[:2], levels)))[..., :levels]
+            sites.setdefault(term.sd(response), np.zeros(b.shape[:2]))
+    return sites
 
 
 def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:
@@ -20,9 +43,8 @@ def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:
     Coefficients of covariates are given per unit of the covariate, not per standard deviation.
     """
     kept: dict[str, np.ndarray] = {}
-    for response in RESPONSES:
-        part = design.responses[response]
-        kept[f"intercept_{response}"] = sites[f"intercept_{response}"]
+    for response, part in design.responses.items():
+        kept[intercept(part.parameter)] = sites[intercept(part.parameter)]
         if part.log_mass is not None:
             kept[f"mass_exponent_{response}"] = sites[f"mass_exponent_{response}"]
         for number, name in enumerate(part.names):
@@ -36,7 +58,7 @@ def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:
             deviation = sites[term.effect(response)] / group.scale
             shared = _coefficient(kept, term.slope, response)
             kept[term.own(response)] = deviation + np.asarray(shared)[..., None]
-        kept[f"sd_impact_{response}"] = sites[f"sd_impact_{response}"]
+        kept[sd_impact(part.parameter)] = sites[sd_impact(part.parameter)]
     if "residual_correlation" in sites:
         kept["residual_correlation"] = sites["residual_correlation"]
     return kept
@@ -51,9 +73,9 @@ def _coefficient(kept: Draws, slope: str, response: str) -> np.ndarray | float:
 def common_logs(
     design: Design, sites: Draws, response: str, rows: np.ndarray | slice = slice(None)
 ) -> np.ndarray:
-    """Intercept, mass and covariates: the expected log of a typical person's K or C, [chain, draw, row]."""
+    """Intercept, mass and covariates: the expected log of a typical person's response, [chain, draw, row]."""
     part = design.responses[response]
-    expected = sites[f"intercept_{response}"][..., None] + np.zeros(len(design.subject[rows]))
+    expected = sites[intercept(part.parameter)][..., None] + np.zeros(len(design.subject[rows]))
     if part.log_mass is not None:
         expected = expected + sites[f"mass_exponent_{response}"][..., None] * part.log_mass[rows]
     if part.names:
@@ -63,7 +85,7 @@ def common_logs(
 
 
 def row_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
-    """The expected log of K or C in every row, [chain, draw, row]."""
+    """The expected log of a response in every row, [chain, draw, row]."""
     expected = common_logs(design, sites, response)
     for term, column in design.responses[response].terms.items():
         code = design.groupings[term.grouping].code
@@ -81,21 +103,21 @@ def stiffness_and_damping(design: Design, sites: Draws) -> dict[str, np.ndarray]
 
 
 def people_and_conditions(design: Design, sites: Draws) -> dict[str, np.ndarray]:
-    """K and C of every level of every grouping: ``*_subject`` [chain, draw, subject], ``*_trial`` and so on.
+    """Every response of every level of every grouping: ``*_subject`` [chain, draw, subject] and so on.
 
     A level's value holds the effects of the groupings that it lies in too: that of ``subject:side`` the
     subject's and the side's. It is at the reference mass; a condition's is a typical person's at the
     condition's own mass and covariates.
     """
     values = {}
-    for response in RESPONSES:
+    for response, part in design.responses.items():
         for name, grouping in design.groupings.items():
-            logs = sites[f"intercept_{response}"][..., None] + np.zeros(len(grouping.levels))
+            logs = sites[intercept(part.parameter)][..., None] + np.zeros(len(grouping.levels))
             first = np.unique(grouping.code, return_index=True)[1]
             at_trial = name == "trial"
             if at_trial:
                 logs = common_logs(design, sites, response, first)
-            for term, column in design.responses[response].terms.items():
+            for term, column in part.terms.items():
                 if set(term.factors) <= set(grouping.factors) and (at_trial or not term.slope):
                     level = design.groupings[term.grouping].code[first]
                     logs = logs + sites[term.effect(response)][..., level] * column.covariate[first]

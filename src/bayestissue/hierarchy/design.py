@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.errors import InputError, Problem
+from bayestissue.hierarchy.effects import parameter_of
 from bayestissue.hierarchy.formulas.formula import Judged, adapted, judge
 from bayestissue.hierarchy.formulas.group_terms import (
     MASS_TERM,
@@ -37,19 +38,26 @@ class GroupColumn:
 
 @dataclass(frozen=True)
 class ResponseDesign:
-    """The covariates of one response, log K or log C.
+    """The covariates of one response: log K, log C, or the log of an element's further parameter.
 
     ``covariates`` [row, covariate] are zero at the reference row and scaled to unit standard deviation;
     ``scale`` [covariate] is that standard deviation in the covariate's own unit. The log of mass is kept
     apart in ``log_mass`` [row], centred and never scaled, because its coefficient is the mass exponent.
-    ``terms`` has the group terms and what their effects multiply.
+    ``terms`` has the group terms and what their effects multiply. ``parameter`` of an impact is what all this
+    is of: "K", "C", or "log_thickness_m" where the ``response`` is thickness_m.
     """
 
+    parameter: str
     names: tuple[str, ...]
     covariates: np.ndarray
     scale: np.ndarray
     log_mass: np.ndarray | None
     terms: Mapping[GroupTerm, GroupColumn]
+
+    @property
+    def response(self) -> str:
+        """What formulas call the parameter, and names of effects end with."""
+        return self.parameter.removeprefix("log_")
 
     @property
     def groups(self) -> tuple[str, ...]:
@@ -59,10 +67,11 @@ class ResponseDesign:
 
 @dataclass(frozen=True)
 class Design:
-    """Both responses over the same rows, with each row's level of every grouping.
+    """All responses over the same rows, with each row's level of every grouping.
 
+    ``responses`` are K, C and those further parameters of an element that have a formula of their own.
     ``groupings`` by name, such as ``subject:side``: subject and trial, whether a formula has them or not, and
-    then the others of both formulas. ``formulas`` are the right-hand sides that were evaluated, ``left_out``
+    then the others of all formulas. ``formulas`` are the right-hand sides that were evaluated, ``left_out``
     of each response what a formula that nobody wrote would have had besides, and why the rows can't tell it.
     """
 
@@ -94,7 +103,7 @@ class Design:
 
     @property
     def terms(self) -> tuple[GroupTerm, ...]:
-        """The group terms of either response, each once."""
+        """The group terms of all responses, each once."""
         return tuple(dict.fromkeys(term for part in self.responses.values() for term in part.terms))
 
     def resolved(self) -> dict[str, Any]:
@@ -117,7 +126,7 @@ class Design:
 def build_design(
     formulas: Formulas, rows: pd.DataFrame, *, reference_mass_kg: float | None, source: str
 ) -> Design:
-    """Evaluate the formulas of log K and log C over ``rows``, one row an impact (or a cell of the design).
+    """Evaluate all formulas over ``rows``, one row an impact (or a cell of the design).
 
     ``rows`` has the columns ``subject``, ``trial``, ``mass_kg`` and any covariate. The reference row, at
     which the intercepts are reported, has the reference mass and each other covariate's mean.
@@ -134,7 +143,7 @@ def build_design(
     problems: list[Problem] = []
     found: dict[str, Judged] = {}
     left_out: dict[str, tuple[Fault, ...]] = {}
-    for response, formula in (("K", formulas.K), ("C", formulas.C)):
+    for response, formula in formulas:
         found[response] = adapted(rows, reference) if formula is None else judge(formula, rows, reference)
         left_out[response] = found[response].faults if formula is None else ()
         if formula is not None and found[response].faults:
@@ -144,7 +153,7 @@ def build_design(
     terms = (SUBJECT, TRIAL, *(term for judged in found.values() for term in judged.groups))
     groupings = (grouping_of(rows, factors) for factors in dict.fromkeys(term.factors for term in terms))
     return Design(
-        {response: _response(judged) for response, judged in found.items()},
+        {response: _response(parameter_of(response), judged) for response, judged in found.items()},
         {grouping.name: grouping for grouping in groupings},
         float(reference),
         Formulas(**{response: str(judged.terms) for response, judged in found.items()}),
@@ -161,13 +170,14 @@ def _refusal(judged: Judged, formula: str, key: str, source: str) -> Problem:
     return Problem(source, expected, remedy, column=key, value=formula)
 
 
-def _response(judged: Judged) -> ResponseDesign:
+def _response(parameter: str, judged: Judged) -> ResponseDesign:
     names, columns = judged.names, judged.columns
     log_mass = columns[:, names.index(MASS_TERM)] if MASS_TERM in names else None
     keep = [i for i, name in enumerate(names) if name != MASS_TERM]
     scale = columns[:, keep].std(axis=0)
     terms = {term: _group_column(term, values) for term, values in judged.groups.items()}
-    return ResponseDesign(tuple(names[i] for i in keep), columns[:, keep] / scale, scale, log_mass, terms)
+    kept = tuple(names[i] for i in keep)
+    return ResponseDesign(parameter, kept, columns[:, keep] / scale, scale, log_mass, terms)
 
 
 def _group_column(term: GroupTerm, values: np.ndarray) -> GroupColumn:

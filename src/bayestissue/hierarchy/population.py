@@ -7,9 +7,11 @@ intercepts, mass exponents and covariates are all parts of b, so everything line
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import jax.numpy as jnp
 import numpy as np
@@ -17,7 +19,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design, ResponseDesign
-from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.effects import RESPONSES, intercept
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.priors import Priors
@@ -88,7 +90,9 @@ class Effects:
 def population_design(
     design: Design, priors: Priors, nuisance: tuple[str, ...]
 ) -> tuple[Effects, PopulationDesign]:
-    """Arrange a design: b is (all of log K's, all of log C's, then one mean per nuisance parameter).
+    """Arrange a design: b is (all of log K's, all of log C's, then each nuisance parameter's).
+
+    Of a nuisance parameter without a formula of its own that is the mean over impacts alone.
 
     Args:
         design: the formulas evaluated over the impacts.
@@ -107,17 +111,12 @@ def effects_of(
     design: Design, priors: Priors, nuisance: tuple[str, ...]
 ) -> tuple[Effects, list[Float[np.ndarray, "row part"]]]:
     """What the elements of b are, and of each parameter its columns of X, row by row of the design."""
-    parts: list[EffectPart] = []
-    rows: list[np.ndarray] = []
-    for response in RESPONSES:
-        matrix, own = _response(design, design.responses[response], response, priors)
-        parts += own
-        rows.append(matrix)
-    for name in nuisance:
-        prior = priors.of_mean(name)
-        parts.append(EffectPart(f"{name}_mean", 1, prior.mean, prior.sd, ""))
-        rows.append(np.ones((len(design.subject), 1)))
-    return Effects(tuple(parts)), rows
+    known = priors.by_name()
+    none = np.zeros((len(design.subject), 0))
+    of = {name: ResponseDesign(name, (), none, np.zeros(0), None, {}) for name in (*RESPONSES, *nuisance)}
+    of |= {part.parameter: part for part in design.responses.values()}
+    rows, parts = zip(*(_columns(design, part, known) for part in of.values()), strict=True)
+    return Effects(tuple(itertools.chain(*parts))), list(rows)
 
 
 def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
@@ -144,27 +143,26 @@ def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
     return replace(design, responses=responses, groupings=groupings), row.reshape(-1)
 
 
-def _response(
-    design: Design, part: ResponseDesign, response: str, priors: Priors
+def _columns(
+    design: Design, part: ResponseDesign, priors: Mapping[str, Any]
 ) -> tuple[np.ndarray, list[EffectPart]]:
-    count = len(design.subject)
-    matrices = [np.ones((count, 1))]
-    intercept = getattr(priors.intercept, response)
-    pieces = [EffectPart(f"intercept_{response}", 1, intercept.mean, intercept.sd, "")]
+    name, prior = intercept(part.parameter), priors[intercept(part.parameter)]
+    matrices = [np.ones((len(design.subject), 1))]
+    pieces = [EffectPart(name, 1, prior.mean, prior.sd, "")]
     if part.log_mass is not None:
-        exponent = getattr(priors.mass_exponent, response)
+        exponent = priors[f"mass_exponent_{part.response}"]
         matrices.append(part.log_mass[:, None])
-        pieces.append(EffectPart(f"mass_exponent_{response}", 1, exponent.mean, exponent.sd, ""))
+        pieces.append(EffectPart(f"mass_exponent_{part.response}", 1, exponent.mean, exponent.sd, ""))
     if part.names:
-        covariate = getattr(priors.covariate, response)
+        covariate = priors[f"covariate_{part.response}"]
         matrices.append(part.covariates)
-        name, width = f"covariate_effect_{response}", len(part.names)
+        name, width = f"covariate_effect_{part.response}", len(part.names)
         pieces.append(EffectPart(name, width, covariate.mean, covariate.sd, ""))
     for term, column in part.terms.items():
         grouping = design.groupings[term.grouping]
         levels = bucket(len(grouping.levels))
         matrices.append((grouping.code[:, None] == np.arange(levels)) * column.covariate[:, None])
-        pieces.append(EffectPart(term.effect(response), levels, 0.0, None, term.sd(response)))
+        pieces.append(EffectPart(term.effect(part.response), levels, 0.0, None, term.sd(part.response)))
     return np.concatenate(matrices, axis=1), pieces
 
 

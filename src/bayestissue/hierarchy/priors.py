@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
@@ -109,6 +109,20 @@ class PairOfScales(BaseModel):
     C: Scale
 
 
+class Locations(PairOfLocations):
+    """The same, and one for the log of each further parameter that has a formula of its own."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    __pydantic_extra__: dict[str, Location] = Field(init=False)
+
+
+class Scales(PairOfScales):
+    """The same, and one for the log of each further parameter that has a formula of its own."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    __pydantic_extra__: dict[str, Scale] = Field(init=False)
+
+
 def _normal(mean: float, sd: float) -> Normal:
     return Normal(distribution="normal", mean=mean, sd=sd)
 
@@ -129,7 +143,14 @@ class ElementPrior(BaseModel):
 
 
 # Of a group term for which a model file says nothing.
-SD_OF_TERM = PairOfScales(K=_half_normal(0.5), C=_half_normal(0.5))
+SD_OF_TERM = Scales(K=_half_normal(0.5), C=_half_normal(0.5))
+# Of further parameters' effects, for which a model file says nothing.
+_OF_FURTHER: dict[str, _Prior] = {
+    "mass_exponent": _normal(0.0, 1.0),
+    "covariate": _normal(0.0, 0.5),
+    "sd_subject": _half_normal(0.5),
+    "sd_trial": _half_normal(0.5),
+}
 
 
 def term_of_group(key: str) -> GroupTerm:
@@ -158,7 +179,9 @@ class Priors(BaseModel):
     ``atanh_noise_correlation`` is that of artanh of the noise's correlation from sample to sample, where it
     has one, and ``sd_atanh_noise_correlation`` its spread. ``discrepancy`` is the mean over impacts of the
     log of the rms of the force beside the element's, as a fraction of the trace's peak, and
-    ``sd_discrepancy`` its spread. ``element`` has the further parameters of a mechanical element by name.
+    ``sd_discrepancy`` its spread. ``element`` has the further parameters of a mechanical element by name;
+    those with a formula of their own are in ``mass_exponent``, ``covariate`` and ``sd_*`` too, but for
+    ``sd_impact``.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -168,12 +191,12 @@ class Priors(BaseModel):
         return hash(self.model_dump_json())
 
     intercept: PairOfLocations = PairOfLocations(K=_normal(5.0, 3.0), C=_normal(2.0, 3.0))
-    mass_exponent: PairOfLocations = PairOfLocations(K=_normal(0.5, 1.0), C=_normal(0.5, 1.0))
-    covariate: PairOfLocations = PairOfLocations(K=_normal(0.0, 0.5), C=_normal(0.0, 0.5))
-    sd_subject: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(0.5))
-    sd_trial: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(0.5))
-    sd_group: dict[str, PairOfScales] = {}
-    sd_slope: dict[str, PairOfScales] = {}
+    mass_exponent: Locations = Locations(K=_normal(0.5, 1.0), C=_normal(0.5, 1.0))
+    covariate: Locations = Locations(K=_normal(0.0, 0.5), C=_normal(0.0, 0.5))
+    sd_subject: Scales = Scales(K=_half_normal(0.5), C=_half_normal(0.5))
+    sd_trial: Scales = Scales(K=_half_normal(0.5), C=_half_normal(0.5))
+    sd_group: dict[str, Scales] = {}
+    sd_slope: dict[str, Scales] = {}
     sd_impact: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(1.0))
     residual_correlation: Correlation = Correlation(distribution="lkj", concentration=2.0)
     noise: Location = _normal(-10.0, 5.0)
@@ -186,27 +209,39 @@ class Priors(BaseModel):
     sd_discrepancy: Scale = _half_normal(1.0)
     element: dict[str, ElementPrior] = {}
 
-    def of_mean(self, nuisance: str) -> Location:
-        """Of the mean over impacts of a parameter besides log K and log C, such as "noise"."""
-        part = self.element.get(nuisance.removeprefix("log_"))
-        return getattr(self, nuisance) if part is None else part.log
+    def further(self) -> tuple[str, ...]:
+        """The keys of priors of further parameters' effects: ``priors.sd_subject.thickness_m``."""
+        pairs = {name: getattr(self, name) for name in _OF_FURTHER}
+        for name in ("sd_group", "sd_slope"):
+            pairs |= {f'{name}."{key}"': pair for key, pair in getattr(self, name).items()}
+        every = ((name, pair.__pydantic_extra__) for name, pair in pairs.items())
+        return tuple(f"priors.{name}.{key}" for name, further in every for key in further)
 
-    def of_spread(self, nuisance: str) -> Scale:
-        """Of that parameter's spread between impacts."""
-        part = self.element.get(nuisance.removeprefix("log_"))
-        return getattr(self, f"sd_{nuisance}") if part is None else part.spread
+    def by_name(self) -> dict[str, _Prior]:
+        """Of every top-level parameter, by its name: ``intercept_K``, ``sd_subject_side_C``, ``sd_noise``."""
+        pairs = {name: prior for name, prior in self if isinstance(prior, PairOfLocations | PairOfScales)}
+        pairs |= {f"sd_{term.stem}": pair for term, pair in self.of_terms().items()}
+        found = {f"{stem}_{response}": prior for stem, pair in pairs.items() for response, prior in pair}
+        for name, prior in self.element.items():
+            found |= {f"log_{name}_mean": prior.log, f"sd_log_{name}": prior.spread}
+        alone = {name: prior for name, prior in self if isinstance(prior, _Prior)}
+        return found | {f"{n}_mean" if isinstance(p, Normal) else n: p for n, p in alone.items()}
 
-    def of_sd(self, name: str) -> Scale:
-        """Of a standard deviation between levels or impacts, by its name: ``sd_subject_side_K``."""
-        return getattr(self._pair_of(name[:-2]), name[-1])
+    def with_further(self, names: Iterable[str]) -> Priors:
+        """The same with priors of the effects on further parameters, where the file gives none."""
 
-    def _pair_of(self, name: str) -> PairOfScales:
-        own = getattr(self, name, None)
-        if isinstance(own, PairOfScales):
-            return own
-        return {f"sd_{term.stem}": pair for term, pair in self.of_terms().items()}.get(name, SD_OF_TERM)
+        def filled(pair: Locations | Scales, default: _Prior) -> BaseModel:
+            return pair.model_copy(update=dict.fromkeys(names, default) | pair.__pydantic_extra__)
 
-    def of_terms(self) -> dict[GroupTerm, PairOfScales]:
+        update: dict[str, Any] = {
+            name: filled(getattr(self, name), default) for name, default in _OF_FURTHER.items()
+        }
+        for name in ("sd_group", "sd_slope"):
+            every = getattr(self, name).items()
+            update[name] = {key: filled(pair, _half_normal(0.5)) for key, pair in every}
+        return self.model_copy(update=update)
+
+    def of_terms(self) -> dict[GroupTerm, Scales]:
         """The priors of ``sd_group`` and ``sd_slope`` by the term that each is of."""
         groups = {term_of_group(key): pair for key, pair in self.sd_group.items()}
         return groups | {term_of_slope(key): pair for key, pair in self.sd_slope.items()}
@@ -217,34 +252,5 @@ class Priors(BaseModel):
         Subject and trial effects are not among them: their distribution is part of the model, and scaling
         a prior asks what the priors of its parameters do.
         """
-        densities = {
-            term.sd(response): getattr(pair, response).numpyro().log_prob(sites[term.sd(response)])
-            for term, pair in self.of_terms().items()
-            for response in ("K", "C")
-            if term.sd(response) in sites
-        }
-        for field in type(self).model_fields:
-            prior = getattr(self, field)
-            if field in ("sd_group", "sd_slope"):
-                continue
-            if field == "element":
-                densities |= self._of_element(sites)
-                continue
-            if not isinstance(prior, PairOfLocations | PairOfScales):
-                name = f"{field}_mean" if isinstance(prior, Normal) else field
-                if name in sites:
-                    densities[name] = prior.numpyro().log_prob(sites[name])
-                continue
-            for response in ("K", "C"):
-                name = f"{field}_{response}"
-                if name in sites:
-                    densities[name] = getattr(prior, response).numpyro().log_prob(sites[name])
-        return densities
-
-    def _of_element(self, sites: Mapping[str, Any]) -> dict[str, Any]:
-        parts = [
-            pair
-            for name, prior in self.element.items()
-            for pair in ((f"log_{name}_mean", prior.log), (f"sd_log_{name}", prior.spread))
-        ]
-        return {name: prior.numpyro().log_prob(sites[name]) for name, prior in parts if name in sites}
+        priors = self.by_name()
+        return {name: priors[name].numpyro().log_prob(sites[name]) for name in sites if name in priors}

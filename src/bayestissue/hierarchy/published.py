@@ -115,18 +115,9 @@ def published_design(
     source: str = "model",
 ) -> Design:
     """The design over all cells, by the model's formulas or by others that compete with them."""
-    asked = formulas or specification.formula
-    strange = [str(term) for term in asked.group_terms()]
-    if strange:
-        raise InputError(
-            Problem(
-                source,
-                "no other group terms than (1|subject) and (1|trial) of published estimates",
-                f"Take {', '.join(strange)} out; of recorded traces `bayestissue fit` takes any group terms.",
-                column="formula",
-                value=f"{asked.K}; {asked.C}",
-            )
-        )
     return build_design(
-        asked, observations.cells, reference_mass_kg=specification.reference_mass_kg, source=source
+        formulas or specification.formula,
+        observations.cells,
+        reference_mass_kg=specification.reference_mass_kg,
+        source=source,
     )

@@ -27,19 +27,29 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
 
-class Formulas(_Table):
-    """Right-hand sides for log K and log C, in the notation of R and formulae.
+class Formulas(BaseModel):
+    """Right-hand sides for log K, log C and the log of an element's further parameters, by their names.
 
-    One left out is `bayestissue.hierarchy.formulas.formula.DEFAULT_FORMULA` less what the data can't tell.
+    In the notation of R and formulae. Of K and C one left out is
+    `bayestissue.hierarchy.formulas.formula.DEFAULT_FORMULA` less what the data can't tell; any other is "1".
+    Iterates over pairs of name and formula.
     """
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    __pydantic_extra__: dict[str, str] = Field(init=False)
 
     K: str | None = None
     C: str | None = None
 
+    @property
+    def further(self) -> tuple[str, ...]:
+        """The parameters besides K and C that have a formula."""
+        return tuple(self.__pydantic_extra__)
+
     def group_terms(self) -> tuple[GroupTerm, ...]:
         """The group terms that are asked for besides (1|subject) and (1|trial), each once."""
-        asked = (*group_terms(self.K), *group_terms(self.C))
-        return tuple(term for term in dict.fromkeys(asked) if term not in (SUBJECT, TRIAL))
+        asked = dict.fromkeys(term for _, formula in self for term in group_terms(formula))
+        return tuple(term for term in asked if term not in (SUBJECT, TRIAL))
 
 
 class PracticalEquivalence(_Table):
@@ -152,6 +162,19 @@ class ModelSpecification(_Table):
             raise ValueError(f"one of {', '.join(element_names())}")
         return name
 
+    @field_validator("formula")
+    @classmethod
+    def _of_parameters(cls, formulas: Formulas, info: ValidationInfo) -> Formulas:
+        if "element" not in info.data:
+            return formulas
+        extra = [each.name for each in element(info.data["element"]).extra]
+        if strange := sorted(set(formulas.further) - set(extra)):
+            raise ValueError(
+                f"formulas of {', '.join(['K', 'C', *extra])}, all that this likelihood and element have, "
+                f"without {', '.join(strange)}"
+            )
+        return formulas
+
     @model_validator(mode="after")
     def _of_the_element(self) -> Self:
         extra = {parameter.name: parameter for parameter in element(self.element).extra}
@@ -165,14 +188,25 @@ class ModelSpecification(_Table):
             raise ValueError('likelihood = "impact" beside element: the others are of spring and damper')
         return self
 
+    def group_terms(self) -> tuple[GroupTerm, ...]:
+        """`Formulas.group_terms` of the model's own formulas and of those that compete with them."""
+        every = [self.formula, *(Formulas(K=each, C=each) for each in self.comparison.formulas.values())]
+        return tuple(dict.fromkeys(term for formulas in every for term in formulas.group_terms()))
+
     @model_validator(mode="after")
     def _of_the_formula(self) -> Self:
-        asked = self.formula.group_terms()
+        asked = self.group_terms()
         if strange := [str(term) for term in self.priors.of_terms() if term not in asked]:
             raise ValueError(
                 f"priors.sd_group and priors.sd_slope of {', '.join(map(str, asked)) or 'nothing'}, all "
                 "group terms of the formulas besides (1|subject) and (1|trial), without "
                 f"{', '.join(strange)}; those two have priors.sd_subject and priors.sd_trial"
+            )
+        own = ("K", "C", *self.formula.further)
+        if unknown := sorted(name for name in self.priors.further() if name.rpartition(".")[-1] not in own):
+            raise ValueError(
+                f"priors of {', '.join(own)}, all that have a formula, without {', '.join(unknown)}; an "
+                "element's other parameters have a mean and a spread alone, in priors.element"
             )
         return self
 
@@ -195,7 +229,7 @@ class ModelSpecification(_Table):
             for each in element(self.element).extra
         }
         set_apart = self.priors.of_terms()
-        terms = {term: set_apart.get(term, SD_OF_TERM) for term in self.formula.group_terms()}
+        terms = {term: set_apart.get(term, SD_OF_TERM) for term in self.group_terms()}
         return self.priors.model_copy(
             update={
                 "element": own | self.priors.element,
@@ -204,7 +238,7 @@ class ModelSpecification(_Table):
                     f"{each.slope}|{each.grouping}": pair for each, pair in terms.items() if each.slope
                 },
             }
-        )
+        ).with_further(self.formula.further)
 
 
 def read_specification(path: Path) -> ModelSpecification:

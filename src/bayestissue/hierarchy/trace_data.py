@@ -14,6 +14,7 @@ from bayestissue.elements import element
 from bayestissue.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.design import Design, build_design
+from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
@@ -190,8 +191,8 @@ def _unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, sourc
 def _without_people(design: Design, source: str) -> list[Problem]:
     """Formulas that leave no room for an error that all impacts of a person share."""
     problems = []
-    for response, part in design.responses.items():
-        if "subject" in part.groups:
+    for response in RESPONSES:
+        if "subject" in design.responses[response].groups:
             continue
         left_out = [fault for fault in design.left_out.get(response, ()) if fault.term == "(1|subject)"]
         remedy = 'Add "+ (1|subject)", or set mass_error = "impact".'

@@ -21,6 +21,7 @@ from jaxtyping import Bool, Float
 from numpyro.distributions import biject_to
 
 from bayestissue.elements import element as element_named
+from bayestissue.hierarchy.effects import intercept
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
 from bayestissue.hierarchy.gaussian.conditional import Conditional, Data, integrate_out
 from bayestissue.hierarchy.gaussian.covariances import Covariances
@@ -91,12 +92,7 @@ class Hyperparameters:
 
     def prior_of(self, name: str) -> dist.Distribution:
         """The prior of one of `spreads`."""
-        if name == "residual_correlation":
-            return self.priors.residual_correlation.numpyro()
-        if name.endswith(("_K", "_C")):
-            prior = self.priors.of_sd(name)
-        else:
-            prior = self.priors.of_spread(name.removeprefix("sd_"))
+        prior = self.priors.by_name()[name]
         return HalfNormalSpread(prior.scale) if isinstance(prior, HalfNormal) else prior.numpyro()
 
 
@@ -138,6 +134,15 @@ class TraceModel(Hyperparameters):
         """
         extra = [f"log_{parameter.name}" for parameter in element_named(self.element).extra]
         return self.nuisance[-1] in {"atanh_theta1", *extra}
+
+    @property
+    def may_have_grid(self) -> bool:
+        """Whether a grid may stand for what traces say of that parameter: one that has no formula of its own.
+
+        All impacts then share its mean, the last element of b, which is sampled beside the spreads. Effects
+        of people and covariates on it are integrated out in closed form, which takes a Gaussian site.
+        """
+        return self.weakly_identified and self.locations.each[-1].name == intercept(self.nuisance[-1])
 
 
 class Physical(NamedTuple):

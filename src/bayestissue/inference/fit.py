@@ -22,7 +22,7 @@ from bayestissue.inference.checking.model_form import described, model_form
 from bayestissue.inference.execution.kept import all_fit, some_impacts, some_of
 from bayestissue.inference.execution.progress import Progress
 from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, constrained_draws
+from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.expansion import rows_of
 from bayestissue.inference.posterior.in_part import draws_in_part
@@ -37,7 +37,7 @@ from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 
 Say = Callable[[str, int, int], None]
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 import pandas as pd
 
@@ -19,10 +21,10 @@ def group_words(level: str) -> tuple[str, str]:
     return _WORDS.get(level, (f"level of {level}", f"levels of {level}"))
 
 
-def who_differs(run: PosteriorRun, level: str) -> str:
-    """Whose effect on K or C has a 90 % interval without zero (``level``: "subject", "subject:side")."""
+def who_differs(run: PosteriorRun, level: str, quantities: Iterable[str] = QUANTITIES) -> str:
+    """Whose effect on a quantity has a 90 % interval without zero (``level``: "subject", "subject:side")."""
     parts = []
-    for quantity in QUANTITIES:
+    for quantity in quantities:
         name = f"{stem_of(level)}_effect_{quantity}"
         if run.has(name):
             low, high = np.percentile(run.draws(name), [5, 95], axis=0)

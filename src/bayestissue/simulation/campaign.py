@@ -144,7 +144,8 @@ def _truth(
         * np.exp(getattr(simulation.tissue, f"mass_exponent_{name[0]}") * size + effects[name[0]])
         for name in ("K_N_per_m", "C_N_s_per_m")
     )
-    met = what_is_met(simulation.tissue, impacts, stiffness, damping, mass, velocity, further)
+    responses = ("K", "C", *simulation.tissue.parameters)
+    met = what_is_met(simulation.tissue, impacts, stiffness, damping, mass, velocity, further, effects)
     return pd.DataFrame(
         {
             "impact": impacts["impact"],
@@ -157,7 +158,7 @@ def _truth(
             "offset_m_s2": offset,
             "contact_time_s": contact,
             **met,
-            **{name: effects[name] for name in effects if name not in ("K", "C")},
+            **{name: effect for name, effect in effects.items() if name not in responses},
         }
     )
 
@@ -198,11 +199,14 @@ def _add_group_terms(
         else:
             covariate = np.ones(len(impacts))
         standard = random.standard_normal((code.max() + 1, 2)) @ _mixing(tissue).T
-        for column, name in enumerate(("K", "C")):
-            own = getattr(spread, name) * standard[code, column]
-            effects[name] = effects[name] + own * covariate
-            shared = getattr(tissue, f"mass_exponent_{name}") if term.slope == MASS_TERM else 0.0
-            effects[term.own(name) if term.slope else term.effect(name)] = own + shared
+        own = {"K": spread.K * standard[code, 0], "C": spread.C * standard[code, 1]}
+        for name, sd in spread.__pydantic_extra__.items():
+            own[name] = sd * random.standard_normal(code.max() + 1)[code]
+        for name, effect in own.items():
+            effects[name] = effects.get(name, 0.0) + effect * covariate
+            shared = getattr(tissue, f"mass_exponent_{name}", 0.0) if term.slope == MASS_TERM else 0.0
+            column = term.own(name) if term.slope else term.effect(name)
+            effects[column] = effects.get(column, 0.0) + effect + shared
 
 
 def _mixing(tissue: Tissue) -> Float[np.ndarray, "2 2"]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -24,8 +26,11 @@ def what_is_met(
     mass: Float[np.ndarray, " impact"],
     velocity: Float[np.ndarray, " impact"],
     random: np.random.Generator,
+    effects: Mapping[str, Float[np.ndarray, " impact"]],
 ) -> dict[str, np.ndarray]:
     """Columns of the truth that follow from K, C and the element, whose other parameters are drawn here.
+
+    Of those the ``effects`` of groups are added to the log.
 
     omega_n and zeta are those of stiffness and damping as they compare across elements: K_secant and
     C_equivalent of `bayestissue.elements.comparables`.
@@ -41,7 +46,8 @@ def what_is_met(
         }
     scatter = tissue.sd_impact_parameters * random.standard_normal((len(tissue.parameters), len(K)))
     names = [parameter.name for parameter in element(tissue.element).extra]
-    further = {name: tissue.parameters[name] * np.exp(s) for name, s in zip(names, scatter, strict=True)}
+    logs = {name: s + effects.get(name, 0.0) for name, s in zip(names, scatter, strict=True)}
+    further = {name: tissue.parameters[name] * np.exp(log) for name, log in logs.items()}
     size = {"diameter_m": impacts["diameter_m"].to_numpy()} if "diameter_m" in impacts else {}
     p = {each: jnp.asarray(value) for each, value in {"K": K, "C": C, **further}.items()}
     diameter = size.get("diameter_m")

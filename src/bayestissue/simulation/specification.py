@@ -97,8 +97,11 @@ class Design(_Table):
         return self
 
 
-class SpreadPair(_Table):
-    """A standard deviation of log K and one of log C."""
+class Spreads(BaseModel):
+    """Standard deviations of log K, log C and the logs of the element's further parameters, by name."""
+
+    model_config = ConfigDict(extra="allow", frozen=True)
+    __pydantic_extra__: dict[str, Spread] = Field(init=False)
 
     K: Spread = 0.0
     C: Spread = 0.0
@@ -115,7 +118,7 @@ class Tissue(_Table):
     ``[tissue.sd_slope."log(mass_kg)|subject"]`` of mass exponents that differ between people, or of the
     slopes of another column of the impacts, taken from its mean. ``parameters`` are the element's others,
     such as ``arm_ratio``, whose logs scatter between impacts with the standard deviation
-    ``sd_impact_parameters``.
+    ``sd_impact_parameters``, and between levels with those beside K and C in ``sd_group`` and ``sd_slope``.
     """
 
     K_N_per_m: Positive
@@ -129,14 +132,14 @@ class Tissue(_Table):
     sd_trial_C: Spread = 0.0
     sd_impact_K: Spread = 0.0
     sd_impact_C: Spread = 0.0
-    sd_group: dict[str, SpreadPair] = {}
-    sd_slope: dict[str, SpreadPair] = {}
+    sd_group: dict[str, Spreads] = {}
+    sd_slope: dict[str, Spreads] = {}
     correlation: Annotated[float, Field(ge=-1, le=1)] = 0.0
     element: str = "kelvin_voigt"
     parameters: dict[str, Positive] = {}
     sd_impact_parameters: Spread = 0.0
 
-    def spreads(self) -> dict[GroupTerm, SpreadPair]:
+    def spreads(self) -> dict[GroupTerm, Spreads]:
         """The further group terms and their spreads."""
         groups = {term_of_group(key): pair for key, pair in self.sd_group.items()}
         return groups | {term_of_slope(key): pair for key, pair in self.sd_slope.items()}
@@ -150,6 +153,10 @@ class Tissue(_Table):
         extra = {parameter.name for parameter in element(self.element).extra}
         if set(self.parameters) != extra:
             raise ValueError(f"parameters with the keys {', '.join(sorted(extra)) or 'none'}")
+        named = {name for each in self.spreads().values() for name, _ in each}
+        if strange := sorted(named - {"K", "C", *extra}):
+            own = ", ".join(["K", "C", *sorted(extra)])
+            raise ValueError(f"sd_group and sd_slope with the keys {own}, without {', '.join(strange)}")
         return self
 
 

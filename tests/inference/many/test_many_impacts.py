@@ -180,7 +180,9 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     )
     keys = jax.random.split(jax.random.PRNGKey(1), 4)
     monkeypatch.setattr(trace_blocks, "BLOCK", 5)
-    found, kept = _of_impacts(made, Approximation(sites, None, None), draws, keys, (2, 2), 3, lambda *_: None)  # type: ignore[arg-type]
+    found, kept = _of_impacts(
+        made, Approximation(sites, None, None), draws, 2, keys, (2, 2), 3, lambda *_: None
+    )  # type: ignore[arg-type]
     assert list(kept) == [0, 1]
     error = np.log(found["mass"]) - np.asarray(made.data.log_mass)
     own = error.reshape(4, -1)[:, [np.flatnonzero(made.design.subject == s)[0] for s in range(3)]]

@@ -9,25 +9,28 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.population import population_design
-from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.posterior.own_effects import gained, own_effects
 from designs import EVERYTHING, design_of
 
 FORMULA_C = "(1|subject/side) + (1|session)"
+NUISANCE = ("noise", "log_thickness_m")
+PRIORS = ModelSpecification(name="m", likelihood="impact", element="wall").complete_priors()
 
 
 @pytest.mark.parametrize("mass_error", ["impact", "subject"])
 @pytest.mark.parametrize("name", ["subject", "subject:side", "session", "trial"])
 def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_error: str) -> None:
-    design = design_of(EVERYTHING, FORMULA_C)
-    effects, _ = population_design(design, Priors(), ())
-    model = SimpleNamespace(locations=effects, mass_error=mass_error, log_mass_sd=0.3)
+    design = design_of(EVERYTHING, FORMULA_C, thickness_m="(1|subject) + (1|session)")
+    effects, _ = population_design(design, PRIORS, NUISANCE)
+    model = SimpleNamespace(locations=effects, mass_error=mass_error, log_mass_sd=0.3, nuisance=NUISANCE)
     slots, own = own_effects(model, design)[name]
     rng = np.random.default_rng(3)
     sd = {spread: rng.uniform(0.2, 1.0) for spread in {*effects.spread} - {""}}
     impacts = len(design.subject)
-    root = rng.normal(size=(impacts, 2, 2))
-    W, pull = root @ root.swapaxes(1, 2), rng.normal(size=(impacts, 2))
+    size = 2 + len(NUISANCE)
+    root = rng.normal(size=(impacts, size, size))
+    W, pull = root @ root.swapaxes(1, 2), rng.normal(size=(impacts, size))
     levels = len(design.groupings[name].levels)
     member = (own.level[:, None] == np.arange(levels)).astype(float)
     sites = {key: np.asarray(value) for key, value in sd.items()}
@@ -38,8 +41,8 @@ def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_er
         return
     # Each level by itself, over those columns of X that no other level's impacts have.
     part = design.groupings[name].code
-    X = np.zeros((impacts, 2, effects.size))
-    for a, q in enumerate("KC"):
+    X = np.zeros((impacts, size, effects.size))
+    for a, q in ((0, "K"), (1, "C"), (3, "thickness_m")):
         for term, column in design.responses[q].terms.items():
             begin = effects.parts[term.effect(q)].start
             X[np.arange(impacts), a, begin + design.groupings[term.grouping].code] = column.covariate

@@ -109,7 +109,7 @@ def test_a_profile_interpolates_cubics_and_integrates_against_a_normal() -> None
     np.testing.assert_allclose(found, exact, rtol=1e-7)
 
 
-SETTINGS = Sampler(chains=2, warmup=150, draws=400)
+SETTINGS = Sampler(chains=2, warmup=200, draws=500)
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +124,7 @@ def test_summaries_stand_for_the_traces(
     assert correction.trusted
     assert correction.relative > 0.5
     unfolded = constrained_draws(prepared, sites.summaries, draws, jax.random.PRNGKey(1))
-    assert unfolded.impacts["K"].shape == (2, 400, 16)
+    assert unfolded.impacts["K"].shape == (2, 500, 16)
     assert np.isfinite(unfolded.log_likelihood["trace"]).all()
 
 

@@ -11,10 +11,10 @@ from numpy.testing import assert_array_equal
 from numpyro.infer import MCMC, NUTS
 
 from bayestissue.dataset.published import read_published
+from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.estimates import EstimatesModel, common_effects, estimates_data, plain_model
 from bayestissue.hierarchy.published import published_design, published_observations
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
-from bayestissue.inference.posterior.constrained_draws import named_sites
 from bayestissue.inference.published import explanations
 from bayestissue.inference.published.explanations import log_predictive_density
 from bayestissue.inference.published.posterior import sample_posterior
@@ -67,7 +67,7 @@ def found(problem):
 
 @pytest.fixture(scope="module")
 def sites(campaign, problem, found):
-    return named_sites(problem[0], campaign[1], found.draws.sites, found.b)
+    return named_sites(problem[0].locations, campaign[1], found.draws.sites, found.b)
 
 
 def test_known_parameters_are_recovered(sites) -> None:

@@ -14,7 +14,6 @@ from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.priors import Normal
 from bayestissue.hierarchy.specification import Formulas
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.quantities.secant_exponents import (
     _SPREADS,
     Units,
@@ -22,6 +21,7 @@ from bayestissue.inference.quantities.secant_exponents import (
     slope_over_units,
     units_of,
 )
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 PEOPLE, CONDITIONS, DRAWS = 3, 8, 4000
 SHAPE = (2, DRAWS // 2)

@@ -21,10 +21,10 @@ from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood, with_normal_errors
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import first_guess
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.results import uncertainty_budget as sources
 from bayestissue.inference.results.errors import TraceErrors, as_expected, shorter_window, trace_errors
 from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.likelihood.element.response import CONTACT
 from bayestissue.simulation import Simulation, simulate
 

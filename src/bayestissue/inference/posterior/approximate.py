@@ -137,7 +137,7 @@ class Approximation:
             last location's standard normal: traces whose theta1 is at -1 leave it a wall on one side and
             nothing but its prior on the other.
         profile: what the traces say of a last parameter that they leave open; see
-            `TraceModel.weakly_identified`.
+            `TraceModel.may_have_grid`.
         grid: the same as the marginal density asks for it: of many impacts tabulated together.
         expansion: of what the summaries leave out, where that is part of the marginal density.
     """
@@ -230,7 +230,7 @@ def approximate(
     model, data = prepared.model, prepared.data
     if refinements is None:
         refinements = 0 if model.discrepancy else REFINEMENTS
-    passes = 2 + refinements + model.weakly_identified
+    passes = 2 + refinements + model.may_have_grid
 
     def told(number: int) -> Progress:
         return lambda done, total: say(number * total + done, passes * total)
@@ -240,7 +240,7 @@ def approximate(
     impacts = len(summaries.centre)
     say(1, passes)
     # One flat grid stands for those of however many impacts.
-    profile = flat_grid(impacts if impacts <= BLOCK else 1) if model.weakly_identified else None
+    profile = flat_grid(impacts if impacts <= BLOCK else 1) if model.may_have_grid else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
     anchor = finder.expectation(summaries, mode).anchor(0)
@@ -249,10 +249,10 @@ def approximate(
         mode = finder.mode(summaries, mode)
         anchor = finder.expectation(summaries, mode).anchor(0)
         # A last parameter that is open has a profile instead.
-        bent = not model.weakly_identified
+        bent = not model.may_have_grid
         summaries = _moments(model, data, summaries, anchor, told(2 + number), bent=bent)
     mode = finder.mode(summaries, mode)
-    if not model.weakly_identified:
+    if not model.may_have_grid:
         return Approximation(summaries, finder.coordinates(summaries, mode), None)
     normal = last_is_normal(prepared, summaries) if normal is None else normal
     if normal:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -12,15 +11,12 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.effects import RESPONSES
-from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL
+from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
-    Hyperparameters,
     TraceData,
     TraceModel,
     gaussian,
@@ -33,26 +29,10 @@ from bayestissue.inference.factors.conditional import normals
 from bayestissue.inference.factors.conditional_prior import conditional_priors
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 
 # Draws of one call, so that one compilation serves any number.
 DRAWS = 256
-
-
-@dataclass(frozen=True)
-class ConstrainedDraws:
-    """Draws of everything, each array [chain, draw, ...].
-
-    ``sites`` are the hierarchy's quantities by the names of `bayestissue.hierarchy.effects`, ``impacts``
-    those of every impact, ``log_likelihood`` the log density of each impact, subject and trial with its own
-    parameters and effects integrated out. Where ``kept`` is given, impacts have these draws of each chain
-    only, and log densities are those of some impacts.
-    """
-
-    sites: dict[str, np.ndarray]
-    impacts: dict[str, np.ndarray]
-    log_likelihood: dict[str, np.ndarray]
-    kept: np.ndarray | None = None
 
 
 def constrained_draws(
@@ -84,29 +64,7 @@ def constrained_draws(
     sites, b, impacts, scores = jax.tree.map(
         lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (expected.sites, b, impacts, scores)
     )
-    return ConstrainedDraws(named_sites(model, prepared.design, sites, b), impacts, scores)
-
-
-def named_sites(
-    model: Hyperparameters, design: Design, spreads: dict[str, np.ndarray], b: np.ndarray
-) -> dict[str, np.ndarray]:
-    """The hierarchy's quantities by name, from the spreads and the locations b, all [chain, draw, ...].
-
-    Effects of groups that a formula leaves out are zero, so that what follows need not ask.
-    """
-    sites = dict(spreads)
-    single = {f"{name}_{q}" for q in RESPONSES for name in ("intercept", "mass_exponent")}
-    single |= {f"{name}_mean" for name in model.nuisance}
-    for name, part in model.locations.parts.items():
-        sites[name] = b[..., part.start] if name in single else b[..., part]
-    for term in (SUBJECT, TRIAL, *design.terms):
-        levels = len(design.groupings[term.grouping].levels)
-        for response in RESPONSES:
-            effect = term.effect(response)
-            # Without the levels that only fill up.
-            sites[effect] = sites.get(effect, np.zeros((*b.shape[:2], levels)))[..., :levels]
-            sites.setdefault(term.sd(response), np.zeros(b.shape[:2]))
-    return sites
+    return ConstrainedDraws(named_sites(model.locations, prepared.design, sites, b), impacts, scores)
 
 
 @compiled_sooner()
@@ -217,10 +175,3 @@ def error_of_people(sd: Array, shared: SharedMassError, b: Array, key: Array) ->
     over = shared.variance / (K * C + shared.variance * (K + C))
     mean = -over * (C * b[shared.effect_on_K] + K * b[shared.effect_on_C])
     return mean + jnp.sqrt(over * K * C) * jax.random.normal(key, mean.shape)
-
-
-def thinned(draws: dict[str, Any], number: int) -> dict[str, Any]:
-    """Every so many draws of each chain, so that about ``number`` are left of all chains."""
-    chains, length = next(iter(draws.values())).shape[:2]
-    step = max(1, chains * length // number)
-    return {name: values[:, ::step] for name, values in draws.items()}

@@ -35,6 +35,7 @@ from bayestissue.inference.factors.importance_ratios import (
     ratios_among,
 )
 from bayestissue.inference.posterior.approximate import Approximation
+from bayestissue.inference.samplers.psis import relative_variance
 
 
 class PopulationDraws(NamedTuple):
@@ -100,8 +101,10 @@ def residual_log_weights(
     checked: PopulationDraws,
     *,
     progress: Progress = silent,
-) -> Float[np.ndarray, " draw"]:
+) -> tuple[Float[np.ndarray, " draw"], Float[np.ndarray, " impact"]]:
     """Log of the true evidence over the one that draws were made with, for some draws, less their mean.
+
+    And the relative variance of each impact's likelihood over its site.
 
     Args:
         prepared: model and data.
@@ -114,15 +117,17 @@ def residual_log_weights(
     cell = np.asarray(data.design.cell)
     compared, seen = (anchors_of(model, data.design, draws) for draws in (mixture, checked))
 
-    def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
+    def one(part: TraceData, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         own, grid = told_of_rows(sites, rows)
         points = ratios_among(model, part, own, of_cells(compared, cell[rows]), grid)
-        return log_evidence_corrections(own, points, of_cells(seen, cell[rows])).T
+        found = log_evidence_corrections(own, points, of_cells(seen, cell[rows]))
+        return found.T, relative_variance(points.log_ratio)
 
-    exact = in_blocks(data, one, progress=progress).sum(0)
+    each, varies = in_blocks(data, one, progress=progress)
+    exact = each.sum(0)
     if sites.expansion is not None:
         exact = exact - np.asarray(_expanded(model, data.design, sites.expansion, checked))
-    return exact - exact.mean()
+    return exact - exact.mean(), varies
 
 
 def anchors_of(model: TraceModel, design: PopulationDesign, draws: PopulationDraws) -> ConditionalPrior:

@@ -1,7 +1,7 @@
 """Effects that the impacts of one level of a grouping alone have: without them only the prior tells these.
 
-Of a person these are the person's effects on log K and log C, a mass exponent of the person's own, and the
-effects of all that lies within the person, such as each side.
+Of a person these are the person's effects on log K, log C and what else has a formula, a mass exponent of
+the person's own, and the effects of all that lies within the person, such as each side.
 """
 
 from __future__ import annotations
@@ -28,12 +28,12 @@ class Slots:
     """What a level's own effects are, the same for all levels; one with fewer has empty slots.
 
     Attributes:
-        response: 0 of an effect on log K, 1 on log C.
+        parameter: of an impact, by its number, that the effect is on: 0 is log K, 1 log C.
         spread: the names of their standard deviations.
         shared: pairs of slots whose effects a person's error of mass moves alike.
     """
 
-    response: tuple[int, ...]
+    parameter: tuple[int, ...]
     spread: tuple[str, ...]
     shared: tuple[tuple[int, int], ...]
 
@@ -51,13 +51,13 @@ class OwnEffects(NamedTuple):
     element: Int[np.ndarray | Array, "slot level"]
     value: Float[np.ndarray | Array, "slot impact"]
 
-    def in_impacts(self, slots: Slots, b: np.ndarray | Array, response: int) -> np.ndarray | Array | float:
-        """What the levels' own effects add to log K (0) or log C (1) of each impact, [..., impact]."""
+    def in_impacts(self, slots: Slots, b: np.ndarray | Array, parameter: int) -> np.ndarray | Array | float:
+        """What the levels' own effects add to log K (0), log C (1) ... of each impact, [..., impact]."""
         return sum(
             (
                 b[..., self.element[slot]][..., self.level] * self.value[slot]
-                for slot, of in enumerate(slots.response)
-                if of == response
+                for slot, of in enumerate(slots.parameter)
+                if of == parameter
             ),
             0.0,
         )
@@ -72,11 +72,13 @@ def _of(model: TraceModel, design: Design, grouping: Grouping) -> tuple[Slots, O
     impacts, levels = len(grouping.code), len(grouping.levels)
     elements: list[np.ndarray] = []
     values: list[np.ndarray] = []
-    response: list[int] = []
+    parameter: list[int] = []
     spread: list[str] = []
     people: dict[int, list[int]] = {0: [], 1: []}
-    for a, q in enumerate(RESPONSES):
-        for term, column in design.responses[q].terms.items():
+    parameters = (*RESPONSES, *model.nuisance)
+    for q, part in design.responses.items():
+        a = parameters.index(part.parameter)
+        for term, column in part.terms.items():
             inner = design.groupings[term.grouping]
             pairs = np.unique(np.stack([inner.code, grouping.code]), axis=1)
             if pairs.shape[1] > len(inner.levels):
@@ -88,15 +90,15 @@ def _of(model: TraceModel, design: Design, grouping: Grouping) -> tuple[Slots, O
             for number in range(rank.max() + 1):
                 element = np.zeros(levels, int)
                 element[outer[rank == number]] = begin + np.flatnonzero(rank == number)
-                if term == SUBJECT and model.mass_error == "subject":
+                if term == SUBJECT and model.mass_error == "subject" and q in RESPONSES:
                     people[a].append(len(elements))
                 elements.append(element)
                 values.append(np.where(rank[inner.code] == number, column.covariate, 0.0))
-                response.append(a)
+                parameter.append(a)
                 spread.append(term.sd(q))
     value = np.array(values).reshape(len(elements), impacts)
     slots = Slots(
-        tuple(response),
+        tuple(parameter),
         tuple(spread),
         tuple(zip(people[0], people[1], strict=True)),
     )
@@ -125,7 +127,7 @@ def gained(
     """
     if not slots.spread:
         return 0.0
-    each = list(zip(slots.response, own.value, strict=True))
+    each = list(zip(slots.parameter, own.value, strict=True))
 
     def squares(s: int, t: int) -> Any:
         (a, one), (b, other) = each[s], each[t]

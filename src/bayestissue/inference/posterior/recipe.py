@@ -16,7 +16,6 @@ from typing import NamedTuple
 
 import jax
 import numpy as np
-from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -47,7 +46,7 @@ from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.samplers.coordinates import Coordinates
 from bayestissue.inference.samplers.independence import independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
-from bayestissue.inference.samplers.psis import below_greatest, effective_size
+from bayestissue.inference.samplers.psis import below_greatest, effective_size, relative_variance
 from bayestissue.inference.samplers.resampling import systematic
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -111,7 +110,7 @@ def corrected_draws(
         return Attempt(sites, _population_draws(prepared, sites, settings, seed, progress))
 
     made = _attempts(prepared, sites, sample, seed, rng)
-    if prepared.model.weakly_identified and not _best(made).correction.trusted:
+    if prepared.model.may_have_grid and not _best(made).correction.trusted:
         other = approximate(prepared, normal=sites.profile is not None, say=say)
         made += _attempts(prepared, other, sample, seed, rng)
     best = _best(made)
@@ -331,22 +330,20 @@ def _candidates(
     The choice is off the truth by about v / n, v being the variance of likelihood over summary relative to
     its mean squared, of what has a profile also under the population of each draw.
     """
-    varies = _relative_variance(ratios.log_ratio)
+    varies = float(np.mean(relative_variance(ratios.log_ratio)))
     if profile is not None:
         of_profile = _over(profile, part.b[:, -1], part.sites[f"sd_{model.nuisance[-1]}"])
-        varies = (1 + varies) * (1 + _relative_variance(of_profile)) - 1
+        varies = (1 + varies) * (1 + float(np.mean(relative_variance(of_profile)))) - 1
+    return candidates_for(varies)
+
+
+def candidates_for(varies: float) -> int:
+    """So many for this relative variance of likelihood over summary, infinite where it has no mean."""
     wanted = np.ceil(varies / _OFF) if np.isfinite(varies) else CANDIDATES
     return int(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES))
 
 
 _over = compiled_quickly()(LikelihoodGrid.over)
-
-
-def _relative_variance(log_weight: Array) -> float:
-    """Of weights along a first axis: the mean of variance over mean squared; infinite where one has none."""
-    weight = np.exp(below_greatest(np.asarray(log_weight)))
-    mean = weight.mean(0)
-    return float(np.mean(weight.var(0) / mean**2)) if (mean > 0).all() else np.inf
 
 
 def _begun(prepared: Prepared, summarised: Approximation, chains: int, rng: np.random.Generator) -> Start:

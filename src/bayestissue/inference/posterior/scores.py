@@ -175,6 +175,4 @@ def scores_of_groups(
 
 def without(slots: Slots, own: OwnEffects, b: Any, about: Any) -> Any:
     """X b less what levels' own effects add to it."""
-    added = [own.in_impacts(slots, b, a) + 0 * about[a] for a in range(2)]
-    xp = about.__array_namespace__()
-    return xp.concat([about[:2] - xp.stack(added), about[2:]])
+    return about.__array_namespace__().stack([v - own.in_impacts(slots, b, a) for a, v in enumerate(about)])

@@ -14,18 +14,23 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.estimates import EstimatesModel, common_effects, estimates_data
-from bayestissue.hierarchy.formulas.formula import GROUPS
 from bayestissue.hierarchy.published import PublishedObservations, published_design
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.posterior.constrained_draws import named_sites
 from bayestissue.inference.published.explanations import compare_explanations
 from bayestissue.inference.published.posterior import EstimatesPosterior, sample_posterior
 from bayestissue.inference.results.cross_validation import prior_sensitivity
-from bayestissue.inference.results.labels import labelled, labelled_statistics, statistics_of_transitions
+from bayestissue.inference.results.labels import (
+    design_attributes,
+    design_dimensions,
+    labelled,
+    labelled_statistics,
+    statistics_of_transitions,
+)
 from bayestissue.inference.results.predictive_checks import predictive_checks
 from bayestissue.inference.results.summary import summarise
 from bayestissue.inference.samplers.diagnostics import diagnose
@@ -76,17 +81,15 @@ def analyse(
 
     ``say`` is told the stage, how much of it is done, and its total.
     """
-    model = EstimatesModel(
-        common_effects([design, *competing.values()], specification.priors),
-        specification.priors,
-        specification.residual_correlation,
-    )
+    priors = specification.complete_priors()
+    effects = common_effects([design, *competing.values()], priors)
+    model = EstimatesModel(effects, priors, specification.residual_correlation)
     data = estimates_data(design, observations, model)
     settings = specification.sampler
     found = sample_posterior(model, data, settings, seed, partial(say, "sampling the posterior"))
     say("predicting", 0, 1)
     rng = np.random.default_rng(seed)
-    sites = named_sites(model, design, found.draws.sites, found.b)
+    sites = named_sites(model.locations, design, found.draws.sites, found.b)
     tree = _tree(design, observations, specification, sites, found, rng)
     tree = tree.assign(_prior_groups(model, design, observations, seed, rng))
     posterior = tree["posterior"].dataset
@@ -111,19 +114,13 @@ def analyse(
 
 
 def _coordinates(design: Design, observations: PublishedObservations) -> dict[str, list[str]]:
-    return {
-        "impact": observations.impacts,
-        "subject": list(design.subjects),
-        "trial": list(design.trials),
-        "averaged_trial": observations.averaged_trials,
-    }
+    levels = {name: list(grouping.levels) for name, grouping in design.groupings.items()}
+    return {"impact": observations.impacts, **levels, "averaged_trial": observations.averaged_trials}
 
 
-DIMENSIONS: dict[str, tuple[str, ...]] = {
+_DIMENSIONS: dict[str, tuple[str, ...]] = {
     **dict.fromkeys(RESPONSES, ("impact",)),
     **{f"{q}_cell": ("subject", "trial") for q in RESPONSES},
-    **{f"{q}_{group}": (group,) for q in RESPONSES for group in GROUPS},
-    **{f"{group}_effect_{q}": (group,) for q in RESPONSES for group in GROUPS},
     **{f"{q}_observed": ("impact",) for q in RESPONSES},
     **{f"{q}_{name}": ("averaged_trial",) for q in RESPONSES for name in ("average", "sd")},
     "estimates": ("impact",),
@@ -134,6 +131,16 @@ DIMENSIONS: dict[str, tuple[str, ...]] = {
     "impact_subject": ("impact",),
     "impact_trial": ("impact",),
 }
+
+
+def _labelling(design: Design, observations: PublishedObservations) -> Callable[..., xr.Dataset]:
+    """`labelled` with the names of the design and of what was published."""
+    return partial(
+        labelled,
+        dimensions=_DIMENSIONS | design_dimensions(design),
+        coordinates=_coordinates(design, observations),
+        attributes=design_attributes(design),
+    )
 
 
 def _quantities(
@@ -191,10 +198,9 @@ def _tree(
     found: EstimatesPosterior,
     rng: np.random.Generator,
 ) -> xr.DataTree:
-    coordinates = _coordinates(design, observations)
-    label = partial(labelled, dimensions=DIMENSIONS, coordinates=coordinates)
+    label = _labelling(design, observations)
     quantities = _quantities(design, observations, sites, rng)
-    priors = compiled_quickly()(specification.priors.log_densities)(
+    priors = compiled_quickly()(specification.complete_priors().log_densities)(
         {name: values for name, values in sites.items() if name in quantities}
     )
     conditions = observations.cells.drop_duplicates("trial")
@@ -237,8 +243,8 @@ def _prior_groups(
         for name, known in zip(effects.spread, effects.sd, strict=True)
     ]
     b = effects.mean + np.stack(sd, axis=-1) * rng.standard_normal((1, PRIOR_DRAWS, effects.size))
-    sites = named_sites(model, design, spreads, b)
-    label = partial(labelled, dimensions=DIMENSIONS, coordinates=_coordinates(design, observations))
+    sites = named_sites(model.locations, design, spreads, b)
+    label = _labelling(design, observations)
     return {
         "prior": xr.DataTree(label(_quantities(design, observations, sites, rng))),
         "prior_predictive": xr.DataTree(label(_replicates(design, observations, sites, rng))),

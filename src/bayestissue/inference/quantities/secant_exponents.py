@@ -16,9 +16,9 @@ from jaxtyping import Float
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.kept import some_impacts
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
 from bayestissue.inference.quantities.secant_population import shifted
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 # By what it is called: what of an impact it is the exponent of.
 EXPONENTS = {f"mass_exponent_{COMMON_DEPTH}": COMMON_DEPTH, "mass_exponent_K_secant": "K_secant"}

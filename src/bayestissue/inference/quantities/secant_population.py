@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 
 def of_secant(prepared: Prepared, unfolded: ConstrainedDraws) -> ConstrainedDraws:

@@ -9,7 +9,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from bayestissue.elements import element, element_names
 from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.effects import intercept, parameter_of
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, stem_of
 from bayestissue.inference.quantities.elements import element_attributes
 from bayestissue.inference.results.meanings import meaning
@@ -26,7 +28,6 @@ _MEANINGS = {
 _NAMES = {"K": "stiffness K", "C": "damping C"}
 _OF = ("cell", "subject", "trial", "new")
 _ONE_COLUMN = ("subject", "trial")
-
 
 _TRACE_ATTRIBUTES = {
     name: {"unit": unit, "long_name": meaning}
@@ -70,6 +71,10 @@ _TRACE_ATTRIBUTES = {
 }
 
 
+def _exponent(name: str) -> dict[str, str]:
+    return {"unit": "1", "long_name": f"slope of log {name} on log mass, all else equal"}
+
+
 def _attributes() -> dict[str, dict[str, str]]:
     table = {
         pattern.format(q=q): {"unit": _UNITS[q], "long_name": words.format(name=_NAMES[q])}
@@ -87,10 +92,7 @@ def _attributes() -> dict[str, dict[str, str]]:
                 "unit": f"{unit} / kg",
                 "long_name": f"slope of the straight line of the conditions' mean {name} against mass",
             },
-            f"mass_exponent_{q}": {
-                "unit": "1",
-                "long_name": f"slope of log {name} on log mass, all else equal",
-            },
+            f"mass_exponent_{q}": _exponent(name),
             f"intercept_{q}": {"unit": "1", "long_name": f"log of {name} in {unit} at the reference mass"},
         }
         for group in ("subject", "trial"):
@@ -110,23 +112,28 @@ def _attributes() -> dict[str, dict[str, str]]:
 ATTRIBUTES = _attributes()
 
 
-def group_attributes(design: Design) -> dict[str, dict[str, str]]:
-    """Unit and meaning of the quantities of a design's group terms beside subject and trial."""
+def design_attributes(design: Design) -> dict[str, dict[str, str]]:
+    """Unit and meaning of what a design has besides the effects of subject and trial on K and C."""
+    extra = {each.name: each for name in element_names() for each in element(name).extra}
+    units = {q: _UNITS[q] if q in _UNITS else extra[q].unit for q in design.responses}
+    names = {q: _NAMES.get(q, q) for q in design.responses}
     table: dict[str, dict[str, str]] = {}
     for name in design.groupings:
-        if name in _ONE_COLUMN:
-            continue
         stem = stem_of(name)
-        for q, unit in _UNITS.items():
-            of = f"{_NAMES[q]} of a {name} at the reference mass, a typical one of what {name} does not hold"
-            table[f"{q}_{stem}"] = {"unit": unit, "long_name": of}
+        own = f"a {name} at the reference mass, a typical one of what {name} does not hold"
+        of = meaning(f"K_{name}").of if name in _ONE_COLUMN else own
+        for q, unit in units.items():
+            table[f"{q}_{stem}"] = {"unit": unit, "long_name": f"{names[q]} of {of}"}
         what = f"log density of the traces of a {name}, the effects that it alone has integrated out"
         table[f"traces_of_{stem}"] = {"unit": "1", "long_name": what}
         table[f"impact_{stem}"] = {"long_name": f"the impact's {name}"}
+    for q, name in names.items():
+        if q not in _UNITS:
+            table[f"mass_exponent_{q}"] = _exponent(name)
+            at = f"log of {name} in {units[q]} at the reference mass and mean covariates"
+            table[intercept(parameter_of(q))] = {"unit": "1", "long_name": at}
     for term in design.terms:
-        if term.grouping in _ONE_COLUMN and not term.slope:
-            continue
-        for q, name in _NAMES.items():
+        for q, name in names.items():
             what = f"log {name}"
             if term.slope:
                 which = "mass exponent of" if term.slope == MASS_TERM else f"effect of {term.slope} on log"
@@ -136,7 +143,20 @@ def group_attributes(design: Design) -> dict[str, dict[str, str]]:
                 table[term.effect(q)] = {"unit": "1", "long_name": f"effect of the {term.grouping} on {what}"}
             between = f"standard deviation between levels of {term.grouping} of {what}"
             table[term.sd(q)] = {"unit": "1", "long_name": between}
-    return table
+    # People and conditions have words of their own for K and C.
+    return {name: words for name, words in table.items() if name not in ATTRIBUTES}
+
+
+def design_dimensions(design: Design) -> dict[str, tuple[str, ...]]:
+    """Of each response of the levels of a grouping, and of the effects of each group term."""
+    found: dict[str, tuple[str, ...]] = {
+        f"{q}_{stem_of(name)}": (name,) for q in design.responses for name in design.groupings
+    }
+    return found | {
+        (term.own if term.slope else term.effect)(q): (term.grouping,)
+        for q, part in design.responses.items()
+        for term in part.terms
+    }
 
 
 def of_one_person(draws: xr.Dataset) -> None:

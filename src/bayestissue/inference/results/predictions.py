@@ -20,7 +20,7 @@ from bayestissue.inference.execution.compiling import (
     in_calls,
 )
 from bayestissue.inference.execution.kept import some_impacts
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, thinned
+from bayestissue.inference.samplers.sampling import ConstrainedDraws, thinned
 from bayestissue.likelihood.element.response import ElementRecord
 
 PREDICTIVE_DRAWS = 100
@@ -53,7 +53,9 @@ def replicates_of(
     """What is compiled of `replicates`: the first so many of `PREDICTIVE_DRAWS` draws."""
 
     def one(place: Array) -> dict[str, Array]:
-        return trace_distribution(model, data, list(u[place].T)).replicate(keys[place])
+        made = trace_distribution(model, data, list(u[place].T)).replicate(keys[place])
+        # Else the noise is made anew for every part of the row that is written: three times as long.
+        return jax.lax.optimization_barrier(made)
 
     return first_rows(one, PREDICTIVE_DRAWS, number)
 

@@ -12,26 +12,26 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws, named_sites
 from bayestissue.inference.quantities.elements import per_impact
 from bayestissue.inference.quantities.secant_exponents import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.results.labels import (
-    group_attributes,
+    design_attributes,
+    design_dimensions,
     labelled,
     labelled_statistics,
     of_one_person,
 )
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, predicted, prior_draws, replicates
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 from bayestissue.likelihood.element.response import ElementRecord
 
-RESPONSES = derived.RESPONSES
 PER_IMPACT = ("K", "C", "omega_n", "zeta", "theta1", "sigma_a", "sigma_d", "mass", *per_impact())
 
 
@@ -51,7 +51,7 @@ def posterior_tree(
     named = partial(
         labelled,
         dimensions=_dimensions(prepared.design, prepared.data.record.errors),
-        attributes=group_attributes(prepared.design),
+        attributes=design_attributes(prepared.design),
     )
     put = partial(named, coordinates=_coordinates(prepared))
     every, whole = put, prepared
@@ -68,7 +68,7 @@ def posterior_tree(
     quantities = _quantities(whole, unfolded.sites, unfolded.impacts, rng)
     quantities |= mass_exponents_of_secants(whole, unfolded, seed)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
-    priors = compiled_quickly()(specification.priors.log_densities)(
+    priors = compiled_quickly()(specification.complete_priors().log_densities)(
         {k: v for k, v in unfolded.sites.items() if k in quantities}
     )
     log_likelihood = unfolded.log_likelihood
@@ -99,12 +99,7 @@ def _dimensions(design: Design, errors: Iterable[str] = ()) -> dict[str, tuple[s
     return {
         **dict.fromkeys((*PER_IMPACT, *errors, "trace"), ("impact",)),
         **{f"{name}_sd": ("impact",) for name in errors},
-        **{f"{q}_{stem}": (name,) for q in RESPONSES for name, stem in stems.items()},
-        **{
-            (term.own if term.slope else term.effect)(q): (term.grouping,)
-            for q in RESPONSES
-            for term in design.terms
-        },
+        **design_dimensions(design),
         **{f"traces_of_{stem}": (name,) for name, stem in stems.items()},
         **{f"impact_{stem}": ("impact",) for stem in stems.values()},
         **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "sample")),
@@ -169,7 +164,7 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
     made, u, ratios = jax.device_get(prior_draws(model, data, key))
     drawn = {name: values[None] for name, values in made.items()}
     sites = named_sites(
-        model, prepared.design, {name: drawn[name] for name in model.spreads}, drawn["locations"]
+        model.locations, prepared.design, {name: drawn[name] for name in model.spreads}, drawn["locations"]
     )
     if "log_mass_error" in drawn:
         person = pd.Index(prepared.design.subjects).get_indexer(

@@ -26,7 +26,6 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, population
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_of
-from bayestissue.inference.posterior.constrained_draws import ConstrainedDraws
 from bayestissue.inference.results.errors import (
     ELEMENT,
     NOISE,
@@ -35,6 +34,7 @@ from bayestissue.inference.results.errors import (
     shorter_window,
     trace_errors,
 )
+from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 COLUMNS = ["level", "quantity", "source", "share", "sd"]
 IMPACT, TYPICAL_PERSON, NEW_PERSON = "impact", "typical person", "new person"
@@ -224,8 +224,8 @@ def _sources(prepared: Prepared) -> dict[str, str]:
     """What each unknown standard deviation of effects is a source by."""
     return {
         term.sd(q): _TERMS.get(term, f"{term.slope and f'{term.slope} by '}{term.grouping}")
-        for term in prepared.design.terms
-        for q in RESPONSES
+        for q, part in prepared.design.responses.items()
+        for term in part.terms
     }
 
 

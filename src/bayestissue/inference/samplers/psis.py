@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from jax import Array
 from jaxtyping import Float
 from scipy.special import logsumexp
 
@@ -59,3 +60,10 @@ def pareto_smoothed(log_weight: np.ndarray) -> tuple[np.ndarray, float]:
     if np.isnan(smoothed).any() or np.isnan(k):
         return np.where(has, log_weight, -np.inf) - logsumexp(log_weight[has]), np.inf
     return smoothed, float(k)
+
+
+def relative_variance(log_weight: np.ndarray | Array) -> np.ndarray:
+    """Variance over mean squared of weights along the first axis; infinite where none has any weight."""
+    weight = np.exp(below_greatest(np.asarray(log_weight)))
+    mean = weight.mean(0)
+    return np.where(mean > 0, weight.var(0) / np.where(mean > 0, mean, 1.0) ** 2, np.inf)

@@ -66,7 +66,8 @@ class DecelerationRecord(NamedTuple):
         d = np.where(np.arange(d.shape[1]) < n_samples[:, None], d, 0.0)
         width = FILLED * bucket(-(-d.shape[1] // FILLED))
         padded = np.pad(d, ((0, 0), (0, width - d.shape[1])))
-        return cls(*jax.device_put((d, n_samples, *others)), in_blocks(padded))
+        arrays = jax.device_put((d, n_samples, *others))
+        return cls._make([*arrays, in_blocks(padded)])
 
     @property
     def traces(self) -> Float[Array, "impact sample"]:

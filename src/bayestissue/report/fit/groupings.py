@@ -10,7 +10,7 @@ from markupsafe import Markup
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
-from bayestissue.report.posterior import QUANTITIES, Quantity, Spread, spread
+from bayestissue.report.posterior import Spread, spread
 from bayestissue.report.remarks import group_words
 from bayestissue.report.style import POSTERIOR, REFERENCE, new_figure, shown, style
 from bayestissue.report.wording import listed
@@ -25,12 +25,12 @@ class OwnSlope(NamedTuple):
     Attributes:
         grouping: the dimension of its levels, such as ``subject``.
         covariate: empty of a mass exponent.
-        quantity: K or C.
+        quantity: K, C, or a further parameter that has a formula.
     """
 
     grouping: str
     covariate: str
-    quantity: Quantity
+    quantity: str
 
     @property
     def name(self) -> str:
@@ -57,7 +57,7 @@ def groupings(run: FitRun) -> list[str]:
     of_effects = [
         str(array.dims[-1])
         for name, array in run.groups["posterior"].data_vars.items()
-        if str(name).endswith(tuple(f"_effect_{q}" for q in QUANTITIES)) and array.ndim > 2
+        if str(name).endswith(tuple(f"_effect_{q}" for q in run.responses)) and array.ndim > 2
     ]
     return list(dict.fromkeys([*(each for each in _FIRST if each in of_effects), *of_effects]))
 
@@ -70,10 +70,11 @@ def own_slopes(run: FitRun) -> list[OwnSlope]:
         start = f"{stem_of(dimension)}_"
         if array.ndim != 3 or not name.startswith(start):
             continue
-        what, _, quantity = name.removeprefix(start).rpartition("_")
-        if quantity in QUANTITIES and (what == "mass_exponent" or what.startswith("effect_of_")):
-            covariate = "" if what == "mass_exponent" else what.removeprefix("effect_of_")
-            found.append(OwnSlope(dimension, covariate, quantity))
+        for quantity in run.responses:
+            what = name.removeprefix(start).removesuffix(f"_{quantity}")
+            if f"{start}{what}" != name and (what == "mass_exponent" or what.startswith("effect_of_")):
+                covariate = "" if what == "mass_exponent" else what.removeprefix("effect_of_")
+                found.append(OwnSlope(dimension, covariate, quantity))
     return found
 
 

@@ -22,7 +22,7 @@ from bayestissue.report.posterior_figures import exponent_figure
 from bayestissue.report.settings import settings_table
 from bayestissue.report.style import style
 from bayestissue.report.tables import Row, Table, columns
-from bayestissue.report.wording import counted
+from bayestissue.report.wording import counted, listed
 
 _CONTENTS = (
     ("estimates", "Impacts"),
@@ -129,16 +129,16 @@ def _predictions(run: FitRun) -> dict[str, Any]:
 def _population(run: FitRun) -> dict[str, Any]:
     levels = {level: remarks.group_words(level)[1] for level in dict.fromkeys((*_FIRST, *groupings(run)))}
     slopes = own_slopes(run)
+    ranked = {
+        level: [q for q in run.responses if run.has(f"{stem_of(level)}_effect_{q}")] for level in levels
+    }
     return {
         "ranked_plots": {
-            name: [
-                ranked_figure(run, quantity, level)
-                for quantity in posterior.QUANTITIES
-                if run.has(f"{stem_of(level)}_effect_{quantity}")
-            ]
+            name: [ranked_figure(run, quantity, level) for quantity in ranked[level]]
             for level, name in levels.items()
         },
-        "differs": {name: remarks.who_differs(run, level) for level, name in levels.items()},
+        "responses": {name: listed(ranked[level]) for level, name in levels.items()},
+        "differs": {name: remarks.who_differs(run, level, run.responses) for level, name in levels.items()},
         "slope_words": [slope_words(run, slope) for slope in slopes],
         "slope_plots": [slope_figure(run, slope) for slope in slopes],
         "slopes_table": posterior_tables.summary_table(run.summary, [slope.name for slope in slopes]),

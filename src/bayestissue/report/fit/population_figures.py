@@ -31,12 +31,14 @@ _GRID = 60
 _MOST_ROWS = 60
 
 
-def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
-    """K (or C) of every person (``level`` "subject"), condition ("trial") and so on, the greatest on top.
+def ranked_figure(run: FitRun, quantity: str, level: str) -> Markup:
+    """K (or C, or another) of every person (``level`` "subject"), condition ("trial") and so on, ranked.
 
-    Of more than 60 the 30 greatest and the 30 least.
+    The greatest is on top. Of more than 60 the 30 greatest and the 30 least.
     """
-    drawn, (one, _) = run.draws(f"{quantity}_{stem_of(level)}"), group_words(level)
+    variable, (one, _) = f"{quantity}_{stem_of(level)}", group_words(level)
+    drawn, name = run.draws(variable), NAMES.get(quantity, quantity)
+    unit = UNITS.get(quantity) or run.groups["posterior"][variable].attrs["unit"]
     order = np.argsort(np.median(drawn, axis=0), kind="stable")
     if order.size > _MOST_ROWS:
         order = np.r_[order[: _MOST_ROWS // 2], order[-_MOST_ROWS // 2 :]]
@@ -49,7 +51,7 @@ def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
         axes.hlines(height, quarter, three_quarters, color=POSTERIOR, lw=3.6)
         axes.plot(median, height, "o", ms=5, mfc="white", color=POSTERIOR)
         axes.set(
-            xlabel=f"{NAMES[quantity]} ({UNITS[quantity]})",
+            xlabel=f"{name} ({unit})",
             yticks=height,
             yticklabels=[shown(names[place]) for place in order],
             ylabel=one,
@@ -58,7 +60,7 @@ def ranked_figure(run: FitRun, quantity: Quantity, level: str) -> Markup:
         axes.grid(visible=False, axis="y")
         return figure(
             fig,
-            f"{NAMES[quantity]} of each {one}, ranked: posterior median, 50 % and 90 % interval, "
+            f"{name} of each {one}, ranked: posterior median, 50 % and 90 % interval, "
             "and in brackets the 90 % interval of the rank.",
         )
 

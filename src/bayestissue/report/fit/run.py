@@ -131,6 +131,11 @@ class FitRun:
         return dict(self.diagnostics.get("measuring_chain", {}))
 
     @property
+    def responses(self) -> tuple[str, ...]:
+        """K, C and the further parameters that have a formula."""
+        return tuple(dict.fromkeys(("K", "C", *self.about.get("model", {}).get("formula", {}))))
+
+    @property
     def likelihood(self) -> str:
         """``"arma"``, ``"a2"`` or ``"impact"``."""
         return str(self.about.get("model", {}).get("likelihood", ""))

@@ -11,7 +11,7 @@ from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.estimates import Held
 from bayestissue.report.fit.groupings import groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import QUANTITIES, Quantity
+from bayestissue.report.posterior import Quantity
 from bayestissue.report.tables import Row, Table, columns, lines
 from bayestissue.report.wording import listed, number, percent, significant
 
@@ -165,14 +165,15 @@ def population_names(run: FitRun) -> tuple[str, ...]:
     own = tuple(
         f"{stem}_{quantity}"
         for stem in ("intercept", "mass_exponent", "sd_subject", "sd_trial", "sd_impact")
-        for quantity in QUANTITIES
+        for quantity in run.responses
     )
     stems = ("atanh_theta1", "atanh_noise_correlation")
     last = (name for stem in stems for name in (f"{stem}_mean", f"sd_{stem}"))
     others = ("residual_correlation", "noise_mean", "sd_noise", *last)
     names = [str(name) for name in dict.fromkeys(run.summary["variable"])]
     covariates = [name for name in names if name.startswith(("effect_of_", "covariate_effect_"))]
-    further = [f"sd_{stem_of(group)}_{q}" for group in groupings(run) for q in QUANTITIES]
+    further = [name for name in names if name.startswith(("log_", "sd_log_"))]
+    further += [f"sd_{stem_of(group)}_{q}" for group in groupings(run) for q in run.responses]
     further += [f"sd_{slope.name}" for slope in own_slopes(run)]
     secants = ("mass_exponent_K_common_depth", "mass_exponent_K_secant")
     return (*own, *further, *secants, *covariates, *others)

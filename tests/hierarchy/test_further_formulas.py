@@ -1,0 +1,151 @@
+"""Formulas of an element's further parameters: what a model file may say, columns, priors and names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from bayestissue.errors import InputError
+from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.population import expected, population_design
+from bayestissue.hierarchy.specification import ModelSpecification, read_specification
+from bayestissue.hierarchy.traces import TraceModel
+from bayestissue.inference.results.labels import design_attributes
+from designs import REFERENCE, design_of, impacts, indicator
+
+FORMULA = "log(mass_kg) + room + (1|subject) + (0 + room|subject) + (1|session)"
+NUISANCE = ("noise", "log_thickness_m")
+HEAD = 'name = "x"\nlikelihood = "impact"\nelement = "wall"\n'
+HALF = '{ distribution = "half-normal", scale = 0.3 }'
+
+
+def read(folder: Path, text: str) -> ModelSpecification:
+    path = folder / "model.toml"
+    path.write_text(text, encoding="utf-8")
+    return read_specification(path)
+
+
+def test_priors_of_a_further_parameters_effects_are_the_files_or_wide(tmp_path: Path) -> None:
+    pair = f"K = {HALF}\nC = {HALF}\nthickness_m = {HALF}\n"
+    text = f'[formula]\nthickness_m = "{FORMULA}"\n[priors.sd_subject]\n{pair}'
+    found = read(tmp_path, f'{HEAD}{text}[priors.sd_slope."room|subject"]\n{pair}')
+    assert found.formula.further == ("thickness_m",)
+    priors = found.complete_priors().by_name()
+    assert priors["sd_subject_thickness_m"].scale == 0.3
+    assert priors["sd_subject_effect_of_room_thickness_m"].scale == 0.3
+    assert priors["sd_session_thickness_m"].scale == priors["sd_trial_thickness_m"].scale == 0.5
+    assert priors["mass_exponent_thickness_m"].mean == 0.0
+    assert priors["sd_log_thickness_m"].scale == 0.2
+    assert type(found).model_validate(found.model_dump()) == found
+    assert "thickness_m" not in str(read(tmp_path, HEAD).priors.sd_subject)
+
+
+@pytest.mark.parametrize(
+    ("text", "said", "column"),
+    [
+        ('[formula]\nstiffness = "1"\n', "formulas of K, C, thickness_m, all that this", "formula"),
+        (f"[priors.sd_trial]\nK = {HALF}\nC = {HALF}\nthickness_m = {HALF}\n", "priors of K, C, all", None),
+        ('[formula]\nthickness_m = "(1|subject)"\n[priors.sd_impact]\nthickness_m = 1\n', "K, C", None),
+        (
+            '[formula]\nthickness_m = "(1|subject)"\n[priors.sd_subject]\n'
+            f'K = {HALF}\nC = {HALF}\nthickness_m = {{ distribution = "half-normal", scale = -1.0 }}\n',
+            "greater than 0",
+            "priors.sd_subject.thickness_m.scale",
+        ),
+        ("[formula]\nthickness_m = 3\n", "string", "formula.thickness_m"),
+    ],
+)
+def test_what_a_model_file_says_of_other_parameters_is_refused(
+    tmp_path: Path, text: str, said: str, column: str | None
+) -> None:
+    with pytest.raises(InputError, match=said) as refused:
+        read(tmp_path, HEAD + text)
+    if column:
+        assert [problem.column for problem in refused.value.problems] == [column]
+
+
+def test_elements_without_further_parameters_have_formulas_of_k_and_c_alone(tmp_path: Path) -> None:
+    text = 'name = "x"\nlikelihood = "arma"\n[formula]\nthickness_m = "1"\n'
+    with pytest.raises(InputError, match="formulas of K, C, all that this likelihood"):
+        read(tmp_path, text)
+
+
+def test_what_the_rows_cannot_tell_is_refused_with_the_formula_that_is_left() -> None:
+    with pytest.raises(InputError) as caught:
+        design_of("1", "1", thickness_m="age + (age|subject) + (1|subject)")
+    (problem,) = caught.value.problems
+    assert problem.column == "formula.thickness_m"
+    assert 'Write "age + (1|subject)" instead' in problem.remedy
+
+
+def test_the_columns_are_those_of_the_matrix_by_hand() -> None:
+    rows = impacts()
+    design = design_of("(1|subject)", "1", rows, thickness_m=FORMULA)
+    effects, columns = population_design(design, wall(FORMULA).complete_priors(), NUISANCE)
+    room = rows["room"].to_numpy()
+    room = ((room - room.mean()) / room.std())[:, None]
+    person = indicator(rows, "subject")
+    by_hand = {
+        "log_thickness_m_mean": np.ones((len(rows), 1)),
+        "mass_exponent_thickness_m": np.log(rows["mass_kg"].to_numpy() / REFERENCE)[:, None],
+        "covariate_effect_thickness_m": room,
+        "subject_effect_thickness_m": person,
+        "subject_effect_of_room_deviation_thickness_m": room * person,
+        "session_effect_thickness_m": indicator(rows, "session"),
+    }
+    names = ["intercept_K", "subject_effect_K", "intercept_C", "noise_mean", *by_hand]
+    assert list(effects.parts) == names
+    b = np.random.default_rng(2).normal(size=effects.size)
+    found = np.asarray(expected(columns, b))
+    each = [matrix @ b[effects.parts[name]][: matrix.shape[1]] for name, matrix in by_hand.items()]
+    # Sums of a dozen numbers of order one.
+    assert_allclose(found[3], np.sum(each, axis=0), rtol=0, atol=50 * np.finfo(float).eps)
+    assert_allclose(found[2], np.broadcast_to(b[effects.parts["noise_mean"]], len(rows)), rtol=1e-15)
+
+
+def wall(formula: str | None) -> ModelSpecification:
+    further = {} if formula is None else {"thickness_m": formula}
+    content = {"name": "m", "likelihood": "impact", "element": "wall", "formula": further}
+    return ModelSpecification.model_validate(content)
+
+
+@pytest.mark.parametrize(("formula", "grid"), [(None, True), ("1", True), ("(1|subject)", False)])
+def test_a_grid_stands_for_a_parameter_that_all_impacts_share_a_mean_of(
+    formula: str | None, grid: bool
+) -> None:
+    further = {} if formula is None else {"thickness_m": formula}
+    priors = wall(formula).complete_priors()
+    effects, _ = population_design(design_of("1", "1", **further), priors, NUISANCE)
+    model = TraceModel("impact", effects, priors, correlated=True, log_mass_sd=0.0, element="wall")
+    assert model.weakly_identified
+    assert model.may_have_grid == grid
+    assert ("sd_subject_thickness_m" in model.spreads) == (not grid)
+    assert model.prior_of(model.spreads[-1]).scale == 0.2
+
+
+def test_results_are_named_as_those_of_k_and_c() -> None:
+    design = design_of("(1|subject)", "1", thickness_m=FORMULA)
+    effects, _ = population_design(design, wall(FORMULA).complete_priors(), NUISANCE)
+    rng, sites = np.random.default_rng(3), {}
+    for each in effects.each:
+        several = each.spread or each.name.startswith("covariate")
+        sites[each.name] = rng.normal(size=(2, 5, each.width) if several else (2, 5))
+    for name in {*effects.spread, "sd_impact_K", "sd_impact_C", "sd_log_thickness_m"} - {""}:
+        sites[name] = rng.uniform(0.1, 1, size=(2, 5))
+    found = derived.reported_sites(design, sites) | derived.people_and_conditions(design, sites)
+    scale = impacts()["room"].std(ddof=0)
+    slope = sites["covariate_effect_thickness_m"] / scale
+    assert_allclose(found["effect_of_room_thickness_m"], slope[..., 0])
+    own = (sites["subject_effect_of_room_deviation_thickness_m"] / scale) + slope
+    assert_allclose(found["subject_effect_of_room_thickness_m"], own)
+    of_people = sites["log_thickness_m_mean"][..., None] + sites["subject_effect_thickness_m"]
+    assert_allclose(np.log(found["thickness_m_subject"]), of_people)
+    names = {"sd_subject_thickness_m", "sd_session_thickness_m", "sd_log_thickness_m"}
+    assert names | {"session_effect_thickness_m", "mass_exponent_thickness_m"} <= set(found)
+    attributes = design_attributes(design)
+    assert attributes["thickness_m_subject"]["unit"] == "m"
+    assert attributes["subject_effect_thickness_m"]["long_name"] == "effect of the subject on log thickness_m"
+    assert "intercept_K" not in attributes
