@@ -17,6 +17,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+import textwrap
 import time
 from functools import lru_cache
 from pathlib import Path
@@ -25,6 +26,8 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
+from documents import HERE, README, between_marks
+from documents import table as markdown
 
 from bayestissue import runtime
 from bayestissue.dataset import Dataset
@@ -38,7 +41,8 @@ from bayestissue.signal import displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.simulation import Simulation, simulate
 
-CAMPAIGNS = 200
+CAMPAIGNS, SCRIPT = 200, "coverage_fit.py"
+KINDS = ("impact", "arma", "a2")
 LEVELS = (50, 90)
 # Of the simulated recordings of this script and of those that are to be as good.
 MEASURING_CHAIN = {
@@ -208,11 +212,34 @@ def kept_with(path: Path, lines: pd.DataFrame, key: str) -> pd.DataFrame:
     return lines
 
 
+def document(lines: pd.DataFrame) -> None:
+    """Write the table into README.md, and that of K and C into the README of the project."""
+    lines = lines.sort_values("likelihood", key=lambda kind: kind.map(KINDS.index), kind="stable")
+    share = 100 * lines[["share", "campaign_se"]]
+    lines = lines.assign(cell=[f"{held:.1f} ± {se:.1f} %" for held, se in share.to_numpy()])
+    by = ["likelihood", "quantity"]
+    cells = lines.pivot_table("cell", by, "level", "first", sort=False).rename(columns="{} % held".format)
+    widest = lines[lines["level"] == LEVELS[-1]].set_index(by)
+    cells["off by"], cells["90 % width"] = widest["median_error"], widest["median_width"]
+    between_marks(README, SCRIPT, markdown(cells.reset_index()))
+    shown = lines[lines["quantity"].isin(["K", "C"])]
+    shown = shown.assign(what=shown["quantity"] + ", " + shown["level"].astype(str) + " %")
+    short = shown.pivot_table("cell", "likelihood", "what", "first", sort=False)
+    short = short.rename("`{}.toml`".format).rename_axis("model").rename_axis(columns=None)
+    exponents = "; ".join(
+        f"{level} {', '.join(f'{q[-1]} {cell}' for q, cell in cells.loc['impact', level].iloc[2:].items())}"
+        for level in cells.columns[: len(LEVELS)]
+    )
+    said = f"Of the {CAMPAIGNS} mass exponents by `impact.toml`: {exponents}."
+    text = textwrap.indent(f"{markdown(short.reset_index())}\n\n{said}", "  ")
+    between_marks(HERE.parent / "README.md", SCRIPT, text, indent="  ")
+
+
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("likelihood", choices=("arma", "a2", "impact"))
+    parser.add_argument("likelihood", choices=KINDS)
     parser.add_argument("--campaigns", type=int, default=CAMPAIGNS)
     parser.add_argument("--seconds", type=float, default=np.inf, help="begin no campaign after these")
     asked = parser.parse_args()
@@ -224,6 +251,7 @@ def main() -> None:
     lines = summarised(asked.likelihood, rows, pareto, command)
     every = kept_with(TABLE, lines, "likelihood")
     every[COLUMNS].to_csv(SHOWN, index=False)
+    document(every)
 
 
 if __name__ == "__main__":
