@@ -243,6 +243,8 @@ def _forward(prior: ImpactPrior, about: Array, laid: SitesFirst) -> tuple[CellSu
 
 def _backward(given: Any, change: CellSums) -> tuple[ImpactPrior, None, None]:
     prior, about, laid = given
+    # Whoever reads one half of the weights alone, as a Cholesky factor does, has a change of that half alone.
+    change = change._replace(weight=(change.weight + change.weight.swapaxes(0, 1)) / 2)
     of_precision = _over_blocks(partial(_change_of_block, prior, about, change), laid)
     slots = laid.log_likelihood.shape[0] * laid.log_likelihood.shape[1]
     return ImpactPrior(_whole(of_precision), slots * change.constant.sum() / 2), None, None
