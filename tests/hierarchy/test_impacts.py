@@ -87,6 +87,24 @@ def test_many_draws_of_the_population_at_once_are_each_of_them(dense: Dense) -> 
         assert_allclose(together[place], alone, rtol=1e-12)
 
 
+@pytest.mark.parametrize("entry", [(0, 1), (1, 0), (2, 0), (1, 1)])
+def test_slopes_of_any_half_of_the_weights_agree_with_differences(
+    dense: Dense, entry: tuple[int, int]
+) -> None:
+    """A Cholesky factor reads one half of the weights alone, and so must its slopes be."""
+    prior, about = dense.covariances.of_impact(), jnp.zeros((SIZE, len(dense.design.members[0, 0])))
+    direction = np.random.default_rng(3).normal(size=(SIZE, SIZE))
+    direction = direction + direction.T
+
+    def weight(moved: jax.Array) -> jax.Array:
+        changed = prior._replace(precision=prior.precision + moved * direction)
+        return cell_sums(changed, about, dense.laid).weight[entry].sum()
+
+    step = 1e-5
+    difference = (weight(jnp.asarray(step)) - weight(jnp.asarray(-step))) / (2 * step)
+    assert_allclose(jax.grad(weight)(jnp.asarray(0.0)), difference, rtol=1e-6)
+
+
 def test_products_of_small_matrices_are_written_out() -> None:
     """A sum over an axis of three would be a reduction, which XLA makes a loop of its own through memory."""
     blocks, places = 2, 32

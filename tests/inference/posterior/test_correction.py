@@ -76,7 +76,9 @@ class _Tried:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch, found: dict[str, Correction], **model: bool) -> None:
         self.prepared: Any = SimpleNamespace(
-            model=SimpleNamespace(**{"discrepancy": False, "may_have_grid": False} | model)
+            model=SimpleNamespace(
+                **{"discrepancy": False, "weakly_identified": False, "may_have_grid": False} | model
+            )
         )
         self.first, self.sampled, self.settings = self._sites("first"), [], []
         self._found, self.placed = found, []
@@ -125,7 +127,7 @@ def test_sites_are_fitted_about_the_corrected_draws_until_the_correction_holds(m
 
 
 def test_a_correction_that_holds_at_once_is_the_only_one(monkeypatch) -> None:
-    tried = _Tried(monkeypatch, {"first": correction(0.6)}, may_have_grid=True)
+    tried = _Tried(monkeypatch, {"first": correction(0.6)}, weakly_identified=True, may_have_grid=True)
     _, _, found = tried.run()
     assert tried.sampled == tried.placed == ["first"]
     assert len(found.attempts) == 1
@@ -133,7 +135,7 @@ def test_a_correction_that_holds_at_once_is_the_only_one(monkeypatch) -> None:
 
 def test_where_no_site_helps_the_best_is_returned_and_the_exact_path_follows(monkeypatch) -> None:
     given = {"first": correction(0.02), "again 1": correction(0.025), "grid": correction(0.4, k=1.1)}
-    tried = _Tried(monkeypatch, given, may_have_grid=True)
+    tried = _Tried(monkeypatch, given, weakly_identified=True, may_have_grid=True)
     sites, _, found = tried.run()
     # No longer chains either: 54 times as many draws cost more than the exact path.
     assert tried.sampled == ["first", "again 1", "grid"]
