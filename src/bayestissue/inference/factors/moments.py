@@ -13,9 +13,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from bayestissue.hierarchy.gaussian.impacts import (
-    Sites,
-)
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.conditional import (
     ConditionalPrior,
