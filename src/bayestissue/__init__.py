@@ -25,7 +25,7 @@ _PUBLIC: dict[str, str] = {
 _COMPUTED: dict[str, str] = {
     "check": "bayestissue.checking",
     "fit": "bayestissue.fitting",
-    "estimate": "bayestissue.inference.points.estimates",
+    "estimate": "bayestissue.inference.single.estimates",
     "arma21_log_likelihood": "bayestissue.likelihood",
     "spring_damper": "bayestissue.oscillator",
     "to_continuous": "bayestissue.oscillator",
