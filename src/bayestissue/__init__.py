@@ -18,6 +18,7 @@ _PUBLIC: dict[str, str] = {
     "read_dataset": "bayestissue.dataset",
     "Check": "bayestissue.checking",
     "Fit": "bayestissue.fitting",
+    "Impact": "bayestissue.one_impact",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",
 }
@@ -25,6 +26,7 @@ _PUBLIC: dict[str, str] = {
 _COMPUTED: dict[str, str] = {
     "check": "bayestissue.checking",
     "fit": "bayestissue.fitting",
+    "impact": "bayestissue.one_impact",
     "estimate": "bayestissue.inference.single.estimates",
     "arma21_log_likelihood": "bayestissue.likelihood",
     "spring_damper": "bayestissue.oscillator",

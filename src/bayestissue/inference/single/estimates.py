@@ -102,12 +102,19 @@ def estimates(
         raise ValueError(f"method is one of {', '.join(_METHODS)}, not {method!r}")
     if method != "impact":
         return estimates_table(dataset, signal, method, found)
-    return _of_posteriors(dataset, signal, options, found)
+    return by_impact(dataset, signal, options, found)[0]
 
 
-def _of_posteriors(
-    dataset: Dataset, signal: Displacements, options: SignalOptions, found: Sequence[Finding]
-) -> pd.DataFrame:
+def by_impact(
+    dataset: Dataset, signal: Displacements, options: SignalOptions, found: Sequence[Finding] = ()
+) -> tuple[pd.DataFrame, SinglePosteriors | None]:
+    """The table of `estimates` by the method "impact", and the posteriors where there are samples enough.
+
+    Arguments as of `estimates`; without any such impact there are no posteriors.
+
+    Raises:
+        InputError: the recordings are displacements, or the options filter them.
+    """
     specification = read_specification(shared("models", "impact.toml")).model_copy(
         update={"signal": options, "formula": Formulas(K="1", C="1"), "discrepancy": "none"}
     )
@@ -116,7 +123,8 @@ def _of_posteriors(
     rows = signal.n_samples >= FEWEST_SAMPLES
     if not rows.any():
         # Nothing to ask: the same columns without numbers.
-        return estimates_table(dataset, signal, "exact", found).assign(noise_sd_m_s2=np.nan, pareto_k=np.nan)
+        table = estimates_table(dataset, signal, "exact", found)
+        return table.assign(noise_sd_m_s2=np.nan, pareto_k=np.nan), None
     design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
     prepared = assemble(dataset, specification, design, signal)
     if not rows.all():
@@ -137,7 +145,8 @@ def _of_posteriors(
         own.extend([UNCORRECTED] * bool(raised))
     table = table_of(dataset, signal, fit, ends, flags, notes)
     last = table.pop("notes")
-    return table.assign(noise_sd_m_s2=in_rows(of_long.sigma.median, rows), pareto_k=pareto_k, notes=last)
+    noise = in_rows(of_long.sigma.median, rows)
+    return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, notes=last), of_long
 
 
 def _as_fit(found: SinglePosteriors, signal: Displacements, noiseless: np.ndarray) -> PointFit:
