@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from bayestissue import resources, results, runtime
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
+from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
@@ -79,7 +81,7 @@ class Fit:
             *medians,
             ("draws", f"{chains} chains of {draws}, seed {self.seed}, {self.wall_time_s:.0f} s"),
             ("diagnostics", short(self.verdict, 160)),
-            ("more in", ".summary, .posterior, .diagnostics, .report(path)"),
+            ("more in", ".summary, .posterior, .diagnostics, .ask(question), .report(path)"),
         ]
         return f"Fit by the model {short(self.specification.name)}", rows
 
@@ -109,6 +111,28 @@ class Fit:
     def verdict(self) -> str:
         """The diagnostics in a sentence, and in others what the model or its data leave in doubt."""
         return verdict_in_words(self.diagnostics)
+
+    @cached_property
+    def finished(self) -> Finished:
+        """The fit as questions and predictions need it."""
+        model = self.specification.model_dump(mode="json") | self.prepared.design.resolved()
+        return Finished.of(self.posterior, model)
+
+    def ask(self, *questions: str) -> pd.DataFrame:
+        """Answers to questions, as `bayestissue ask` and ``bayestissue ask --help`` have them.
+
+        Args:
+            questions: such as ``"K[subject=s01] / K[subject=s02] > 1.1"``, a claim, or ``"K[mass_kg=1.2]"``.
+
+        Returns:
+            A row for each: see `bayestissue.inference.answers.questions.ask`.
+
+        Raises:
+            InputError: some can't be read, or ask for what this fit does not have: all that is wrong at once.
+        """
+        from bayestissue.inference.answers.questions import ask, numbered
+
+        return ask(self.finished, numbered(questions))
 
     def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the run's folder as `bayestissue fit` does, report and all; or only the page.
