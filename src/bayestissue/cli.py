@@ -251,7 +251,9 @@ def ask(
             help='Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".',
         ),
     ],
-    out: Annotated[Path | None, typer.Option("--out", help="Also write questions.csv to this folder.")] = None,
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write questions.csv to this folder.")
+    ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,

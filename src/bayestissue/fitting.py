@@ -85,6 +85,13 @@ class Fit:
         ]
         return f"Fit by the model {short(self.specification.name)}", rows
 
+    @cached_property
+    def questions(self) -> pd.DataFrame:
+        """Answers to the questions of the model file: ``questions.csv``; those without one say why."""
+        from bayestissue.inference.answers.questions import ask_what_can_be, of_model
+
+        return ask_what_can_be(self.finished, of_model(self.specification.questions, "model"))
+
     @property
     def posterior(self) -> xr.DataTree:
         """The ArviZ DataTree with all groups of ``posterior.nc``: draws, predictions, densities, data."""
@@ -197,6 +204,7 @@ def fit(
     specification, source = resolve(model)
     with _set_up():
         prepared = prepare(dataset, specification, source=source)
+        require_answerable(prepared, specification, source)
         return fit_prepared(dataset, specification, prepared, seed, say or _silent)
 
 
@@ -210,6 +218,18 @@ def resolve(model: str | Path | ModelSpecification) -> tuple[ModelSpecification,
         return model, f"model {model.name}"
     path = resources.model_file(model, lambda content: content.get("likelihood") in KINDS)
     return read_specification(path), str(path)
+
+
+def require_answerable(prepared: Prepared, specification: ModelSpecification, source: str) -> None:
+    """Raise an `InputError` of every question of the model file that can't be read or fits no such data."""
+    if not specification.questions:
+        return
+    from bayestissue.inference.answers.levels import Recorded
+    from bayestissue.inference.answers.questions import of_model, require_readable
+
+    design = prepared.design
+    recorded = Recorded.of_rows(prepared.impacts, design.formulas.model_dump(), design.reference_mass_kg)
+    require_readable(of_model(specification.questions, source), recorded)
 
 
 def fit_prepared(
@@ -315,6 +335,8 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
     results.write_tree(fit.analysis.tree, folder / "posterior.nc")
     for name in TABLES:
         getattr(fit.analysis, name).to_csv(folder / f"{name}.csv", index=False)
+    if fit.specification.questions:
+        fit.questions.to_csv(folder / "questions.csv", index=False)
     for method, table in fit.point_estimates.items():
         table.to_csv(folder / f"estimates_{method}.csv", index=False)
     # A simulated dataset knows the truth; the report draws it in.

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from bayestissue.inference.answers.grammar import OF_MANY, Node, Number, Operation, Quantity, Slip, claims
+from bayestissue.inference.answers.grammar import OF_MANY, Node, Number, Quantity, QuestionError, claims
 from bayestissue.inference.answers.levels import Recorded, log_at_levels
 from bayestissue.inference.answers.meaning import conditions_of, is_response, open_columns
 
@@ -32,7 +32,7 @@ _OPERATORS: dict[str, Callable[..., Any]] = {
     "exp": np.exp,
     "log": np.log,
 }
-_REDUCED = {"max": np.maximum, "min": np.minimum, "mean": operator.add}
+_REDUCED: dict[str, Callable[..., Any]] = {"max": np.maximum, "min": np.minimum, "mean": operator.add}
 _DRAWN = ("chain", "draw")
 
 
@@ -40,13 +40,13 @@ def draws_of(node: Node, draws: xr.Dataset, recorded: Recorded) -> xr.DataArray:
     """True or false, or a number, in each draw: [chain, draw].
 
     Args:
-        node: a question without slips: see `bayestissue.inference.answers.meaning.slips`.
+        node: a question without mistakes: see `bayestissue.inference.answers.meaning.mistakes`.
         draws: the group posterior or prior.
         recorded: of the run.
 
     Raises:
         KeyError: these draws lack a variable.
-        Slip: a number is none in some draws, as the log of a negative one.
+        QuestionError: a number is none in some draws, as the log of a negative one.
     """
     with np.errstate(all="ignore"):
         found = _value(node, draws, recorded)
@@ -62,7 +62,8 @@ def _value(node: Node, draws: xr.Dataset, recorded: Recorded) -> xr.DataArray:
     values = [_value(operand, draws, recorded) for operand in node.operands]
     found = _of_several(node.symbol, values) if node.symbol in OF_MANY else _OPERATORS[node.symbol](*values)
     if not node.claims and (wrong := int(np.isnan(found).sum())):
-        raise Slip(node.place, f"no number in {wrong} of {found.size} draws", "a number in every draw")
+        where = f"no number in {wrong} of {found.size} draws"
+        raise QuestionError(node.place, where, "a number in every draw")
     return found
 
 

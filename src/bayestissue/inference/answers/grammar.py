@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -78,7 +79,7 @@ _WORDS = {
 _SAME = {"≤": "<=", "≥": ">=", "−": "-", "**": "^"}
 
 
-class Slip(ValueError):
+class QuestionError(ValueError):
     """What can't be read or answered in a question: ``found`` at a ``place``, and what was ``expected``."""
 
     def __init__(self, place: int, found: str, expected: str, remedy: str = "") -> None:
@@ -117,7 +118,7 @@ class Quantity:
 
 @dataclass(frozen=True)
 class Operation:
-    """A function or an operator of other nodes; ``symbol`` is one of `CLAIMS`, `OF_ONE`, `OF_MANY`, + - * / ^.
+    """A function or an operator; ``symbol`` is one of `CLAIMS`, `OF_ONE`, `OF_MANY` and + - * / ^.
 
     Comparisons in a row, such as 0.9 < x < 1.1, are joined by "and".
     """
@@ -140,20 +141,21 @@ def parse(text: str) -> Node:
     """The tree of a question.
 
     Raises:
-        Slip: it is too long, too deep, not of the language, or takes a number for a claim or a claim for one.
+        QuestionError: it is too long, too deep, not of the language, or a number stands where a claim must, or a
+            claim where a number must.
     """
     from lark.exceptions import UnexpectedCharacters, UnexpectedToken
 
     if len(text) > LONGEST:
-        raise Slip(LONGEST, f"{len(text)} characters", f"at most {LONGEST}", "Ask it in parts.")
+        raise QuestionError(LONGEST, f"{len(text)} characters", f"at most {LONGEST}", "Ask it in parts.")
     try:
         return _parser().parse(text)  # type: ignore[return-value]
     except UnexpectedToken as error:
         end = error.token.type == "$END"
         place = len(text) if end else int(error.token.start_pos or 0)
-        raise Slip(place, "the end" if end else str(error.token), _listed(error.expected)) from None
+        raise QuestionError(place, "the end" if end else str(error.token), _listed(error.expected)) from None
     except UnexpectedCharacters as error:
-        raise Slip(error.pos_in_stream, text[error.pos_in_stream], _listed(error.allowed)) from None
+        raise QuestionError(error.pos_in_stream, text[error.pos_in_stream], _listed(error.allowed)) from None
 
 
 def claims(node: Node) -> bool:
@@ -183,10 +185,11 @@ def _made(symbol: str, operands: list[Node], place: int, *, claim: bool) -> Oper
         if claims(operand) != claim:
             found = "a comparison" if claims(operand) else "a number"
             expected = f"a {'comparison' if claim else 'number'} beside {symbol}"
-            raise Slip(operand.place, found, expected, "Parentheses say what belongs together.")
+            raise QuestionError(operand.place, found, expected, "Parentheses say what belongs together.")
     depth = 1 + max(operand.depth for operand in operands)
     if depth > DEEPEST:
-        raise Slip(place, f"parts within parts, {depth} deep", f"at most {DEEPEST}", "Ask it in parts.")
+        found = f"parts within parts, {depth} deep"
+        raise QuestionError(place, found, f"at most {DEEPEST}", "Ask it in parts.")
     return Operation(symbol, tuple(operands), place, depth)
 
 
@@ -201,7 +204,7 @@ class _Maker:
         (token,) = parts
         value = float(token)
         if not math.isfinite(value):
-            raise Slip(token.start_pos, str(token), "a number below 1e308")
+            raise QuestionError(token.start_pos, str(token), "a number below 1e308")
         return Number(value, token.start_pos)
 
     def level(self, parts: list[Any]) -> Level:
@@ -212,21 +215,19 @@ class _Maker:
     def quantity(self, parts: list[Any]) -> Node:
         name, *levels = parts
         levels = tuple(level for level in levels if level is not None)
-        twice = [
-            b
-            for a, b in zip(levels, levels[1:], strict=False)
-            if b.column in {e.column for e in levels[: levels.index(a) + 1]}
-        ]
+        columns = [level.column for level in levels]
+        twice = [level for place, level in enumerate(levels) if level.column in columns[:place]]
         if twice:
-            raise Slip(twice[0].place, twice[0].column, "each column once")
+            raise QuestionError(twice[0].place, twice[0].column, "each column once")
         return Quantity(_unquoted(name), levels, name.start_pos)
 
     def call(self, parts: list[Any]) -> Node:
         name, *arguments = parts
         if name not in (*OF_ONE, *OF_MANY):
-            raise Slip(name.start_pos, str(name), f"one of {', '.join((*OF_ONE, *OF_MANY))} before (")
+            expected = f"one of {', '.join((*OF_ONE, *OF_MANY))} before ("
+            raise QuestionError(name.start_pos, str(name), expected)
         if name in OF_ONE and len(arguments) > 1:
-            raise Slip(name.start_pos, f"{len(arguments)} numbers in {name}()", "one")
+            raise QuestionError(name.start_pos, f"{len(arguments)} numbers in {name}()", "one")
         return _made(str(name), arguments, name.start_pos, claim=False)
 
     def operation(self, parts: list[Any]) -> Node:
@@ -246,7 +247,7 @@ class _Maker:
         tokens, sides = parts[1::2], parts[::2]
         each = [
             _made(_SAME.get(token, str(token)), list(pair), token.start_pos, claim=False)
-            for token, pair in zip(tokens, zip(sides, sides[1:], strict=False), strict=True)
+            for token, pair in zip(tokens, pairwise(sides), strict=True)
         ]
         return each[0] if len(each) == 1 else _made("and", each, tokens[0].start_pos, claim=True)
 

@@ -23,6 +23,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.dataset.impacts import RESERVED
 from bayestissue.hierarchy.effects import intercept, parameter_of
 from bayestissue.hierarchy.formulas.formula import columns_named, evaluated_at, group_terms, reference_row
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm, labels_of
@@ -60,6 +61,15 @@ class Recorded:
         texts = {k: v if v.dtype.kind in "fiu" else v.astype(str).astype(object) for k, v in columns.items()}
         formulas = {str(name): str(formula) for name, formula in model["formula"].items()}
         return cls(pd.DataFrame(numbers | texts), formulas, float(model["reference_mass_kg"]))
+
+    @classmethod
+    def of_rows(
+        cls, impacts: pd.DataFrame, formulas: Mapping[str, str], reference_mass_kg: float
+    ) -> Recorded:
+        """Of a dataset's table of impacts."""
+        kept = ["subject", "trial", "mass_kg", "velocity_m_s"]
+        rows = impacts[[name for name in impacts if name in kept or name not in RESERVED]]
+        return cls(rows.reset_index(drop=True), formulas, reference_mass_kg)
 
     @cached_property
     def needed(self) -> tuple[str, ...]:

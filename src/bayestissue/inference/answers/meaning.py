@@ -1,9 +1,9 @@
 """What the quantities of a question mean in a run, and what in it can't be answered.
 
-A response of the hierarchy (K, C, a further parameter with a formula) is that of an impact at the levels given
-in brackets, all else at the reference: see `bayestissue.inference.answers.levels`. Any other name is a variable
-of the posterior, its brackets choosing along its dimensions; so are K and C of a recorded impact, as in
-K[impact=7].
+A response of the hierarchy (K, C, a further parameter with a formula) is that of an impact at the levels in
+its brackets, all else at the reference: see `bayestissue.inference.answers.levels`. Any other name is a
+variable of the posterior, its brackets choosing along its dimensions; so are K and C of a recorded impact, as
+in K[impact=7].
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 import xarray as xr
 
 from bayestissue.hierarchy.formulas.formula import columns_named, group_terms
-from bayestissue.inference.answers.grammar import OF_MANY, Level, Node, Number, Quantity, Slip
+from bayestissue.inference.answers.grammar import OF_MANY, Level, Node, Number, Quantity, QuestionError
 from bayestissue.inference.answers.levels import Condition, Recorded
 
 NEW = "new"
@@ -56,7 +56,9 @@ def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
     return [given | {free[0]: level} for level in recorded.among(free[0], recorded.matching(named))]
 
 
-def slips(node: Node, recorded: Recorded, posterior: xr.Dataset | None, *, within: bool = False) -> Iterator[Slip]:
+def mistakes(
+    node: Node, recorded: Recorded, posterior: xr.Dataset | None, *, within: bool = False
+) -> Iterator[QuestionError]:
     """What can't be answered in a question, from left to right.
 
     Args:
@@ -72,11 +74,13 @@ def slips(node: Node, recorded: Recorded, posterior: xr.Dataset | None, *, withi
         yield from found
         if not found and not within and (free := _open(node, recorded, posterior)):
             expected = f"one level of {free[0]}, or {node.name} within {'(), '.join(OF_MANY)}()"
-            yield Slip(node.place, f"{node.name} of every {free[0]}", expected, f"Such as {_such(node, free[0])}.")
+            yield QuestionError(
+                node.place, f"{node.name} of every {free[0]}", expected, f"Such as {_such(node, free[0])}."
+            )
         return
     many = node.symbol in OF_MANY
     for operand in node.operands:
-        yield from slips(operand, recorded, posterior, within=within or many)
+        yield from mistakes(operand, recorded, posterior, within=within or many)
     if many and posterior is not None:
         yield from _of_several(node.operands, recorded, posterior, node.place, node.symbol)
 
@@ -98,11 +102,11 @@ def _open(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) 
 
 def _of_several(
     operands: Sequence[Node], recorded: Recorded, posterior: xr.Dataset, place: int, symbol: str
-) -> Iterator[Slip]:
+) -> Iterator[QuestionError]:
     """What is averaged together must be of the same levels."""
     kinds = set()
     for each in (quantity for operand in operands for quantity in quantities(operand)):
-        if any(slips(each, recorded, posterior, within=True)):
+        if any(mistakes(each, recorded, posterior, within=True)):
             return
         free = open_columns(each, recorded, posterior)
         if free and is_response(each, recorded):
@@ -111,10 +115,12 @@ def _of_several(
             kinds |= {(name, tuple(posterior[name].astype(str).to_numpy())) for name in free}
     if len(kinds) > 1:
         found = " and ".join(sorted(f"{len(levels)} of {name}" for name, levels in kinds))
-        yield Slip(place, found, f"the same levels throughout {symbol}()")
+        yield QuestionError(place, found, f"the same levels throughout {symbol}()")
 
 
-def _of_quantity(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) -> Iterator[Slip]:
+def _of_quantity(
+    quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None
+) -> Iterator[QuestionError]:
     if is_response(quantity, recorded):
         yield from _of_response(quantity, recorded)
         return
@@ -122,52 +128,57 @@ def _of_quantity(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset |
         return
     if quantity.name not in posterior:
         names = list(dict.fromkeys([*recorded.formulas, *map(str, posterior.data_vars)]))
-        yield Slip(quantity.place, quantity.name, "a quantity of this run", _near(quantity.name, names))
+        near = _near(quantity.name, names)
+        yield QuestionError(quantity.place, quantity.name, "a quantity of this run", near)
         return
     array = posterior[quantity.name]
     if "kept_draw" in array.dims:
-        yield Slip(quantity.place, quantity.name, "a quantity of which all draws were kept; single impacts "
-                   "of so many were kept in part")  # fmt: skip
+        expected = "a quantity whose draws were all kept; of so many impacts single ones were kept in part"
+        yield QuestionError(quantity.place, quantity.name, expected)
         return
     dims = [str(name) for name in array.dims if name not in _DRAWN]
     for each in quantity.levels:
         if each.column not in dims:
-            what = f"of {quantity.name}: {', '.join(dims)}" if dims else f"no brackets: {quantity.name} is one number"
-            yield Slip(each.place, each.column, what, _near(each.column, dims))
+            what = (
+                f"of {quantity.name}: {', '.join(dims)}"
+                if dims
+                else f"no brackets: {quantity.name} is one number"
+            )
+            yield QuestionError(each.place, each.column, what, _near(each.column, dims))
         elif each.value is not None:
             labels = [str(label) for label in array[each.column].to_numpy()]
             if each.value not in labels:
                 yield _strange(each, labels)
 
 
-def _of_response(quantity: Quantity, recorded: Recorded) -> list[Slip]:
+def _of_response(quantity: Quantity, recorded: Recorded) -> list[QuestionError]:
     found = list(_of_levels(quantity, recorded))
     free = [each for each in quantity.levels if each.value is None]
     if not found and free and not conditions_of(quantity, recorded):
-        found.append(Slip(free[0].place, free[0].column, "levels that were recorded together"))
+        found.append(QuestionError(free[0].place, free[0].column, "levels that were recorded together"))
     return found
 
 
-def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[Slip]:
+def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError]:
     formula = recorded.formulas[quantity.name]
     needed = columns_named(formula)
     if lacking := [name for name in needed if name in recorded.lacking]:
         expected = f"a run that keeps the column {', '.join(lacking)}"
-        yield Slip(quantity.place, quantity.name, expected, "Fit again with this version.")
+        yield QuestionError(quantity.place, quantity.name, expected, "Fit again with this version.")
         return
     free = [each for each in quantity.levels if each.value is None]
     for each in free[1:]:
-        yield Slip(each.place, each.column, "one column without a level at most")
+        yield QuestionError(each.place, each.column, "one column without a level at most")
     for each in quantity.levels:
         moves = {each.column, *recorded.followers(each.column)} & set(needed)
         if each.column not in recorded.rows or not (moves or free):
             usable = [str(c) for c in recorded.rows if {str(c), *recorded.followers(str(c))} & set(needed)]
             expected = f"a column that {quantity.name} depends on here: {_some(usable)}"
             remedy = f'The formula is "{formula}". {_near(each.column, usable)}'
-            yield Slip(each.place, each.column, expected, remedy)
+            yield QuestionError(each.place, each.column, expected, remedy)
         elif each.value is None:
             if each.column not in recorded.named:
-                yield Slip(each.place, each.column, f"{each.column}=number, since it has no levels")
+                yield QuestionError(each.place, each.column, f"{each.column}=number, since it has no levels")
         elif _is_number(each.column, recorded):
             yield from _of_number(each)
         else:
@@ -177,15 +188,15 @@ def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[Slip]:
                 yield _strange(each, [*levels, *drawn])
 
 
-def _of_number(level: Level) -> Iterator[Slip]:
+def _of_number(level: Level) -> Iterator[QuestionError]:
     try:
         value = float(str(level.value))
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        yield Slip(level.value_place, str(level.value), f"a number after {level.column}=")
+        yield QuestionError(level.value_place, str(level.value), f"a number after {level.column}=")
     elif level.column == "mass_kg" and value <= 0:
-        yield Slip(level.value_place, str(level.value), "a mass above 0 kg")
+        yield QuestionError(level.value_place, str(level.value), "a mass above 0 kg")
 
 
 def _is_number(column: str, recorded: Recorded) -> bool:
@@ -197,9 +208,9 @@ def _is_group(column: str, recorded: Recorded, formula: str) -> bool:
     return any(column in term.factors for term in group_terms(formula))
 
 
-def _strange(level: Level, levels: Sequence[str]) -> Slip:
+def _strange(level: Level, levels: Sequence[str]) -> QuestionError:
     expected = f"a level of {level.column}: {_some(levels)}"
-    return Slip(level.value_place, str(level.value), expected, _near(str(level.value), levels))
+    return QuestionError(level.value_place, str(level.value), expected, _near(str(level.value), levels))
 
 
 def _near(name: str, names: Sequence[str]) -> str:

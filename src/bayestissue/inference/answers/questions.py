@@ -23,9 +23,9 @@ import xarray as xr
 from bayestissue.errors import InputError, Problem, printable
 from bayestissue.inference.answers.draws import draws_of
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.grammar import ALLOWED, Node, Slip, claims, parse
+from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
 from bayestissue.inference.answers.levels import Recorded
-from bayestissue.inference.answers.meaning import quantities, slips
+from bayestissue.inference.answers.meaning import mistakes, quantities
 from bayestissue.inference.samplers.convergence import effective_size
 
 FEWEST = 10
@@ -77,17 +77,18 @@ def ask(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
     """The answer to each question: a row of `COLUMNS`.
 
     A claim has ``posterior`` and ``prior`` probability, ``bayes_factor`` and the Monte Carlo standard errors
-    ``mcse`` and ``prior_mcse`` of the two. An expression has ``median`` and 90 % interval ``low`` to ``high``,
-    ``mcse`` being the median's. Everything else is empty; ``note`` says why where it could be expected.
+    ``mcse`` and ``prior_mcse`` of the two. An expression has ``median`` and 90 % interval ``low`` to
+    ``high``, ``mcse`` being the median's. Everything else is empty; ``note`` says why where it could be
+    expected.
 
     Raises:
         InputError: some can't be read, or ask for what this run does not have: all that is wrong at once.
     """
-    rows, problems = [], []
+    rows: list[dict[str, Any]] = []
+    problems: list[Problem] = []
     for question in questions:
         try:
-            node = _read(question, finished.recorded, finished.posterior)
-            rows.append(_answer(finished, question, node))
+            rows.append(_answer(finished, question))
         except InputError as error:
             problems += error.problems
     if problems:
@@ -97,14 +98,14 @@ def ask(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
 
 def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
     """The same, but a question that can't be answered has its reason in ``note`` and no answer."""
-    tables = []
+    rows = []
     for question in questions:
         try:
-            tables.append(ask(finished, [question]))
+            rows.append(_answer(finished, question))
         except InputError as error:
-            row = {"question": question.text, "name": question.name, "note": _plain(error)}
-            tables.append(pd.DataFrame([row], columns=COLUMNS))
-    return pd.concat([each.astype(object) for each in tables]).infer_objects() if tables else _none()
+            told = "; ".join(f"no answer: found {p.value}, expected {p.expected}" for p in error.problems)
+            rows.append({"question": question.text, "name": question.name, "note": told})
+    return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def require_readable(questions: Sequence[Question], recorded: Recorded) -> None:
@@ -122,22 +123,14 @@ def require_readable(questions: Sequence[Question], recorded: Recorded) -> None:
 def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) -> Node:
     try:
         node = parse(question.text)
-    except Slip as slip:
+    except QuestionError as slip:
         raise InputError(_problem(slip, question, f"Allowed: {ALLOWED}.")) from None
-    if found := list(slips(node, recorded, posterior)):
+    if found := list(mistakes(node, recorded, posterior)):
         raise InputError(_problem(slip, question) for slip in found)
     return node
 
 
-def _none() -> pd.DataFrame:
-    return pd.DataFrame(columns=COLUMNS)
-
-
-def _plain(error: InputError) -> str:
-    return "; ".join(f"expected {p.expected}, found {p.value}" for p in error.problems)
-
-
-def _problem(slip: Slip, question: Question, otherwise: str = "") -> Problem:
+def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Problem:
     """One line that says what is wrong, and under it the place."""
     begin = max(0, slip.place - _SHOWN)
     text = printable(question.text[begin : slip.place + _SHOWN])
@@ -146,10 +139,11 @@ def _problem(slip: Slip, question: Question, otherwise: str = "") -> Problem:
     return Problem(question.place, slip.expected, remedy, column=f"{slip.place + 1}", value=slip.found)
 
 
-def _answer(finished: Finished, question: Question, node: Node) -> dict[str, Any]:
+def _answer(finished: Finished, question: Question) -> dict[str, Any]:
+    node = _read(question, finished.recorded, finished.posterior)
     try:
         posterior = draws_of(node, finished.posterior, finished.recorded)
-    except Slip as slip:
+    except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
     prior, note = _prior(finished, node)
     row = {"question": question.text, "name": question.name, "note": note, "draws": posterior.size}
@@ -182,7 +176,7 @@ def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
         known = {str(name) for name in finished.prior.data_vars}
         lacking = [q.name for q in quantities(node) if q.name not in (*known, *finished.recorded.formulas)]
         return None, f"no prior: this run has no prior draws of {', '.join(dict.fromkeys(lacking)) or 'it'}"
-    except Slip as slip:
+    except QuestionError as slip:
         return None, f"no prior: {slip.found} of the prior"
 
 
@@ -204,7 +198,10 @@ def _probability(claim: xr.DataArray) -> tuple[float, float, float]:
 def _bayes_factor(p: float, size: float, p_0: float, size_0: float) -> tuple[float, str]:
     """Posterior over prior odds, or nothing and why."""
     if min(p_0, 1 - p_0) * size_0 < FEWEST:
-        return np.nan, f"no Bayes factor: the prior has it {'true' if p_0 > 0.5 else 'false'} in nearly every draw"
+        return (
+            np.nan,
+            f"no Bayes factor: the prior has it {'true' if p_0 > 0.5 else 'false'} in nearly every draw",
+        )
     odds_0 = p_0 / (1 - p_0)
     few = FEWEST / size
     if min(p, 1 - p) < few:
@@ -231,5 +228,6 @@ def _error_of_median(draws: np.ndarray) -> float:
     size = float(effective_size((draws <= np.median(draws)).astype(float)[None])[0])
     if not np.isfinite(size):
         return np.nan
-    low, high = np.quantile(draws, beta.ppf([0.1586553, 0.8413447], size / 2 + 1, size / 2 + 1))
-    return float(high - low) / 2
+    low, high = beta.ppf([0.1586553, 0.8413447], size / 2 + 1, size / 2 + 1) * draws.size - 1
+    ordered = np.sort(draws, axis=None)
+    return float(ordered[int(np.ceil(high))] - ordered[int(max(low, 0))]) / 2
