@@ -141,8 +141,8 @@ def parse(text: str) -> Node:
     """The tree of a question.
 
     Raises:
-        QuestionError: it is too long, too deep, not of the language, or a number stands where a claim must, or a
-            claim where a number must.
+        QuestionError: it is too long, too deep, not of the language, or a number stands where a claim
+            must, or a claim where a number must.
     """
     from lark.exceptions import UnexpectedCharacters, UnexpectedToken
 
