@@ -108,7 +108,9 @@ def cells_of(
         if len(cells) != len(names)
     ]
     if not body:
-        problems.append(Problem(label, "one row per impact", "Add rows.", value="no rows below the header"))
+        problems.append(
+            Problem(label, "one row per impact", "Add the impacts.", value="no rows below the header")
+        )
     if problems:
         raise InputError(problems)
     return pd.DataFrame(body, columns=names, dtype=str), np.array(lines)
