@@ -6,6 +6,7 @@ import shlex
 from pathlib import Path
 
 import pytest
+
 from command_line import bayestissue
 from make_fit_run import make_fit_run
 
