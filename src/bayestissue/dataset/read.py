@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bayestissue.dataset.checks import check_recordings
+from bayestissue.dataset.crop import Windows, crop
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.long_table import find_long, read_long
@@ -50,6 +52,10 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
         reading = _files(folder, table, settings)
     else:
         reading = _long(folder, table, settings, problems)
+        samples, outside = crop(
+            reading.samples, Windows.of(table.table, signal), table.table["impact"].tolist()
+        )
+        reading = replace(reading, samples=samples, problems=[*reading.problems, *outside])
     problems += reading.problems
     uncertainty = settings.uncertainty.values()
     recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty)
