@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 _PUBLIC: dict[str, str] = {
     "Dataset": "bayestissue.dataset",
     "read_dataset": "bayestissue.dataset",
+    "init_dataset": "bayestissue.intake",
     "Fit": "bayestissue.fitting",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",

@@ -72,7 +72,7 @@ def test_several_impacts_come_out_of_one_file(lab: Lab) -> None:
 def test_two_impacts_share_no_stretch(lab: Lab) -> None:
     table = one_file(lab)
     one_file(lab, crop_start_s=[*table["crop_start_s"][:2], 0.0, table["crop_start_s"][3]])
-    with pytest.raises(InputError, match="row 4, column trace, impact c: .*from 0 to") as refused:
+    with pytest.raises(InputError, match=r"row 4, column trace, impact c: .*from 0 to") as refused:
         read_dataset(lab.folder)
     assert len(refused.value.problems) == 1
 

@@ -17,20 +17,21 @@ from bayestissue.errors import InputError, Problem, has_control_characters
 FILE = "impacts.csv"
 
 
-def read_cells(path: Path, wanted: Sequence[str]) -> tuple[pd.DataFrame, np.ndarray]:
+def read_cells(path: Path, wanted: Sequence[str], *, file: str = FILE) -> tuple[pd.DataFrame, np.ndarray]:
     """All cells as text without the spaces around them, and of each record its row in the file.
 
     Args:
         path: the file.
         wanted: the columns that it must have.
+        file: what to call it in a message.
 
     Raises:
         InputError: the file can't be used: missing, too large, not UTF-8, no table, columns missing.
     """
     remedy = "Write one: a header and one row per impact; data/README.md shows how."
     # Cells that are kept one by one take some twenty times their size.
-    data = read_bytes(path, FILE, remedy, share=0.05)
-    require_utf8(data, FILE)
+    data = read_bytes(path, file, remedy, share=0.05)
+    require_utf8(data, file)
     reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
     records: list[list[str]] = []
     lines: list[int] = []
@@ -43,7 +44,7 @@ def read_cells(path: Path, wanted: Sequence[str]) -> tuple[pd.DataFrame, np.ndar
     except csv.Error as error:
         raise InputError(
             Problem(
-                FILE,
+                file,
                 "cells separated by commas",
                 "Mend the quotes in this row.",
                 reader.line_num,
@@ -51,15 +52,15 @@ def read_cells(path: Path, wanted: Sequence[str]) -> tuple[pd.DataFrame, np.ndar
             )
         ) from None
     names, *body = records
-    problems = column_problems(FILE, names, wanted)
-    problems += [p for p in column_problems(FILE, names, ()) if p.column not in wanted]
+    problems = column_problems(file, names, wanted)
+    problems += [p for p in column_problems(file, names, ()) if p.column not in wanted]
     if any(has_control_characters(name) for name in names):
         expected = "names of columns on one line and without control characters"
-        problems.append(Problem(FILE, expected, "Rename the column.", row=1, value=", ".join(names)))
+        problems.append(Problem(file, expected, "Rename the column.", row=1, value=", ".join(names)))
     if "" in names:
         problems.append(
             Problem(
-                FILE,
+                file,
                 "a name over every column",
                 "Name the column or remove it.",
                 row=1,
@@ -68,7 +69,7 @@ def read_cells(path: Path, wanted: Sequence[str]) -> tuple[pd.DataFrame, np.ndar
         )
     problems += [
         Problem(
-            FILE,
+            file,
             f"{len(names)} cells as in the header",
             "Put one cell under every column name; decimals need a point, not a comma.",
             row=line,
@@ -79,7 +80,7 @@ def read_cells(path: Path, wanted: Sequence[str]) -> tuple[pd.DataFrame, np.ndar
     ]
     if not body:
         problems.append(
-            Problem(FILE, "one row per impact", "Add the impacts.", value="no rows below the header")
+            Problem(file, "one row per impact", "Add the impacts.", value="no rows below the header")
         )
     if problems:
         raise InputError(problems)

@@ -72,6 +72,24 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
     return Reading(samples, problems, list(taken))
 
 
+def read_one(
+    path: Path, label: str, signal: SignalSettings, rate: float = np.nan
+) -> tuple[np.ndarray, np.ndarray]:
+    """The times (s) and values (m/s² or m) of a whole recording, both [sample].
+
+    Args:
+        path: the file.
+        label: what to call it in a message.
+        signal: names of the channels, units, scale and offset.
+        rate: the sampling rate in Hz, where the file has no times.
+
+    Raises:
+        InputError: the file is missing or damaged, lacks a channel, or has no times.
+    """
+    recording = read_recording(path, label, signal)
+    return _time(recording, rate, label, signal), in_si(recording.value, signal)
+
+
 @dataclass(frozen=True, eq=False)
 class _Piece:
     """The samples of one impact: all of a recording, or the stretch to which it is cropped."""
@@ -104,7 +122,9 @@ def _require_apart(
                 "Correct one of the two rows.",
                 row,
                 "trace",
-                f"{name}, from {windows.start[index]:.6g} to {windows.stop[index]:.6g} s" if cropped else name,
+                f"{name}, from {windows.start[index]:.6g} to {windows.stop[index]:.6g} s"
+                if cropped
+                else name,
             )
         )
 

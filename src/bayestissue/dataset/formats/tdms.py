@@ -19,9 +19,7 @@ def read(data: bytes, label: str) -> Contents:
     logging.getLogger("nptdms").setLevel(logging.ERROR)
     file = TdmsFile.open(io.BytesIO(data))
     if file.file_status.incomplete_final_segment:
-        raise UnfitError(
-            "a whole .tdms file", "Copy or export the recording anew.", "an end that is missing"
-        )
+        raise UnfitError("a whole .tdms file", "Copy or export the recording anew.", "an end that is missing")
     found = [channel for group in file.groups() for channel in group.channels()]
     require_small(sum(8 * len(channel) for channel in found), label)
     names = [channel.name for channel in found]
