@@ -7,7 +7,7 @@ import logging
 
 import numpy as np
 
-from bayestissue.dataset.files import require_small
+from bayestissue.dataset.files import require_small, unpacked_size
 from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
 
 
@@ -19,7 +19,7 @@ def read(data: bytes, label: str) -> Contents:
         Exception: the file is damaged: whatever bioread raises.
     """
     try:
-        import bioread
+        from bioread.reader import Reader
     except ImportError:
         raise UnfitError(
             "the library bioread, which reads Biopac files",
@@ -28,12 +28,23 @@ def read(data: bytes, label: str) -> Contents:
         ) from None
     # What is wrong is said once, by whoever called.
     logging.getLogger("bioread").setLevel(logging.CRITICAL)
-    about = bioread.read_headers(io.BytesIO(data))
-    if about is None:
+    about = Reader.read_headers(io.BytesIO(data))
+    if about.datafile is None or about.data_length is None:
         raise ValueError("no AcqKnowledge file, or one whose header is damaged")
-    require_small(sum(8.0 * channel.point_count for channel in about.channels), label)
+    if about.is_compressed:
+        size = 0
+        for header in about.channel_compression_headers:
+            begin = header.compressed_data_offset
+            size = unpacked_size(data[begin : begin + header.compressed_data_len], label, before=size)
+    elif about.data_start_offset + about.data_length > len(data):
+        raise UnfitError(
+            "all samples that its header states",
+            "Copy or export the recording anew.",
+            "an end that is missing",
+        )
+    require_small(sum(8.0 * channel.point_count for channel in about.datafile.channels), label)
     channels: dict[str, Channel] = {}
-    for number, channel in enumerate(bioread.read(io.BytesIO(data)).channels, 1):
+    for number, channel in enumerate(Reader.read(io.BytesIO(data)).datafile.channels, 1):
         values = np.asarray(channel.data, dtype=np.float64)
         name = channel.name.strip() or f"channel {number}"
         name = name if name not in channels else f"{name} {number}"
