@@ -294,8 +294,8 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
     for method, table in fit.point_estimates.items():
         table.to_csv(folder / f"estimates_{method}.csv", index=False)
     # A simulated dataset knows the truth; the report draws it in.
-    truth = fit.dataset.folder / "truth.csv"
-    if truth.is_file():
+    home = fit.dataset.folder
+    if home is not None and (truth := home / "truth.csv").is_file():
         shutil.copyfile(truth, folder / "truth.csv")
     results.write_json(fit.diagnostics, folder / "diagnostics.json")
     results.write_json(provenance(fit), folder / "run.json")

@@ -10,14 +10,14 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from dataset_bench import MASSES, NAMES, RATE, Lab, tables
 from nptdms import ChannelObject, TdmsWriter
-from recorder_files import acq, c3d
 from scipy.io import savemat
 
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.dataset.recorders import channels_of
 from bayestissue.errors import InputError
+from dataset_bench import MASSES, NAMES, RATE, Lab, tables
+from recorder_files import acq, c3d, lvm
 
 Writer = Callable[[Path, np.ndarray, np.ndarray], None]
 
@@ -29,61 +29,6 @@ def _csv(path: Path, time: np.ndarray, value: np.ndarray) -> None:
 
 def _parquet(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     pd.DataFrame({"time_s": time, "value": value}).to_parquet(path)
-
-
-def lvm(
-    path: Path,
-    time: np.ndarray,
-    channels: dict[str, np.ndarray],
-    *,
-    x_columns: str = "One",
-    decimal: str = ".",
-    samples: int | None = None,
-    comment: bool = True,
-) -> None:
-    """A LabVIEW measurement file: a header, a block header per channel, and the data."""
-    count, rows = len(channels), len(time)
-
-    def line(key: str, *cells: object) -> str:
-        return "\t".join([key, *(str(cell) for cell in cells)])
-
-    per_channel = [""] * count
-    head = [
-        "LabVIEW Measurement",
-        line("Writer_Version", 2),
-        line("Reader_Version", 2),
-        line("Separator", "Tab"),
-        line("Decimal_Separator", decimal),
-        line("Multi_Headings", "No"),
-        line("X_Columns", x_columns),
-        line("Time_Pref", "Relative"),
-        line("Date", "2024/05/17"),
-        "***End_of_Header***",
-        "",
-        line("Channels", count, *per_channel),
-        line("Samples", *[rows if samples is None else samples] * count),
-        line("Y_Unit_Label", *["m/s^2"] * count),
-        line("X_Dimension", *["Time"] * count),
-        line("X0", *[f"{time[0]!r}".replace("np.float64(", "").rstrip(")")] * count),
-        line("Delta_X", *[f"{1 / RATE}"] * count),
-        "***End_of_Header***",
-    ]
-    multi = x_columns == "Multi"
-    names = [cell for name in channels for cell in (["X_Value", name] if multi else [name])]
-    head.append(line(*([] if multi else ["X_Value"]), *names, *(["Comment"] if comment else [])))
-    body = []
-    for row in range(rows):
-        first = "" if x_columns == "No" else f"{time[row]:.9g}"
-        cells = [f"{values[row]:.12g}" for values in channels.values()]
-        if multi:
-            cells = [cell for value in cells for cell in (first, value)]
-            body.append("\t".join(cells))
-        else:
-            body.append("\t".join([first, *cells]))
-    text = "\n".join([*head, *body]) + "\n"
-    path.write_text(
-        "\n".join([*head, *(row.replace(".", decimal) for row in body)]) + "\n" if decimal != "." else text
-    )
 
 
 def _lvm(path: Path, time: np.ndarray, value: np.ndarray) -> None:
@@ -288,7 +233,7 @@ def test_channels_come_with_the_unit_that_the_file_states(
     path = tmp_path / f"a{suffix}"
     write(path, np.arange(40.0))
     ((_, channel),) = channels_of(path, path.name).items()
-    assert (channel.unit, channel.values.size) == (unit, 40)
+    assert (channel.unit, len(channel.values)) == (unit, 40)
 
 
 def test_whole_numbers_of_c3d_are_scaled_as_its_analog_group_says(tmp_path: Path) -> None:

@@ -32,7 +32,7 @@ def run(
         InputError: something is wrong, or is not known and there is no terminal to ask at.
     """
     intake = prepare(folder, choices)
-    if intake.questions and not quiet and not as_json and sys.stdin.isatty() and sys.stderr.isatty():
+    if intake.questions and not quiet and not as_json and _at_a_terminal():
         intake = _asked(intake)
     built = write(intake, out, name=name, cutting=cutting, skip_bad=skip_bad, overwrite=overwrite)
     path = built.dataset.folder
@@ -65,6 +65,10 @@ def given(facts: list[str]) -> dict[str, str]:
     if problems:
         raise InputError(problems)
     return found
+
+
+def _at_a_terminal() -> bool:
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
 
 
 def _asked(intake: Intake) -> Intake:

@@ -52,6 +52,29 @@ def read_cells(path: Path, wanted: Sequence[str], *, file: str = FILE) -> tuple[
             )
         ) from None
     names, *body = records
+    return cells_of(names, body, lines[1:], wanted, file=file)
+
+
+def cells_of(
+    names: list[str],
+    body: list[list[str]],
+    lines: Sequence[int],
+    wanted: Sequence[str],
+    *,
+    file: str = FILE,
+) -> tuple[pd.DataFrame, np.ndarray]:
+    """The same of records that were read already.
+
+    Args:
+        names: of the columns.
+        body: the cells of every record, without the spaces around them.
+        lines: the row of each record.
+        wanted: the columns that there must be.
+        file: what to call it in a message.
+
+    Raises:
+        InputError: the names or the number of cells are wrong, or there is no record.
+    """
     problems = column_problems(file, names, wanted)
     problems += [p for p in column_problems(file, names, ()) if p.column not in wanted]
     if any(has_control_characters(name) for name in names):
@@ -75,7 +98,7 @@ def read_cells(path: Path, wanted: Sequence[str], *, file: str = FILE) -> tuple[
             row=line,
             value=f"{len(cells)} cells: {','.join(cells)}",
         )
-        for line, cells in zip(lines[1:], body, strict=True)
+        for line, cells in zip(lines, body, strict=True)
         if len(cells) != len(names)
     ]
     if not body:
@@ -84,7 +107,7 @@ def read_cells(path: Path, wanted: Sequence[str], *, file: str = FILE) -> tuple[
         )
     if problems:
         raise InputError(problems)
-    return pd.DataFrame(body, columns=names, dtype=str), np.array(lines[1:])
+    return pd.DataFrame(body, columns=names, dtype=str), np.array(lines)
 
 
 def control_characters(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:

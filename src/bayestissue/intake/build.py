@@ -90,7 +90,10 @@ def build(
     try:
         dataset = read_dataset(folder)
     except InputError as error:
-        problems += [_as_met(problem) for problem in error.problems]
+        by_trace = {f"{RECORDINGS}/{file.name}": file for file in found.files}
+        by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
+        wrong = [_as_met(problem) for problem in error.problems]
+        problems += wrong if cutting else [_hinted(problem, by_impact, signal, choices) for problem in wrong]
     if not problems:
         return Built(dataset, (), _notes(dataset, cutting))
     bad = {problem.impact for problem in problems}
@@ -159,9 +162,8 @@ def _rows(
 def _pieces(
     file: File, facts: Facts, signal: SignalSettings, cutting: Cutting, choices: Choices
 ) -> list[tuple[Cells, tuple[float, float]]]:
-    time, value = read_one(file.path, file.name, signal, choices.rate_hz or float("nan"))
-    sign = -1.0 if signal.quantity == "acceleration" else 1.0
-    stretches = cut(Trace(time, sign * value), threshold=cutting.threshold, separation_s=cutting.separation_s)
+    trace = _oriented(file, signal, choices)
+    stretches = cut(trace, threshold=cutting.threshold, separation_s=cutting.separation_s)
     numbers = [number for name, number in facts.of_number if name == file.name]
     if not stretches or (numbers and sorted(numbers) != list(range(1, len(stretches) + 1))):
         told = f"{len(numbers)} impacts, as many as the table has rows" if numbers else "at least one impact"
@@ -207,6 +209,25 @@ def _as_met(problem: Problem) -> Problem:
     if problem.file == "impacts.csv":
         return replace(problem, file="impacts.csv as init would write it")
     return problem
+
+
+def _hinted(problem: Problem, files: dict[str, File], signal: SignalSettings, choices: Choices) -> Problem:
+    """The same with a way out, where the recording seems to hold several impacts."""
+    file = files.get(problem.impact or "")
+    if file is None or problem.file != file.name:
+        return problem
+    try:
+        count = len(cut(_oriented(file, signal, choices)))
+    except InputError:
+        return problem
+    hint = f" The recording seems to hold {count} impacts: --several cuts them apart." if count > 1 else ""
+    return replace(problem, remedy=problem.remedy + hint)
+
+
+def _oriented(file: File, signal: SignalSettings, choices: Choices) -> Trace:
+    """A whole recording, positive while the impactor slows or into the tissue."""
+    time, value = read_one(file.path, file.name, signal, choices.rate_hz or float("nan"))
+    return Trace(time, -value if signal.quantity == "acceleration" else value)
 
 
 def _notes(dataset: Dataset, cutting: Cutting | None) -> tuple[str, ...]:

@@ -17,7 +17,8 @@ from bayestissue.intake.columns import is_number
 
 OPTION = "--pattern"
 _EXAMPLE = '"{subject}_{side}_{mass_kg}kg_{n}.lvm"'
-_NUMBER, _TEXT = r"[+-]?\d+(?:[.,]\d+)?", r"[^/]+"
+# As a quantifier ends: the longest text that fits, and with a question mark the shortest.
+_NUMBER, _TEXT = r"[+-]?\d+{lazy}(?:[.,]\d+{lazy})?{lazy}", r"[^/]+{lazy}"
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,7 @@ class Pattern:
         name = "/".join(parts)
         if not self.text.lower().endswith(suffix):
             name = name[: -len(suffix)]
+        # Where the shortest first field is the longest too, and so on for the next, there is one reading.
         shortest, longest = (re.fullmatch(self._expression(lazy), name) for lazy in ("?", ""))
         if shortest is None or longest is None:
             raise InputError(
@@ -97,7 +99,7 @@ class Pattern:
         for literal, name in self._parts:
             pieces.append(re.escape(literal))
             if name is not None:
-                what = _NUMBER if is_number(name) else f"{_TEXT}{lazy}"
+                what = (_NUMBER if is_number(name) else _TEXT).replace("{lazy}", lazy)
                 pieces.append(f"(?P<{name}>{what})" if name else f"(?:{what})")
         return "".join(pieces)
 

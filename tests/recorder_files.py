@@ -11,6 +11,62 @@ import numpy as np
 from bioread import headers
 
 
+def lvm(
+    path: Path,
+    time: np.ndarray,
+    channels: dict[str, np.ndarray],
+    *,
+    x_columns: str = "One",
+    decimal: str = ".",
+    samples: int | None = None,
+    comment: bool = True,
+    unit: str = "m/s^2",
+) -> None:
+    """A LabVIEW measurement file: a header, a block header per channel, and the data."""
+    count, rows = len(channels), len(time)
+
+    def line(key: str, *cells: object) -> str:
+        return "\t".join([key, *(str(cell) for cell in cells)])
+
+    per_channel = [""] * count
+    head = [
+        "LabVIEW Measurement",
+        line("Writer_Version", 2),
+        line("Reader_Version", 2),
+        line("Separator", "Tab"),
+        line("Decimal_Separator", decimal),
+        line("Multi_Headings", "No"),
+        line("X_Columns", x_columns),
+        line("Time_Pref", "Relative"),
+        line("Date", "2024/05/17"),
+        "***End_of_Header***",
+        "",
+        line("Channels", count, *per_channel),
+        line("Samples", *[rows if samples is None else samples] * count),
+        line("Y_Unit_Label", *[unit] * count),
+        line("X_Dimension", *["Time"] * count),
+        line("X0", *[f"{time[0]!r}".replace("np.float64(", "").rstrip(")")] * count),
+        line("Delta_X", *[f"{time[1] - time[0]:.9g}"] * count),
+        "***End_of_Header***",
+    ]
+    multi = x_columns == "Multi"
+    names = [cell for name in channels for cell in (["X_Value", name] if multi else [name])]
+    head.append(line(*([] if multi else ["X_Value"]), *names, *(["Comment"] if comment else [])))
+    body = []
+    for row in range(rows):
+        first = "" if x_columns == "No" else f"{time[row]:.9g}"
+        cells = [f"{values[row]:.12g}" for values in channels.values()]
+        if multi:
+            cells = [cell for value in cells for cell in (first, value)]
+            body.append("\t".join(cells))
+        else:
+            body.append("\t".join([first, *cells]))
+    text = "\n".join([*head, *body]) + "\n"
+    path.write_text(
+        "\n".join([*head, *(row.replace(".", decimal) for row in body)]) + "\n" if decimal != "." else text
+    )
+
+
 def c3d(
     path: Path, channels: dict[str, np.ndarray], rate: float, units: dict[str, str], points: int = 0
 ) -> None:
