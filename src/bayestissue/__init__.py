@@ -16,11 +16,14 @@ _PUBLIC: dict[str, str] = {
     "Dataset": "bayestissue.dataset",
     "dataset": "bayestissue.dataset",
     "read_dataset": "bayestissue.dataset",
+    "init_dataset": "bayestissue.intake",
     "Check": "bayestissue.checking",
     "Fit": "bayestissue.fitting",
     "Impact": "bayestissue.one_impact",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",
+    "Run": "bayestissue.finished",
+    "read_run": "bayestissue.finished",
 }
 # What computes with JAX, and so in float64, whatever the caller's setting is.
 _COMPUTED: dict[str, str] = {

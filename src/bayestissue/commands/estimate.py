@@ -59,7 +59,7 @@ def run(
         )
         choices = {choice: alternatives(choice, options) for choice in vary}
         data = read_dataset(dataset, skip_bad=skip_bad)
-        method = method or method_for(data)
+        method = method or method_for(data, options)
         with on_cluster(scheduler):
             table = estimate(data, method=method, options=options)
             varied = _varied(data, method, choices) if choices else None

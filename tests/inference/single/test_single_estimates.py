@@ -145,7 +145,9 @@ def test_what_it_cannot_do_is_refused(campaign: Campaign):
         campaign.dataset("single"), impacts=campaign.impacts.head(2), traces=campaign.dataset("x").traces[:2]
     )
     with pytest.raises(bt.InputError, match='"none", since a filter'):
-        bt.estimate(dataset, options=SignalOptions(filter=180))
+        bt.estimate(dataset, method="impact", options=SignalOptions(filter=180))
+    # Options of the integrated displacement ask for the method that has one.
+    assert "pareto_k" not in bt.estimate(dataset, options=SignalOptions(filter=180))
     with pytest.raises(ValueError, match="impact, exact, dds"):
         bt.estimate(dataset, method="best")
     # Deceleration read as depth: any numbers will do.

@@ -41,9 +41,20 @@ _METHODS = ("impact", "exact", "dds")
 _LEAST_NOISE = 1e-5
 
 
-def method_for(dataset: Dataset) -> Method:
-    """The method unless told otherwise: "impact" of decelerations, "exact" of displacements."""
-    return "exact" if dataset.quantity == "displacement" else "impact"
+def method_for(dataset: Dataset, options: SignalOptions | None = None) -> Method:
+    """The method unless told otherwise: "impact" of decelerations, "exact" of displacements.
+
+    "exact" too where the options choose what only an integrated displacement has: a filter, another rule of
+    integration, or an equilibrium other than rest.
+    """
+    own = SignalOptions()
+    chosen = options or own
+    only_displaced = ("filter", "integration", "equilibrium")
+    if dataset.quantity == "displacement" or any(
+        getattr(chosen, name) != getattr(own, name) for name in only_displaced
+    ):
+        return "exact"
+    return "impact"
 
 
 def estimate(
@@ -75,7 +86,7 @@ def estimate(
         InputError: the method or the options ask for what the recordings can't give.
         ValueError: there is no such method.
     """
-    method = method or method_for(dataset)
+    method = method or method_for(dataset, options)
     options = options or default_options("dds" if method == "dds" else "exact")
     return estimates(dataset, displacements(dataset, options), method, options, inspect(dataset, options))
 
