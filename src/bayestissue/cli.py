@@ -114,6 +114,14 @@ def init(
     rate_hz: Annotated[
         float | None, typer.Option("--rate-hz", help="The sampling rate, where there are no times.", min=0)
     ] = None,
+    crop: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--crop",
+            metavar="START STOP",
+            help="The stretch of every recording that is read, in its unit of time.",
+        ),
+    ] = None,
     several: Annotated[
         bool, typer.Option("--several", help="Cut several impacts in one recording apart.")
     ] = False,
@@ -152,6 +160,7 @@ def init(
         rate_hz,
         scale,
         offset,
+        crop,
         pattern,
         table,
         init.given(given or []),

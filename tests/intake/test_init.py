@@ -16,6 +16,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 import bayestissue as bt
 from bayestissue.commands import init as command
+from bayestissue.dataset.recorders import channels_of
 from bayestissue.errors import InputError
 from command_line import bayestissue
 from dataset_bench import RATE, deceleration
@@ -250,6 +251,7 @@ def test_what_is_wrong_may_be_left_out(folder: Callable, tmp_path: Path) -> None
     [
         (("--set", "mass_kg=2"), "mass_kg by --pattern and mass_kg by --set"),
         (("--set", "mass"), "NAME=VALUE"),
+        (("--set", "trace=elsewhere.csv"), "column trace: expected no fact of that name"),
         (("--channel", "Nothing"), "They have: Impact"),
         (("--unit", "mm"), 'init, column --unit: found "mm"; expected a unit of acceleration'),
         (("--pattern", "{subject"), "expected '}'"),
@@ -307,6 +309,32 @@ def sequence(path: Path, gap_s: float = 1.0) -> list[tuple[float, np.ndarray]]:
     return begins
 
 
+def test_a_crop_leaves_out_what_would_be_refused(folder: Callable, tmp_path: Path) -> None:
+    recorded, out = folder(".csv"), tmp_path / "drops"
+    path = recorded / f"{name(0)}.csv"
+    table = pd.read_csv(path)
+    more = pd.DataFrame(
+        {"Time (ms)": table["Time (ms)"].iloc[-1] + 0.1 * np.arange(1, 400), "Impact (g)": -20.0}
+    )
+    pd.concat([table, more]).to_csv(path, index=False)
+    options = (
+        "init",
+        recorded,
+        "--out",
+        out,
+        "--pattern",
+        f"{PATTERN}.csv",
+        "--quantity",
+        "deceleration",
+        *FACTS,
+    )
+    assert bayestissue(*options).status == 2
+    assert bayestissue(*options, "--crop", "-5", "34.95").status == 0
+    assert {trace.time_s.size for trace in bt.read_dataset(out).traces} == {400}
+    assert "from -5 to 34.95" in (out / "init.html").read_text()
+    assert bayestissue(*options, "--overwrite", "--crop", "3", "2").err.count("--crop") == 1
+
+
 def test_several_impacts_in_one_recording_are_cut_apart_and_numbered(tmp_path: Path) -> None:
     recorded, out = tmp_path / "recorded", tmp_path / "drops"
     recorded.mkdir()
@@ -335,6 +363,23 @@ def test_a_recording_that_seems_to_hold_several_is_named(tmp_path: Path) -> None
     # Eight impacts together lose more speed than one can have: refused, and with a way out.
     assert made.status == 2
     assert "--several" in made.err
+
+
+def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:
+    recorded = tmp_path / "recorded"
+    recorded.mkdir()
+    sequence(recorded / "all.tdms")
+    values = channels_of(recorded / "all.tdms", "all.tdms")["Impact"]
+    pd.DataFrame({"Impact (m/s^2)": np.asarray(values.values)}).to_csv(recorded / "all.csv", index=False)
+    (recorded / "all.tdms").unlink()
+    table = facts(file="all", number=range(1, len(DROPS) + 1))
+    table.to_csv(tmp_path / "info.csv", index=False)
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "several": True}
+    with pytest.raises(InputError, match="--rate-hz"):
+        bt.init_dataset(recorded, tmp_path / "drops", **options)
+    table.assign(sampling_rate_hz=RATE).to_csv(tmp_path / "info.csv", index=False)
+    data = bt.init_dataset(recorded, tmp_path / "drops", **options)
+    assert len(data.impacts) == len(DROPS)
 
 
 def test_as_many_impacts_as_the_table_has_rows(tmp_path: Path) -> None:

@@ -35,7 +35,7 @@ def run(
     if intake.questions and not quiet and not as_json and _at_a_terminal():
         intake = _asked(intake)
     built = write(intake, out, name=name, cutting=cutting, skip_bad=skip_bad, overwrite=overwrite)
-    path = built.dataset.folder
+    path = built.dataset.folder or out
     if not quiet and not as_json:
         for problem in built.left_out:
             echo(f"left out: {problem}")

@@ -146,6 +146,7 @@ def init_dataset(
     rate_hz: float | None = None,
     scale: float = 1.0,
     offset: float = 0.0,
+    crop: tuple[float, float] | None = None,
     pattern: str | None = None,
     table: str | Path | None = None,
     given: Mapping[str, object] | None = None,
@@ -172,6 +173,7 @@ def init_dataset(
         rate_hz: the sampling rate, where there are no times.
         scale: by which raw values are multiplied.
         offset: added after that.
+        crop: the stretch of every recording that is read, (start, stop) in the unit of time.
         pattern: how file names are read, such as ``"{subject}_{side}_{mass_kg}kg_{n}.lvm"``. Names are
             columns of ``impacts.csv``; ``mass_g``, ``drop_height_m``, ``drop_height_cm`` and others are
             converted (v = √(2 g h)).
@@ -196,6 +198,7 @@ def init_dataset(
         rate_hz,
         scale,
         offset,
+        crop,
         pattern,
         None if table is None else Path(table),
         {key: str(value) for key, value in (given or {}).items()},
@@ -220,6 +223,8 @@ def _words(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
         times = f"channel {choices.time}, in {choices.time_unit or 's'}"
     else:
         times = "the recorder's clock" if choices.rate_hz is None else f"{choices.rate_hz:g} Hz, as stated"
+    if choices.crop is not None:
+        times += f", from {choices.crop[0]:g} to {choices.crop[1]:g}"
     cut_words = (
         "one a recording"
         if cutting is None
