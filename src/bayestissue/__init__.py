@@ -21,6 +21,8 @@ _PUBLIC: dict[str, str] = {
     "Fit": "bayestissue.fitting",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",
+    "Run": "bayestissue.finished",
+    "read_run": "bayestissue.finished",
 }
 # What computes with JAX, and so in float64, whatever the caller's setting is.
 _COMPUTED: dict[str, str] = {

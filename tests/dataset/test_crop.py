@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 import pytest
-from dataset_bench import NAMES, RATE, Lab, tables
 from nptdms import ChannelObject, TdmsWriter
 
 from bayestissue.dataset import read_dataset
 from bayestissue.errors import InputError
+from dataset_bench import NAMES, RATE, Lab, tables
 
 START, STOP = 0.001, 0.03
 

@@ -105,7 +105,7 @@ class _Table:
 
     @classmethod
     def read(cls, path: Path) -> _Table:
-        cells, lines = read_cells(path, [FILE], file=path.name)
+        cells, lines = read_cells(path, [FILE], label=path.name)
         facts = tuple(name for name in cells.columns if name not in (FILE, NUMBER))
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
         return cls(path.name, facts, records)  # type: ignore[arg-type]
