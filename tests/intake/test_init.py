@@ -203,6 +203,14 @@ def test_a_table_says_what_names_do_not(folder: Callable, tmp_path: Path) -> Non
     assert set(data.impacts["trial"]) == {"0.5 kg", "1.2 kg"}
 
 
+def test_a_recording_without_a_row_may_be_left_out(folder: Callable, tmp_path: Path) -> None:
+    facts().iloc[1:].to_csv(tmp_path / "info.csv", index=False)
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv"}
+    data = bt.init_dataset(folder(".tdms"), tmp_path / "drops", **options, skip_bad=True)
+    assert name(0) not in set(data.impacts["impact"])
+    assert len(data.impacts) == len(DROPS) - 1
+
+
 def test_everything_that_is_wrong_is_said_at_once(folder: Callable, tmp_path: Path) -> None:
     recorded, out = folder(".tdms"), tmp_path / "drops"
     table = facts().astype(object)
@@ -227,6 +235,21 @@ def test_everything_that_is_wrong_is_said_at_once(folder: Callable, tmp_path: Pa
     ):
         assert said in refused.err
     assert not out.exists()
+
+
+def test_recordings_of_one_dataset_have_one_unit_and_the_channel(folder: Callable, tmp_path: Path) -> None:
+    recorded, out = folder(".c3d"), tmp_path / "drops"
+    c3d(recorded / f"{name(0)}.c3d", {"Impact": trace(0)[1] / 9.80665}, RATE, {"Impact": "g"})
+    c3d(recorded / f"{name(1)}.c3d", {"Acc": trace(1)[1]}, RATE, {"Acc": "m/s^2"})
+    options = {"quantity": "deceleration", "channel": "Impact", "unit": "m/s^2", "pattern": f"{PATTERN}.c3d"}
+    given = {"trial": "drop", "velocity_m_s": VELOCITY}
+    with pytest.raises(InputError) as refused:
+        bt.init_dataset(recorded, out, **options, given=given)
+    other_unit, no_channel = map(str, refused.value.problems)
+    assert f'{name(0)}.c3d, column Impact: found "g"; expected the unit of the other recordings' in other_unit
+    assert no_channel.endswith("a channel 'Impact'. Name one of the channels by --channel.")
+    data = bt.init_dataset(recorded, out, **options, given=given, skip_bad=True)
+    assert len(data.impacts) == len(DROPS) - 2
 
 
 def test_what_is_wrong_may_be_left_out(folder: Callable, tmp_path: Path) -> None:

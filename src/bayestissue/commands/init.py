@@ -72,8 +72,7 @@ def _at_a_terminal() -> bool:
 
 
 def _asked(intake: Intake) -> Intake:
-    lines = [f"{len(intake.found.files)} recorder files. Their channels:", *intake.listed()]
-    typer.echo(printable("\n".join(lines), lines=True), err=True)
+    typer.echo(printable("\n".join(intake.listed()), lines=True), err=True)
     options = []
     while intake.questions:
         question = intake.questions[0]

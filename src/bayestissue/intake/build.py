@@ -108,6 +108,7 @@ def build(
     bad = {problem.impact for problem in problems}
     rows = [row for row in rows if row["impact"] not in bad]
     files = {file.name for file in found.files} | {problem.file for problem in found.problems}
+    files |= {choices.table.name} if choices.table else set()
     if not skip_bad or not rows or any(p.impact is None and p.file not in files for p in problems):
         raise InputError(problems)
     shutil.rmtree(folder / RECORDINGS)
@@ -146,6 +147,7 @@ def _rows(
     """The rows of ``impacts.csv``; what is wrong with a file goes to ``problems``."""
     bare = {file.name: file.name[: -len(file.suffix)] for file in found.files}
     short = Counter(PurePosixPath(name).name for name in bare.values())
+    usual = _usual_units(found, choices)
     for file in found.files:
         if file.name not in facts.of_file:
             continue
@@ -157,6 +159,7 @@ def _rows(
         if choices.rate_hz is not None:
             base["sampling_rate_hz"] = choices.rate_hz
         try:
+            _require_unit(file, usual)
             if cutting is None:
                 _require_one(file, facts)
                 yield {**base, **facts.of_file[file.name]}
@@ -195,6 +198,33 @@ def _pieces(
     ]
 
 
+def _usual_units(found: Found, choices: Choices) -> dict[str, str]:
+    """The unit that most of the files state for the values, and for the times, by the channel."""
+    units = {
+        name: Counter(about.unit for about in every)
+        for name, every in found.candidates().items()
+        if name in (choices.channel, choices.time)
+    }
+    return {name: count.most_common(1)[0][0] for name, count in units.items()}
+
+
+def _require_unit(file: File, usual: dict[str, str]) -> None:
+    """Refuse a file whose channel has another unit than that of the others: one unit holds for a dataset."""
+    problems = [
+        Problem(
+            file.name,
+            f"the unit of the other recordings, {unit or 'which state none'}",
+            "Export it in that unit, or make a dataset of its own of such files.",
+            column=name,
+            value=file.channels[name].unit or "no unit",
+        )
+        for name, unit in usual.items()
+        if name in file.channels and file.channels[name].unit != unit
+    ]
+    if problems:
+        raise InputError(problems)
+
+
 def _require_one(file: File, facts: Facts) -> None:
     numbers = [number for name, number in facts.of_number if name == file.name]
     if len(numbers) > 1:
@@ -217,6 +247,9 @@ def _write(folder: Path, settings: dict[str, Any], rows: list[dict[str, Any]], f
 def _as_met(problem: Problem) -> Problem:
     """A problem of the dataset in the words of who has not seen it yet: their files, their options."""
     inside = f"{RECORDINGS}/"
+    for key, option in _OPTIONS.items():
+        remedy = problem.remedy.replace(f"as {key} in dataset.toml", f"by {option}").replace(key, option)
+        problem = replace(problem, remedy=remedy)
     if problem.file.startswith(inside):
         return replace(problem, file=problem.file.removeprefix(inside))
     if problem.file == "impacts.csv":

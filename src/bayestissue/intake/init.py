@@ -44,12 +44,16 @@ class Intake:
         return _understood(self.found, question.answer(self.choices, text))
 
     def listed(self) -> list[str]:
-        """A line for each channel: its name, its unit, and in how many files it is."""
-        total = len(self.found.files)
+        """What was found, in lines: how many files, and of each channel its name, unit and samples."""
+        files = self.found.files
+        total = f"{len(files)} recorder file{'s' if len(files) > 1 else ''}"
         return [
-            f"  {name}{f' [{unit}]' if (unit := _units(each)) else ''}: {_samples(each)}"
-            + (f", in {len(each)} of {total} files" if len(each) < total else "")
-            for name, each in self.found.candidates().items()
+            f"{total} in {self.found.folder}, such as {files[0].name}. Channels:",
+            *(
+                f"  {name}{f' [{unit}]' if (unit := _units(each)) else ''}: {_samples(each)}"
+                + (f", in {len(each)} files" if len(each) < len(files) else "")
+                for name, each in self.found.candidates().items()
+            ),
         ]
 
     def unanswered(self) -> InputError:
@@ -64,7 +68,7 @@ class Intake:
             for question in self.questions
         ]
         error = InputError([*problems, *self.found.problems, *self.facts.problems])
-        error.add_note("\n".join([f"Channels in {self.found.folder}:", *self.listed()]))
+        error.add_note("\n".join(self.listed()))
         line = " ".join(question.line for question in self.questions)
         error.add_note(f"Options to add, with your own values: {line}")
         return error
