@@ -403,6 +403,10 @@ def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:
     table.assign(sampling_rate_hz=RATE).to_csv(tmp_path / "info.csv", index=False)
     data = bt.init_dataset(recorded, tmp_path / "drops", **options)
     assert len(data.impacts) == len(DROPS)
+    text = (recorded / "all.csv").read_text().splitlines()
+    (recorded / "all.csv").write_text("\n".join([*text[:100], "overload", *text[101:]]))
+    with pytest.raises(InputError, match="found .no number at 1 of .*expected finite numbers"):
+        bt.init_dataset(recorded, tmp_path / "more", **options)
 
 
 def test_as_many_impacts_as_the_table_has_rows(tmp_path: Path) -> None:

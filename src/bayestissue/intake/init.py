@@ -9,11 +9,12 @@ from pathlib import Path
 from bayestissue.dataset import Dataset, Quantity, read_dataset
 from bayestissue.dataset.recorders import SUFFIXES
 from bayestissue.errors import InputError, Problem
-from bayestissue.intake.build import Built, Cutting, build
+from bayestissue.intake.build import Built, build
 from bayestissue.intake.choices import Choices, Question, settle
 from bayestissue.intake.cutting import SEPARATION_S, THRESHOLD
 from bayestissue.intake.facts import Facts, gather
 from bayestissue.intake.folder import About, Found, look
+from bayestissue.intake.rows import Cutting
 from bayestissue.results import claim
 
 PAGE = "init.html"
