@@ -405,7 +405,7 @@ def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:
     assert len(data.impacts) == len(DROPS)
     text = (recorded / "all.csv").read_text().splitlines()
     (recorded / "all.csv").write_text("\n".join([*text[:100], "overload", *text[101:]]))
-    with pytest.raises(InputError, match="found .no number at 1 of .*expected finite numbers"):
+    with pytest.raises(InputError, match=r"found .no number at 1 of .*expected finite numbers"):
         bt.init_dataset(recorded, tmp_path / "more", **options)
 
 
