@@ -52,6 +52,9 @@ traces = "csv"
 MODEL = """
 name = "small"
 likelihood = "a2"
+[questions]
+stiff = "K > 1000"
+between_people = "max(K[subject]) / min(K[subject])"
 [sampler]
 path = "{path}"
 chains = 2
