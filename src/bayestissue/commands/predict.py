@@ -19,7 +19,7 @@ _SHOWN = {
     "peak_force_N": ("force (N)", 1.0),
     "time_to_peak_s": ("to peak (ms)", 1e3),
 }
-_BESIDE = ("new", "draws", "note")
+_BESIDE = ("new", "draws", "simulated", "note")
 
 
 def run(run: Path, *, at: Path, out: Path | None, overwrite: bool, quiet: bool, as_json: bool) -> None:

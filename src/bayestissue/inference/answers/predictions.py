@@ -34,9 +34,11 @@ QUANTITIES = {
 NO_LAW = "no peaks: beside a discrepancy there is no law to simulate by"
 NO_VELOCITY = "no peaks: no velocity_m_s, and the run has none"
 _QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
-# Simulated at once, by code that is compiled for this size alone; and in all, by draws evenly left out.
+# Simulated at once, by code that is compiled for this size alone.
 _AT_ONCE = 4096
-_MOST = 200_000
+# Simulated in all, draws evenly left out, but never so that a condition has fewer than this: 5 % quantiles of
+# so many draws have a standard error of a tenth of the standard deviation.
+_MOST, _FEWEST = 20_000, 500
 _LEVELS, _SCATTER = 1, 2
 
 
@@ -49,24 +51,25 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
 
     Returns:
         A row a condition: what it was given, which levels are ``new``, `QUANTITIES` with median and 90 %
-        interval, the number of ``draws``, and a ``note`` where something lacks or lies beyond what was
-        measured.
+        interval, the number of ``draws``, of which ``simulated`` were simulated, and a ``note`` where
+        something lacks or lies beyond what was measured.
     """
     recorded, which = finished.recorded, element(finished.element)
     names = [*RESPONSES, *(each.name for each in which.extra)]
     logs = _parameters(finished, names, conditions)
-    step = -(-logs[0].size // _MOST)
     parameters = {
-        name: np.exp(each.reshape(-1, len(conditions))[::step])
-        for name, each in zip(names, logs, strict=True)
+        name: np.exp(each.reshape(-1, len(conditions))) for name, each in zip(names, logs, strict=True)
     }
+    count = len(parameters["K"])
+    step = max(1, min(-(-count * len(conditions) // _MOST), count // _FEWEST))
+    some = {name: each[::step] for name, each in parameters.items()}
     values = {"K": parameters["K"], "C": parameters["C"]}
     mass, velocity, diameter = (_numbers(recorded, conditions, name) for name in _GIVEN)
     notes = [_beyond(recorded, each) for each in conditions]
     if finished.discrepancy:
         notes = [[*each, NO_LAW] for each in notes]
     else:
-        peaks = _peaks(finished.element, parameters, mass, velocity, diameter)
+        peaks = _peaks(finished.element, some, mass, velocity, diameter)
         values |= {"depth": peaks.depth, "force": peaks.force, "time": peaks.time}
         notes = [[*n, *([] if v > 0 else [NO_VELOCITY])] for n, v in zip(notes, velocity, strict=True)]
     return pd.DataFrame(
@@ -75,7 +78,8 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
             | {"mass_kg": mass[place], "velocity_m_s": velocity[place]}
             | {"new": ", ".join(_new(recorded, condition))}
             | _summary({name: each[:, place] for name, each in values.items()})
-            | {"draws": len(parameters["K"]), "note": "; ".join(notes[place])}
+            | {"draws": count, "simulated": 0 if finished.discrepancy else len(some["K"])}
+            | {"note": "; ".join(notes[place])}
             for place, condition in enumerate(conditions)
         ]
     )
