@@ -387,6 +387,36 @@ def ask(
 
 
 @app.command()
+def predict(
+    run: FinishedFit,
+    at: Annotated[
+        Path,
+        typer.Option(
+            "--at",
+            metavar="TABLE.csv",
+            help="A row for each new impact, with any columns of impacts.csv: subject, mass_kg, ...",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write predictions.csv to this folder.")
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """K, C, greatest depth and force, and time to peak of new impacts, by a finished fit.
+
+    Each row of the table is one new impact, so the intervals hold its scatter too. Numbers and categories
+    that are not given are at the reference: the reference mass, mean numbers, the first recorded category;
+    what belongs to a known person follows the person. A person, condition or other level that is not given,
+    or was not measured, is a new one of its population.
+    """
+    from bayestissue.commands import predict
+
+    predict.run(run, at=at, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
+
+
+@app.command()
 def causes(
     target: Annotated[
         str,
