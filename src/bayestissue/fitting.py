@@ -34,7 +34,10 @@ if TYPE_CHECKING:
 
 # With so many impacts to look for spoilt recordings takes as long as the fit.
 _MANY = 5000
-TABLES = ("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources")
+TABLES = (
+    *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
+    *("contrasts", "people"),
+)
 
 
 @dataclass(frozen=True)
@@ -95,6 +98,22 @@ class Fit:
         ``note`` says where an interval is none: see `bayestissue.inference.samplers.diagnostics.noted`.
         """
         return self.analysis.summary
+
+    @property
+    def contrasts(self) -> pd.DataFrame:
+        """Ratios of K and C between the levels of categories and groups: ``contrasts.csv``.
+
+        See `bayestissue.inference.answers.contrasts`.
+        """
+        return self.analysis.contrasts
+
+    @property
+    def people(self) -> pd.DataFrame:
+        """Each person against each other, with the probability of being stiffer: ``people.csv``.
+
+        See `bayestissue.inference.answers.people`.
+        """
+        return self.analysis.people
 
     @property
     def diagnostics(self) -> dict[str, Any]:

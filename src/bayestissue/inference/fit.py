@@ -17,6 +17,9 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.answers.contrasts import contrasts
+from bayestissue.inference.answers.levels import Recorded
+from bayestissue.inference.answers.people import people_compared
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
 from bayestissue.inference.execution.kept import all_fit, some_impacts, some_of
@@ -53,6 +56,8 @@ class TraceAnalysis:
     cross_validation: pd.DataFrame
     sensitivity: pd.DataFrame
     interval_sources: pd.DataFrame
+    contrasts: pd.DataFrame
+    people: pd.DataFrame
 
 
 def fit_traces(
@@ -189,14 +194,18 @@ def analyse(
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
     summary = summary_table(posterior)
     diagnostics = diagnose(summary, statistics_of_transitions(draws), route.checks())
+    recorded = Recorded.of_run(tree["constant_data"].dataset, prepared.design.resolved())
+    responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     return TraceAnalysis(
         tree,
         summary,
         diagnostics | form | {"route": route.record()},
-        derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
+        derived.hypotheses(exponents, near.mass_exponent),
         scores,
         sensitivity,
         uncertainty_budget(prepared, unfolded),
+        contrasts(posterior, recorded, responses, near.ratio),
+        people_compared(posterior, recorded, responses),
     )
 
 

@@ -17,6 +17,7 @@ from bayestissue.report.fit.groupings import groupings, own_slopes, slope_figure
 from bayestissue.report.fit.population_figures import mass_figure, ranked_figure, spreads_figure
 from bayestissue.report.fit.prediction_figures import lag_one_figure, traces_figure, whiteness_figure
 from bayestissue.report.fit.run import FitRun, read_fit_run
+from bayestissue.report.fit.study import comparisons
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior_figures import exponent_figure
 from bayestissue.report.settings import settings_table
@@ -29,6 +30,7 @@ _CONTENTS = (
     ("predictions", "Predictions"),
     ("residuals", "Residuals"),
     ("people", "People and conditions"),
+    ("comparisons", "Comparisons"),
     ("mass", "Mass"),
     ("population", "Population"),
     ("sources", "What makes the intervals"),
@@ -61,6 +63,7 @@ def fit_page(folder: Path, about: dict[str, Any]) -> str:
             **_impacts(run),
             **_predictions(run),
             **_population(run),
+            **_study(run),
             **_checks(run),
             **_provenance(run),
         )
@@ -95,6 +98,7 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
         "own_depth": depth.depth_sentence(run),
         "conclusion": answers.mass_conclusion(run),
         "contrast": answers.contrast_sentence(run),
+        "first_contrasts": comparisons.first_contrasts(run),
     }
 
 
@@ -154,6 +158,16 @@ def _population(run: FitRun) -> dict[str, Any]:
         "hypotheses_table": posterior_tables.hypotheses_table(run.hypotheses),
         "spreads_plot": spreads_figure(run),
         "population_table": posterior_tables.summary_table(run.summary, tables.population_names(run)),
+    }
+
+
+def _study(run: FitRun) -> dict[str, Any]:
+    return {
+        "contrasts_table": comparisons.contrasts_table(run),
+        "contrasts_in_all": 0 if run.contrasts is None else len(run.contrasts),
+        "equivalence": comparisons.equivalence(run),
+        "conditions_words": comparisons.conditions_words(run),
+        "matrices": comparisons.matrices(run),
     }
 
 
