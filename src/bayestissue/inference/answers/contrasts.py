@@ -17,8 +17,8 @@ Compared are, of each response, by its own formula:
 - conditions at one mass. Where the formula has the mass, effects of conditions that stand for masses are what
   the mass exponent leaves over, and a ratio of two of them would be read as one of masses.
 
-Of more than twelve levels each stands against the mean of all. A category goes before those that follow in the
-alphabet, so that left is over right and after over before; a greater number goes over a smaller one.
+Of more than twelve levels each stands against the mean of all. A category goes over those that follow it in
+the alphabet: left over right, after over before; a greater number goes over a smaller one.
 """
 
 from __future__ import annotations
