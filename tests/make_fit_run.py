@@ -22,6 +22,7 @@ UNITS = {"K": "N/m", "C": "N s/m"}
 COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 POSTERIOR_SD, SUBJECT_SD = 0.01, 0.2
 DT = 2e-4
+PRIOR_DRAWS = 300
 
 
 def make_fit_run(
@@ -59,9 +60,8 @@ def make_fit_run(
     about = _about(passed, likelihood, quantity, exponent)
     if two_sides:
         _with_sides(rng, posterior, traces["constant_data"], about["model"]["formula"])
-    xr.DataTree.from_dict({"posterior": posterior, **traces}).to_netcdf(
-        folder / "posterior.nc", engine="h5netcdf"
-    )
+    groups = {"posterior": posterior, "prior": _prior(posterior, seed), **traces}
+    xr.DataTree.from_dict(groups).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     tables = _tables(rng, impacts, true, posterior, exponent)
     recorded = Recorded.of_run(traces["constant_data"], about["model"])
     tables["contrasts"] = contrasts(posterior, recorded, ["K", "C"], 0.1)
@@ -136,6 +136,22 @@ def _posterior(rng, impacts, true, exponent, likelihood) -> xr.Dataset:
         "trial": [f"t{i}" for i in range(CONDITIONS)],
     }
     return xr.Dataset({k: (("chain", "draw", *dims), v) for k, (dims, v) in found.items()}, coords)
+
+
+def _prior(posterior: xr.Dataset, seed: int) -> xr.Dataset:
+    """One chain of the population and its levels, wider than the posterior and about the same values."""
+    rng, shape = np.random.default_rng([seed, 1]), (1, PRIOR_DRAWS)
+    levels = [name for name in posterior.data_vars if "impact" not in posterior[name].dims]
+
+    def wider(array: xr.DataArray) -> tuple[tuple[str, ...], np.ndarray]:
+        middle, spread = array.mean(("chain", "draw")), 10 * array.std(("chain", "draw"))
+        noise = rng.standard_normal((*shape, *middle.shape))
+        values = middle.to_numpy() + spread.to_numpy() * noise
+        return array.dims, np.abs(values) if str(array.name).startswith("sd_") else values
+
+    return xr.Dataset({name: wider(posterior[name]) for name in levels}, posterior[levels].coords).drop_vars(
+        ["chain", "draw"], errors="ignore"
+    )
 
 
 def _traces(rng, impacts, true, coloured, likelihood) -> dict[str, xr.Dataset]:

@@ -63,6 +63,9 @@ Scheduler = Annotated[
         "impact, where there are hundreds.",
     ),
 ]
+FinishedFit = Annotated[
+    Path, typer.Argument(help="Folder of a finished run of `bayestissue fit`.", metavar="RUN")
+]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0)]
 
 
@@ -236,6 +239,39 @@ def compare(
     from bayestissue.commands import compare
 
     compare.run(runs, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
+
+
+@app.command()
+def ask(
+    run: FinishedFit,
+    questions: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="QUESTION...",
+            help='Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".',
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write questions.csv to this folder.")
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Questions to a finished fit: probability by posterior and prior, Bayes factor, Monte Carlo error.
+
+    K alone is that of a typical person at the reference mass, the mean of other numbers and the first
+    category. K[subject=s01, mass_kg=1.2] has these instead; all impacts' columns of the formula can be named,
+    and what belongs to a person, such as sex, follows the person. K[subject=new] is a new person's,
+    mean(K[subject, sex=f]) is over people, K[impact=7] is of one recorded impact. Any other quantity of
+    summary.csv is called by its name: mass_exponent_K, sd_subject_K, K_new, subject_effect_K[subject=s01].
+    Besides: numbers, + - * / ^ ( ), abs, exp, log, max, min, mean, < <= > >=, between, and, or, not. Odd
+    names stand in quotes, those of quantities in backticks. Without a comparison the answer is a median and
+    a 90 % interval.
+    """
+    from bayestissue.commands import ask
+
+    ask.run(run, questions, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
 
 
 @app.command()

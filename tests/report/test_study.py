@@ -28,7 +28,7 @@ def html(tmp_path_factory) -> str:
 
 def test_the_first_screen_says_what_differs(html) -> None:
     first = plain(html[html.index('class="first"') : html.index("<nav")])
-    assert re.search(r"What differs\? left over right: K × 1\.\d+ 1\.\d+ to 1\.\d+ ; C × [01]\.\d+", first)
+    assert re.search(r"What differs\? left over right: K × 1\.\d+ 1\.\d+ to 1\.\d+; C × [01]\.\d+", first)
     assert "K is almost certainly greater for left (probability above 0.999)" in first
     assert "that it differs by less than 10 % is" in first
     page = Reader()

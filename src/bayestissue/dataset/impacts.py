@@ -64,7 +64,18 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    cells, rows = read_cells(path, [*_TEXT, "mass_kg", *(["velocity_m_s"] if needs_velocity else [])])
+    return impact_table(
+        *read_cells(path, wanted(needs_velocity=needs_velocity)), needs_velocity=needs_velocity
+    )
+
+
+def wanted(*, needs_velocity: bool) -> list[str]:
+    """The columns that a table of impacts must have."""
+    return [*_TEXT, "mass_kg", *(["velocity_m_s"] if needs_velocity else [])]
+
+
+def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool) -> ImpactTable:
+    """The same of cells, as `read_cells` returns them."""
     problems = [*_name_problems(cells, rows), *control_characters(cells, rows)]
     warnings: list[Problem] = []
     columns: dict[str, object] = {}

@@ -22,7 +22,7 @@ def recorded(formula: str, rows: pd.DataFrame | None = None) -> Recorded:
 
 
 def draws_of(rng: np.random.Generator, sd: float, values: Mapping[str, float | list[float]], **levels):
-    """Independent normal draws about ``values``; those of a list along the dimension that ``levels`` names."""
+    """Independent normal draws about ``values``, those of a list along the dimension of ``levels``."""
     found = {}
     for name, value in values.items():
         at = np.asarray(value, float)

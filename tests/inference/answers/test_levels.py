@@ -74,7 +74,7 @@ def test_what_belongs_to_a_person_follows_the_person_and_mass_does_not() -> None
 
 
 def test_a_new_level_has_an_effect_of_the_population(known) -> None:
-    _, _, draws, recorded = known
+    recorded = known[3]
     wide = xr.Dataset(
         {
             "intercept_K": (("chain", "draw"), np.zeros((2, 4000))),

@@ -121,11 +121,8 @@ def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     """What a response's formula lets one compare, covariates first."""
     formula = recorded.formulas.get(response, "1")
     variables = variables_of_terms(formula)
-    factors = [
-        name
-        for name in dict.fromkeys(n for own in variables for n in sorted(own))
-        if _is_factor(recorded, name)
-    ]
+    named = dict.fromkeys(name for own in variables for name in sorted(own))
+    factors = [name for name in named if _is_factor(recorded, name)]
     found = [each for name in factors for each in _of_covariate(recorded, name, variables)]
     for term in group_terms(formula):
         if term.slope or term.grouping == "subject":

@@ -23,6 +23,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
+from bayestissue.dataset.impacts import RESERVED
 from bayestissue.hierarchy.effects import intercept, parameter_of
 from bayestissue.hierarchy.formulas.formula import columns_named, evaluated_at, group_terms, reference_row
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm, labels_of
@@ -30,7 +31,6 @@ from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm, lab
 Condition = Mapping[str, str | float]
 # Chosen by who measures, and no property of a person or a side.
 _CHOSEN = ("mass_kg", "velocity_m_s", "trial")
-_ALWAYS = ("subject", "trial")
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +62,15 @@ class Recorded:
         formulas = {str(name): str(formula) for name, formula in model["formula"].items()}
         return cls(pd.DataFrame(numbers | texts), formulas, float(model["reference_mass_kg"]))
 
+    @classmethod
+    def of_rows(
+        cls, impacts: pd.DataFrame, formulas: Mapping[str, str], reference_mass_kg: float
+    ) -> Recorded:
+        """Of a dataset's table of impacts."""
+        kept = ["subject", "trial", "mass_kg", "velocity_m_s"]
+        rows = impacts[[name for name in impacts if name in kept or name not in RESERVED]]
+        return cls(rows.reset_index(drop=True), formulas, reference_mass_kg)
+
     @cached_property
     def needed(self) -> tuple[str, ...]:
         """The columns that the formulas are of."""
@@ -83,7 +92,11 @@ class Recorded:
 
     def levels(self, column: str) -> list[str]:
         """The levels of a column in order of appearance, as effects call them."""
-        return list(dict.fromkeys(labels_of(self.rows[column])))
+        return self.among(column, self.rows)
+
+    def among(self, column: str, rows: pd.DataFrame) -> list[str]:
+        """The same of some of the rows."""
+        return list(dict.fromkeys(labels_of(rows[column])))
 
     def matching(self, condition: Condition) -> pd.DataFrame:
         """The recorded rows that have these values."""
@@ -96,27 +109,34 @@ class Recorded:
         """The condition with the columns that follow from it: see the module."""
         found = dict(condition)
         for given, value in condition.items():
-            rows = self.matching({given: value}) if given in self._followers else self.rows[:0]
+            rows = self.matching({given: value}) if self.followers(given) else self.rows[:0]
             if len(rows):
-                found = {name: rows[name].iloc[0] for name in self._followers[given]} | found
+                found = {name: rows[name].iloc[0] for name in self.followers(given)} | found
         return found
 
+    def followers(self, column: str) -> tuple[str, ...]:
+        """The columns that follow from one of categories or levels; none from a number."""
+        return self._followers.get(column, ())
+
     @cached_property
-    def _followers(self) -> dict[str, list[str]]:
-        """Of each column of categories or levels, those that are a function of it."""
+    def named(self) -> tuple[str, ...]:
+        """The columns whose values are names: categories, and what formulas group by."""
         factors = {
-            name for each in self.formulas.values() for term in group_terms(each) for name in term.factors
+            factor for each in self.formulas.values() for term in group_terms(each) for factor in term.factors
         }
-        named = [str(name) for name in self.rows if name in factors or not self.is_number(str(name))]
+        return tuple(str(name) for name in self.rows if name in factors or not self.is_number(str(name)))
+
+    @cached_property
+    def _followers(self) -> dict[str, tuple[str, ...]]:
         others = [str(name) for name in self.rows if name not in _CHOSEN]
-        labels = {given: labels_of(self.rows[given]) for given in named}
+        labels = {given: labels_of(self.rows[given]) for given in self.named}
         return {
-            given: [
+            given: tuple(
                 name
                 for name in others
-                if name != given and self.rows[name].groupby(labels[given]).nunique(dropna=False).eq(1).all()
-            ]
-            for given in named
+                if name != given and self.rows[name].groupby(by).nunique(dropna=False).eq(1).all()
+            )
+            for given, by in labels.items()
         }
 
     def at(
@@ -125,8 +145,7 @@ class Recorded:
         """Covariates and those of the group terms in conditions that are complete, [condition]."""
         new = pd.DataFrame([self.reference | {k: c[k] for k in c if k in self.rows} for c in conditions])
         for column in self.rows:
-            if not self.is_number(str(column)) or column in _ALWAYS:
-                new[column] = new[column].astype(str)
+            new[column] = new[column].astype(float if self.is_number(str(column)) else str)
         formula = self.formulas.get(response, "1")
         return evaluated_at(formula, self.rows, self.reference_mass_kg, new)
 

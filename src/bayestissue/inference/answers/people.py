@@ -1,7 +1,7 @@
 """Person against person: the probability that one is stiffer, or damps more, than another.
 
-Of persons A and B it is the share of draws with log q(A) > log q(B) at the reference mass, each with what is the
-person's own in all impacts, such as sex, and without what is chosen, such as the condition.
+Of persons A and B it is the share of draws with log q(A) > log q(B) at the reference mass, each with what is
+the person's own in all impacts, such as sex, and without what is chosen, such as the condition.
 """
 
 from __future__ import annotations

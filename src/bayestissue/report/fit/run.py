@@ -33,6 +33,11 @@ _TABLES = (
 )
 _TRUTH = TableFile("truth", ("impact",), tuple(COLUMN.values()), tuple(COMPARABLE.values()))
 _SOURCES = TableFile("interval_sources", ("level", "quantity", "source"), ("share", "sd"))
+_QUESTIONS = TableFile(
+    "questions",
+    ("question", "name", "note"),
+    ("posterior", "prior", "bayes_factor", "mcse", "median", "low", "high"),
+)
 _RATIOS = ("ratio", "low", "high")
 _CONTRASTS = TableFile(
     "contrasts",
@@ -40,12 +45,14 @@ _CONTRASTS = TableFile(
     (*_RATIOS, "p_direction", "p_equivalent"),
 )
 _PEOPLE = TableFile("people", ("quantity", "person", "against"), ("p_greater", *_RATIOS))
-# Not every run has them, by the field that holds each: only simulated data a truth, and earlier runs less.
+# Not every run has them, by the field that holds each: only simulated data a truth, earlier runs less, few
+# model files questions.
 _OPTIONAL = {
     "truth": _TRUTH,
     "interval_sources": _SOURCES,
     "contrasts": _CONTRASTS,
     "people_compared": _PEOPLE,
+    "questions": _QUESTIONS,
 }
 _TRACES = ("displacement", "deceleration")
 # What the page can't do without, by group of `posterior.nc`.
@@ -79,6 +86,7 @@ class FitRun:
     estimates_dds: pd.DataFrame
     truth: pd.DataFrame | None
     interval_sources: pd.DataFrame | None = None
+    questions: pd.DataFrame | None = None
     contrasts: pd.DataFrame | None = None
     people_compared: pd.DataFrame | None = None
 

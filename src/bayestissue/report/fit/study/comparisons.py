@@ -15,8 +15,8 @@ from bayestissue.report.wording import likelihood_words, percent, probability, s
 _ON_FIRST_SCREEN = 2
 MOST_ROWS = 300
 _MASSES = (
-    "Here conditions stand for masses, so that the mass exponent compares them; their effects are what the mass "
-    "leaves over. Conditions of the same mass, where there are any, stand in the table."
+    "Here conditions stand for masses, so that the mass exponent compares them; their effects are what the "
+    "mass leaves over. Conditions of the same mass, where there are any, stand in the table."
 )
 
 
