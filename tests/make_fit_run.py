@@ -13,6 +13,7 @@ import xarray as xr
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.levels import Recorded
 from bayestissue.inference.answers.people import people_compared
+from bayestissue.inference.answers.reliability import reliability, variances
 
 CHAINS, DRAWS, REPLICATES, SAMPLES = 2, 100, 40, 60
 PEOPLE, CONDITIONS = 4, 3
@@ -66,6 +67,8 @@ def make_fit_run(
     recorded = Recorded.of_run(traces["constant_data"], about["model"])
     tables["contrasts"] = contrasts(posterior, recorded, ["K", "C"], 0.1)
     tables["people"] = people_compared(posterior, recorded, ["K", "C"])
+    found = {q: variances(posterior, recorded, q, measurement_sd=0.01) for q in ("K", "C")}
+    tables["reliability"] = reliability(found, posterior)[0]
     for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=False)
     if truth:

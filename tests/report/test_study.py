@@ -52,6 +52,24 @@ def test_every_comparison_stands_in_a_table_and_people_in_a_matrix(html) -> None
     assert all("&gt;" in cell or float(cell) >= 50 for i, row in enumerate(table) for cell in row[i + 1 :])
 
 
+def test_reliability_is_told_in_words_and_in_a_table(html) -> None:
+    text = plain(section(html, "reliability"))
+    assert "the measuring chain makes 1.0 % and the person" in text
+    assert re.search(r"Its ICC\(C,1\) is 0\.\d+ \(0\.\d+ to \d\.\d+\), its ICC\(A,1\) 0\.\d+", text)
+    assert re.search(r"for an ICC\(A,k\) of 0\.9 a person needs \d+ repeats? \(\d+ to \d+\)", text)
+    for words in ("ICC(C,k), k = 3", "minimal detectable change", "taken as known", "ICC(A,k) of 0.75"):
+        assert words in text
+
+
+def test_methods_stand_side_by_side_with_limits_of_agreement(html) -> None:
+    part = section(html, "agreement")
+    assert part.count("<figure") == 2
+    # The made-up thesis's K is twice the truth.
+    found = re.search(r"thesis&#39;s method over posterior median</td><td[^>]*>(\d\.\d+)", part)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(2, abs=0.02)
+
+
 def test_a_study_with_nothing_to_compare_has_no_such_card(tmp_path) -> None:
     html = write_report(make_fit_run(tmp_path / "run")).read_text(encoding="utf-8")
     assert "What differs?" not in html

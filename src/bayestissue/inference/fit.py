@@ -20,6 +20,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.levels import Recorded
 from bayestissue.inference.answers.people import people_compared
+from bayestissue.inference.answers.reliability import Variances, reliability, variances
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
 from bayestissue.inference.execution.kept import all_fit, some_impacts, some_of
@@ -38,7 +39,7 @@ from bayestissue.inference.results.cross_validation import cross_validation, pri
 from bayestissue.inference.results.labels import statistics_of_transitions
 from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
-from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
+from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 
@@ -58,6 +59,7 @@ class TraceAnalysis:
     interval_sources: pd.DataFrame
     contrasts: pd.DataFrame
     people: pd.DataFrame
+    reliability: pd.DataFrame
 
 
 def fit_traces(
@@ -192,9 +194,14 @@ def analyse(
     }
     say("checking and scoring", 0, 1)
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
-    summary = summary_table(posterior)
-    diagnostics = diagnose(summary, statistics_of_transitions(draws), route.checks())
     recorded = Recorded.of_run(tree["constant_data"].dataset, prepared.design.resolved())
+    budget = uncertainty_budget(prepared, unfolded)
+    repeatable, further = reliability(_variances(prepared, posterior, recorded, budget), posterior)
+    tree["posterior"] = xr.DataTree(posterior := posterior.merge(further))
+    summary = summary_table(posterior)
+    # Functions of standard deviations that are checked themselves.
+    checked = summary[~summary["variable"].isin(list(further))]
+    diagnostics = diagnose(checked, statistics_of_transitions(draws), route.checks())
     responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     return TraceAnalysis(
         tree,
@@ -203,10 +210,25 @@ def analyse(
         derived.hypotheses(exponents, near.mass_exponent),
         scores,
         sensitivity,
-        uncertainty_budget(prepared, unfolded),
+        budget,
         contrasts(posterior, recorded, responses, near.ratio),
         people_compared(posterior, recorded, responses),
+        repeatable,
     )
+
+
+def _variances(
+    prepared: Prepared, posterior: xr.Dataset, recorded: Recorded, budget: pd.DataFrame
+) -> dict[str, Variances]:
+    """What makes measured values of K and C differ; of one impact alone nothing is told."""
+    if len(prepared.impacts) == 1:
+        return {}
+    model = prepared.model
+    shared = model.log_mass_sd if model.mass_error == "subject" else 0.0
+    return {
+        q: variances(posterior, recorded, q, measurement_sd=measurement_sd(budget, q), shared_sd=shared)
+        for q in derived.RESPONSES
+    }
 
 
 def _form(prepared: Prepared, tree: xr.DataTree) -> dict[str, Any]:

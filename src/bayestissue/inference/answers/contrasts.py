@@ -204,7 +204,7 @@ def _of_combinations(
                 single[(level, against)].append(one)
         for (level, against), each in single.items():
             if len(each) > 1 and name not in known:
-                upper_all, lower_all = (tuple(c[side][0] for c in each) for side in (3, 4))
+                upper_all, lower_all = (tuple(c.upper[0] for c in each), tuple(c.lower[0] for c in each))
                 yield Contrast(name, level, against, upper_all, lower_all)
         yield from (one for each in single.values() for one in each)
 

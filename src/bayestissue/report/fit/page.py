@@ -18,7 +18,7 @@ from bayestissue.report.fit.population_figures import mass_figure, ranked_figure
 from bayestissue.report.fit.prediction_figures import lag_one_figure, traces_figure, whiteness_figure
 from bayestissue.report.fit.questions import question_lines, questions_table
 from bayestissue.report.fit.run import FitRun, read_fit_run
-from bayestissue.report.fit.study import comparisons
+from bayestissue.report.fit.study import agreement, comparisons, reliability
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior_figures import exponent_figure
 from bayestissue.report.settings import settings_table
@@ -32,9 +32,11 @@ _CONTENTS = (
     ("residuals", "Residuals"),
     ("people", "People and conditions"),
     ("comparisons", "Comparisons"),
+    ("reliability", "Reliability"),
     ("mass", "Mass"),
     ("population", "Population"),
     ("sources", "What makes the intervals"),
+    ("agreement", "Agreement of methods"),
     ("chain", "Measuring chain"),
     ("left-out", "Leaving out"),
     ("priors", "Priors"),
@@ -171,6 +173,10 @@ def _study(run: FitRun) -> dict[str, Any]:
         "equivalence": comparisons.equivalence(run),
         "conditions_words": comparisons.conditions_words(run),
         "matrices": comparisons.matrices(run),
+        "reliability_words": reliability.reliability_words(run),
+        "reliability_table": reliability.reliability_table(run),
+        "agreement_table": agreement.agreement_table(run),
+        "agreement_plots": [agreement.agreement_figure(run, quantity) for quantity in posterior.QUANTITIES],
     }
 
 

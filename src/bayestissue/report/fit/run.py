@@ -44,6 +44,7 @@ _CONTRASTS = TableFile(
     ("factor", "level", "against", "quantity"),
     (*_RATIOS, "p_direction", "p_equivalent"),
 )
+_RELIABILITY = TableFile("reliability", ("quantity", "measure", "form", "unit"), ("median", "low", "high"))
 _PEOPLE = TableFile("people", ("quantity", "person", "against"), ("p_greater", *_RATIOS))
 # Not every run has them, by the field that holds each: only simulated data a truth, earlier runs less, few
 # model files questions.
@@ -52,6 +53,7 @@ _OPTIONAL = {
     "interval_sources": _SOURCES,
     "contrasts": _CONTRASTS,
     "people_compared": _PEOPLE,
+    "reliability": _RELIABILITY,
     "questions": _QUESTIONS,
 }
 _TRACES = ("displacement", "deceleration")
@@ -89,6 +91,7 @@ class FitRun:
     questions: pd.DataFrame | None = None
     contrasts: pd.DataFrame | None = None
     people_compared: pd.DataFrame | None = None
+    reliability: pd.DataFrame | None = None
 
     def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
         """All draws of ``variable``, [draw, ...]: chains one after the other."""
@@ -184,7 +187,7 @@ def read_fit_run(folder: Path, about: dict[str, Any]) -> FitRun:
     diagnostics = _or(problems, lambda: _read_diagnostics(folder / "diagnostics.json"))
     if tables is None or groups is None or diagnostics is None:
         raise InputError(problems)
-    optional = {field: tables.pop(each.name, None) for field, each in _OPTIONAL.items()}
+    optional: dict[str, Any] = {field: tables.pop(each.name, None) for field, each in _OPTIONAL.items()}
     return FitRun(about=about, diagnostics=diagnostics, groups=groups, **optional, **tables)
 
 

@@ -33,7 +33,7 @@ def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
                 "what": f"{level} over {against}",
                 "factor": factor,
                 "ratios": [_ratio(line) for line in shown],
-                "words": " ".join(_words(line, level, equivalence(run)) for line in shown),
+                "words": " ".join(_words(line, str(level), equivalence(run)) for line in shown),
             }
         )
     return found[:_ON_FIRST_SCREEN]
