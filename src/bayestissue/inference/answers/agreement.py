@@ -43,4 +43,4 @@ def log_ratios(table: pd.DataFrame, method: str, against: str) -> pd.Series:
     """The log of one method's value over another's, of the impacts that have both."""
     both = table[[method, against]]
     both = both[(both > 0).all(axis=1) & np.isfinite(both).all(axis=1)]
-    return np.log(both[method] / both[against])
+    return pd.Series(np.log(both[method] / both[against]), both.index)

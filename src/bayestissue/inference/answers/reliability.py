@@ -41,7 +41,7 @@ repeats, each in a condition of its own; where S leaves less than R, no number o
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -99,7 +99,9 @@ def variances(
 ) -> Variances:
     """Those of one response; ``people`` are 0 where the formula has no effect of the person."""
     zero = np.zeros((draws.sizes["chain"], draws.sizes["draw"]))
-    people, agreement, within = zero, [], []
+    people = zero
+    agreement: list[tuple[np.ndarray, float]] = []
+    within: list[tuple[np.ndarray, float]] = []
     for term in group_terms(recorded.formulas.get(response, "1")):
         if term.slope:
             continue
@@ -137,7 +139,7 @@ def reliability(found: Mapping[str, Variances], draws: xr.Dataset) -> tuple[pd.D
         The variables have one of each draw, but for what is the same in all; repeats are fractions, and left
         out where no number of them is enough in some draw.
     """
-    rows: list[tuple[object, ...]] = []
+    rows: list[tuple[Any, ...]] = []
     variables: dict[str, xr.Variable] = {}
 
     def told(q: str, measure: str, form: str, values: Drawn, unit: str, name: str = "") -> None:

@@ -48,18 +48,19 @@ def agreement_table(run: FitRun) -> Table:
 def agreement_figure(run: FitRun, quantity: str) -> Markup:
     """Each pair of methods: their ratio over their geometric mean, both on log scales."""
     table = values_of(run, quantity)
-    limits = agreement({quantity: table}).set_index(["method", "against"])
+    limits = {(row.method, row.against): row for row in lines(agreement({quantity: table}))}
     with style():
         fig, panels = new_figure((10.4, 3.3), 1, 3)
         for axes, (method, against) in zip(panels, combinations(METHODS, 2), strict=True):
             d = log_ratios(table, method, against)
             shown = shown_rows(d.to_frame("d"))["d"]
-            ratio = np.exp(shown)
-            mean = np.sqrt(table[method] * table[against]).reindex(shown.index)
+            ratio = np.exp(shown.to_numpy())
+            both = table.loc[shown.index]
+            mean = np.sqrt((both[method] * both[against]).to_numpy())
             axes.plot(mean, ratio, "o", ms=3.5, mfc="none", color=POSTERIOR)
-            line = limits.loc[(method, against)]
+            line = limits[(method, against)]
             axes.axhline(1, color=REFERENCE, lw=0.8)
-            ends = line[["ratio", "low", "high"]].to_numpy(float)
+            ends = np.array([line.ratio, line.low, line.high])
             for at, dashes in zip(ends[np.isfinite(ends)], ("-", "--", "--"), strict=False):
                 axes.axhline(at, color=MUTED, ls=dashes, lw=1.2)
             axes.set(
