@@ -16,6 +16,7 @@ _PUBLIC: dict[str, str] = {
     "Dataset": "bayestissue.dataset",
     "dataset": "bayestissue.dataset",
     "read_dataset": "bayestissue.dataset",
+    "init_dataset": "bayestissue.intake",
     "Check": "bayestissue.checking",
     "Fit": "bayestissue.fitting",
     "InputError": "bayestissue.errors",

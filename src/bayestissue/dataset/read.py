@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from bayestissue.dataset.checks import check_recordings
+from bayestissue.dataset.crop import Windows, crop
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.long_table import find_long, read_long
@@ -77,7 +78,11 @@ def checked_dataset(
     Raises:
         InputError: as of `read_dataset`.
     """
-    signal, problems = settings.signal, list(reading.problems)
+    signal, names = settings.signal, table.table["impact"].tolist()
+    # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
+    samples, outside = crop(reading.samples, Windows.of(table.table, signal), names)
+    reading = replace(reading, samples=samples)
+    problems = [*reading.problems, *outside]
     uncertainty = settings.uncertainty.values()
     recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty)
     findings = check_recordings(recordings)

@@ -26,10 +26,12 @@ def write_dataset(
     *,
     settings: dict[str, Any],
     impacts: pd.DataFrame,
-    traces: pd.DataFrame,
+    traces: pd.DataFrame | None = None,
     trace_file: TraceFile = "traces.csv.gz",
 ) -> None:
     """Write ``dataset.toml``, ``impacts.csv`` and one long trace table; the same input gives the same bytes.
+
+    Without ``traces`` no table is written: the column ``trace`` of ``impacts`` then names a file for each.
 
     Args:
         folder: made if it is not there.
@@ -44,14 +46,15 @@ def write_dataset(
         KeyError: a needed column is missing.
     """
     signal = parse_settings(settings).signal
-    table = pa.Table.from_pandas(
-        traces[["impact", signal.time_column, signal.value_column]], preserve_index=False
-    ).replace_schema_metadata(None)
     impacts = impacts[["impact", "subject", "trial", "mass_kg", *_others(impacts)]]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dataset.toml").write_text(_toml(settings), encoding="utf-8")
     impacts.to_csv(folder / "impacts.csv", index=False, lineterminator="\n")
-    _write_table(table, folder / trace_file)
+    if traces is not None:
+        table = pa.Table.from_pandas(
+            traces[["impact", signal.time_column, signal.value_column]], preserve_index=False
+        )
+        _write_table(table.replace_schema_metadata(None), folder / trace_file)
 
 
 def write_whole(data: Dataset, path: Path, *, overwrite: bool) -> Path:
