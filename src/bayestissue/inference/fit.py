@@ -17,6 +17,10 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.answers.contrasts import contrasts
+from bayestissue.inference.answers.levels import Recorded
+from bayestissue.inference.answers.people import people_compared
+from bayestissue.inference.answers.reliability import Variances, reliability, variances
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
 from bayestissue.inference.execution.kept import all_fit, some_impacts, some_of
@@ -35,7 +39,7 @@ from bayestissue.inference.results.cross_validation import cross_validation, pri
 from bayestissue.inference.results.labels import statistics_of_transitions
 from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
-from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
+from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 
@@ -53,6 +57,9 @@ class TraceAnalysis:
     cross_validation: pd.DataFrame
     sensitivity: pd.DataFrame
     interval_sources: pd.DataFrame
+    contrasts: pd.DataFrame
+    people: pd.DataFrame
+    reliability: pd.DataFrame
 
 
 def fit_traces(
@@ -187,17 +194,41 @@ def analyse(
     }
     say("checking and scoring", 0, 1)
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
+    recorded = Recorded.of_run(tree["constant_data"].dataset, prepared.design.resolved())
+    budget = uncertainty_budget(prepared, unfolded)
+    repeatable, further = reliability(_variances(prepared, posterior, recorded, budget), posterior)
+    tree["posterior"] = xr.DataTree(posterior := posterior.merge(further))
     summary = summary_table(posterior)
-    diagnostics = diagnose(summary, statistics_of_transitions(draws), route.checks())
+    # Functions of standard deviations that are checked themselves.
+    checked = summary[~summary["variable"].isin(list(further))]
+    diagnostics = diagnose(checked, statistics_of_transitions(draws), route.checks())
+    responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     return TraceAnalysis(
         tree,
         summary,
         diagnostics | form | {"route": route.record()},
-        derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
+        derived.hypotheses(exponents, near.mass_exponent),
         scores,
         sensitivity,
-        uncertainty_budget(prepared, unfolded),
+        budget,
+        contrasts(posterior, recorded, responses, near.ratio),
+        people_compared(posterior, recorded, responses),
+        repeatable,
     )
+
+
+def _variances(
+    prepared: Prepared, posterior: xr.Dataset, recorded: Recorded, budget: pd.DataFrame
+) -> dict[str, Variances]:
+    """What makes measured values of K and C differ; of one impact alone nothing is told."""
+    if len(prepared.impacts) == 1:
+        return {}
+    model = prepared.model
+    shared = model.log_mass_sd if model.mass_error == "subject" else 0.0
+    return {
+        q: variances(posterior, recorded, q, measurement_sd=measurement_sd(budget, q), shared_sd=shared)
+        for q in derived.RESPONSES
+    }
 
 
 def _form(prepared: Prepared, tree: xr.DataTree) -> dict[str, Any]:
