@@ -128,12 +128,11 @@ def _exactly(
     scored: Approximation | None = None,
 ) -> TraceAnalysis:
     say(f"sampling by the exact path, {route.why}", 0, 1)
-    # Here the summaries only whiten; scores ask for those that stand for the traces.
-    done = partial(say, "summarising each trace")
-    summarised = approximate(prepared, refinements=0, say=done)
-    scored = scored or approximate(prepared, say=done)
+    summarised = approximate(prepared, say=partial(say, "summarising each trace"))
     settings, sampling = specification.sampler, _with_estimate(say)
     draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)
+    # Scores ask for sites that stand for the traces; those of the chains only whiten.
+    scored = scored or summarised
     told = LikelihoodApproximation(scored.summaries, scored.profile)
     return label(prepared, specification, summarised.summaries, draws, seed, say, told, route)
 

@@ -84,7 +84,7 @@ class _Tried:
         self._found, self.placed = found, []
         monkeypatch.setattr(recipe, "_population_draws", self._draws)
         monkeypatch.setattr(recipe, "_about_draws", self._about)
-        monkeypatch.setattr(recipe, "_about_second_order", self._placed)
+        monkeypatch.setattr(recipe, "about_second_order", self._placed)
         monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._sites("grid", object()))
         monkeypatch.setattr(
             recipe, "_with_impacts", lambda prepared, sites, found, settings: (sites.name, found.correction)
@@ -161,36 +161,6 @@ def test_where_only_draws_are_lacking_chains_are_longer(monkeypatch) -> None:
     assert [settings.transitions for settings in tried.settings] == [1000, 1000, 3000]
     assert found.trusted
     assert len(found.attempts) == 3
-
-
-@pytest.mark.parametrize(
-    ("scatters", "discrepancy", "fits"),
-    [((0.1,), False, 0), ((6.0, 0.1), False, 1), ((6.0, 6.0), False, 2), ((0.0, 0.0), True, 2)],
-)
-def test_sites_are_fitted_before_any_chain_where_they_do_not_serve_draws_to_second_order(
-    monkeypatch, scatters, discrepancy, fits
-) -> None:
-    log_weights = iter([scatter * np.random.default_rng(1).normal(size=256) for scatter in scatters])
-    fitted: list[int] = []
-
-    def about_draws(prepared: Any, sites: Any, draws: Any, seed: int) -> Any:
-        fitted.append(seed)
-        if not discrepancy:
-            # Resampled: as many draws, of which those with most weight are there more than once.
-            assert len(np.unique(draws[1])) < len(draws[1])
-        return sites
-
-    monkeypatch.setattr(recipe, "_DRAWS_BEFORE", (256, 256))
-    monkeypatch.setattr(
-        recipe, "_to_second_order", lambda *_: ({"sd": np.arange(256.0)}, np.arange(256.0)[:, None])
-    )
-    monkeypatch.setattr(recipe, "conditional_priors", lambda *_: None)
-    monkeypatch.setattr(recipe, "_log_weights", lambda *_: (next(log_weights)[:, None], None, None))
-    monkeypatch.setattr(recipe, "_about_draws", about_draws)
-    prepared: Any = SimpleNamespace(model=SimpleNamespace(discrepancy=discrepancy), data=None)
-    sites: Any = SimpleNamespace(spreads=None, summaries=None, data=lambda data: data)
-    recipe._about_second_order(prepared, sites, 7, np.random.default_rng(0))
-    assert fitted == [7, 8][:fits]
 
 
 def test_a_fit_that_leaves_the_short_way_tells_why_and_how_long_it_takes(monkeypatch) -> None:

@@ -25,7 +25,7 @@ from bayestissue.inference.posterior.approximate import Approximation, approxima
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.recipe import corrected_draws
+from bayestissue.inference.posterior.recipe import about_second_order, corrected_draws
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.simulation import simulate
@@ -132,9 +132,9 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     """Where contact lies anywhere between two samples, no trace's likelihood is normal."""
     prepared = prepare(dataset, ModelSpecification(name="impact", likelihood="impact"), source="model")
     assert np.asarray(prepared.data.record.uniform).all()
-    summarised = approximate(prepared)
-    model, data, summaries = prepared.model, prepared.data, summarised.summaries
     rng = np.random.default_rng(3)
+    summarised = about_second_order(prepared, approximate(prepared), 3, rng)
+    model, data, summaries = prepared.model, prepared.data, summarised.summaries
     # Populations as the posterior has them, one with hardly any spread of the noise among them.
     size = len(summarised.spreads.names)
     raw = summarised.spreads.raw(rng.multivariate_normal(np.zeros(size), summarised.spreads.covariance, 64))
@@ -183,7 +183,7 @@ def quantities(prepared: Prepared, sites: Approximation, draws: Draws) -> np.nda
 def test_the_summary_and_the_exact_route_agree_within_their_monte_carlo_errors(
     prepared: Prepared, summary_route: tuple[Approximation, Draws, Correction]
 ) -> None:
-    sites = approximate(prepared, refinements=0)
+    sites = approximate(prepared)
     found = [
         quantities(prepared, *summary_route[:2]),
         quantities(prepared, sites, exact_draws(prepared, sites, SETTINGS, 2, processes=False)),

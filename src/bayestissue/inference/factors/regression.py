@@ -2,11 +2,10 @@
 
 log L(u) is approximated by the parabola l + g (u - m) - (u - m)' P (u - m) / 2 nearest to it over draws of u
 from the current approximation, weighted by likelihood over site (Salimans and Knowles 2013 for the
-regression; Minka 2001 for the passes). Expansions and moments are taken about one value of the
-hyperparameters. They fail in two cases. One is a direction that a trace leaves open, as most do beside a
-discrepancy: the likelihood is level about one value and falls off about another. The other is a parameter
-that impacts nearly share: its conditional prior is so narrow that the moments, less the prior's, are the
-noise of a few points. Of dozens of impacts such errors add up. The parabola serves all draws.
+regression; Minka 2001 for the passes). A Laplace site is made at one value of the hyperparameters: it is
+poor in a direction that a trace leaves open, as most do beside a discrepancy, where the likelihood is level
+about one value and falls off about another. Of dozens of impacts such errors add up. The parabola serves all
+draws.
 """
 
 from __future__ import annotations

@@ -43,13 +43,11 @@ from bayestissue.inference.factors.grid import (
 from bayestissue.inference.factors.grid_sum import BLOCK, GridSum, grid_sum_around
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import compare, refine
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
 from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
 from bayestissue.signal import Displacements
 
-REFINEMENTS = 2
 # A profile integrates the other parameters over so many points: few where impacts are many.
 PROFILE_POINTS, FEW = 32, 4
 # Points of all impacts together that a grid is integrated over.
@@ -167,17 +165,6 @@ def _laplace(
     return of_each(partial(laplace_sites, model), smooth, start, prior.of_each(), progress=say)
 
 
-def _moments(
-    model: TraceModel, data: TraceData, sites: Sites, prior: ConditionalPrior, say: Progress, *, bent: bool
-) -> Sites:
-    standard = standard_points(sites.centre.shape[1])
-
-    def one(part: TraceData, own: Sites, given: ConditionalPrior) -> Sites:
-        return refine(own, given, compare(model, part, own, given, standard), bent=bent)
-
-    return of_each(one, data, sites, prior.of_each(), progress=say)
-
-
 def _grid(
     model: TraceModel,
     data: TraceData,
@@ -205,32 +192,22 @@ def approximate(
     *,
     expansions: Sites | None = None,
     normal: bool | None = None,
-    refinements: int | None = None,
     say: Progress = silent,
 ) -> Approximation:
-    """Sites of the traces, each made where the whole data set says that its parameters are.
+    """Laplace sites of the traces, each made where the whole data set says that its parameters are.
 
     First every likelihood is expanded at its own maximum, then at the maximum under the population that
-    this implies, which matters where a trace says little; then moments replace the expansions.
+    this implies, which matters where a trace says little. A weakly identified last parameter then has a grid.
 
     Args:
         prepared: model and data.
         expansions: what `expanded` found, if it was asked before.
         normal: whether a last parameter that traces may leave open is part of the normal summaries, or has a
             profile of its own; as the traces suggest, unless given.
-        refinements: how often moments replace the expansions, `REFINEMENTS` times unless given. They make
-            a summary that stands for its trace; one that only whitens, as on the exact path, is better
-            without: under a population whose spread has its mode next to 0, moments tell of a trace what is
-            not there. Beside a discrepancy, whose log has such a spread in most fits, there are none: the
-            noise of moments, less a prior twenty times as sharp as the trace, leaves summaries so wide that
-            the more the population spreads, the better it seems, and recipe's regression replaces the
-            expansions instead.
         say: told how many of these passes are done, and of how many.
     """
     model, data = prepared.model, prepared.data
-    if refinements is None:
-        refinements = 0 if model.discrepancy else REFINEMENTS
-    passes = 2 + refinements + model.may_have_grid
+    passes = 2 + model.may_have_grid
 
     def told(number: int) -> Progress:
         return lambda done, total: say(number * total + done, passes * total)
@@ -245,12 +222,6 @@ def approximate(
     mode = finder.mode(summaries, None)
     anchor = finder.expectation(summaries, mode).anchor(0)
     summaries = _laplace(model, smooth, np.asarray(summaries.centre), anchor, told(1))
-    for number in range(refinements):
-        mode = finder.mode(summaries, mode)
-        anchor = finder.expectation(summaries, mode).anchor(0)
-        # A last parameter that is open has a profile instead.
-        bent = not model.may_have_grid
-        summaries = _moments(model, data, summaries, anchor, told(2 + number), bent=bent)
     mode = finder.mode(summaries, mode)
     if not model.may_have_grid:
         return Approximation(summaries, finder.coordinates(summaries, mode), None)
@@ -269,8 +240,6 @@ def approximate(
         # The first summaries were made where a search along the last parameter had stopped.
         anchor = _anchored_at(finder.last_mean(mode), finder.expectation(summaries, mode))
         summaries = _laplace(model, smooth, anchor.mean, anchor, silent)
-        for _ in range(REFINEMENTS):
-            summaries = _moments(model, data, summaries, anchor, silent, bent=False)
         summaries = cleared_of_last(summaries)
         found = finder.expectation(summaries, mode)
         profile = _grid(model, data, summaries, found.anchor(0), silent)

@@ -46,7 +46,7 @@ from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.samplers.coordinates import Coordinates
 from bayestissue.inference.samplers.independence import independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
-from bayestissue.inference.samplers.psis import below_greatest, effective_size, relative_variance
+from bayestissue.inference.samplers.psis import relative_variance
 from bayestissue.inference.samplers.resampling import systematic
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -57,11 +57,8 @@ PROPOSAL_LIMIT, _LEAST_EFFECTIVE = 0.5, 0.5
 _DRAWS_AT_ONCE = 500
 # Sites are fitted about so many draws to second order, once for each number, before any chain: of Maxwell's
 # element on the example, beside a discrepancy, one pass of 512 left 8 to 71 % of the draws, these leave 73 to
-# 89 %. Without a discrepancy that is done where the relative effective sample size of such draws is below the
-# third that is asked of chains. About chains' corrected draws they are fitted as often as that raises the
-# effective number by half.
+# 89 %. About chains' corrected draws they are fitted as often as that raises the effective number by half.
 _DRAWS_BEFORE = (256, 512)
-_PLACED = 1 / 3
 _MOST_PASSES, _GAIN = 4, 1.5
 # Chains of the population so many times longer still take less time than the exact path.
 _LONGEST = 5
@@ -140,8 +137,8 @@ def _attempts(
     So on until a correction can be trusted or the effective number of draws is not half as large again. A
     grid of the last parameter is not fitted anew.
     """
-    if sites.profile is None and (prepared.model.discrepancy or prepared.model.weakly_identified):
-        sites = _about_second_order(prepared, sites, seed, rng)
+    if sites.profile is None:
+        sites = about_second_order(prepared, sites, seed, rng)
     made = [sample(sites)]
     while not made[-1].correction.trusted and made[-1].sites.profile is None and len(made) < _MOST_PASSES:
         found = made[-1].found
@@ -271,23 +268,14 @@ def _rows(every: ConditionalPriors, chosen: np.ndarray) -> ConditionalPriors:
     return jax.tree.map(lambda values: values[chosen], every)
 
 
-def _about_second_order(
+def about_second_order(
     prepared: Prepared, sites: Approximation, seed: int, rng: np.random.Generator
 ) -> Approximation:
-    """Sites fitted about draws of the population to second order, which cost no chain.
-
-    Beside a discrepancy about these as they are, else about corrected ones, unless the sites serve them all.
-    """
+    """Sites fitted about draws of the population to second order, which cost no chain."""
     for number, count in enumerate(_DRAWS_BEFORE):
-        raw, z_b = _to_second_order(prepared, sites.spreads, count, rng)
-        if not prepared.model.discrepancy:
-            every = conditional_priors(prepared.model, sites.data(prepared.data), raw, z_b)
-            weight = np.exp(below_greatest(_log_weights(prepared, sites, every)[0].sum(-1)))
-            if effective_size(weight) > _PLACED * count:
-                return sites
-            (chosen,) = systematic(weight[None], count, rng)
-            raw, z_b = {name: values[chosen] for name, values in raw.items()}, z_b[chosen]
-        sites = _about_draws(prepared, sites, (raw, z_b), seed + number)
+        sites = _about_draws(
+            prepared, sites, _to_second_order(prepared, sites.spreads, count, rng), seed + number
+        )
     return sites
 
 
