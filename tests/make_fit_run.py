@@ -17,6 +17,7 @@ UNITS = {"K": "N/m", "C": "N s/m"}
 COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 POSTERIOR_SD, SUBJECT_SD = 0.01, 0.2
 DT = 2e-4
+PRIOR_DRAWS = 300
 
 
 def make_fit_run(
@@ -50,9 +51,8 @@ def make_fit_run(
         posterior["mass_exponent_K_common_depth"] = posterior["mass_exponent_K"]
         posterior["mass_exponent_K_secant"] = posterior["mass_exponent_K"] + own_depth - (exponent or 0.0)
         traces["constant_data"]["common_depth_m"] = 0.0123
-    xr.DataTree.from_dict({"posterior": posterior, **traces}).to_netcdf(
-        folder / "posterior.nc", engine="h5netcdf"
-    )
+    groups = {"posterior": posterior, "prior": _prior(posterior, seed), **traces}
+    xr.DataTree.from_dict(groups).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     for name, table in _tables(rng, impacts, true, posterior, exponent).items():
         table.to_csv(folder / f"{name}.csv", index=False)
     if truth:
@@ -114,6 +114,22 @@ def _posterior(rng, impacts, true, exponent, likelihood) -> xr.Dataset:
         "trial": [f"t{i}" for i in range(CONDITIONS)],
     }
     return xr.Dataset({k: (("chain", "draw", *dims), v) for k, (dims, v) in found.items()}, coords)
+
+
+def _prior(posterior: xr.Dataset, seed: int) -> xr.Dataset:
+    """One chain of the population and its levels, wider than the posterior and about the same values."""
+    rng, shape = np.random.default_rng([seed, 1]), (1, PRIOR_DRAWS)
+    levels = [name for name in posterior.data_vars if "impact" not in posterior[name].dims]
+
+    def wider(array: xr.DataArray) -> tuple[tuple[str, ...], np.ndarray]:
+        middle, spread = array.mean(("chain", "draw")), 10 * array.std(("chain", "draw"))
+        noise = rng.standard_normal((*shape, *middle.shape))
+        values = middle.to_numpy() + spread.to_numpy() * noise
+        return array.dims, np.abs(values) if str(array.name).startswith("sd_") else values
+
+    return xr.Dataset({name: wider(posterior[name]) for name in levels}, posterior[levels].coords).drop_vars(
+        ["chain", "draw"], errors="ignore"
+    )
 
 
 def _traces(rng, impacts, true, coloured, likelihood) -> dict[str, xr.Dataset]:

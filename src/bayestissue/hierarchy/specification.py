@@ -121,6 +121,11 @@ class ModelSpecification(_Table):
     priors: Priors = Priors()
     practical_equivalence: PracticalEquivalence = PracticalEquivalence()
     comparison: Comparison = Comparison()
+    questions: dict[str, str] = Field(
+        default={},
+        description="asked of the finished fit, by a name each, as `bayestissue ask` asks them. Of fits of "
+        "traces alone.",
+    )
     sampler: Sampler = Sampler()
 
     @model_validator(mode="before")
@@ -154,6 +159,13 @@ class ModelSpecification(_Table):
         if wrong:
             raise ValueError(f'"white", or the key left out: {"; ".join(wrong)}')
         return choice
+
+    @field_validator("questions")
+    @classmethod
+    def _of_traces(cls, questions: dict[str, str], info: ValidationInfo) -> dict[str, str]:
+        if questions and info.data.get("likelihood") == "published-estimates":
+            raise ValueError("no questions beside this likelihood: they are asked of fits of traces")
+        return questions
 
     @field_validator("element")
     @classmethod

@@ -16,6 +16,7 @@ from bayestissue.report.fit.estimate_figures import estimates_figure
 from bayestissue.report.fit.groupings import groupings, own_slopes, slope_figure, slope_words
 from bayestissue.report.fit.population_figures import mass_figure, ranked_figure, spreads_figure
 from bayestissue.report.fit.prediction_figures import lag_one_figure, traces_figure, whiteness_figure
+from bayestissue.report.fit.questions import question_lines, questions_table
 from bayestissue.report.fit.run import FitRun, read_fit_run
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior_figures import exponent_figure
@@ -95,6 +96,8 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
         "own_depth": depth.depth_sentence(run),
         "conclusion": answers.mass_conclusion(run),
         "contrast": answers.contrast_sentence(run),
+        "questions": question_lines(run),
+        "questions_table": questions_table(run),
     }
 
 

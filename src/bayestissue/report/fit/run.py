@@ -33,8 +33,13 @@ _TABLES = (
 )
 _TRUTH = TableFile("truth", ("impact",), tuple(COLUMN.values()), tuple(COMPARABLE.values()))
 _SOURCES = TableFile("interval_sources", ("level", "quantity", "source"), ("share", "sd"))
-# Not every run has them: only simulated data a truth, and earlier runs no sources.
-_OPTIONAL = (_TRUTH, _SOURCES)
+_QUESTIONS = TableFile(
+    "questions",
+    ("question", "name", "note"),
+    ("posterior", "prior", "bayes_factor", "mcse", "median", "low", "high"),
+)
+# Not every run has them: only simulated data a truth, earlier runs no sources, few model files questions.
+_OPTIONAL = (_TRUTH, _SOURCES, _QUESTIONS)
 _TRACES = ("displacement", "deceleration")
 # What the page can't do without, by group of `posterior.nc`.
 _NEEDED = {
@@ -53,7 +58,7 @@ class FitRun:
     ``groups`` holds the data sets of `posterior.nc` that the report shows, draws of single impacts left
     out: their medians and intervals stand in ``summary``. The tables keep their column names, text as it
     was written and numbers as float64; ``truth`` is None unless the data were simulated,
-    ``interval_sources`` where the run has none.
+    ``interval_sources`` and ``questions`` where the run has none.
     """
 
     about: dict[str, Any]
@@ -67,6 +72,7 @@ class FitRun:
     estimates_dds: pd.DataFrame
     truth: pd.DataFrame | None
     interval_sources: pd.DataFrame | None = None
+    questions: pd.DataFrame | None = None
 
     def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
         """All draws of ``variable``, [draw, ...]: chains one after the other."""
@@ -161,10 +167,8 @@ def read_fit_run(folder: Path, about: dict[str, Any]) -> FitRun:
     diagnostics = _or(problems, lambda: _read_diagnostics(folder / "diagnostics.json"))
     if tables is None or groups is None or diagnostics is None:
         raise InputError(problems)
-    truth, sources = (tables.pop(each.name, None) for each in _OPTIONAL)
-    return FitRun(
-        about=about, diagnostics=diagnostics, groups=groups, truth=truth, interval_sources=sources, **tables
-    )
+    optional = {each.name: tables.pop(each.name, None) for each in _OPTIONAL}
+    return FitRun(about=about, diagnostics=diagnostics, groups=groups, **optional, **tables)
 
 
 def _or[Found](problems: list[Problem], read: Callable[[], Found]) -> Found | None:
