@@ -38,7 +38,7 @@ from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.likelihood.element.deceleration import MeasuredDeceleration
 
-POINTS = 512
+POINTS = 1024
 # Degrees of freedom of the proposal.
 _TAILS = 5.0
 _ROUNDS = 4
