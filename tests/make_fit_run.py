@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from made_once import made_once
+
 CHAINS, DRAWS, REPLICATES, SAMPLES = 2, 100, 40, 60
 PEOPLE, CONDITIONS = 4, 3
 MASS = np.array([0.4, 0.7, 1.2])
@@ -19,6 +21,7 @@ POSTERIOR_SD, SUBJECT_SD = 0.01, 0.2
 DT = 2e-4
 
 
+@made_once
 def make_fit_run(
     folder: Path,
     *,
