@@ -26,7 +26,7 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
-from documents import HERE, README, between_marks
+from documents import HERE, README, between_marks, coverage, with_error
 from documents import table as markdown
 
 from bayestissue import runtime
@@ -110,10 +110,9 @@ class Fits:
     def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
         """Draws of everything, and how they were corrected."""
         summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
-        told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
-        return constrained_draws(
-            prepared, told.summaries, draws, jax.random.PRNGKey(seed), told=told
-        ), correction
+        told = LikelihoodApproximation(summarised, correction.of_impacts)
+        key = jax.random.PRNGKey(seed)
+        return constrained_draws(prepared, summarised, draws, key, told=told), correction
 
 
 @lru_cache
@@ -215,15 +214,13 @@ def kept_with(path: Path, lines: pd.DataFrame, key: str) -> pd.DataFrame:
 def document(lines: pd.DataFrame) -> None:
     """Write the table into README.md, and that of K and C into the README of the project."""
     lines = lines.sort_values("likelihood", key=lambda kind: kind.map(KINDS.index), kind="stable")
-    share = 100 * lines[["share", "campaign_se"]]
-    lines = lines.assign(cell=[f"{held:.1f} ± {se:.1f} %" for held, se in share.to_numpy()])
-    by = ["likelihood", "quantity"]
-    cells = lines.pivot_table("cell", by, "level", "first", sort=False).rename(columns="{} % held".format)
-    widest = lines[lines["level"] == LEVELS[-1]].set_index(by)
-    cells["off by"], cells["90 % width"] = widest["median_error"], widest["median_width"]
+    cells = coverage(lines, ["likelihood", "quantity"])
     between_marks(README, SCRIPT, markdown(cells.reset_index()))
     shown = lines[lines["quantity"].isin(["K", "C"])]
-    shown = shown.assign(what=shown["quantity"] + ", " + shown["level"].astype(str) + " %")
+    shown = shown.assign(
+        what=shown["quantity"] + ", " + shown["level"].astype(str) + " %",
+        cell=with_error(shown["share"], shown["campaign_se"]),
+    )
     short = shown.pivot_table("cell", "likelihood", "what", "first", sort=False)
     short = short.rename("`{}.toml`".format).rename_axis("model").rename_axis(columns=None)
     exponents = "; ".join(

@@ -14,15 +14,23 @@ if TYPE_CHECKING:
 
 _PUBLIC: dict[str, str] = {
     "Dataset": "bayestissue.dataset",
+    "dataset": "bayestissue.dataset",
     "read_dataset": "bayestissue.dataset",
+    "init_dataset": "bayestissue.intake",
+    "Check": "bayestissue.checking",
     "Fit": "bayestissue.fitting",
+    "Impact": "bayestissue.one_impact",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",
+    "Run": "bayestissue.finished",
+    "read_run": "bayestissue.finished",
 }
 # What computes with JAX, and so in float64, whatever the caller's setting is.
 _COMPUTED: dict[str, str] = {
+    "check": "bayestissue.checking",
     "fit": "bayestissue.fitting",
-    "estimate": "bayestissue.inference.points.estimates",
+    "impact": "bayestissue.one_impact",
+    "estimate": "bayestissue.inference.single.estimates",
     "arma21_log_likelihood": "bayestissue.likelihood",
     "spring_damper": "bayestissue.oscillator",
     "to_continuous": "bayestissue.oscillator",
@@ -35,7 +43,11 @@ __all__ = sorted([*_PUBLIC, *_COMPUTED])
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'bayestissue' has no attribute {name!r}")
-    value = getattr(import_module((_PUBLIC | _COMPUTED)[name]), name)
+    module = import_module((_PUBLIC | _COMPUTED)[name])
+    if name in globals():
+        # A package of this name, which can be called.
+        return module
+    value = getattr(module, name)
     if name in _COMPUTED:
         from bayestissue.runtime import in_float64
 

@@ -63,7 +63,122 @@ Scheduler = Annotated[
         "impact, where there are hundreds.",
     ),
 ]
+FinishedFit = Annotated[
+    Path, typer.Argument(help="Folder of a finished run of `bayestissue fit`.", metavar="RUN")
+]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0)]
+
+
+@app.command()
+def init(
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of recorder files; nothing in it is changed.", metavar="FOLDER")
+    ],
+    out: Annotated[Path, typer.Option("--out", help="Folder for the dataset; it must be new or empty.")],
+    pattern: Annotated[
+        str | None,
+        typer.Option(
+            "--pattern",
+            metavar="PATTERN",
+            help="How file names are read. A name in braces is a column of impacts.csv; {} is what does not "
+            "matter. mass_g, velocity_cm_s, drop_height_m, _cm and _mm are converted (v = sqrt(2 g h), for a "
+            "pendulum too). With / the folders above the file are read as well.",
+        ),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            "--table",
+            metavar="FILE.csv",
+            help="A table with a column file, the name of a recording, and a column for each fact; with a "
+            "column number too, a row for each impact of a recording.",
+        ),
+    ] = None,
+    given: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="A fact that holds for all recordings; may be repeated."
+        ),
+    ] = None,
+    channel: Annotated[str | None, typer.Option("--channel", help="The channel with the values.")] = None,
+    quantity: Annotated[
+        Literal["deceleration", "acceleration", "displacement"] | None,
+        typer.Option("--quantity", help="What it recorded; a deceleration is positive while it slows."),
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option("--unit", help='Its unit, such as "m/s^2", g or mm, after scale and offset.')
+    ] = None,
+    scale: Annotated[float, typer.Option("--scale", help="Raw values are multiplied by it.")] = 1.0,
+    offset: Annotated[float, typer.Option("--offset", help="Added to them after that.")] = 0.0,
+    time: Annotated[
+        str | None, typer.Option("--time", help="The channel with the times, if the format has no clock.")
+    ] = None,
+    time_unit: Annotated[str | None, typer.Option("--time-unit", help="Its unit; s unless stated.")] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate-hz", help="The sampling rate, where there are no times.", min=0)
+    ] = None,
+    crop: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--crop",
+            metavar="START STOP",
+            help="The stretch of every recording that is read, in its unit of time.",
+        ),
+    ] = None,
+    several: Annotated[
+        bool, typer.Option("--several", help="Cut several impacts in one recording apart.")
+    ] = False,
+    threshold: Annotated[
+        float,
+        typer.Option("--threshold", help="Standard deviations of the noise an impact rises above.", min=1),
+    ] = 20.0,
+    separation_s: Annotated[
+        float, typer.Option("--separation-s", help="The least time between two impacts, s.", min=0.001)
+    ] = 0.5,
+    name: Annotated[str, typer.Option("--name", help="Name of the dataset; the folder's if not given.")] = "",
+    skip_bad: SkipBad = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Make a dataset from a folder of recorder files: CSV, Parquet, .lvm, .tdms, .mat, .c3d, .acq, .h5.
+
+    What the files do not say is asked for at a terminal, or given as options. Files such as
+    s01_left_2.5kg_1.lvm, dropped from 12 cm:
+
+        bayestissue init recorded --out drops --pattern "{subject}_{side}_{mass_kg}kg_{n}.lvm"
+        --quantity deceleration --unit g --set drop_height_cm=12 --set trial=drop
+
+    The recordings are copied as they are; init.html beside them shows what was understood.
+    """
+    from bayestissue.commands import init
+    from bayestissue.intake import Choices, Cutting
+
+    choices = Choices(
+        channel,
+        quantity,
+        unit,
+        time,
+        time_unit,
+        rate_hz,
+        scale,
+        offset,
+        crop,
+        pattern,
+        table,
+        init.given(given or []),
+    )
+    init.run(
+        folder,
+        out=out,
+        choices=choices,
+        name=name,
+        cutting=Cutting(threshold, separation_s) if several else None,
+        skip_bad=skip_bad,
+        overwrite=overwrite,
+        quiet=quiet,
+        as_json=as_json,
+    )
 
 
 @app.command()
@@ -107,13 +222,15 @@ def estimate(
     dataset: Dataset,
     out: Out,
     method: Annotated[
-        Literal["exact", "dds"],
+        Literal["impact", "exact", "dds"] | None,
         typer.Option(
             "--method",
-            help="exact: maximum likelihood about the rest position. "
-            "dds: the thesis's conditional fit about the sample mean.",
+            help="impact: each deceleration by itself under the impact likelihood with its measuring chain; "
+            "its intervals hold. exact: maximum likelihood of an ARMA(2,1) about the rest position. "
+            "dds: the thesis's conditional fit about the sample mean. Unless given: impact, and exact for "
+            "displacements and where [signal] filters, centres or integrates otherwise.",
         ),
-    ] = "exact",
+    ] = None,
     model: Annotated[
         str | None,
         typer.Option(
@@ -136,7 +253,7 @@ def estimate(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Point estimates of K and C for every impact, by the thesis's chain of ARMA(2,1) and A(2)."""
+    """K and C of every impact by itself, with 90 % intervals; --method dds is the thesis's own chain."""
     from bayestissue.commands import estimate
 
     estimate.run(
@@ -236,6 +353,69 @@ def compare(
     from bayestissue.commands import compare
 
     compare.run(runs, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
+
+
+@app.command()
+def ask(
+    run: FinishedFit,
+    questions: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="QUESTION...",
+            help='Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".',
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write questions.csv to this folder.")
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """Questions to a finished fit: probability by posterior and prior, Bayes factor, Monte Carlo error.
+
+    K alone is that of a typical person at the reference mass, the mean of other numbers and the first
+    category. K[subject=s01, mass_kg=1.2] has these instead; all impacts' columns of the formula can be named,
+    and what belongs to a person, such as sex, follows the person. K[subject=new] is a new person's,
+    mean(K[subject, sex=f]) is over people, K[impact=7] is of one recorded impact. Any other quantity of
+    summary.csv is called by its name: mass_exponent_K, sd_subject_K, K_new, subject_effect_K[subject=s01].
+    Besides: numbers, + - * / ^ ( ), abs, exp, log, max, min, mean, < <= > >=, between, and, or, not. Odd
+    names stand in quotes, those of quantities in backticks. Without a comparison the answer is a median and
+    a 90 % interval.
+    """
+    from bayestissue.commands import ask
+
+    ask.run(run, questions, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
+
+
+@app.command()
+def predict(
+    run: FinishedFit,
+    at: Annotated[
+        Path,
+        typer.Option(
+            "--at",
+            metavar="TABLE.csv",
+            help="A row for each new impact, with any columns of impacts.csv: subject, mass_kg, ...",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write predictions.csv to this folder.")
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """K, C, greatest depth and force, and time to peak of new impacts, by a finished fit.
+
+    Each row of the table is one new impact, so the intervals hold its scatter too. Numbers and categories
+    that are not given are at the reference: the reference mass, mean numbers, the first recorded category;
+    what belongs to a known person follows the person. A person, condition or other level that is not given,
+    or was not measured, is a new one of its population.
+    """
+    from bayestissue.commands import predict
+
+    predict.run(run, at=at, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
 
 
 @app.command()

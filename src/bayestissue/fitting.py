@@ -9,16 +9,20 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from bayestissue import resources, results, runtime
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
+from bayestissue.inference.answers.agreement import agreement
+from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
@@ -27,14 +31,15 @@ from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_
 from bayestissue.outline import Rows, as_html, as_text, short, span
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from bayestissue.dataset import Dataset
     from bayestissue.signal import Displacements, SignalOptions
 
 # With so many impacts to look for spoilt recordings takes as long as the fit.
 _MANY = 5000
-TABLES = ("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources")
+TABLES = (
+    *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
+    *("contrasts", "people", "reliability"),
+)
 
 
 @dataclass(frozen=True)
@@ -79,9 +84,16 @@ class Fit:
             *medians,
             ("draws", f"{chains} chains of {draws}, seed {self.seed}, {self.wall_time_s:.0f} s"),
             ("diagnostics", short(self.verdict, 160)),
-            ("more in", ".summary, .posterior, .diagnostics, .report(path)"),
+            ("more in", ".summary, .posterior, .diagnostics, .ask(question), .predict(table), .report(path)"),
         ]
         return f"Fit by the model {short(self.specification.name)}", rows
+
+    @cached_property
+    def questions(self) -> pd.DataFrame:
+        """Answers to the questions of the model file: ``questions.csv``; those without one say why."""
+        from bayestissue.inference.answers.questions import ask_what_can_be, of_model
+
+        return ask_what_can_be(self.finished, of_model(self.specification.questions, "model"))
 
     @property
     def posterior(self) -> xr.DataTree:
@@ -97,6 +109,43 @@ class Fit:
         return self.analysis.summary
 
     @property
+    def contrasts(self) -> pd.DataFrame:
+        """Ratios of K and C between the levels of categories and groups: ``contrasts.csv``.
+
+        See `bayestissue.inference.answers.contrasts`.
+        """
+        return self.analysis.contrasts
+
+    @property
+    def people(self) -> pd.DataFrame:
+        """Each person against each other, with the probability of being stiffer: ``people.csv``.
+
+        See `bayestissue.inference.answers.people`.
+        """
+        return self.analysis.people
+
+    @property
+    def reliability(self) -> pd.DataFrame:
+        """Intraclass correlations, error of measurement, detectable change, repeats: ``reliability.csv``.
+
+        See `bayestissue.inference.answers.reliability`; the draws are in the group posterior.
+        """
+        return self.analysis.reliability
+
+    @property
+    def agreement(self) -> pd.DataFrame:
+        """Ratios of the thesis's method, the exact point fit and the posterior: ``agreement.csv``.
+
+        See `bayestissue.inference.answers.agreement`.
+        """
+        values = {}
+        for quantity, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
+            each = {name: table.set_index("impact")[column] for name, table in self.point_estimates.items()}
+            median = self.summary[self.summary["variable"] == quantity].set_index("label")["median"]
+            values[quantity] = pd.DataFrame(each | {"posterior": median})
+        return agreement(values)
+
+    @property
     def diagnostics(self) -> dict[str, Any]:
         """Whether the sampler did its work (``passed``), and each check: ``diagnostics.json``.
 
@@ -109,6 +158,47 @@ class Fit:
     def verdict(self) -> str:
         """The diagnostics in a sentence, and in others what the model or its data leave in doubt."""
         return verdict_in_words(self.diagnostics)
+
+    @cached_property
+    def finished(self) -> Finished:
+        """The fit as questions and predictions need it."""
+        model = self.specification.model_dump(mode="json") | self.prepared.design.resolved()
+        return Finished.of(self.posterior, model)
+
+    def ask(self, *questions: str) -> pd.DataFrame:
+        """Answers to questions, as `bayestissue ask` and ``bayestissue ask --help`` have them.
+
+        Args:
+            questions: such as ``"K[subject=s01] / K[subject=s02] > 1.1"``, a claim, or ``"K[mass_kg=1.2]"``.
+
+        Returns:
+            A row for each: see `bayestissue.inference.answers.questions.ask`.
+
+        Raises:
+            InputError: some can't be read, or ask for what this fit does not have: all that is wrong at once.
+        """
+        from bayestissue.inference.answers.questions import ask, numbered
+
+        return ask(self.finished, numbered(questions))
+
+    def predict(self, table: str | Path | pd.DataFrame) -> pd.DataFrame:
+        """K, C, greatest depth and force, and time to peak of new impacts, with 90 % intervals.
+
+        Args:
+            table: a CSV file or a pandas table: a row for each new impact, with any of the columns of
+                ``impacts.csv``. Numbers and categories not given are at the reference; a person, condition or
+                other level that is not given, or was not measured, is a new one of its population.
+
+        Returns:
+            A row for each: see `bayestissue.inference.answers.predictions.predict`.
+
+        Raises:
+            InputError: the table is wrong: all that is, by row, column and value.
+        """
+        from bayestissue.inference.answers.predictions import predict
+        from bayestissue.inference.answers.table import read_conditions
+
+        return runtime.in_float64(predict)(self.finished, read_conditions(table, self.finished.recorded))
 
     def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the run's folder as `bayestissue fit` does, report and all; or only the page.
@@ -173,6 +263,7 @@ def fit(
     specification, source = resolve(model)
     with _set_up():
         prepared = prepare(dataset, specification, source=source)
+        require_answerable(prepared, specification, source)
         return fit_prepared(dataset, specification, prepared, seed, say or _silent)
 
 
@@ -186,6 +277,18 @@ def resolve(model: str | Path | ModelSpecification) -> tuple[ModelSpecification,
         return model, f"model {model.name}"
     path = resources.model_file(model, lambda content: content.get("likelihood") in KINDS)
     return read_specification(path), str(path)
+
+
+def require_answerable(prepared: Prepared, specification: ModelSpecification, source: str) -> None:
+    """Raise an `InputError` of every question of the model file that can't be read or fits no such data."""
+    if not specification.questions:
+        return
+    from bayestissue.inference.answers.levels import Recorded
+    from bayestissue.inference.answers.questions import of_model, require_readable
+
+    design = prepared.design
+    recorded = Recorded.of_rows(prepared.impacts, design.formulas.model_dump(), design.reference_mass_kg)
+    require_readable(of_model(specification.questions, source), recorded)
 
 
 def fit_prepared(
@@ -291,11 +394,14 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
     results.write_tree(fit.analysis.tree, folder / "posterior.nc")
     for name in TABLES:
         getattr(fit.analysis, name).to_csv(folder / f"{name}.csv", index=False)
+    if fit.specification.questions:
+        fit.questions.to_csv(folder / "questions.csv", index=False)
+    fit.agreement.to_csv(folder / "agreement.csv", index=False)
     for method, table in fit.point_estimates.items():
         table.to_csv(folder / f"estimates_{method}.csv", index=False)
     # A simulated dataset knows the truth; the report draws it in.
-    truth = fit.dataset.folder / "truth.csv"
-    if truth.is_file():
+    home = fit.dataset.folder
+    if home is not None and (truth := home / "truth.csv").is_file():
         shutil.copyfile(truth, folder / "truth.csv")
     results.write_json(fit.diagnostics, folder / "diagnostics.json")
     results.write_json(provenance(fit), folder / "run.json")

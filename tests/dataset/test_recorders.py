@@ -10,12 +10,14 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from dataset_bench import MASSES, NAMES, RATE, Lab, tables
 from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from bayestissue.dataset import Dataset, read_dataset
+from bayestissue.dataset.recorders import channels_of
 from bayestissue.errors import InputError
+from dataset_bench import MASSES, NAMES, RATE, Lab, tables
+from recorder_files import acq, c3d, lvm
 
 Writer = Callable[[Path, np.ndarray, np.ndarray], None]
 
@@ -27,61 +29,6 @@ def _csv(path: Path, time: np.ndarray, value: np.ndarray) -> None:
 
 def _parquet(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     pd.DataFrame({"time_s": time, "value": value}).to_parquet(path)
-
-
-def lvm(
-    path: Path,
-    time: np.ndarray,
-    channels: dict[str, np.ndarray],
-    *,
-    x_columns: str = "One",
-    decimal: str = ".",
-    samples: int | None = None,
-    comment: bool = True,
-) -> None:
-    """A LabVIEW measurement file: a header, a block header per channel, and the data."""
-    count, rows = len(channels), len(time)
-
-    def line(key: str, *cells: object) -> str:
-        return "\t".join([key, *(str(cell) for cell in cells)])
-
-    per_channel = [""] * count
-    head = [
-        "LabVIEW Measurement",
-        line("Writer_Version", 2),
-        line("Reader_Version", 2),
-        line("Separator", "Tab"),
-        line("Decimal_Separator", decimal),
-        line("Multi_Headings", "No"),
-        line("X_Columns", x_columns),
-        line("Time_Pref", "Relative"),
-        line("Date", "2024/05/17"),
-        "***End_of_Header***",
-        "",
-        line("Channels", count, *per_channel),
-        line("Samples", *[rows if samples is None else samples] * count),
-        line("Y_Unit_Label", *["m/s^2"] * count),
-        line("X_Dimension", *["Time"] * count),
-        line("X0", *[f"{time[0]!r}".replace("np.float64(", "").rstrip(")")] * count),
-        line("Delta_X", *[f"{1 / RATE}"] * count),
-        "***End_of_Header***",
-    ]
-    multi = x_columns == "Multi"
-    names = [cell for name in channels for cell in (["X_Value", name] if multi else [name])]
-    head.append(line(*([] if multi else ["X_Value"]), *names, *(["Comment"] if comment else [])))
-    body = []
-    for row in range(rows):
-        first = "" if x_columns == "No" else f"{time[row]:.9g}"
-        cells = [f"{values[row]:.12g}" for values in channels.values()]
-        if multi:
-            cells = [cell for value in cells for cell in (first, value)]
-            body.append("\t".join(cells))
-        else:
-            body.append("\t".join([first, *cells]))
-    text = "\n".join([*head, *body]) + "\n"
-    path.write_text(
-        "\n".join([*head, *(row.replace(".", decimal) for row in body)]) + "\n" if decimal != "." else text
-    )
 
 
 def _lvm(path: Path, time: np.ndarray, value: np.ndarray) -> None:
@@ -143,6 +90,32 @@ def _mat73(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     path.write_bytes(data)
 
 
+def _hdf5(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    with h5py.File(path, "w") as file:
+        file["time_s"], file["value"], file["who"] = time, value, "somebody"
+
+
+def _hdf5_table(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    with h5py.File(path, "w") as file:
+        file["drop/raw"] = np.column_stack([time, value, 3 * value])
+        file["drop/picture"] = np.zeros((100, 100))
+        # More paths than can be walked, to as many groups as a hand has fingers.
+        for one in "abcde":
+            file.create_group(f"drop/{one}")
+        for one in "abcde":
+            for other in "abcde":
+                file[f"drop/{one}/{other}"] = file[f"drop/{other}"]
+        file["drop/again"] = file["drop"]
+
+
+def _c3d(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    c3d(path, {"Fz": 3 * value, "value": value}, RATE, {"Fz": "N"}, points=2)
+
+
+def _acq(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    acq(path, {"Fz": 3 * value, "value": value}, RATE, {"Fz": "N"})
+
+
 FORMATS: dict[str, tuple[str, Writer]] = {
     "csv": (".csv", _csv),
     "packed csv": (".csv.gz", _csv),
@@ -157,7 +130,13 @@ FORMATS: dict[str, tuple[str, Writer]] = {
     "mat 5": (".mat", _mat5),
     "mat 5 packed": (".mat", _mat5_packed),
     "mat 7.3": (".mat", _mat73),
+    "hdf5": (".h5", _hdf5),
+    "hdf5 of another name": (".hdf5", _hdf5),
+    "c3d": (".c3d", _c3d),
+    "acq": (".acq", _acq),
 }
+# Such files hold no time of their first sample, and C3D's real numbers have four bytes.
+BEGIN_AT_ZERO, SINGLE = (".c3d", ".acq"), (".c3d",)
 
 
 def _lvm_short(path: Path, time: np.ndarray, value: np.ndarray) -> None:
@@ -199,6 +178,14 @@ def _mat73_elsewhere(path: Path, time: np.ndarray, value: np.ndarray) -> None:
         file.create_virtual_dataset("virtual", layout)
 
 
+def _half(write: Writer) -> Writer:
+    def half(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+        write(path, time, value)
+        path.write_bytes(path.read_bytes()[:-2000])
+
+    return half
+
+
 def files_instead(lab: Lab, suffix: str, write: Writer, **columns: object) -> None:
     """Put one file per impact in the place of the long table."""
     impacts, traces = tables()
@@ -209,22 +196,70 @@ def files_instead(lab: Lab, suffix: str, write: Writer, **columns: object) -> No
     lab.path("traces.csv").unlink()
 
 
-def assert_same(dataset: Dataset) -> None:
+def assert_same(dataset: Dataset, suffix: str = "") -> None:
     _, traces = tables()
     assert tuple(dataset.impacts["impact"]) == NAMES
     np.testing.assert_array_equal(dataset.impacts["mass_kg"], MASSES)
     for impact, trace in zip(NAMES, dataset.traces, strict=True):
         mine = traces[traces["impact"] == impact]
+        start = mine["time_s"].iloc[0] if suffix in BEGIN_AT_ZERO else 0.0
+        stored = mine["value"].astype(np.float32 if suffix in SINGLE else np.float64)
         # Times may be rebuilt from a start and an interval: a few rounding errors of a time of 0.04 s.
-        np.testing.assert_allclose(trace.time_s, mine["time_s"], rtol=0, atol=1e-14)
-        np.testing.assert_array_equal(trace.value, mine["value"])
+        np.testing.assert_allclose(trace.time_s, mine["time_s"] - start, rtol=0, atol=1e-14)
+        np.testing.assert_array_equal(trace.value, stored.astype(np.float64))
 
 
 @pytest.mark.parametrize("name", FORMATS)
 def test_round_trip(name: str, lab: Lab) -> None:
     suffix, write = FORMATS[name]
     files_instead(lab, suffix, write)
+    assert_same(read_dataset(lab.folder), suffix)
+
+
+def test_columns_of_a_table_in_hdf5_are_called_by_number(lab: Lab) -> None:
+    names = 'time_column = "drop/raw:1"\nvalue_column = "drop/raw:2"'
+    lab.replace("dataset.toml", "[signal]", f"[signal]\n{names}")
+    files_instead(lab, ".h5", _hdf5_table)
     assert_same(read_dataset(lab.folder))
+
+
+@pytest.mark.parametrize(
+    ("write", "suffix", "unit"),
+    [
+        (lambda path, value: lvm(path, np.arange(40) / RATE, {"value": value}), ".lvm", "m/s^2"),
+        (lambda path, value: c3d(path, {"value": value}, RATE, {"value": "g"}), ".c3d", "g"),
+        (lambda path, value: acq(path, {"value": value}, RATE, {"value": "g"}), ".acq", "g"),
+        (lambda path, value: pd.DataFrame({"a [mm]": value}).to_csv(path, index=False), ".csv", "mm"),
+    ],
+    ids=["lvm", "c3d", "acq", "csv"],
+)
+def test_channels_come_with_the_unit_that_the_file_states(
+    write: Callable, suffix: str, unit: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"a{suffix}"
+    write(path, np.arange(40.0))
+    ((_, channel),) = channels_of(path, path.name).items()
+    assert (channel.unit, len(channel.values)) == (unit, 40)
+
+
+def test_whole_numbers_of_c3d_are_scaled_as_its_analog_group_says(tmp_path: Path) -> None:
+    value = np.linspace(-1, 1, 40)
+    c3d(tmp_path / "real.c3d", {"value": value}, RATE, {})
+    data = bytearray((tmp_path / "real.c3d").read_bytes())
+    # As a recorder of whole numbers writes it: a positive scale of points, and OFFSET and SCALE.
+    raw, scale, offset = np.rint(value / 0.001 + 50).astype("<i2"), 0.001, 50
+    begin = 512 * (int.from_bytes(data[16:18], "little") - 1)
+    data[12:16] = np.float32(1).tobytes()
+    for name, stored in ((b"OFFSET", np.int16(offset).tobytes()), (b"SCALE", np.float32(scale).tobytes())):
+        at = data.index(bytes([len(name), 2]) + name) + 2 + len(name) + 4
+        at += data[at - 1]
+        data[at : at + len(stored)] = stored
+    (tmp_path / "whole.c3d").write_bytes(data[:begin] + raw.tobytes())
+    read = channels_of(tmp_path / "whole.c3d", "whole.c3d")["value"]
+    # SCALE itself has four bytes.
+    np.testing.assert_allclose(
+        np.asarray(read.values), (raw - float(offset)) * np.float64(np.float32(scale)), rtol=1e-15
+    )
 
 
 def test_sampling_rate_stands_in_for_times(lab: Lab) -> None:
@@ -301,10 +336,13 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (lambda p, t, v: savemat(p, {"time_s": t[:-1], "value": v}), ".mat", "as many samples"),
         (lambda p, t, v: savemat(p, {"who": "nobody"}), ".mat", "no channels of numbers"),
         (_mat73_elsewhere, ".mat", "no channels of numbers"),
+        (_mat73_elsewhere, ".h5", "no channels of numbers"),
+        (_half(_c3d), ".c3d", "an end that is missing"),
+        (_half(_acq), ".acq", "an end that is missing"),
     ],
     ids=[
         *("no-such-channel", "rows-missing", "spectrum", "two-blocks", "half", "no-last-sample"),
-        *("unequal-channels", "no-numbers", "numbers-in-other-files"),
+        *("unequal-channels", "no-numbers", "numbers-in-other-files", "numbers-elsewhere", "c3d", "acq"),
     ],
 )
 def test_unfit_recordings_are_refused(write: Writer, suffix: str, says: str, lab: Lab) -> None:

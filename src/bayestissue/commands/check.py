@@ -10,16 +10,13 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
+from bayestissue.checking import Check, check
 from bayestissue.commands.console import echo, plain
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import Problem
-from bayestissue.inference.points.notes import said_once
-from bayestissue.report.check_page import check_page, kinds, quality_table
+from bayestissue.report.check_page import kinds
 from bayestissue.report.writing import after_results
 from bayestissue.results import Place, claim, whole_file
-from bayestissue.signal import Displacements, displacements
-from bayestissue.signal.displacement import FEWEST_SAMPLES
-from bayestissue.signal.quality import inspect
 
 _NAMED = 10
 
@@ -43,81 +40,42 @@ def run(
 
 
 def _check(dataset: Path, place: Place | None, *, skip_bad: bool, quiet: bool, as_json: bool) -> None:
-    data = read_dataset(dataset, skip_bad=skip_bad)
-    signal = displacements(data)
-    warnings = [*data.warnings, *_raised(data, signal)]
-    quality = quality_table(data, signal, warnings)
+    found = check(read_dataset(dataset, skip_bad=skip_bad))
     if place is not None:
-        _write(place, data, signal, quality, warnings)
+        _write(place, found)
     if as_json:
-        content = _plain(data, signal, quality, warnings)
-        echo(json.dumps(content, default=str, ensure_ascii=False))
+        echo(json.dumps(_plain(found), default=str, ensure_ascii=False))
     elif not quiet:
-        _print(data, signal, quality, warnings)
+        _print(found)
     if place is not None and not quiet and not as_json:
         echo(f"wrote {place.path / 'check.html'}")
 
 
-def _verdict(data: Dataset, signal: Displacements, warnings: list[Problem]) -> str:
-    left_out = len({problem.impact for problem in data.left_out})
-    warned = len(kinds(warnings))
-    fine = f"no errors, {warned} warning{'s' if warned > 1 else ''}" if warned else "fine"
-    fine += f" without the {left_out} impacts left out" if left_out else ""
-    short = int((signal.n_samples < FEWEST_SAMPLES).sum())
-    if not short:
-        return fine
-    return f"{fine}, and {short} of {len(data.impacts)} impacts too short to be fitted (see the warnings)"
-
-
-def _plain(
-    data: Dataset, signal: Displacements, quality: pd.DataFrame, warnings: list[Problem]
-) -> dict[str, Any]:
+def _plain(found: Check) -> dict[str, Any]:
+    data = found.dataset
     return {
         "dataset": data.name,
-        "verdict": _verdict(data, signal, warnings),
+        "verdict": found.verdict,
         "impacts": len(data.impacts),
         "input_hash": data.input_hash,
         "left_out": [problem.as_dict() for problem in data.left_out],
-        "warnings": [problem.as_dict() for problem in warnings],
-        "notes": _notes(data, signal),
-        "quality": json.loads(quality.to_json(orient="records")),
+        "warnings": [problem.as_dict() for problem in found.warnings],
+        "notes": found.notes,
+        "quality": json.loads(found.quality.to_json(orient="records")),
     }
 
 
-def _raised(data: Dataset, signal: Displacements) -> list[Problem]:
-    """What the signal chain and the detectors of spoilt recordings say: the flags of `estimate`."""
-    names = data.impacts["impact"]
-    chain = [
-        Problem("recording", "a recording that the default signal chain can use", f"{flag}.", impact=impact)
-        for impact, flags in zip(names, signal.flags, strict=True)
-        for flag in flags
-    ]
-    spoilt = [
-        Problem("recording", finding.kind.expected, finding.advice, value=said, impact=impact)
-        for finding in inspect(data)
-        for impact, said in zip(names, finding.said, strict=True)
-        if said
-    ]
-    return [*chain, *spoilt]
-
-
-def _notes(data: Dataset, signal: Displacements) -> list[str]:
-    impacts = data.impacts
-    one_mass = impacts["mass_kg"].min() == impacts["mass_kg"].max()
-    masses = ["the mass never varies: these data have no mass exponent"] if one_mass else []
-    return [*masses, *said_once("; ".join(notes) for notes in signal.notes)]
-
-
-def _print(data: Dataset, signal: Displacements, quality: pd.DataFrame, warnings: list[Problem]) -> None:
+def _print(found: Check) -> None:
+    data, warnings = found.dataset, found.warnings
     console = Console(highlight=False)
     table = Table(
-        title=plain(f"{data.name}: {_verdict(data, signal, warnings)}"),
+        title=plain(f"{data.name}: {found.verdict}"),
         show_header=False,
         title_justify="left",
     )
-    for name, words in _summary(data, quality):
+    for name, words in _summary(data, found.quality):
         table.add_row(name, plain(words))
-    for words in _notes(data, signal):
+    for words in found.notes:
         table.add_row("note", plain(words))
     console.print(table)
     for heading, problems in (("Left out", data.left_out), ("Warnings", warnings)):
@@ -161,18 +119,12 @@ def _range(values: pd.Series, unit: str) -> str:
     return f"{low:.6g}{unit}" if low == high else f"{low:.6g} to {high:.6g}{unit}"
 
 
-def _write(
-    place: Place, data: Dataset, signal: Displacements, quality: pd.DataFrame, warnings: list[Problem]
-) -> None:
-    lists = [("left out", problem) for problem in data.left_out] + [("warning", p) for p in warnings]
-    columns = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy"]
-    problems = pd.DataFrame([{"severity": s, **p.as_dict()} for s, p in lists], columns=columns)
+def _write(place: Place, found: Check) -> None:
     with place.folder() as staging:
-        quality.to_csv(staging / "quality.csv", index=False)
-        problems.astype({"row": "Int64"}).to_csv(staging / "problems.csv", index=False)
+        found.quality.to_csv(staging / "quality.csv", index=False)
+        found.problems.to_csv(staging / "problems.csv", index=False)
     with (
         after_results(place.path, "the same command with --overwrite repeats it"),
         whole_file(place.path / "check.html") as staging,
     ):
-        page = check_page(data, signal, quality, verdict=_verdict(data, signal, warnings), warnings=warnings)
-        staging.write_text(page, encoding="utf-8")
+        staging.write_text(found.page(), encoding="utf-8")

@@ -36,9 +36,10 @@ def run(
     """
     runtime.configure(one_core=True)
     with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as place:
+        from bayestissue.commands.ask import print_answers
         from bayestissue.commands.console import Stages, echo
         from bayestissue.dataset import read_dataset
-        from bayestissue.fitting import fit_prepared, resolve, write_run
+        from bayestissue.fitting import fit_prepared, require_answerable, resolve, write_run
         from bayestissue.hierarchy.trace_data import prepare
         from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.samplers.diagnostics import headline
@@ -49,6 +50,7 @@ def run(
         if skip_bad:
             data = _without_short(data, specification, source)
         prepared = prepare(data, specification, source=source)
+        require_answerable(prepared, specification, source)
         if not quiet:
             _say_what_is_told(prepared)
         job = _fingerprint(data, specification, seed)
@@ -60,6 +62,8 @@ def run(
             say("writing the report", 0, 1)
             draw_page(place.path)
         if not quiet:
+            if specification.questions:
+                print_answers(fit.questions)
             echo(f"{headline(fit.diagnostics)} {fit.verdict}\nwrote {place.path / 'report.html'}")
         return bool(fit.diagnostics["passed"])
 

@@ -1,7 +1,35 @@
-"""What a lab brings in: folder layout, recorder formats, units, validation, and the published tables."""
+"""What a lab brings in: folder layout, recorder formats, units, validation, and the published tables.
 
+This package can be called: ``bayestissue.dataset(impacts, traces, quantity=..., unit=...)`` is
+`bayestissue.dataset.arrays.dataset`, whose name it shares.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from types import ModuleType
+from typing import Any
+
+from bayestissue.dataset.arrays import dataset as _from_arrays
 from bayestissue.dataset.model import Dataset, Quantity, Trace, Uncertainty
 from bayestissue.dataset.read import read_dataset
 from bayestissue.dataset.write import write_dataset
 
 __all__ = ["Dataset", "Quantity", "Trace", "Uncertainty", "read_dataset", "write_dataset"]
+
+
+class _Callable(ModuleType):
+    """A package under whose name its users expect a function too."""
+
+    __wrapped__ = staticmethod(_from_arrays)
+
+    def __call__(self, *args: Any, **kwargs: Any) -> Dataset:
+        return _from_arrays(*args, **kwargs)
+
+    def __reduce__(self) -> tuple[Any, tuple[str]]:
+        """Pickled by its name."""
+        return import_module, (self.__name__,)
+
+
+sys.modules[__name__].__class__ = _Callable

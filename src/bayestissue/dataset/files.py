@@ -107,6 +107,24 @@ def _unpacked(path: Path, label: str) -> bytes:
         return packed.read(size)
 
 
+def unpacked_size(packed: bytes, label: str, *, before: int = 0) -> int:
+    """How many bytes a zlib stream unpacks to, counted before any of it is kept: counting takes no memory.
+
+    Args:
+        packed: the stream.
+        label: what to call the file in a message.
+        before: bytes that the same file has unpacked to so far; they are added.
+
+    Raises:
+        InputError: they are too many; see `require_small`.
+    """
+    unpacking, size, rest = zlib.decompressobj(), before, packed
+    while chunk := unpacking.decompress(rest, _CHUNK):
+        size, rest = size + len(chunk), unpacking.unconsumed_tail
+        require_small(size, label, known=False)
+    return size
+
+
 def first_line(data: bytes, label: str) -> bytes:
     """The first line of a text file, without its end and without a byte order mark.
 

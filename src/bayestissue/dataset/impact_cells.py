@@ -17,20 +17,27 @@ from bayestissue.errors import InputError, Problem, has_control_characters
 FILE = "impacts.csv"
 
 
-def read_cells(path: Path, wanted: Sequence[str]) -> tuple[pd.DataFrame, np.ndarray]:
+def read_cells(
+    path: Path,
+    wanted: Sequence[str],
+    *,
+    label: str = FILE,
+    remedy: str = "Write one: a header and one row per impact; data/README.md shows how.",
+) -> tuple[pd.DataFrame, np.ndarray]:
     """All cells as text without the spaces around them, and of each record its row in the file.
 
     Args:
         path: the file.
         wanted: the columns that it must have.
+        label: what messages call it.
+        remedy: what to do if it is not there.
 
     Raises:
         InputError: the file can't be used: missing, too large, not UTF-8, no table, columns missing.
     """
-    remedy = "Write one: a header and one row per impact; data/README.md shows how."
     # Cells that are kept one by one take some twenty times their size.
-    data = read_bytes(path, FILE, remedy, share=0.05)
-    require_utf8(data, FILE)
+    data = read_bytes(path, label, remedy, share=0.05)
+    require_utf8(data, label)
     reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
     records: list[list[str]] = []
     lines: list[int] = []
@@ -43,7 +50,7 @@ def read_cells(path: Path, wanted: Sequence[str]) -> tuple[pd.DataFrame, np.ndar
     except csv.Error as error:
         raise InputError(
             Problem(
-                FILE,
+                label,
                 "cells separated by commas",
                 "Mend the quotes in this row.",
                 reader.line_num,
@@ -51,15 +58,38 @@ def read_cells(path: Path, wanted: Sequence[str]) -> tuple[pd.DataFrame, np.ndar
             )
         ) from None
     names, *body = records
-    problems = column_problems(FILE, names, wanted)
-    problems += [p for p in column_problems(FILE, names, ()) if p.column not in wanted]
+    return cells_of(names, body, lines[1:], wanted, label=label)
+
+
+def cells_of(
+    names: list[str],
+    body: list[list[str]],
+    lines: Sequence[int],
+    wanted: Sequence[str],
+    *,
+    label: str = FILE,
+) -> tuple[pd.DataFrame, np.ndarray]:
+    """The same of records that were read already.
+
+    Args:
+        names: of the columns.
+        body: the cells of every record, without the spaces around them.
+        lines: the row of each record.
+        wanted: the columns that there must be.
+        label: what messages call the table.
+
+    Raises:
+        InputError: the names or the number of cells are wrong, or there is no record.
+    """
+    problems = column_problems(label, names, wanted)
+    problems += [p for p in column_problems(label, names, ()) if p.column not in wanted]
     if any(has_control_characters(name) for name in names):
         expected = "names of columns on one line and without control characters"
-        problems.append(Problem(FILE, expected, "Rename the column.", row=1, value=", ".join(names)))
+        problems.append(Problem(label, expected, "Rename the column.", row=1, value=", ".join(names)))
     if "" in names:
         problems.append(
             Problem(
-                FILE,
+                label,
                 "a name over every column",
                 "Name the column or remove it.",
                 row=1,
@@ -68,22 +98,22 @@ def read_cells(path: Path, wanted: Sequence[str]) -> tuple[pd.DataFrame, np.ndar
         )
     problems += [
         Problem(
-            FILE,
+            label,
             f"{len(names)} cells as in the header",
             "Put one cell under every column name; decimals need a point, not a comma.",
             row=line,
             value=f"{len(cells)} cells: {','.join(cells)}",
         )
-        for line, cells in zip(lines[1:], body, strict=True)
+        for line, cells in zip(lines, body, strict=True)
         if len(cells) != len(names)
     ]
     if not body:
         problems.append(
-            Problem(FILE, "one row per impact", "Add the impacts.", value="no rows below the header")
+            Problem(label, "one row per impact", "Add the impacts.", value="no rows below the header")
         )
     if problems:
         raise InputError(problems)
-    return pd.DataFrame(body, columns=names, dtype=str), np.array(lines[1:])
+    return pd.DataFrame(body, columns=names, dtype=str), np.array(lines)
 
 
 def control_characters(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:

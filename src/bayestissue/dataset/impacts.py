@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from bayestissue.dataset.crop import COLUMNS as CROP
 from bayestissue.dataset.impact_cells import FILE, control_characters, read_cells
 from bayestissue.dataset.twice import alike_names
 from bayestissue.errors import Problem
 
-RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz")
+RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz", *CROP)
 _TEXT = ("impact", "subject", "trial")
 _POSITIVE = {
     "mass_kg": "the impactor's mass in kg, a number above 0",
@@ -64,7 +66,18 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
     Raises:
         InputError: the file as a whole can't be used: missing, not UTF-8, no table, columns missing.
     """
-    cells, rows = read_cells(path, [*_TEXT, "mass_kg", *(["velocity_m_s"] if needs_velocity else [])])
+    return impact_table(
+        *read_cells(path, wanted(needs_velocity=needs_velocity)), needs_velocity=needs_velocity
+    )
+
+
+def wanted(*, needs_velocity: bool) -> list[str]:
+    """The columns that a table of impacts must have."""
+    return [*_TEXT, "mass_kg", *(["velocity_m_s"] if needs_velocity else [])]
+
+
+def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool) -> ImpactTable:
+    """The same of cells, as `read_cells` returns them."""
     problems = [*_name_problems(cells, rows), *control_characters(cells, rows)]
     warnings: list[Problem] = []
     columns: dict[str, object] = {}
@@ -74,6 +87,9 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
             optional = name in _MAY_BE_EMPTY or (name == "velocity_m_s" and not needs_velocity)
             columns[name], wrong = _positive(name, texts, rows, cells["impact"], optional=optional)
             problems += wrong
+        elif name in CROP:
+            columns[name], wrong = _times(name, texts, rows, cells["impact"])
+            problems += wrong
         elif name in RESERVED:
             columns[name] = texts
         else:
@@ -82,6 +98,7 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
             problems += _too_large(name, texts, rows, cells["impact"])
     columns.setdefault("velocity_m_s", np.full(len(rows), np.nan))
     table = pd.DataFrame(columns)
+    problems += _reversed(table, rows)
     warnings += [*_unlikely(table, rows), *alike_names(table, rows, FILE)]
     return ImpactTable(table, rows, problems, warnings)
 
@@ -160,6 +177,45 @@ def _positive(
         if texts[index] or not optional
     ]
     return np.where(good, values, np.nan), problems
+
+
+def _times(
+    name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series
+) -> tuple[np.ndarray, list[Problem]]:
+    values = _numbers(texts)
+    problems = [
+        Problem(
+            FILE,
+            "a time in s on the recorder's clock, a number",
+            "Correct the cell, or leave it empty to read the recording from its beginning or to its end.",
+            row=int(rows[index]),
+            column=name,
+            value=texts[index],
+            impact=impacts[index] or None,
+        )
+        for index in np.flatnonzero(~np.isfinite(values))
+        if texts[index]
+    ]
+    return values, problems
+
+
+def _reversed(table: pd.DataFrame, rows: np.ndarray) -> Iterator[Problem]:
+    """Crops that end before they begin; they are taken out of the table, for nothing lies in them."""
+    if not set(CROP) <= set(table):
+        return
+    start, stop = (table[name].to_numpy(copy=True) for name in CROP)
+    backwards = stop <= start
+    table.loc[backwards, list(CROP)] = np.nan
+    for index in np.flatnonzero(backwards):
+        yield Problem(
+            FILE,
+            f"a time after that in {CROP[0]} ({start[index]:.6g} s)",
+            "Correct one of the two cells.",
+            row=int(rows[index]),
+            column=CROP[1],
+            value=float(stop[index]),
+            impact=table["impact"].iloc[index] or None,
+        )
 
 
 def _covariate(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from jaxtyping import Int
 
 from bayestissue.dataset.samples import Reading, Samples, in_seconds, in_si
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import Labels, read_table
+from bayestissue.dataset.tables import Labels, Numbers, read_table
 from bayestissue.errors import InputError, Problem
 
 LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.parquet")
@@ -39,8 +41,34 @@ def read_long(folder: Path, impacts: list[str], signal: SignalSettings) -> Readi
         remedy="Put the file there.",
     )
     times, readings = columns[signal.time_column], columns[signal.value_column]
+    rows = np.arange(2, len(times.array) + 2)
+    return replace(
+        long_reading(path.name, times, readings, labels["impact"], rows, impacts, signal), files=[path]
+    )
+
+
+def long_reading(
+    label: str,
+    times: Numbers,
+    readings: Numbers,
+    labels: Labels,
+    rows: Int[np.ndarray, " row"],
+    impacts: list[str],
+    signal: SignalSettings,
+) -> Reading:
+    """The recordings in columns that were read already, sorted by impact.
+
+    Args:
+        label: what messages call the table.
+        times: in its unit.
+        readings: in their unit.
+        labels: of each sample its impact.
+        rows: of each sample what messages call its row.
+        impacts: the names that there should be, in order.
+        signal: names of the columns, units, scale and offset.
+    """
     place = {name: index for index, name in reversed(list(enumerate(impacts)))}
-    codes = np.array([place.get(name, -1) for name in labels["impact"].names])[labels["impact"].codes]
+    codes = np.array([place.get(name, -1) for name in labels.names], int)[labels.codes]
     order = _order(codes)
     count = np.bincount(codes[codes >= 0], minlength=len(impacts))
     has = np.flatnonzero(count)
@@ -49,16 +77,16 @@ def read_long(folder: Path, impacts: list[str], signal: SignalSettings) -> Readi
         in_si(readings.array[order], signal),
         np.concatenate([[0], np.cumsum(count[has])]),
         has,
-        [path.name] * has.size,
-        np.arange(2, codes.size + 2)[order],
+        [label] * has.size,
+        rows[order],
         signal.time_column,
         signal.value_column,
         _moved({**times.text, **readings.text}, order, codes.size),
     )
     return Reading(
         samples,
-        _strangers(path.name, labels["impact"], codes) + _absent(path.name, impacts, place, count),
-        [path],
+        _strangers(label, labels, codes, rows) + _absent(label, impacts, place, count),
+        [],
     )
 
 
@@ -90,7 +118,7 @@ def _moved(text: dict[int, str], order: np.ndarray | slice, rows: int) -> dict[i
     return {int(site): text[int(where[site])] for site in sites}
 
 
-def _strangers(file: str, labels: Labels, codes: np.ndarray) -> list[Problem]:
+def _strangers(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -> list[Problem]:
     strange = np.flatnonzero(codes < 0)
     names, first = np.unique(labels.codes[strange], return_index=True)
     return [
@@ -98,7 +126,7 @@ def _strangers(file: str, labels: Labels, codes: np.ndarray) -> list[Problem]:
             file,
             "an impact that impacts.csv has",
             "Add a row for it to impacts.csv, or take its samples out.",
-            row=int(strange[index]) + 2,
+            row=int(rows[strange[index]]),
             column="impact",
             value=labels.names[name] or "an empty cell",
             impact=labels.names[name] or None,

@@ -63,8 +63,9 @@ class Dataset:
         uncertainty: of the measuring chain.
         warnings: what looks odd but stops nothing.
         left_out: what was wrong with the impacts that ``skip_bad`` left out.
-        folder: where it was read from.
-        input_hash: SHA-256 over the files that were read.
+        folder: where it was read from; none if it was made from arrays.
+        input_hash: SHA-256 over the files that were read, or over the arrays.
+        licence, source: free text.
     """
 
     name: str
@@ -75,8 +76,29 @@ class Dataset:
     uncertainty: Uncertainty
     warnings: tuple[Problem, ...]
     left_out: tuple[Problem, ...]
-    folder: Path
+    folder: Path | None
     input_hash: str
+    licence: str = ""
+    source: str = ""
+
+    def write(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the dataset as a folder that `read_dataset` reads back equal, whole or not at all.
+
+        Recordings go into one long table, in SI units; so a column ``trace`` of ``impacts`` is left out.
+
+        Args:
+            path: a folder that is new or empty.
+            overwrite: replace what an earlier `write` put there, if it was not changed since.
+
+        Returns:
+            ``path``.
+
+        Raises:
+            InputError: ``path`` is taken, or is no place for a dataset.
+        """
+        from bayestissue.dataset.write import write_whole
+
+        return write_whole(self, Path(path), overwrite=overwrite)
 
     def __repr__(self) -> str:
         return as_text(*self._outline())

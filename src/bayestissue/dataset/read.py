@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from bayestissue.dataset.checks import check_recordings
+from bayestissue.dataset.crop import Windows, crop
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.long_table import find_long, read_long
@@ -44,13 +46,43 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
             )
         )
     settings, table = _tables(folder)
-    signal = settings.signal
     problems = list(table.problems)
     if "trace" in table.table:
         reading = _files(folder, table, settings)
     else:
         reading = _long(folder, table, settings, problems)
-    problems += reading.problems
+    hashed = content_hash([folder / SETTINGS, folder / IMPACTS, *reading.files])
+    reading = replace(reading, problems=problems + reading.problems)
+    return checked_dataset(settings, table, reading, skip_bad=skip_bad, folder=folder, input_hash=hashed)
+
+
+def checked_dataset(
+    settings: Settings,
+    table: ImpactTable,
+    reading: Reading,
+    *,
+    skip_bad: bool,
+    folder: Path | None,
+    input_hash: str,
+) -> Dataset:
+    """The dataset of what was read, by every check of recordings.
+
+    Args:
+        settings: what ``dataset.toml`` says.
+        table: the impacts.
+        reading: the recordings, and what is wrong so far with the impacts and with them.
+        skip_bad: see `read_dataset`.
+        folder: where it was read from, if from one.
+        input_hash: of what was read.
+
+    Raises:
+        InputError: as of `read_dataset`.
+    """
+    signal, names = settings.signal, table.table["impact"].tolist()
+    # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
+    samples, outside = crop(reading.samples, Windows.of(table.table, signal), names)
+    reading = replace(reading, samples=samples)
+    problems = [*reading.problems, *outside]
     uncertainty = settings.uncertainty.values()
     recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty)
     findings = check_recordings(recordings)
@@ -69,7 +101,9 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
         warnings=tuple(w for w in table.warnings + findings.warnings if w.impact not in bad),
         left_out=tuple(problems),
         folder=folder,
-        input_hash=content_hash([folder / SETTINGS, folder / IMPACTS, *reading.files]),
+        input_hash=input_hash,
+        licence=settings.licence,
+        source=settings.source,
     )
 
 

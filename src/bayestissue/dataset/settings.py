@@ -38,6 +38,12 @@ def _fraction(value: float) -> float:
     return value
 
 
+def _stretch(ends: list[float]) -> list[float]:
+    if len(ends) != 2 or not ends[0] < ends[1]:
+        raise ValueError("two numbers [start, stop], the first the smaller")
+    return ends
+
+
 Name = Annotated[str, Field(min_length=1)]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
@@ -60,6 +66,11 @@ class SignalSettings(_Table):
         default=1.0, description="a number other than 0, by which raw values are multiplied"
     )
     offset: Finite = Field(default=0.0, description="a number, added to the raw values after the scale")
+
+    crop: Annotated[list[Finite], AfterValidator(_stretch)] | None = Field(
+        default=None,
+        description="two numbers, [start, stop] in time_unit on the recorder's clock, the first the smaller",
+    )
 
     @property
     def dimension(self) -> Dimension:

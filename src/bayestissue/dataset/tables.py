@@ -81,6 +81,34 @@ def read_table(
     return columns, {name: _labels(table[name]) for name in labels}
 
 
+def read_numbers(path: Path, label: str, *, remedy: str) -> dict[str, Numbers]:
+    """Every column in which at least half of the cells that are filled hold a number.
+
+    Args:
+        path: a CSV (also packed) or Parquet file.
+        label: what to call it in a message.
+        remedy: what to do if the file is not there.
+
+    Raises:
+        InputError: the file can't be read, names a column twice, or has rows of the wrong length.
+    """
+    data = read_bytes(path, label, remedy)
+    if path.suffix == ".parquet":
+        names = [field.name for field in _schema(data, label) if _numeric(field.type)]
+    else:
+        names = [name for name in header(data, label) if name]
+    columns, _ = read_table(path, label, numbers=names, remedy=remedy)
+    return {
+        name: column
+        for name, column in columns.items()
+        if 2 * np.count_nonzero(np.isfinite(column.array)) >= column.array.size - _empty(column) > 0
+    }
+
+
+def _empty(column: Numbers) -> int:
+    return sum(not text.strip() for text in column.text.values())
+
+
 def _csv(
     data: bytes, label: str, numbers: Sequence[str], labels: Sequence[str]
 ) -> tuple[pa.Table, dict[str, Numbers]]:
@@ -155,10 +183,10 @@ def _sifted(cells: pa.Array) -> Numbers:
 
 def _parquet(data: bytes, label: str, numbers: Sequence[str], labels: Sequence[str]) -> pa.Table:
     wanted = [*labels, *numbers]
+    schema = _schema(data, label)
+    if problems := [*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)]:
+        raise InputError(problems)
     try:
-        schema = pq.read_schema(pa.BufferReader(data))
-        if problems := [*column_problems(label, schema.names, wanted), *_no_names(label, schema, labels)]:
-            raise InputError(problems)
         # A name that stands in many rows is kept once: otherwise a small file could fill any memory.
         once = [name for name in labels if _is_text(schema.field(name).type)]
         file = pq.ParquetFile(pa.BufferReader(data), page_checksum_verification=True, read_dictionary=once)
@@ -168,11 +196,22 @@ def _parquet(data: bytes, label: str, numbers: Sequence[str], labels: Sequence[s
     except InputError:
         raise
     except Exception as error:
-        # A damaged file can fail anywhere in the decoder, with whatever that part raises.
-        raise InputError(
-            Problem(label, "a whole Parquet file", "Copy or export the file anew.", value=_words(error))
-        ) from error
+        raise _damaged(label, error) from error
     return table
+
+
+def _schema(data: bytes, label: str) -> pa.Schema:
+    try:
+        return pq.read_schema(pa.BufferReader(data))
+    except Exception as error:
+        raise _damaged(label, error) from error
+
+
+def _damaged(label: str, error: Exception) -> InputError:
+    # A damaged file can fail anywhere in the decoder, with whatever that part raises.
+    return InputError(
+        Problem(label, "a whole Parquet file", "Copy or export the file anew.", value=_words(error))
+    )
 
 
 def _is_text(kind: pa.DataType) -> bool:

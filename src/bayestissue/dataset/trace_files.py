@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
+from bayestissue.dataset.crop import COLUMNS, Windows
 from bayestissue.dataset.files import require_small
 from bayestissue.dataset.recorders import REMEDY, Recording, read_recording
 from bayestissue.dataset.samples import Reading, Samples, in_seconds, in_si
@@ -24,45 +25,111 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
         rows: for every impact its row in ``impacts.csv``.
         signal: names of the channels, units, scale and offset.
     """
-    problems, recordings, files, kept = [], [], [], []
+    problems, pieces, files, kept = [], [], [], []
     rates = impacts.get("sampling_rate_hz", pd.Series(np.nan, index=impacts.index)).to_numpy()
-    taken: dict[Path, str] = {}
+    windows = Windows.of(impacts, signal)
+    taken: dict[Path, list[int]] = {}
+    held: tuple[Path, Recording] | None = None
     size = 0
     for index, (impact, name) in enumerate(zip(impacts["impact"], impacts["trace"], strict=True)):
         try:
-            path = _inside(folder, name, int(rows[index]), taken)
-            recording = read_recording(path, name, signal)
-            time = _time(recording, rates[index], name, signal)
+            path = _inside(folder, name, int(rows[index]))
+            _require_apart(path, name, index, int(rows[index]), taken, windows)
+            # One that several impacts share is read once: they mostly follow each other.
+            if held is None or held[0] != path:
+                held = (path, read_recording(path, name, signal))
+            time = _time(held[1], rates[index], name, signal)
         except InputError as error:
             problems += [replace(problem, impact=impact or None) for problem in error.problems]
             continue
-        size += time.nbytes + recording.value.nbytes
+        taken.setdefault(path, []).append(index)
+        piece = _Piece.of(held[1], time, windows.inside(index, time))
+        if not piece.time.size and time.size:
+            problems.append(windows.nothing(index, time, name, impact))
+            continue
+        size += piece.time.nbytes + piece.value.nbytes
         require_small(size, "the recordings together")
-        taken[path] = name
-        recordings.append((time, recording))
+        pieces.append(piece)
         files.append(name)
         kept.append(index)
-    count = np.array([recording.value.size for _, recording in recordings], dtype=int)
+    count = np.array([piece.value.size for piece in pieces], dtype=int)
     start = np.concatenate([[0], np.cumsum(count)]).astype(int)
     samples = Samples(
-        np.concatenate([np.empty(0), *(time for time, _ in recordings)]),
-        in_si(np.concatenate([np.empty(0), *(r.value for _, r in recordings)]), signal),
+        np.concatenate([np.empty(0), *(piece.time for piece in pieces)]),
+        in_si(np.concatenate([np.empty(0), *(piece.value for piece in pieces)]), signal),
         start,
         np.array(kept, dtype=int),
         files,
-        np.concatenate([np.empty(0, int), *(r.first_row + np.arange(r.value.size) for _, r in recordings)]),
+        np.concatenate([np.empty(0, int), *(piece.row for piece in pieces)]),
         signal.time_column,
         signal.value_column,
         {
-            begin + i: text
-            for begin, (_, r) in zip(start, recordings, strict=False)
-            for i, text in (r.text or {}).items()
+            int(begin) + at: text
+            for begin, piece in zip(start, pieces, strict=False)
+            for at, text in piece.text.items()
         },
     )
     return Reading(samples, problems, list(taken))
 
 
-def _inside(folder: Path, name: str, row: int, taken: dict[Path, str]) -> Path:
+def read_one(
+    path: Path, label: str, signal: SignalSettings, rate: float = np.nan
+) -> tuple[np.ndarray, np.ndarray]:
+    """The times (s) and values (m/s² or m) of a whole recording, both [sample].
+
+    Args:
+        path: the file.
+        label: what to call it in a message.
+        signal: names of the channels, units, scale and offset.
+        rate: the sampling rate in Hz, where the file has no times.
+
+    Raises:
+        InputError: the file is missing or damaged, lacks a channel, or has no times.
+    """
+    recording = read_recording(path, label, signal)
+    return _time(recording, rate, label, signal), in_si(recording.value, signal)
+
+
+@dataclass(frozen=True, eq=False)
+class _Piece:
+    """The samples of one impact: all of a recording, or the stretch to which it is cropped."""
+
+    time: np.ndarray
+    value: np.ndarray
+    row: np.ndarray
+    text: dict[int, str]
+
+    @classmethod
+    def of(cls, recording: Recording, time: np.ndarray, inside: np.ndarray | slice) -> _Piece:
+        row = recording.first_row + np.arange(recording.value.size)
+        text = recording.text or {}
+        if isinstance(inside, np.ndarray):
+            place = np.cumsum(inside) - 1
+            text = {int(place[at]): words for at, words in text.items() if inside[at]}
+        return cls(time[inside], recording.value[inside], row[inside], text)
+
+
+def _require_apart(
+    path: Path, name: str, index: int, row: int, taken: dict[Path, list[int]], windows: Windows
+) -> None:
+    """Refuse a recording, or a part of one, that an earlier impact has."""
+    if any(windows.meet(index, other) for other in taken.get(path, ())):
+        cropped = np.isfinite(windows.start[index]) or np.isfinite(windows.stop[index])
+        raise InputError(
+            Problem(
+                "impacts.csv",
+                f"a recording of its own for every impact, or a part of one between {' and '.join(COLUMNS)}",
+                "Correct one of the two rows.",
+                row,
+                "trace",
+                f"{name}, from {windows.start[index]:.6g} to {windows.stop[index]:.6g} s"
+                if cropped
+                else name,
+            )
+        )
+
+
+def _inside(folder: Path, name: str, row: int) -> Path:
     expected, remedy = "", REMEDY
     path = Path(name)
     try:
@@ -75,8 +142,6 @@ def _inside(folder: Path, name: str, row: int, taken: dict[Path, str]) -> Path:
     elif outside:
         expected = "a path inside the dataset's folder"
         remedy = "Put the recording into the folder and name it relative to dataset.toml."
-    elif path in taken:
-        expected, remedy = "a recording of its own for every impact", "Correct one of the two rows."
     if expected:
         raise InputError(Problem("impacts.csv", expected, remedy, row, "trace", name or "an empty cell"))
     return path

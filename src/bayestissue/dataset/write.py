@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import gzip
 import json
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
 import pandas as pd
 import pyarrow as pa
 import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 
+from bayestissue.dataset.model import Dataset
 from bayestissue.dataset.settings import Settings, parse_settings
+from bayestissue.results import claim
 
 TraceFile = Literal["traces.csv", "traces.csv.gz", "traces.parquet"]
 
@@ -22,10 +26,12 @@ def write_dataset(
     *,
     settings: dict[str, Any],
     impacts: pd.DataFrame,
-    traces: pd.DataFrame,
+    traces: pd.DataFrame | None = None,
     trace_file: TraceFile = "traces.csv.gz",
 ) -> None:
     """Write ``dataset.toml``, ``impacts.csv`` and one long trace table; the same input gives the same bytes.
+
+    Without ``traces`` no table is written: the column ``trace`` of ``impacts`` then names a file for each.
 
     Args:
         folder: made if it is not there.
@@ -40,14 +46,42 @@ def write_dataset(
         KeyError: a needed column is missing.
     """
     signal = parse_settings(settings).signal
-    table = pa.Table.from_pandas(
-        traces[["impact", signal.time_column, signal.value_column]], preserve_index=False
-    ).replace_schema_metadata(None)
     impacts = impacts[["impact", "subject", "trial", "mass_kg", *_others(impacts)]]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dataset.toml").write_text(_toml(settings), encoding="utf-8")
     impacts.to_csv(folder / "impacts.csv", index=False, lineterminator="\n")
-    _write_table(table, folder / trace_file)
+    if traces is not None:
+        table = pa.Table.from_pandas(
+            traces[["impact", signal.time_column, signal.value_column]], preserve_index=False
+        )
+        _write_table(table.replace_schema_metadata(None), folder / trace_file)
+
+
+def write_whole(data: Dataset, path: Path, *, overwrite: bool) -> Path:
+    """See `Dataset.write`."""
+    free_text = {name: getattr(data, name) for name in ("name", "description", "licence", "source")}
+    unit = "m" if data.quantity == "displacement" else "m/s^2"
+    settings = {name: text for name, text in free_text.items() if text} | {
+        "signal": {"quantity": data.quantity, "unit": unit},
+        "uncertainty": asdict(data.uncertainty),
+    }
+    count = [len(trace.time_s) for trace in data.traces]
+    traces = pd.DataFrame(
+        {
+            "impact": pd.Categorical.from_codes(
+                np.repeat(np.arange(len(count)), count), pd.Index(data.impacts["impact"])
+            ),
+            "time_s": np.concatenate([trace.time_s for trace in data.traces]),
+            "value": np.concatenate([trace.value for trace in data.traces]),
+        }
+    )
+    with (
+        claim(path, overwrite=overwrite, command="write", inputs=(data.folder,)) as place,
+        place.folder() as staging,
+    ):
+        impacts = data.impacts.drop(columns="trace", errors="ignore")
+        write_dataset(staging, settings=settings, impacts=impacts, traces=traces)
+    return path
 
 
 def _others(impacts: pd.DataFrame) -> list[str]:

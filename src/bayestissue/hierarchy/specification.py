@@ -53,9 +53,13 @@ class Formulas(BaseModel):
 
 
 class PracticalEquivalence(_Table):
-    """How near a mass exponent must be to a hypothesis to count as equal to it in practice."""
+    """How near a mass exponent, or a ratio, must be to a hypothesis to count as equal to it in practice."""
 
     mass_exponent: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    ratio: Annotated[float, Field(gt=0, lt=1)] = Field(
+        default=0.1,
+        description="of a comparison, as of left over right: from 1 / (1 + ratio) to 1 + ratio counts as 1.",
+    )
 
 
 class Sampler(_Table):
@@ -121,6 +125,11 @@ class ModelSpecification(_Table):
     priors: Priors = Priors()
     practical_equivalence: PracticalEquivalence = PracticalEquivalence()
     comparison: Comparison = Comparison()
+    questions: dict[str, str] = Field(
+        default={},
+        description="asked of the finished fit, by a name each, as `bayestissue ask` asks them. Of fits of "
+        "traces alone.",
+    )
     sampler: Sampler = Sampler()
 
     @model_validator(mode="before")
@@ -154,6 +163,13 @@ class ModelSpecification(_Table):
         if wrong:
             raise ValueError(f'"white", or the key left out: {"; ".join(wrong)}')
         return choice
+
+    @field_validator("questions")
+    @classmethod
+    def _of_traces(cls, questions: dict[str, str], info: ValidationInfo) -> dict[str, str]:
+        if questions and info.data.get("likelihood") == "published-estimates":
+            raise ValueError("no questions beside this likelihood: they are asked of fits of traces")
+        return questions
 
     @field_validator("element")
     @classmethod

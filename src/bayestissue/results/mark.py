@@ -1,8 +1,8 @@
 """The mark in every folder that this program writes: what it wrote there, and so what it may replace.
 
 A result folder holds ``.bayestissue.json``: the command, and the name and size of every file. Of a dataset,
-which `simulate` alone writes, it has a hash of the contents too. Results of earlier versions have no mark;
-their ``run.json`` and the names of their files tell them.
+as `simulate` and `Dataset.write` make it, it has a hash of the contents too. Results of earlier versions have
+no mark; their ``run.json`` and the names of their files tell them.
 """
 
 from __future__ import annotations

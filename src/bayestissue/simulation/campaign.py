@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -58,7 +57,7 @@ class Campaign:
             uncertainty=self.uncertainty,
             warnings=(),
             left_out=(),
-            folder=Path(),
+            folder=None,
             input_hash="",
         )
 

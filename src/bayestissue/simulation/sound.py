@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -180,6 +179,6 @@ def dataset(impacts: list[Impact], traces: list[Trace], quantity: Quantity = "de
         uncertainty=Uncertainty(),
         warnings=(),
         left_out=(),
-        folder=Path(),
+        folder=None,
         input_hash="",
     )

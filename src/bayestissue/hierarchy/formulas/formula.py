@@ -279,21 +279,68 @@ def _unusable(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> lis
     return faults or [Fault(term, expected, "these terms can't stand together") for term in terms.common]
 
 
+def reference_row(rows: pd.DataFrame, reference_mass_kg: float) -> dict[str, Any]:
+    """Where every column of a design is zero: the reference mass, means of numbers, the first categories."""
+    numeric = rows.select_dtypes("number").columns
+    at = {str(name): rows[name].mean() if name in numeric else rows[name].iloc[0] for name in rows}
+    return at | {"mass_kg": reference_mass_kg}
+
+
+def evaluated_at(
+    formula: str, rows: pd.DataFrame, reference_mass_kg: float, new: pd.DataFrame
+) -> tuple[dict[str, Float[np.ndarray, " new"]], dict[GroupTerm, Float[np.ndarray, " new"]]]:
+    """A formula that ``rows`` can tell, evaluated in rows that it was not judged by.
+
+    Args:
+        formula: as `Terms` writes it.
+        rows: those that it was judged by, which fix categories and what transforms remember of their columns.
+        reference_mass_kg: as in `judge`.
+        new: any rows with the formula's covariates, their categories among those of ``rows``.
+
+    Returns:
+        The covariates by name and the covariate of each group term (1 for an intercept), in their own units
+        and zero at the reference row.
+    """
+    terms, _ = _read(formula)
+    columns, names, _ = _design(terms.common, rows, reference_mass_kg, new)
+    groups = {
+        term: _design([term.slope], rows, reference_mass_kg, new)[0][:, 0]
+        if term.slope
+        else np.ones(len(new))
+        for term in terms.groups
+    }
+    return dict(zip(names, columns.T, strict=True)), groups
+
+
+def variables_of_terms(formula: str) -> tuple[frozenset[str], ...]:
+    """The columns that each of a formula's covariate terms names."""
+    return _read(formula)[0].variables
+
+
+def columns_named(formula: str) -> tuple[str, ...]:
+    """The columns that a formula needs: of its covariates, of its slopes and of its groups."""
+    terms, _ = _read(formula)
+    covariates = [name for names in (*terms.variables, *terms.slopes.values()) for name in sorted(names)]
+    return tuple(dict.fromkeys([*covariates, *(name for term in terms.groups for name in term.factors)]))
+
+
 def _design(
-    terms: Sequence[str], rows: pd.DataFrame, reference_mass_kg: float
+    terms: Sequence[str], rows: pd.DataFrame, reference_mass_kg: float, new: pd.DataFrame | None = None
 ) -> tuple[np.ndarray, list[str], list[int]]:
-    """Columns less the reference row's, their names, and the number of the term that each is of."""
+    """Columns less the reference row's, their names, and the number of the term that each is of.
+
+    They are of ``rows``, or of ``new`` ones.
+    """
     import formulae
     from formulae.environment import Environment
 
-    numeric = rows.select_dtypes("number").columns
-    at_reference = {name: rows[name].mean() if name in numeric else rows[name].iloc[0] for name in rows}
-    reference = pd.DataFrame([at_reference | {"mass_kg": reference_mass_kg}])
+    reference = pd.DataFrame([reference_row(rows, reference_mass_kg)])
     environment = Environment([FUNCTIONS])
     formula = " + ".join(terms) or "1"
     common = formulae.design_matrices(formula, rows, na_action="error", env=environment).common
     with np.errstate(invalid="ignore", divide="ignore"):  # what is not finite is refused
-        columns = common.design_matrix - common.evaluate_new_data(reference).design_matrix
+        at = common if new is None else common.evaluate_new_data(new)
+        columns = at.design_matrix - common.evaluate_new_data(reference).design_matrix
     labels = [(label, name) for name, term in common.terms.items() for label in term.labels]
     own = [name for name in common.terms if name != _INTERCEPT]
     keep = [i for i, (_, name) in enumerate(labels) if name != _INTERCEPT]

@@ -104,7 +104,7 @@ class Grouping:
 
 def grouping_of(rows: pd.DataFrame, factors: tuple[str, ...]) -> Grouping:
     """The levels of ``factors`` in a table that has no missing value in them."""
-    labels = [_labels(rows[name]) for name in factors]
+    labels = [labels_of(rows[name]) for name in factors]
     codes = np.stack([pd.factorize(each)[0] for each in labels])
     together = np.unique(codes, axis=1, return_inverse=True)[1].reshape(-1)
     code = pd.factorize(together)[0]
@@ -112,7 +112,8 @@ def grouping_of(rows: pd.DataFrame, factors: tuple[str, ...]) -> Grouping:
     return Grouping(factors, tuple(":".join(each[row] for each in labels) for row in first), code)
 
 
-def _labels(column: pd.Series) -> np.ndarray:
+def labels_of(column: pd.Series) -> np.ndarray:
+    """A column's values as levels are called."""
     if pd.api.types.is_float_dtype(column):
         return np.array([f"{value:.12g}" for value in column], dtype=object)
     return column.astype(str).to_numpy(object)

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.dataset.impacts import RESERVED
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.design import Design
@@ -50,8 +51,8 @@ def posterior_tree(
     rng = np.random.default_rng(seed)
     named = partial(
         labelled,
-        dimensions=_dimensions(prepared.design, prepared.data.record.errors),
-        attributes=design_attributes(prepared.design),
+        dimensions=_dimensions(prepared.design, prepared.data.record.errors, _columns(prepared)),
+        attributes=design_attributes(prepared.design) | _column_attributes(prepared),
     )
     put = partial(named, coordinates=_coordinates(prepared))
     every, whole = put, prepared
@@ -94,7 +95,9 @@ def _coordinates(prepared: Prepared) -> dict[str, Any]:
     return {"impact": prepared.impacts["impact"].astype(str).tolist(), **levels}
 
 
-def _dimensions(design: Design, errors: Iterable[str] = ()) -> dict[str, tuple[str, ...]]:
+def _dimensions(
+    design: Design, errors: Iterable[str] = (), columns: Iterable[str] = ()
+) -> dict[str, tuple[str, ...]]:
     stems = {name: stem_of(name) for name in design.groupings}
     return {
         **dict.fromkeys((*PER_IMPACT, *errors, "trace"), ("impact",)),
@@ -105,6 +108,7 @@ def _dimensions(design: Design, errors: Iterable[str] = ()) -> dict[str, tuple[s
         **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "sample")),
         **dict.fromkeys(("mass_kg", "velocity_m_s", "n_samples"), ("impact",)),
         **dict.fromkeys(("sampling_interval_s", "first_sample_s"), ("impact",)),
+        **{f"column_{stem_of(name)}": ("impact",) for name in columns},
     }
 
 
@@ -155,7 +159,22 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
             for name, grouping in prepared.design.groupings.items()
         },
         **{f"{name}_sd": error_sd[:, i] for i, name in enumerate(record.errors)},
+        **{f"column_{stem_of(name)}": _values(prepared.impacts[name]) for name in _columns(prepared)},
     }
+
+
+def _columns(prepared: Prepared) -> list[str]:
+    """The columns of the impacts that formulas may name and that stand nowhere else."""
+    return [str(name) for name in prepared.impacts if name not in RESERVED and "/" not in str(name)]
+
+
+def _values(column: pd.Series) -> np.ndarray:
+    return column.to_numpy(float if pd.api.types.is_numeric_dtype(column) else str)
+
+
+def _column_attributes(prepared: Prepared) -> dict[str, dict[str, str]]:
+    names = _columns(prepared)
+    return {f"column_{stem_of(n)}": {"column": n, "long_name": f"the impact's {n}"} for n in names}
 
 
 def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Generator) -> dict[str, xr.Dataset]:

@@ -33,8 +33,29 @@ _TABLES = (
 )
 _TRUTH = TableFile("truth", ("impact",), tuple(COLUMN.values()), tuple(COMPARABLE.values()))
 _SOURCES = TableFile("interval_sources", ("level", "quantity", "source"), ("share", "sd"))
-# Not every run has them: only simulated data a truth, and earlier runs no sources.
-_OPTIONAL = (_TRUTH, _SOURCES)
+_QUESTIONS = TableFile(
+    "questions",
+    ("question", "name", "note"),
+    ("posterior", "prior", "bayes_factor", "mcse", "median", "low", "high"),
+)
+_RATIOS = ("ratio", "low", "high")
+_CONTRASTS = TableFile(
+    "contrasts",
+    ("factor", "level", "against", "quantity"),
+    (*_RATIOS, "p_direction", "p_equivalent"),
+)
+_RELIABILITY = TableFile("reliability", ("quantity", "measure", "form", "unit"), ("median", "low", "high"))
+_PEOPLE = TableFile("people", ("quantity", "person", "against"), ("p_greater", *_RATIOS))
+# Not every run has them, by the field that holds each: only simulated data a truth, earlier runs less, few
+# model files questions.
+_OPTIONAL = {
+    "truth": _TRUTH,
+    "interval_sources": _SOURCES,
+    "contrasts": _CONTRASTS,
+    "people_compared": _PEOPLE,
+    "reliability": _RELIABILITY,
+    "questions": _QUESTIONS,
+}
 _TRACES = ("displacement", "deceleration")
 # What the page can't do without, by group of `posterior.nc`.
 _NEEDED = {
@@ -52,8 +73,8 @@ class FitRun:
 
     ``groups`` holds the data sets of `posterior.nc` that the report shows, draws of single impacts left
     out: their medians and intervals stand in ``summary``. The tables keep their column names, text as it
-    was written and numbers as float64; ``truth`` is None unless the data were simulated,
-    ``interval_sources`` where the run has none.
+    was written and numbers as float64; ``truth`` is None unless the data were simulated, and so is what
+    follows it where an earlier version made the run.
     """
 
     about: dict[str, Any]
@@ -67,6 +88,10 @@ class FitRun:
     estimates_dds: pd.DataFrame
     truth: pd.DataFrame | None
     interval_sources: pd.DataFrame | None = None
+    questions: pd.DataFrame | None = None
+    contrasts: pd.DataFrame | None = None
+    people_compared: pd.DataFrame | None = None
+    reliability: pd.DataFrame | None = None
 
     def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
         """All draws of ``variable``, [draw, ...]: chains one after the other."""
@@ -154,17 +179,16 @@ def read_fit_run(folder: Path, about: dict[str, Any]) -> FitRun:
     """
     names = [f"{layout.name}.csv" for layout in _TABLES]
     require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
-    layouts = (*_TABLES, *(each for each in _OPTIONAL if (folder / f"{each.name}.csv").is_file()))
+    present = [each for each in _OPTIONAL.values() if (folder / f"{each.name}.csv").is_file()]
+    layouts = (*_TABLES, *present)
     problems: list[Problem] = []
     tables = _or(problems, lambda: dict(read_tables(folder, layouts)))
     groups = _or(problems, lambda: _read_groups(folder / "posterior.nc"))
     diagnostics = _or(problems, lambda: _read_diagnostics(folder / "diagnostics.json"))
     if tables is None or groups is None or diagnostics is None:
         raise InputError(problems)
-    truth, sources = (tables.pop(each.name, None) for each in _OPTIONAL)
-    return FitRun(
-        about=about, diagnostics=diagnostics, groups=groups, truth=truth, interval_sources=sources, **tables
-    )
+    optional: dict[str, Any] = {field: tables.pop(each.name, None) for field, each in _OPTIONAL.items()}
+    return FitRun(about=about, diagnostics=diagnostics, groups=groups, **optional, **tables)
 
 
 def _or[Found](problems: list[Problem], read: Callable[[], Found]) -> Found | None:

@@ -15,9 +15,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bayestissue.dataset.files import require_small
+from bayestissue.dataset.files import unpacked_size
 
-_CHUNK = 1 << 20
 _ITEM_BYTES = {1: 1, 2: 1, 3: 2, 4: 2, 5: 4, 6: 4, 7: 4, 9: 8, 12: 8, 13: 8}
 _MATRIX, _COMPRESSED = 14, 15
 _NUMERIC_CLASSES = range(6, 16)
@@ -44,7 +43,7 @@ def numeric_variables(data: bytes, label: str = "a .mat file") -> dict[str, np.n
     size = 0
     for kind, body in _elements(data[128:], order):
         if kind == _COMPRESSED:
-            size = _counted(body, size, label)
+            size = unpacked_size(body, label, before=size)
             ((kind, body),) = _elements(zlib.decompress(body), order)
         names += _numeric_name(kind, body, order)
     content = loadmat(io.BytesIO(data), squeeze_me=True, variable_names=names)
@@ -70,15 +69,6 @@ def _elements(data: bytes, order: str) -> Iterator[tuple[int, bytes]]:
             raise ValueError(f"an element of unknown type {kind}")
         yield kind, data[begin:end]
         at += 8 + step
-
-
-def _counted(body: bytes, size: int, label: str) -> int:
-    """``size`` and that of a packed variable, counted before any of it is kept: it takes no memory."""
-    unpacking, rest = zlib.decompressobj(), body
-    while chunk := unpacking.decompress(rest, _CHUNK):
-        size, rest = size + len(chunk), unpacking.unconsumed_tail
-        require_small(size, label, known=False)
-    return size
 
 
 def _numeric_name(kind: int, body: bytes, order: str) -> Iterator[str]:

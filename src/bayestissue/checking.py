@@ -1,0 +1,118 @@
+"""How good a dataset's recordings are, as one object, and what `bayestissue check` shows of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import pandas as pd
+
+from bayestissue.errors import Problem
+from bayestissue.inference.points.notes import said_once
+from bayestissue.outline import Rows, as_html, as_text, short, span
+from bayestissue.report.check_page import check_page, kinds, quality_table
+from bayestissue.signal import Displacements, displacements
+from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.quality import inspect
+
+if TYPE_CHECKING:
+    from bayestissue.dataset import Dataset
+
+_COLUMNS = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy"]
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """What was found on a dataset that could be read.
+
+    Attributes:
+        dataset: what was checked.
+        signal: what the default signal chain makes of its recordings.
+        quality: one row per impact: see `bayestissue.report.check_page.quality_table`.
+        warnings: what looks odd: of reading, of the signal chain, and of the detectors of spoilt recordings.
+    """
+
+    dataset: Dataset
+    signal: Displacements
+    quality: pd.DataFrame
+    warnings: tuple[Problem, ...]
+
+    def __repr__(self) -> str:
+        return as_text(*self._outline())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._outline())
+
+    def _outline(self) -> tuple[str, Rows]:
+        rows = [
+            ("impacts", str(len(self.quality))),
+            ("time to peak", span(self.quality["time_to_peak_s"] * 1e3, "ms")),
+            ("noise over peak", span(self.quality["noise_to_peak"], "")),
+            *(("warning", short(str(some[0]), 200)) for some in kinds(self.warnings)),
+            *(("note", short(words, 200)) for words in self.notes),
+            ("more in", ".quality, .problems, .page()"),
+        ]
+        return f"Check of {short(self.dataset.name)}: {self.verdict}", rows
+
+    @property
+    def verdict(self) -> str:
+        """Whether the dataset is fine, in a few words."""
+        left_out = len({problem.impact for problem in self.dataset.left_out})
+        warned = len(kinds(self.warnings))
+        fine = f"no errors, {warned} warning{'s' if warned > 1 else ''}" if warned else "fine"
+        fine += f" without the {left_out} impacts left out" if left_out else ""
+        too_short = int((self.signal.n_samples < FEWEST_SAMPLES).sum())
+        if not too_short:
+            return fine
+        count = len(self.dataset.impacts)
+        return f"{fine}, and {too_short} of {count} impacts too short to be fitted (see the warnings)"
+
+    @property
+    def notes(self) -> list[str]:
+        """What is not wrong, but should be known."""
+        impacts = self.dataset.impacts
+        one_mass = impacts["mass_kg"].min() == impacts["mass_kg"].max()
+        masses = ["the mass never varies: these data have no mass exponent"] if one_mass else []
+        return [*masses, *said_once("; ".join(notes) for notes in self.signal.notes)]
+
+    @property
+    def problems(self) -> pd.DataFrame:
+        """What was left out, and warnings: one row each."""
+        lists = [("left out", each) for each in self.dataset.left_out]
+        lists += [("warning", each) for each in self.warnings]
+        table = pd.DataFrame([{"severity": s, **p.as_dict()} for s, p in lists], columns=_COLUMNS)
+        return table.astype({"row": "Int64"})
+
+    def page(self) -> str:
+        """The HTML of the page with a panel for each impact."""
+        return check_page(
+            self.dataset, self.signal, self.quality, verdict=self.verdict, warnings=self.warnings
+        )
+
+
+def check(dataset: Dataset) -> Check:
+    """Look at every recording of a dataset: how good it is, and whether something spoilt it.
+
+    Args:
+        dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it.
+    """
+    signal = displacements(dataset)
+    warnings = (*dataset.warnings, *_raised(dataset, signal))
+    return Check(dataset, signal, quality_table(dataset, signal, warnings), warnings)
+
+
+def _raised(data: Dataset, signal: Displacements) -> list[Problem]:
+    """What the signal chain and the detectors of spoilt recordings say: the flags of `estimate`."""
+    names = data.impacts["impact"]
+    chain = [
+        Problem("recording", "a recording that the default signal chain can use", f"{flag}.", impact=impact)
+        for impact, flags in zip(names, signal.flags, strict=True)
+        for flag in flags
+    ]
+    spoilt = [
+        Problem("recording", finding.kind.expected, finding.advice, value=said, impact=impact)
+        for finding in inspect(data)
+        for impact, said in zip(names, finding.said, strict=True)
+        if said
+    ]
+    return [*chain, *spoilt]

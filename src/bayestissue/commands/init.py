@@ -1,0 +1,94 @@
+"""`bayestissue init`: a dataset from a folder of recorder files."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import typer
+
+from bayestissue.commands.console import echo
+from bayestissue.errors import InputError, Problem, printable
+from bayestissue.intake import Choices, Cutting, Intake, Question, prepare, write
+
+
+def run(
+    folder: Path,
+    *,
+    out: Path,
+    choices: Choices,
+    name: str,
+    cutting: Cutting | None,
+    skip_bad: bool,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Make a dataset of a folder of recorder files, ask at a terminal for what is not known, and check it.
+
+    Writes ``dataset.toml``, ``impacts.csv``, the recordings as they are, and ``init.html``.
+
+    Raises:
+        InputError: something is wrong, or is not known and there is no terminal to ask at.
+    """
+    intake = prepare(folder, choices)
+    if intake.questions and not quiet and not as_json and _at_a_terminal():
+        intake = _asked(intake)
+    built = write(intake, out, name=name, cutting=cutting, skip_bad=skip_bad, overwrite=overwrite)
+    path = built.dataset.folder or out
+    if not quiet and not as_json:
+        for problem in built.left_out:
+            echo(f"left out: {problem}")
+        for note in built.notes:
+            echo(note)
+        echo(f"wrote {path}; look at {path / 'init.html'}")
+    if not quiet:
+        from bayestissue.commands import check
+
+        check.run(path, out=None, skip_bad=False, overwrite=False, quiet=False, as_json=as_json)
+
+
+def given(facts: list[str]) -> dict[str, str]:
+    """The options ``--set NAME=VALUE`` as a dictionary.
+
+    Raises:
+        InputError: one has no name or no value, or a name stands there twice.
+    """
+    found: dict[str, str] = {}
+    problems = []
+    for text in facts:
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not (name and equals and value) or name in found:
+            expected = "NAME=VALUE, each name once"
+            problems.append(Problem("--set", expected, "Write, say, --set mass_kg=2.1.", value=text))
+        found[name] = value
+    if problems:
+        raise InputError(problems)
+    return found
+
+
+def _at_a_terminal() -> bool:
+    return sys.stdin is not None and sys.stdin.isatty() and sys.stderr.isatty()
+
+
+def _asked(intake: Intake) -> Intake:
+    typer.echo(printable("\n".join(intake.listed()), lines=True), err=True)
+    options = []
+    while intake.questions:
+        question = intake.questions[0]
+        text = _answer(question)
+        intake = intake.answered(question, text)
+        options.append(Question(question.option, "", (), text).line)
+    told = printable(" ".join(options), lines=True)
+    typer.echo(f"The same without questions: {told}", err=True)
+    return intake
+
+
+def _answer(question: Question) -> str:
+    words = question.what + (f" ({', '.join(question.answers)})" if question.answers else "")
+    words = words[0].upper() + words[1:]
+    while True:
+        text = str(typer.prompt(printable(words), err=True)).strip()
+        if text and (not question.answers or text in question.answers):
+            return text
+        typer.echo(printable(f"expected one of: {', '.join(question.answers)}"), err=True)

@@ -1,0 +1,278 @@
+"""A dataset from tables and arrays at hand, by every check that a folder gets."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.dataset.headers import column_problems
+from bayestissue.dataset.impact_cells import FILE as IMPACTS
+from bayestissue.dataset.impact_cells import cells_of
+from bayestissue.dataset.impacts import impact_table, wanted
+from bayestissue.dataset.long_table import long_reading
+from bayestissue.dataset.model import Dataset, Quantity, Trace, Uncertainty
+from bayestissue.dataset.read import checked_dataset
+from bayestissue.dataset.samples import Reading
+from bayestissue.dataset.settings import FILE as SETTINGS
+from bayestissue.dataset.settings import Settings, SignalSettings, parse_settings
+from bayestissue.dataset.tables import Labels, Numbers
+from bayestissue.errors import InputError, Problem
+
+# What messages call the tables; the checks count rows as a spreadsheet does, a caller's from 0.
+_LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
+_FIRST_ROW = 2
+_CALLED = {IMPACTS: "impacts (rows from 0)", SETTINGS: "arguments", _LONG: _LONG, _SINGLE: _SINGLE}
+_WORDS = (
+    (re.compile(r" (in|to|of|than) dataset\.toml"), ""),
+    (re.compile(r"\b(?:signal)\.(\w+)"), r"\1"),
+    (re.compile(r"impacts\.csv"), "the table impacts"),
+    (re.compile(r"\bthe key (\w)"), r"the argument \1"),
+    (re.compile(r"\brow (\d+)"), lambda found: f"row {int(found[1]) - _FIRST_ROW}"),
+)
+
+
+def dataset(
+    impacts: pd.DataFrame | Mapping[str, Any] | Sequence[Mapping[str, Any]],
+    traces: pd.DataFrame | Mapping[Any, Any] | Sequence[Any],
+    *,
+    quantity: Quantity,
+    unit: str,
+    time_unit: str = "s",
+    time_column: str = "time_s",
+    value_column: str = "value",
+    scale: float = 1.0,
+    offset: float = 0.0,
+    uncertainty: Mapping[str, float] | Uncertainty | None = None,
+    name: str = "from arrays",
+    description: str = "",
+    licence: str = "",
+    source: str = "",
+    skip_bad: bool = False,
+) -> Dataset:
+    """A dataset from pandas tables or arrays, checked as `read_dataset` checks a folder.
+
+    Args:
+        impacts: one row per impact, with the columns of ``impacts.csv``: ``impact``, ``subject``, ``trial``,
+            ``mass_kg``, ``velocity_m_s`` (not needed of a displacement), and covariates. A table, columns by
+            name, or records. A column ``trace`` is left out: recordings are ``traces``.
+        traces: the recordings: one long table with a column ``impact`` beside the time and the value column;
+            or by the impact's name, or in the order of ``impacts``, each a table of these two columns, a
+            pair (time, value) or a `Trace`.
+        quantity: "deceleration", "acceleration" or "displacement".
+        unit: of the recorded values, such as "m/s^2", "g_0" or "mm".
+        time_unit: of the times.
+        time_column: its name in tables of ``traces``.
+        value_column: the name of the values' column there.
+        scale: by which the values are multiplied before the unit.
+        offset: added to them after that.
+        uncertainty: standard deviations of the measuring chain, by the keys of ``[uncertainty]``.
+        name: of the dataset.
+        description: free text.
+        licence: free text.
+        source: free text.
+        skip_bad: leave out impacts with something wrong, and say so in ``left_out``.
+
+    Raises:
+        InputError: everything that is wrong, each with its table, row (counted from 0), column and value,
+            what was expected and how to mend it.
+    """
+    free_text = {"name": name, "description": description, "licence": licence, "source": source}
+    signal = {
+        **{"quantity": quantity, "unit": unit, "time_unit": time_unit},
+        **{"time_column": time_column, "value_column": value_column},
+        **{"scale": _plain(scale), "offset": _plain(offset)},
+    }
+    chain = asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else dict(uncertainty or {})
+    chain = {key: _plain(value) for key, value in chain.items()}
+    with _in_the_callers_words():
+        settings = parse_settings({**free_text, "signal": signal, "uncertainty": chain})
+        needs_velocity = quantity != "displacement"
+        names, body = _texts(impacts)
+        numbers = range(_FIRST_ROW, len(body) + _FIRST_ROW)
+        cells, rows = cells_of(names, body, numbers, wanted(needs_velocity=needs_velocity))
+        table = impact_table(cells, rows, needs_velocity=needs_velocity)
+        try:
+            given = _samples(traces, cells["impact"].tolist(), settings.signal)
+        except InputError as error:
+            raise InputError([*table.problems, *error.problems]) from None
+        reading = long_reading(
+            given.label, given.times, given.readings, given.labels, given.rows,
+            cells["impact"].tolist(), settings.signal,
+        )  # fmt: skip
+        reading = replace(reading, problems=[*table.problems, *reading.problems])
+        hashed = _hash(settings, cells, reading)
+        made = checked_dataset(settings, table, reading, skip_bad=skip_bad, folder=None, input_hash=hashed)
+    return replace(
+        made,
+        warnings=tuple(map(_in_words, made.warnings)),
+        left_out=tuple(map(_in_words, made.left_out)),
+    )
+
+
+@contextmanager
+def _in_the_callers_words() -> Iterator[None]:
+    try:
+        yield
+    except InputError as error:
+        raise InputError(map(_in_words, error.problems)) from None
+
+
+def _in_words(problem: Problem) -> Problem:
+    """The same of the caller's tables and arguments, not of the files and keys of a folder."""
+    texts = {"expected": problem.expected, "remedy": problem.remedy, "column": problem.column or ""}
+    for pattern, words in _WORDS:
+        texts = {key: pattern.sub(words, text) for key, text in texts.items()}
+    row = None if problem.row is None or problem.row < _FIRST_ROW else problem.row - _FIRST_ROW
+    changed: dict[str, Any] = {**texts, "column": texts["column"] or None}
+    return replace(problem, file=_CALLED.get(problem.file, problem.file), row=row, **changed)
+
+
+def _plain(value: Any) -> Any:
+    """A NumPy number as Python's, which settings are checked as."""
+    value = value.item() if isinstance(value, np.generic) else value
+    return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
+
+
+def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
+    """The table of impacts as the cells of a file: names and records."""
+    try:
+        table = pd.DataFrame(impacts).drop(columns="trace", errors="ignore")
+    except (TypeError, ValueError) as error:
+        remedy = "Pass a pandas table, columns of equal length by name, or one dictionary per impact."
+        raise InputError(Problem(IMPACTS, "a table of impacts", remedy, value=str(error))) from None
+    columns = [[_text(value) for value in table.iloc[:, place]] for place in range(table.shape[1])]
+    body = [list(record) for record in zip(*columns, strict=True)]
+    return [str(name).strip() for name in table.columns], body
+
+
+def _text(value: Any) -> str:
+    """A cell as a file has it: every digit of a number, nothing where one is missing."""
+    value = value.item() if isinstance(value, np.generic) else value
+    # Only what is no number differs from itself.
+    if value is None or value is pd.NA or value is pd.NaT or value != value:
+        return ""
+    if isinstance(value, float):
+        return str(int(value)) if value.is_integer() and abs(value) < 1e15 else repr(value)
+    return str(value).strip()
+
+
+@dataclass(frozen=True, eq=False)
+class _Samples:
+    """All samples under one another, as `long_reading` takes them."""
+
+    label: str
+    times: Numbers
+    readings: Numbers
+    labels: Labels
+    rows: np.ndarray
+
+
+def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Samples:
+    columns = (signal.time_column, signal.value_column)
+    if isinstance(traces, pd.DataFrame):
+        if problems := column_problems(_LONG, [str(name) for name in traces], ["impact", *columns]):
+            raise InputError(problems)
+        codes, names = pd.factorize(traces["impact"], use_na_sentinel=False)
+        texts = [_text(name) for name in names]
+        distinct = tuple(dict.fromkeys(texts))
+        place = {text: index for index, text in enumerate(distinct)}
+        labels = Labels(np.array([place[text] for text in texts], int)[codes], distinct)
+        times, readings = (_numbers(traces[name], _LONG, name, None) for name in columns)
+        if not len(codes):
+            raise InputError(Problem(_LONG, "one row per sample", "Add the samples.", value="no rows"))
+        return _Samples(_LONG, times, readings, labels, np.arange(len(codes)) + _FIRST_ROW)
+    if isinstance(traces, Mapping):
+        named = [(_text(name), trace) for name, trace in traces.items()]
+    elif isinstance(traces, Sequence) and not isinstance(traces, str) and len(traces) == len(impacts):
+        named = list(zip(impacts, traces, strict=True))
+    else:
+        found = f"{len(traces)} recordings" if isinstance(traces, Sequence) else type(traces).__name__
+        remedy = "Pass a long table, recordings by impact, or one for each impact in their order."
+        raise InputError(Problem(_SINGLE, f"recordings of {len(impacts)} impacts", remedy, value=found))
+    return _joined(named, columns)
+
+
+def _joined(named: list[tuple[str, Any]], columns: tuple[str, str]) -> _Samples:
+    problems: list[Problem] = []
+    pairs: list[tuple[Numbers, Numbers]] = []
+    for name, trace in named:
+        try:
+            pairs.append(_pair(trace, name, columns))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    count = [len(times.array) for times, _ in pairs]
+    labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
+    rows = np.concatenate([np.empty(0, int), *(np.arange(number) for number in count)]) + _FIRST_ROW
+    times, readings = (_end_to_end([pair[side] for pair in pairs]) for side in (0, 1))
+    return _Samples(_SINGLE, times, readings, labels, rows)
+
+
+def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[Numbers, Numbers]:
+    if isinstance(trace, Trace):
+        trace = trace.time_s, trace.value
+    elif isinstance(trace, pd.DataFrame):
+        if problems := column_problems(_SINGLE, [str(name) for name in trace], columns):
+            raise InputError(replace(problem, impact=impact) for problem in problems)
+        trace = trace[columns[0]], trace[columns[1]]
+    if not isinstance(trace, tuple | list) or len(trace) != len(columns):
+        remedy = f"Pass (time, value), or a table with {columns[0]} and {columns[1]}."
+        problem = Problem(_SINGLE, "a pair of arrays", remedy, value=type(trace).__name__, impact=impact)
+        raise InputError(problem)
+    times, readings = (
+        _numbers(each, _SINGLE, name, impact) for each, name in zip(trace, columns, strict=True)
+    )
+    if len(times.array) != len(readings.array):
+        raise InputError(
+            Problem(
+                _SINGLE,
+                "as many times as values",
+                "Pass the two arrays of one recording.",
+                value=f"{len(times.array)} times and {len(readings.array)} values",
+                impact=impact,
+            )
+        )
+    return times, readings
+
+
+def _numbers(values: Any, label: str, column: str, impact: str | None) -> Numbers:
+    if np.ndim(values) == 1:
+        series = pd.Series(values).reset_index(drop=True)
+        if pd.api.types.is_numeric_dtype(series) and not pd.api.types.is_complex_dtype(series):
+            return Numbers(series.to_numpy(np.float64, na_value=np.nan))
+        if series.dtype == object or pd.api.types.is_string_dtype(series):
+            array = pd.to_numeric(series, errors="coerce").to_numpy(np.float64, na_value=np.nan)
+            bad = np.flatnonzero(np.isnan(array) & series.notna().to_numpy())
+            return Numbers(array, {int(index): str(series.iloc[index]) for index in bad})
+    found = f"an array of shape {np.shape(values)} of {getattr(values, 'dtype', type(values).__name__)}"
+    expected = "one number for each sample, times counted in time_unit"
+    remedy = "Pass a one-dimensional array of numbers."
+    raise InputError(Problem(label, expected, remedy, column=column, value=found, impact=impact))
+
+
+def _end_to_end(parts: list[Numbers]) -> Numbers:
+    begin = np.concatenate([[0], np.cumsum([len(part.array) for part in parts])]).astype(int)
+    text = {
+        int(first) + index: words
+        for first, part in zip(begin, parts, strict=False)
+        for index, words in part.text.items()
+    }
+    return Numbers(np.concatenate([np.empty(0), *(part.array for part in parts)]), text)
+
+
+def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
+    digest = hashlib.sha256(json.dumps(settings.model_dump(mode="json"), sort_keys=True).encode())
+    digest.update(cells.to_csv(index=False).encode())
+    samples = reading.samples
+    for array in (samples.impact, samples.start, samples.time, samples.value):
+        digest.update(np.ascontiguousarray(array).tobytes())
+    return digest.hexdigest()

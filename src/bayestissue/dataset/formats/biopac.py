@@ -1,0 +1,57 @@
+"""Biopac's AcqKnowledge files, ``.acq``, by the library bioread, which is installed on demand."""
+
+from __future__ import annotations
+
+import io
+import logging
+
+import numpy as np
+
+from bayestissue.dataset.files import require_small, unpacked_size
+from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
+
+
+def read(data: bytes, label: str) -> Contents:
+    """The channels by name; their clock begins at 0 s and runs at each channel's own rate.
+
+    Raises:
+        UnfitError: bioread is not installed.
+        Exception: the file is damaged: whatever bioread raises.
+    """
+    try:
+        from bioread.reader import Reader
+    except ImportError:
+        raise UnfitError(
+            "the library bioread, which reads Biopac files",
+            'Install it: pip install "bayestissue[biopac]".',
+            "none installed",
+        ) from None
+    # What is wrong is said once, by whoever called.
+    logging.getLogger("bioread").setLevel(logging.CRITICAL)
+    about = Reader.read_headers(io.BytesIO(data))
+    if about.datafile is None or about.data_length is None:
+        raise ValueError("no AcqKnowledge file, or one whose header is damaged")
+    if about.is_compressed:
+        size = 0
+        for header in about.channel_compression_headers:
+            begin = header.compressed_data_offset
+            size = unpacked_size(data[begin : begin + header.compressed_data_len], label, before=size)
+    elif about.data_start_offset + about.data_length > len(data):
+        raise UnfitError(
+            "all samples that its header states",
+            "Copy or export the recording anew.",
+            "an end that is missing",
+        )
+    require_small(sum(8.0 * channel.point_count for channel in about.datafile.channels), label)
+    channels: dict[str, Channel] = {}
+    for number, channel in enumerate(Reader.read(io.BytesIO(data)).datafile.channels, 1):
+        values = np.asarray(channel.data, dtype=np.float64)
+        name = channel.name.strip() or f"channel {number}"
+        name = name if name not in channels else f"{name} {number}"
+        rate = float(channel.samples_per_second)
+        clock = even_clock(1 / rate, 0.0, values.size) if rate > 0 else None
+        channels[name] = Channel(values, clock, channel.units.strip())
+    return Contents(channels)
+
+
+FORMAT = Format("Biopac AcqKnowledge", ".acq", read)

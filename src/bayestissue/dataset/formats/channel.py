@@ -1,0 +1,87 @@
+"""What every format gives: channels of numbers, each with the unit and the clock that its file states."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float64
+
+# "Impact (m/s^2)", "Impact [g]": text tables have no other place for a unit.
+_UNIT_IN_NAME = re.compile(r".*[(\[]\s*([^()\[\]]+?)\s*[)\]]\s*")
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One channel of a recorder.
+
+    Attributes:
+        values: as the file gives them, scaled where the format itself defines a scale.
+        clock: the recorder's time of each sample in s, where the format carries one.
+        unit: as the file writes it; empty where it states none.
+    """
+
+    values: Float64[np.ndarray, " sample"]
+    clock: Float64[np.ndarray, " sample"] | None = None
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class Contents:
+    """All channels of a file, by name.
+
+    Attributes:
+        channels: in the order of the file.
+        first_row: the row, or in a binary file the number, of the first sample.
+    """
+
+    channels: dict[str, Channel]
+    first_row: int = 1
+
+
+@dataclass(frozen=True)
+class Format:
+    """One format of recorder files.
+
+    Attributes:
+        name: as its users call it.
+        suffix: how its files' names end, in small letters.
+        read: from the bytes of a file, and what to call it in a message, to its contents. It may raise
+            `UnfitError`, and on damaged bytes anything at all.
+        share: of the bytes that a file may have, for what takes many times its size once it is taken apart.
+    """
+
+    name: str
+    suffix: str
+    read: Callable[[bytes, str], Contents]
+    share: float = 1.0
+
+
+class UnfitError(Exception):
+    """A whole file that can't serve: what was expected, what to do, and what was found."""
+
+    def __init__(self, expected: str, remedy: str, found: object) -> None:
+        super().__init__(expected)
+        self.expected, self.remedy, self.found = expected, remedy, found
+
+
+def even_clock(step: object, start: object, samples: int) -> Float64[np.ndarray, " sample"] | None:
+    """``start + step · i`` in s for each sample i; None where that is no clock.
+
+    Args:
+        step: the sampling interval as a file states it, s.
+        start: the time of the first sample, s.
+        samples: how many there are.
+    """
+    if not isinstance(step, (int, float)) or not isinstance(start, (int, float)) or not step > 0:
+        return None
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(start + step * np.arange(samples), dtype=np.float64)
+
+
+def unit_in_name(name: str) -> str:
+    """The unit in brackets at the end of a column's name, such as ``Impact (m/s^2)``; empty if none."""
+    found = _UNIT_IN_NAME.fullmatch(name)
+    return found[1] if found else ""

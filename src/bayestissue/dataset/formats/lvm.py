@@ -1,0 +1,61 @@
+"""LabVIEW measurement files, ``.lvm``: text with a header that says how the data are set."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, even_clock
+
+
+def read(data: bytes, label: str) -> Contents:
+    """The channels of the one block of data; their clock is ``X_Value``, else ``X0`` and ``Delta_X``."""
+    import lvm_read
+
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError:
+        # LabVIEW writes names and units in the code page of its machine; the numbers are plain.
+        text = data.decode("latin-1")
+    content: dict[Any, Any] = lvm_read.read_str(text)
+    if content["Segments"] != 1:
+        raise UnfitError(
+            "one block of data",
+            "Record every impact to a file of its own, and leave no empty line between samples.",
+            f"{content['Segments']} blocks",
+        )
+    segment = content[0]
+    samples, names = segment["data"], segment["Channel names"]
+    stated = {int(count) for count in segment.get("Samples", []) if count == count}
+    if stated and stated != {len(samples)}:
+        raise UnfitError(
+            "as many rows as the header's Samples", "Export the recording anew.", f"{len(samples)} rows"
+        )
+    if unit := set(segment.get("X_Dimension", [])) - {"Time", ""}:
+        raise UnfitError("time along X", "Export the signal over time.", ", ".join(sorted(unit)))
+    if len(names) > 1 and names[-1] == "Comment":
+        names = names[:-1]
+    channels: dict[str, Channel] = {}
+    clock, measured = None, 0
+    for column, name in enumerate(names):
+        if name == "X_Value":
+            clock = samples[:, column]
+            continue
+        step, start = _stated(segment, "Delta_X", measured, None), _stated(segment, "X0", measured, 0.0)
+        own = clock if clock is not None and np.isfinite(clock).any() else None
+        own = even_clock(step, start, len(samples)) if own is None else own
+        unit = _stated(segment, "Y_Unit_Label", measured, "")
+        channels[name] = Channel(samples[:, column], own, unit if isinstance(unit, str) else "")
+        measured += 1
+    lines = text.splitlines()
+    return Contents(channels, next(i for i, line in enumerate(lines, 2) if line.startswith("X_Value")))
+
+
+def _stated(segment: dict[str, Any], key: str, channel: int, otherwise: Any) -> Any:
+    cells = segment.get(key, [])
+    return cells[channel] if channel < len(cells) else otherwise
+
+
+# Lines that are taken apart one by one take many times their size.
+FORMAT = Format("LabVIEW measurement", ".lvm", read, share=0.1)

@@ -1,0 +1,99 @@
+"""A finished run read back from its folder, to ask it more."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from bayestissue import runtime
+from bayestissue.errors import InputError, Problem
+from bayestissue.inference.answers.finished import GROUPS, Finished
+from bayestissue.outline import Rows, as_html, as_text, short
+from bayestissue.report.run_folder import read_about, require_files
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+_AGAIN = "Give the folder of a finished run of `bayestissue fit`."
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A finished run of `bayestissue fit`.
+
+    Attributes:
+        folder: where it lies.
+        about: the content of ``run.json``.
+        posterior: the ArviZ DataTree of ``posterior.nc``, whose draws are read from the file as they are
+            needed.
+    """
+
+    folder: Path
+    about: dict[str, Any]
+    posterior: xr.DataTree
+
+    def __repr__(self) -> str:
+        return as_text(*self._outline())
+
+    def _repr_html_(self) -> str:
+        return as_html(*self._outline())
+
+    def _outline(self) -> tuple[str, Rows]:
+        rows = [
+            ("dataset", short(str(self.about.get("dataset", "")))),
+            ("model", short(str(self.about["model"].get("name", "")))),
+            ("more in", ".ask(question), .predict(table), .posterior, .about"),
+        ]
+        return f"Finished run {short(str(self.folder))}", rows
+
+    @cached_property
+    def _finished(self) -> Finished:
+        return Finished.of(self.posterior, self.about["model"])
+
+    def ask(self, *questions: str) -> pd.DataFrame:
+        """Answers to questions: see `bayestissue.Fit.ask`."""
+        from bayestissue.inference.answers.questions import ask, numbered
+
+        return ask(self._finished, numbered(questions))
+
+    def predict(self, table: str | Path | pd.DataFrame) -> pd.DataFrame:
+        """Predictions of new impacts: see `bayestissue.Fit.predict`."""
+        from bayestissue.inference.answers.predictions import predict
+        from bayestissue.inference.answers.table import read_conditions
+
+        return runtime.in_float64(predict)(self._finished, read_conditions(table, self._finished.recorded))
+
+
+def read_run(path: str | Path) -> Run:
+    """Read a finished fit back from its folder.
+
+    Args:
+        path: the folder that `bayestissue fit` or `bayestissue.Fit.report` wrote.
+
+    Raises:
+        InputError: it is not such a folder, or its files are damaged.
+    """
+    folder = Path(path)
+    about = read_about(folder)
+    if about["kind"] != "fit" or not isinstance(about.get("model"), dict):
+        problem = Problem(str(folder / "run.json"), '"fit"', _AGAIN, column="kind", value=about["kind"])
+        raise InputError(problem)
+    require_files(folder, ["posterior.nc"])
+    return Run(folder, about, _read_tree(folder / "posterior.nc"))
+
+
+def _read_tree(path: Path) -> xr.DataTree:
+    try:
+        tree = xr.open_datatree(path, engine="h5netcdf")
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(
+            Problem(str(path), "a DataTree as a fit writes it", _AGAIN, value=str(error))
+        ) from error
+    # An earlier version wrote no draws of the prior.
+    if lacking := [name for name in GROUPS if name not in tree.children and name != "prior"]:
+        raise InputError(Problem(str(path), f"the groups {', '.join(lacking)}", _AGAIN, value="none"))
+    return tree

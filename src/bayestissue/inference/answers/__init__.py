@@ -1,0 +1,1 @@
+"""What people ask of a finished fit: K and C at any levels, questions, predictions."""

@@ -1,0 +1,46 @@
+"""A finished fit as questions and predictions need it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import xarray as xr
+
+from bayestissue.hierarchy.specification import SIDE_BY_SIDE
+from bayestissue.inference.answers.levels import Recorded
+
+GROUPS = ("posterior", "prior", "constant_data")
+
+
+@dataclass(frozen=True, eq=False)
+class Finished:
+    """A finished fit.
+
+    Attributes:
+        posterior: draws, [chain, draw, ...].
+        prior: draws of the same quantities from the priors alone; None where the run has none.
+        recorded: what was measured.
+        element: what the impactor met.
+        discrepancy: whether a force of unknown shape acts beside the element's.
+    """
+
+    posterior: xr.Dataset
+    prior: xr.Dataset | None
+    recorded: Recorded
+    element: str = SIDE_BY_SIDE
+    discrepancy: bool = False
+
+    @classmethod
+    def of(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Finished:
+        """Of the groups `GROUPS` of ``posterior.nc`` and the model as ``run.json`` has it resolved."""
+        posterior = tree["posterior"].to_dataset()
+        constants = tree["constant_data"].to_dataset()
+        return cls(
+            posterior,
+            tree["prior"].to_dataset() if "prior" in tree.children else None,
+            Recorded.of_run(constants, model),
+            str(model.get("element", SIDE_BY_SIDE)),
+            "discrepancy" in posterior,
+        )

@@ -1,0 +1,256 @@
+"""The language of questions: a text becomes a tree of a closed set of nodes, and nothing else happens.
+
+    K[side=left] / K[side=right] > 1.1 and mean(K[subject, sex=f]) between 2000 and 3000
+
+Parsed by Lark as LALR(1), in time proportional to the text and without recursion, so that no text is slow or
+deep; what a tree may be is limited besides. The tree is worked off by `bayestissue.inference.answers.draws`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from lark import Lark
+
+LONGEST = 2000
+DEEPEST = 40
+OF_ONE = ("abs", "exp", "log")
+OF_MANY = ("max", "mean", "min")
+CLAIMS = ("<", "<=", ">", ">=", "and", "between", "not", "or")
+ALLOWED = (
+    "numbers, quantities such as K or K[subject=s01], + - * / ^ ( ), "
+    f"{', '.join((*OF_ONE, *OF_MANY))}, < <= > >=, between, and, or, not"
+)
+
+_GRAMMAR = r"""
+?start: either
+?either: both | either OR both -> operation
+?both: negation | both AND negation -> operation
+?negation: claim | NOT negation -> prefixed
+?claim: sum | sum (COMPARED sum)+ -> compared | sum BETWEEN sum AND sum -> between
+?sum: product | sum SIGN product -> operation
+?product: sign | product TIMES sign -> operation
+?sign: power | SIGN sign -> prefixed
+?power: atom | atom POWER sign -> operation
+?atom: "(" either ")" | NUMBER -> number | NAME "(" either ("," either)* ")" -> call | quantity
+quantity: NAME ["[" level ("," level)* "]"]
+level: (NAME | QUOTED) ["=" (VALUE | QUOTED)]
+
+OR: "or"
+AND: "and"
+NOT: "not"
+BETWEEN: "between"
+COMPARED: "<=" | ">=" | "<" | ">" | "≤" | "≥"
+SIGN: "+" | "-" | "−"
+POWER: "**" | "^"
+TIMES: "*" | "/"
+NUMBER: /(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?/
+NAME: /[^\W\d]\w*|`[^`]+`/
+QUOTED: /"[^"]*"|'[^']*'/
+VALUE: /[^\s,\[\]=()"']+/
+%ignore /\s+/
+"""
+_WORDS = {
+    "NUMBER": "a number",
+    "NAME": "a quantity",
+    "VALUE": "a level",
+    "QUOTED": "a name in quotes",
+    "COMPARED": "< <= > >=",
+    "BETWEEN": "between",
+    "SIGN": "+ -",
+    "TIMES": "* /",
+    "POWER": "^",
+    "AND": "and",
+    "OR": "or",
+    "NOT": "not",
+    "LPAR": "(",
+    "RPAR": ")",
+    "LSQB": "[",
+    "RSQB": "]",
+    "COMMA": ",",
+    "EQUAL": "=",
+    "$END": "the end",
+}
+_SAME = {"≤": "<=", "≥": ">=", "−": "-", "**": "^"}
+
+
+class QuestionError(ValueError):
+    """What can't be read or answered in a question: ``found`` at a ``place``, and what was ``expected``."""
+
+    def __init__(self, place: int, found: str, expected: str, remedy: str = "") -> None:
+        super().__init__(expected)
+        self.place, self.found, self.expected, self.remedy = place, _cut(found), expected, remedy
+
+
+@dataclass(frozen=True)
+class Number:
+    """A finite number; ``place`` counts the characters before it, here and below."""
+
+    value: float
+    place: int
+    depth: int = 1
+
+
+@dataclass(frozen=True)
+class Level:
+    """``column=value``, or all levels of a column where there is no value."""
+
+    column: str
+    value: str | None
+    place: int
+    value_place: int
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A name, and at which levels it is meant."""
+
+    name: str
+    levels: tuple[Level, ...]
+    place: int
+    depth: int = 1
+
+
+@dataclass(frozen=True)
+class Operation:
+    """A function or an operator; ``symbol`` is one of `CLAIMS`, `OF_ONE`, `OF_MANY` and + - * / ^.
+
+    Comparisons in a row, such as 0.9 < x < 1.1, are joined by "and".
+    """
+
+    symbol: str
+    operands: tuple[Node, ...]
+    place: int
+    depth: int
+
+    @property
+    def claims(self) -> bool:
+        """Whether it is true or false."""
+        return self.symbol in CLAIMS
+
+
+Node = Number | Quantity | Operation
+
+
+def parse(text: str) -> Node:
+    """The tree of a question.
+
+    Raises:
+        QuestionError: it is too long, too deep, not of the language, or a number stands where a claim
+            must, or a claim where a number must.
+    """
+    from lark.exceptions import UnexpectedCharacters, UnexpectedToken
+
+    if len(text) > LONGEST:
+        raise QuestionError(LONGEST, f"{len(text)} characters", f"at most {LONGEST}", "Ask it in parts.")
+    try:
+        return _parser().parse(text)  # type: ignore[return-value]
+    except UnexpectedToken as error:
+        end = error.token.type == "$END"
+        place = len(text) if end else int(error.token.start_pos or 0)
+        raise QuestionError(place, "the end" if end else str(error.token), _listed(error.expected)) from None
+    except UnexpectedCharacters as error:
+        raise QuestionError(error.pos_in_stream, text[error.pos_in_stream], _listed(error.allowed)) from None
+
+
+def claims(node: Node) -> bool:
+    """Whether a node is true or false, and not a number."""
+    return isinstance(node, Operation) and node.claims
+
+
+@cache
+def _parser() -> Lark:
+    from lark import Lark
+
+    return Lark(_GRAMMAR, parser="lalr", transformer=_Maker())
+
+
+def _listed(terminals: Any) -> str:
+    words = [words for name, words in _WORDS.items() if name in set(terminals or ())]
+    return f"{'one of ' if len(words) > 1 else ''}{'; '.join(words) or 'nothing more'}"
+
+
+def _unquoted(token: Any) -> str:
+    return str(token)[1:-1] if token[0] in "`\"'" else str(token)
+
+
+def _made(symbol: str, operands: list[Node], place: int, *, claim: bool) -> Operation:
+    """An operation whose operands are all claims, or all numbers."""
+    for operand in operands:
+        if claims(operand) != claim:
+            found = "a comparison" if claims(operand) else "a number"
+            expected = f"a {'comparison' if claim else 'number'} beside {symbol}"
+            raise QuestionError(operand.place, found, expected, "Parentheses say what belongs together.")
+    depth = 1 + max(operand.depth for operand in operands)
+    if depth > DEEPEST:
+        found = f"parts within parts, {depth} deep"
+        raise QuestionError(place, found, f"at most {DEEPEST}", "Ask it in parts.")
+    return Operation(symbol, tuple(operands), place, depth)
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= 40 else f"{text[:39]}…"
+
+
+class _Maker:
+    """What the parser calls for each rule, with its parts; a place in brackets left empty is None."""
+
+    def number(self, parts: list[Any]) -> Node:
+        (token,) = parts
+        value = float(token)
+        if not math.isfinite(value):
+            raise QuestionError(token.start_pos, str(token), "a number below 1e308")
+        return Number(value, token.start_pos)
+
+    def level(self, parts: list[Any]) -> Level:
+        column, value = parts
+        place = column.start_pos if value is None else value.start_pos
+        return Level(_unquoted(column), None if value is None else _unquoted(value), column.start_pos, place)
+
+    def quantity(self, parts: list[Any]) -> Node:
+        name, *levels = parts
+        levels = tuple(level for level in levels if level is not None)
+        columns = [level.column for level in levels]
+        twice = [level for place, level in enumerate(levels) if level.column in columns[:place]]
+        if twice:
+            raise QuestionError(twice[0].place, twice[0].column, "each column once")
+        return Quantity(_unquoted(name), levels, name.start_pos)
+
+    def call(self, parts: list[Any]) -> Node:
+        name, *arguments = parts
+        if name not in (*OF_ONE, *OF_MANY):
+            expected = f"one of {', '.join((*OF_ONE, *OF_MANY))} before ("
+            raise QuestionError(name.start_pos, str(name), expected)
+        if name in OF_ONE and len(arguments) > 1:
+            raise QuestionError(name.start_pos, f"{len(arguments)} numbers in {name}()", "one")
+        return _made(str(name), arguments, name.start_pos, claim=False)
+
+    def operation(self, parts: list[Any]) -> Node:
+        left, token, right = parts
+        return _made(
+            _SAME.get(token, str(token)), [left, right], token.start_pos, claim=token in ("and", "or")
+        )
+
+    def prefixed(self, parts: list[Any]) -> Node:
+        token, operand = parts
+        if token == "not":  # noqa: S105 - a word of the language
+            return _made("not", [operand], token.start_pos, claim=True)
+        zero = Number(0.0, token.start_pos)
+        return _made(_SAME.get(token, str(token)), [zero, operand], token.start_pos, claim=False)
+
+    def compared(self, parts: list[Any]) -> Node:
+        tokens, sides = parts[1::2], parts[::2]
+        each = [
+            _made(_SAME.get(token, str(token)), list(pair), token.start_pos, claim=False)
+            for token, pair in zip(tokens, pairwise(sides), strict=True)
+        ]
+        return each[0] if len(each) == 1 else _made("and", each, tokens[0].start_pos, claim=True)
+
+    def between(self, parts: list[Any]) -> Node:
+        middle, token, low, _, high = parts
+        return _made("between", [middle, low, high], token.start_pos, claim=False)

@@ -1,0 +1,227 @@
+"""What the quantities of a question mean in a run, and what in it can't be answered.
+
+A response of the hierarchy (K, C, a further parameter with a formula) is that of an impact at the levels in
+its brackets, all else at the reference: see `bayestissue.inference.answers.levels`. Any other name is a
+variable of the posterior, its brackets choosing along its dimensions; so are K and C of a recorded impact, as
+in K[impact=7].
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Iterator, Sequence
+
+import xarray as xr
+
+from bayestissue.hierarchy.formulas.formula import columns_named, group_terms
+from bayestissue.inference.answers.grammar import OF_MANY, Level, Node, Number, Quantity, QuestionError
+from bayestissue.inference.answers.levels import Condition, Recorded
+
+NEW = "new"
+_DRAWN = ("chain", "draw")
+# As many as a line can show.
+_SHOWN = 8
+
+
+def is_response(quantity: Quantity, recorded: Recorded) -> bool:
+    """Whether it is a response at given levels, and no variable of the posterior."""
+    return quantity.name in recorded.formulas and all(each.column != "impact" for each in quantity.levels)
+
+
+def open_columns(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) -> list[str]:
+    """The columns or dimensions of which it has all levels."""
+    if is_response(quantity, recorded) or posterior is None:
+        return [each.column for each in quantity.levels if each.value is None]
+    given = [each.column for each in quantity.levels if each.value is not None]
+    return [str(name) for name in posterior[quantity.name].dims if name not in (*_DRAWN, *given)]
+
+
+def condition_of(quantity: Quantity, recorded: Recorded) -> dict[str, str | float]:
+    """What is given in the brackets of a response."""
+    return {
+        each.column: float(each.value) if _is_number(each.column, recorded) else each.value
+        for each in quantity.levels
+        if each.value is not None
+    }
+
+
+def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
+    """The condition of a response, or one for each level of its open column that was recorded so."""
+    given = condition_of(quantity, recorded)
+    free = [each.column for each in quantity.levels if each.value is None]
+    if not free:
+        return [given]
+    named = {k: v for k, v in given.items() if isinstance(v, str) and v != NEW}
+    return [given | {free[0]: level} for level in recorded.among(free[0], recorded.matching(named))]
+
+
+def mistakes(
+    node: Node, recorded: Recorded, posterior: xr.Dataset | None, *, within: bool = False
+) -> Iterator[QuestionError]:
+    """What can't be answered in a question, from left to right.
+
+    Args:
+        node: the question.
+        recorded: of the run.
+        posterior: its draws; None before they are made, when only responses can be judged.
+        within: whether a quantity may have a value for each level.
+    """
+    if isinstance(node, Number):
+        return
+    if isinstance(node, Quantity):
+        found = list(_of_quantity(node, recorded, posterior))
+        yield from found
+        if not found and not within and (free := _open(node, recorded, posterior)):
+            expected = f"one level of {free[0]}, or {node.name} within {'(), '.join(OF_MANY)}()"
+            yield QuestionError(
+                node.place, f"{node.name} of every {free[0]}", expected, f"Such as {_such(node, free[0])}."
+            )
+        return
+    many = node.symbol in OF_MANY
+    for operand in node.operands:
+        yield from mistakes(operand, recorded, posterior, within=within or many)
+    if many and posterior is not None:
+        yield from _of_several(node.operands, recorded, posterior, node.place, node.symbol)
+
+
+def quantities(node: Node) -> Iterator[Quantity]:
+    """The quantities of a question, from left to right."""
+    if isinstance(node, Quantity):
+        yield node
+    elif not isinstance(node, Number):
+        for operand in node.operands:
+            yield from quantities(operand)
+
+
+def _open(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) -> list[str]:
+    if posterior is None and not is_response(quantity, recorded):
+        return []
+    return open_columns(quantity, recorded, posterior)
+
+
+def _of_several(
+    operands: Sequence[Node], recorded: Recorded, posterior: xr.Dataset, place: int, symbol: str
+) -> Iterator[QuestionError]:
+    """What is averaged together must be of the same levels."""
+    kinds = set()
+    for each in (quantity for operand in operands for quantity in quantities(operand)):
+        if any(mistakes(each, recorded, posterior, within=True)):
+            return
+        free = open_columns(each, recorded, posterior)
+        if free and is_response(each, recorded):
+            kinds.add((free[0], tuple(str(c[free[0]]) for c in conditions_of(each, recorded))))
+        elif free:
+            kinds |= {(name, tuple(posterior[name].astype(str).to_numpy())) for name in free}
+    if len(kinds) > 1:
+        found = " and ".join(sorted(f"{len(levels)} of {name}" for name, levels in kinds))
+        yield QuestionError(place, found, f"the same levels throughout {symbol}()")
+
+
+def _of_quantity(
+    quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None
+) -> Iterator[QuestionError]:
+    if is_response(quantity, recorded):
+        yield from _of_response(quantity, recorded)
+        return
+    if posterior is None:
+        return
+    if quantity.name not in posterior:
+        names = list(dict.fromkeys([*recorded.formulas, *map(str, posterior.data_vars)]))
+        near = _near(quantity.name, names)
+        yield QuestionError(quantity.place, quantity.name, "a quantity of this run", near)
+        return
+    array = posterior[quantity.name]
+    if "kept_draw" in array.dims:
+        expected = "a quantity whose draws were all kept; of so many impacts single ones were kept in part"
+        yield QuestionError(quantity.place, quantity.name, expected)
+        return
+    dims = [str(name) for name in array.dims if name not in _DRAWN]
+    for each in quantity.levels:
+        if each.column not in dims:
+            what = (
+                f"of {quantity.name}: {', '.join(dims)}"
+                if dims
+                else f"no brackets: {quantity.name} is one number"
+            )
+            yield QuestionError(each.place, each.column, what, _near(each.column, dims))
+        elif each.value is not None:
+            labels = [str(label) for label in array[each.column].to_numpy()]
+            if each.value not in labels:
+                yield _strange(each, labels)
+
+
+def _of_response(quantity: Quantity, recorded: Recorded) -> list[QuestionError]:
+    found = list(_of_levels(quantity, recorded))
+    free = [each for each in quantity.levels if each.value is None]
+    if not found and free and not conditions_of(quantity, recorded):
+        found.append(QuestionError(free[0].place, free[0].column, "levels that were recorded together"))
+    return found
+
+
+def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError]:
+    formula = recorded.formulas[quantity.name]
+    needed = columns_named(formula)
+    if lacking := [name for name in needed if name in recorded.lacking]:
+        expected = f"a run that keeps the column {', '.join(lacking)}"
+        yield QuestionError(quantity.place, quantity.name, expected, "Fit again with this version.")
+        return
+    free = [each for each in quantity.levels if each.value is None]
+    for each in free[1:]:
+        yield QuestionError(each.place, each.column, "one column without a level at most")
+    for each in quantity.levels:
+        moves = {each.column, *recorded.followers(each.column)} & set(needed)
+        if each.column not in recorded.rows or not (moves or free):
+            usable = [str(c) for c in recorded.rows if {str(c), *recorded.followers(str(c))} & set(needed)]
+            expected = f"a column that {quantity.name} depends on here: {_some(usable)}"
+            remedy = f'The formula is "{formula}". {_near(each.column, usable)}'
+            yield QuestionError(each.place, each.column, expected, remedy)
+        elif each.value is None:
+            if each.column not in recorded.named:
+                yield QuestionError(each.place, each.column, f"{each.column}=number, since it has no levels")
+        elif _is_number(each.column, recorded):
+            yield from _of_number(each)
+        else:
+            levels = recorded.levels(each.column)
+            drawn = [NEW] if _is_group(each.column, recorded, formula) else []
+            if each.value not in (*levels, *drawn):
+                yield _strange(each, [*levels, *drawn])
+
+
+def _of_number(level: Level) -> Iterator[QuestionError]:
+    try:
+        value = float(str(level.value))
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        yield QuestionError(level.value_place, str(level.value), f"a number after {level.column}=")
+    elif level.column == "mass_kg" and value <= 0:
+        yield QuestionError(level.value_place, str(level.value), "a mass above 0 kg")
+
+
+def _is_number(column: str, recorded: Recorded) -> bool:
+    """Whether a value of this column is a number: a group's levels are names, also where they are numbers."""
+    return column in recorded.rows and column not in recorded.named
+
+
+def _is_group(column: str, recorded: Recorded, formula: str) -> bool:
+    return any(column in term.factors for term in group_terms(formula))
+
+
+def _strange(level: Level, levels: Sequence[str]) -> QuestionError:
+    expected = f"a level of {level.column}: {_some(levels)}"
+    return QuestionError(level.value_place, str(level.value), expected, _near(str(level.value), levels))
+
+
+def _near(name: str, names: Sequence[str]) -> str:
+    found = difflib.get_close_matches(name[:100], names, n=3, cutoff=0.5)
+    return f"Near: {', '.join(found)}." if found else ""
+
+
+def _some(names: Sequence[str]) -> str:
+    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
+    return f"{', '.join(names[:_SHOWN])}{more}" or "none"
+
+
+def _such(quantity: Quantity, column: str) -> str:
+    return f"{quantity.name}[{column}=...] or mean({quantity.name}[{column}])"

@@ -1,0 +1,238 @@
+"""Questions about a finished fit: posterior and prior probability, Bayes factor, Monte Carlo error.
+
+The probability of a claim is the share of the draws in which it is true, P, with Monte Carlo standard error
+sd / ess^1/2 by the effective sample size of that indicator (as ArviZ has it). Its Bayes factor is posterior
+over prior odds,
+
+    BF = P / (1 - P) / (P_0 / (1 - P_0)),
+
+above 1 where the data speak for it. It is left out, with the reason in ``note``, where fewer than `FEWEST`
+effective draws are on either side of the claim: there it would be a ratio of accidents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bayestissue.errors import InputError, Problem, printable
+from bayestissue.inference.answers.draws import draws_of
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
+from bayestissue.inference.answers.levels import Recorded
+from bayestissue.inference.answers.meaning import mistakes, quantities
+from bayestissue.inference.samplers.convergence import effective_size
+
+FEWEST = 10
+COLUMNS = [
+    "question",
+    "posterior",
+    "prior",
+    "bayes_factor",
+    "mcse",
+    "prior_mcse",
+    "median",
+    "low",
+    "high",
+    "draws",
+    "prior_draws",
+    "name",
+    "note",
+]
+# Of a question, on either side of a slip.
+_SHOWN = 60
+
+
+@dataclass(frozen=True)
+class Question:
+    """A question as it was asked.
+
+    Attributes:
+        text: itself.
+        place: what messages call it: "question 2", or a file and key.
+        name: what its asker calls it; empty where nothing.
+    """
+
+    text: str
+    place: str
+    name: str = ""
+
+
+def numbered(texts: Iterable[str]) -> list[Question]:
+    """Questions that have no names."""
+    return [Question(text, f"question {number}") for number, text in enumerate(texts, start=1)]
+
+
+def of_model(questions: dict[str, str], source: str) -> list[Question]:
+    """The questions of a model file, which messages call ``source``."""
+    return [Question(text, f"{source}, questions.{name}", name) for name, text in questions.items()]
+
+
+def ask(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
+    """The answer to each question: a row of `COLUMNS`.
+
+    A claim has ``posterior`` and ``prior`` probability, ``bayes_factor`` and the Monte Carlo standard errors
+    ``mcse`` and ``prior_mcse`` of the two. An expression has ``median`` and 90 % interval ``low`` to
+    ``high``, ``mcse`` being the median's. Everything else is empty; ``note`` says why where it could be
+    expected.
+
+    Raises:
+        InputError: some can't be read, or ask for what this run does not have: all that is wrong at once.
+    """
+    rows: list[dict[str, Any]] = []
+    problems: list[Problem] = []
+    for question in questions:
+        try:
+            rows.append(_answer(finished, question))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
+    """The same, but a question that can't be answered has its reason in ``note`` and no answer."""
+    rows = []
+    for question in questions:
+        try:
+            rows.append(_answer(finished, question))
+        except InputError as error:
+            told = "; ".join(f"no answer: found {p.value}, expected {p.expected}" for p in error.problems)
+            rows.append({"question": question.text, "name": question.name, "note": told})
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def require_readable(questions: Sequence[Question], recorded: Recorded) -> None:
+    """Raise an `InputError` of all that is wrong with questions, as far as it shows before a fit."""
+    problems: list[Problem] = []
+    for question in questions:
+        try:
+            _read(question, recorded, None)
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+
+
+def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) -> Node:
+    try:
+        node = parse(question.text)
+    except QuestionError as slip:
+        raise InputError(_problem(slip, question, f"Allowed: {ALLOWED}.")) from None
+    if found := list(mistakes(node, recorded, posterior)):
+        raise InputError(_problem(slip, question) for slip in found)
+    return node
+
+
+def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Problem:
+    """One line that says what is wrong, and under it the place."""
+    begin = max(0, slip.place - _SHOWN)
+    text = printable(question.text[begin : slip.place + _SHOWN])
+    before = printable(question.text[begin : slip.place])
+    remedy = f"{slip.remedy or otherwise}\n    {text}\n    {' ' * len(before)}^"
+    return Problem(question.place, slip.expected, remedy, column=f"{slip.place + 1}", value=slip.found)
+
+
+def _answer(finished: Finished, question: Question) -> dict[str, Any]:
+    node = _read(question, finished.recorded, finished.posterior)
+    try:
+        posterior = draws_of(node, finished.posterior, finished.recorded)
+    except QuestionError as slip:
+        raise InputError(_problem(slip, question)) from None
+    prior, note = _prior(finished, node)
+    row = {"question": question.text, "name": question.name, "note": note, "draws": posterior.size}
+    if not claims(node):
+        return row | _interval(posterior)
+    p, error, size = _probability(posterior)
+    row |= {"posterior": p, "mcse": error}
+    if prior is None:
+        return row
+    p_0, error_0, size_0 = _probability(prior)
+    factor, note = _bayes_factor(p, size, p_0, size_0)
+    return row | {
+        "prior": p_0,
+        "prior_mcse": error_0,
+        "prior_draws": prior.size,
+        "bayes_factor": factor,
+        "note": note,
+    }
+
+
+def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
+    """Draws from the prior alone, or why there are none; only claims are asked of it."""
+    if not claims(node):
+        return None, ""
+    if finished.prior is None:
+        return None, "no prior: this run has no draws of it"
+    try:
+        return draws_of(node, finished.prior, finished.recorded), ""
+    except KeyError:
+        known = {str(name) for name in finished.prior.data_vars}
+        lacking = [q.name for q in quantities(node) if q.name not in (*known, *finished.recorded.formulas)]
+        return None, f"no prior: this run has no prior draws of {', '.join(dict.fromkeys(lacking)) or 'it'}"
+    except QuestionError as slip:
+        return None, f"no prior: {slip.found} of the prior"
+
+
+def _probability(claim: xr.DataArray) -> tuple[float, float, float]:
+    """The share of true draws, its Monte Carlo standard error, and the effective sample size.
+
+    Where all draws agree, the error is that of one more draw which does not.
+    """
+    draws = claim.transpose("chain", "draw").to_numpy().astype(float)[None]
+    p, count = float(draws.mean()), draws.size
+    size = float(effective_size(draws)[0])
+    if not 0 < p < 1:
+        size = float(count)
+        q = 1 / (count + 2)
+        return p, float(np.sqrt(q * (1 - q) / count)), size
+    return p, float(draws.std(ddof=1) / np.sqrt(size)), size
+
+
+def _bayes_factor(p: float, size: float, p_0: float, size_0: float) -> tuple[float, str]:
+    """Posterior over prior odds, or nothing and why."""
+    if min(p_0, 1 - p_0) * size_0 < FEWEST:
+        return (
+            np.nan,
+            f"no Bayes factor: the prior has it {'true' if p_0 > 0.5 else 'false'} in nearly every draw",
+        )
+    odds_0 = p_0 / (1 - p_0)
+    few = FEWEST / size
+    if min(p, 1 - p) < few:
+        bound = (1 - few) / few
+        words = f"above {_short(bound / odds_0)}" if p > 0.5 else f"below {_short(1 / bound / odds_0)}"
+        return np.nan, f"Bayes factor {words}: too few posterior draws say otherwise for a number"
+    return p / (1 - p) / odds_0, ""
+
+
+def _short(value: float) -> str:
+    """Two digits and no exponent where one can be avoided."""
+    return f"{float(f'{value:.2g}'):g}"
+
+
+def _interval(values: xr.DataArray) -> dict[str, float]:
+    draws = values.transpose("chain", "draw").to_numpy()
+    low, median, high = np.quantile(draws, [0.05, 0.5, 0.95])
+    return {"median": median, "low": low, "high": high, "mcse": _error_of_median(draws)}
+
+
+def _error_of_median(draws: np.ndarray) -> float:
+    """Half the distance of the quantiles that are one standard error of their rank about the median.
+
+    As ArviZ has it: Beta(S/2 + 1, S/2 + 1) quantiles of the effective size S of the indicator (Vehtari et al.
+    2021).
+    """
+    from scipy.stats import beta
+
+    size = float(effective_size((draws <= np.median(draws)).astype(float)[None])[0])
+    if not np.isfinite(size):
+        return np.nan
+    low, high = beta.ppf([0.1586553, 0.8413447], size / 2 + 1, size / 2 + 1) * draws.size - 1
+    ordered = np.sort(draws, axis=None)
+    return float(ordered[int(np.ceil(high))] - ordered[int(max(low, 0))]) / 2

@@ -1,0 +1,182 @@
+"""From files and facts to a dataset folder, read back and checked before anybody sees it."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
+from bayestissue.dataset.settings import SignalSettings, parse_settings
+from bayestissue.errors import InputError, Problem
+from bayestissue.intake.choices import Choices
+from bayestissue.intake.cutting import cut
+from bayestissue.intake.facts import Facts
+from bayestissue.intake.folder import File, Found
+from bayestissue.intake.rows import RECORDINGS, Cutting, impact_rows, oriented, stated_rate
+
+_FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
+_CHAIN = (
+    "Before a fit, add to dataset.toml a table [uncertainty] with the standard deviations of mass, velocity, "
+    "gain and zero: without it they count as exact, and intervals of K and C come out too narrow."
+)
+_OPTIONS = {
+    f"signal.{key}": f"--{option}"
+    for key, option in (
+        *(("quantity", "quantity"), ("unit", "unit"), ("time_unit", "time-unit"), ("scale", "scale")),
+        *(("value_column", "channel"), ("time_column", "time"), ("offset", "offset")),
+        ("crop", "crop"),
+    )
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Built:
+    """A dataset that was written and read back.
+
+    Attributes:
+        dataset: as it was read.
+        left_out: what was wrong with files and impacts that are not in it.
+        notes: what somebody should know who did not look at the recordings.
+    """
+
+    dataset: Dataset
+    left_out: tuple[Problem, ...]
+    notes: tuple[str, ...]
+
+
+def build(
+    folder: Path,
+    found: Found,
+    facts: Facts,
+    choices: Choices,
+    *,
+    name: str,
+    cutting: Cutting | None = None,
+    skip_bad: bool = False,
+) -> Built:
+    """Write ``dataset.toml``, ``impacts.csv`` and the recordings, byte for byte as they are, and check them.
+
+    Args:
+        folder: where the dataset goes.
+        found: the files.
+        facts: what is known of each.
+        choices: with no question left.
+        name: of the dataset.
+        cutting: cut several impacts in one recording apart; otherwise every recording holds one.
+        skip_bad: leave out what is wrong, instead of refusing the whole.
+
+    Raises:
+        InputError: everything that is wrong, with the files, with what is known of them, and with the dataset
+            that they make.
+    """
+    problems = [*found.problems, *facts.problems]
+    settings = _settings(choices, name, len(found.files))
+    signal = _signal(settings, problems)
+    rows = list(impact_rows(found, facts, choices, signal, cutting, problems))
+    if not rows:
+        raise InputError(problems)
+    _write(folder, settings, rows, found)
+    try:
+        dataset = read_dataset(folder)
+    except InputError as error:
+        by_trace = {f"{RECORDINGS}/{file.name}": file for file in found.files}
+        by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
+        wrong = [_as_met(problem) for problem in error.problems]
+        problems += (
+            wrong if cutting else [_hinted(problem, by_impact, signal, facts, choices) for problem in wrong]
+        )
+    if not problems:
+        return Built(dataset, (), _notes(dataset, cutting))
+    bad = {problem.impact for problem in problems}
+    rows = [row for row in rows if row["impact"] not in bad]
+    files = {file.name for file in found.files} | {problem.file for problem in found.problems}
+    files |= {choices.table.name} if choices.table else set()
+    if not skip_bad or not rows or any(p.impact is None and p.file not in files for p in problems):
+        raise InputError(problems)
+    shutil.rmtree(folder / RECORDINGS)
+    _write(folder, settings, rows, found)
+    dataset = read_dataset(folder)
+    return Built(dataset, tuple(problems), _notes(dataset, cutting))
+
+
+def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
+    names = f", names read as {choices.pattern}" if choices.pattern else ""
+    return {
+        "name": name,
+        "source": f"bayestissue init, from {files} recorder file{'s' if files > 1 else ''}{names}",
+        "signal": choices.signal(),
+    }
+
+
+def _signal(settings: dict[str, Any], problems: list[Problem]) -> SignalSettings:
+    try:
+        return parse_settings(settings).signal
+    except InputError as error:
+        options = [
+            replace(p, file="init", column=_OPTIONS.get(p.column or "", p.column)) for p in error.problems
+        ]
+        raise InputError([*problems, *options]) from None
+
+
+def _write(folder: Path, settings: dict[str, Any], rows: list[dict[str, Any]], found: Found) -> None:
+    table = pd.DataFrame(rows)
+    order = dict.fromkeys([*(name for name in _FIRST if name in table), *table.columns])
+    write_dataset(folder, settings=settings, impacts=table[list(order)])
+    for file in found.files:
+        copy = folder / RECORDINGS / file.name
+        if f"{RECORDINGS}/{file.name}" in set(table["trace"]):
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copyfile(file.path, copy)
+
+
+def _as_met(problem: Problem) -> Problem:
+    """A problem of the dataset in the words of who has not seen it yet: their files, their options."""
+    inside = f"{RECORDINGS}/"
+    for key, option in _OPTIONS.items():
+        remedy = problem.remedy.replace(f"as {key} in dataset.toml", f"by {option}").replace(key, option)
+        problem = replace(problem, remedy=remedy)
+    if problem.file.startswith(inside):
+        return replace(problem, file=problem.file.removeprefix(inside))
+    if problem.file == "impacts.csv":
+        return replace(problem, file="impacts.csv as init would write it")
+    return problem
+
+
+def _hinted(
+    problem: Problem, files: dict[str, File], signal: SignalSettings, facts: Facts, choices: Choices
+) -> Problem:
+    """The same with a way out, where the recording seems to hold several impacts."""
+    file = files.get(problem.impact or "")
+    if file is None or problem.file != file.name:
+        return problem
+    try:
+        count = len(cut(oriented(file, signal, stated_rate(facts.of_file[file.name], choices))))
+    except InputError:
+        return problem
+    hint = f" The recording seems to hold {count} impacts: --several cuts them apart." if count > 1 else ""
+    return replace(problem, remedy=problem.remedy + hint)
+
+
+def _notes(dataset: Dataset, cutting: Cutting | None) -> tuple[str, ...]:
+    several = [] if cutting else _with_several(dataset)
+    if not several:
+        return (_CHAIN,)
+    more = f" and {len(several) - 5} more" if len(several) > 5 else ""
+    named = f"{', '.join(several[:5])}{more}"
+    advice = "the impact with the highest peak is used; --several cuts them apart"
+    return (f"{named}: the recording seems to hold several impacts; {advice}.", _CHAIN)
+
+
+def _with_several(dataset: Dataset) -> list[str]:
+    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
+    oriented: Iterable[Trace] = (Trace(trace.time_s, sign * trace.value) for trace in dataset.traces)
+    return [
+        str(impact)
+        for impact, trace in zip(dataset.impacts["impact"], oriented, strict=True)
+        if len(cut(trace)) > 1
+    ]

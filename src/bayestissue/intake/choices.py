@@ -1,0 +1,192 @@
+"""What has to be known before a folder becomes a dataset, what the files themselves say, and what to ask."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any, get_args
+
+from bayestissue.dataset.model import Quantity
+from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
+from bayestissue.errors import InputError, Problem
+from bayestissue.intake.folder import About, Found
+
+_QUANTITIES: tuple[str, ...] = get_args(Quantity)
+_TIME = re.compile(r"(time|zeit|t)\b|time_", re.IGNORECASE)
+# What impacts.csv needs: what it is, and an example.
+_NEEDED = {
+    "subject": ("who was hit", "s01"),
+    "trial": ("the condition", "drop"),
+    "mass_kg": ("mass of the impactor, kg", "2.1"),
+    "velocity_m_s": ("velocity at contact, m/s, or drop_height_m instead", "1.5"),
+}
+_ALIKE = "for all recordings alike, or of each by --pattern or --table"
+
+
+@dataclass(frozen=True)
+class Choices:
+    """What the user said; None where nothing was.
+
+    Attributes:
+        channel: the channel with the recorded values.
+        quantity: ``"deceleration"``, ``"acceleration"`` or ``"displacement"``.
+        unit: of the values.
+        time: the channel with the times, where the format carries none.
+        time_unit: its unit.
+        rate_hz: the sampling rate, where there is neither.
+        scale: by which raw values are multiplied.
+        offset: added after that.
+        crop: the stretch of every recording that is read, in the unit of time; whole if None.
+        pattern: how file names are read.
+        table: a table of facts.
+        given: facts that hold for all recordings, as text.
+    """
+
+    channel: str | None = None
+    quantity: str | None = None
+    unit: str | None = None
+    time: str | None = None
+    time_unit: str | None = None
+    rate_hz: float | None = None
+    scale: float = 1.0
+    offset: float = 0.0
+    crop: tuple[float, float] | None = None
+    pattern: str | None = None
+    table: Path | None = None
+    given: dict[str, str] = field(default_factory=dict)
+
+    def signal(self) -> dict[str, Any]:
+        """The table ``[signal]`` of ``dataset.toml``."""
+        said = {
+            "quantity": self.quantity,
+            "unit": self.unit,
+            "value_column": self.channel,
+            "time_column": self.time,
+            "time_unit": self.time_unit,
+            "scale": self.scale if self.scale != 1 else None,
+            "offset": self.offset or None,
+            "crop": None if self.crop is None else list(self.crop),
+        }
+        return {key: value for key, value in said.items() if value is not None}
+
+
+@dataclass(frozen=True)
+class Question:
+    """Something that nothing says so far.
+
+    Attributes:
+        option: that answers it, such as ``--channel`` or ``--set mass_kg=``.
+        what: is asked for, as it follows "expected".
+        answers: those that are possible; empty where any text may be one.
+        example: an answer, for the line that a message shows.
+    """
+
+    option: str
+    what: str
+    answers: tuple[str, ...]
+    example: str
+
+    @property
+    def line(self) -> str:
+        """The option as it is typed, with the example."""
+        space = "" if self.option.endswith("=") else " "
+        example = f'"{self.example}"' if re.search(r"[^\w./^%=-]", self.example) else self.example
+        return f"{self.option}{space}{example}"
+
+    def answer(self, choices: Choices, text: str) -> Choices:
+        """The choices with this question answered.
+
+        Raises:
+            InputError: the answer should be a number, and is none.
+        """
+        if self.option.startswith("--set"):
+            name = self.option.removeprefix("--set ").removesuffix("=")
+            return replace(choices, given={**choices.given, name: text})
+        name = self.option.removeprefix("--").replace("-", "_")
+        if name != "rate_hz":
+            said: dict[str, Any] = {name: text}
+            return replace(choices, **said)
+        try:
+            return replace(choices, rate_hz=float(text))
+        except ValueError:
+            problem = Problem(self.option, "a number of Hz", "Write, say, 10000.", value=text)
+            raise InputError(problem) from None
+
+
+def settle(choices: Choices, found: Found, facts: frozenset[str]) -> tuple[Choices, list[Question]]:
+    """Fill in what the files themselves leave no doubt about; what is left are questions.
+
+    The channel is the only one that is no time; times are a channel that rises evenly and is named for it;
+    units are those that all files state for a channel.
+
+    Args:
+        choices: so far.
+        found: the files.
+        facts: the columns of ``impacts.csv`` that names, a table and options fill.
+    """
+    questions: list[Question] = []
+    every = found.candidates()
+    rising = [name for name, each in every.items() if all(about.rising for about in each)]
+    times = [name for name in rising if _TIME.match(name)]
+    values = [name for name in every if name not in times and name != choices.time]
+    if choices.channel is None and len(values) == 1:
+        choices = replace(choices, channel=values[0])
+    elif choices.channel is None:
+        questions.append(Question("--channel", "the channel with the impact", tuple(values), values[0]))
+    elif choices.channel not in every:
+        raise InputError(_no_channel("--channel", choices.channel, every))
+    chosen = [about for name in ([choices.channel] if choices.channel else values) for about in every[name]]
+    rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
+    if choices.time is None and not rated and not all(about.clock for about in chosen):
+        if len(times) == 1:
+            choices = replace(choices, time=times[0])
+        elif rising:
+            questions.append(Question("--time", "the channel with the times", tuple(rising), rising[0]))
+        else:
+            questions.append(Question("--rate-hz", "the sampling rate in Hz", (), "10000"))
+    if choices.time is not None and choices.time not in every:
+        raise InputError(_no_channel("--time", choices.time, every))
+    if choices.time is not None and choices.time_unit is None:
+        choices = replace(choices, time_unit=_unit(every[choices.time], ["time"]))
+    if choices.quantity is None:
+        what = "what it recorded (a deceleration is positive while the impactor slows)"
+        questions.append(Question("--quantity", what, _QUANTITIES, "deceleration"))
+    dimensions = _dimensions(choices.quantity)
+    if choices.unit is None and (unit := _unit(chosen, dimensions)) is None:
+        example = "mm" if dimensions == ["length"] else "g"
+        words = f"its unit after scale and offset, {' or '.join(EXAMPLES[each] for each in dimensions)}"
+        questions.append(Question("--unit", words, (), example))
+    elif choices.unit is None and choices.channel is not None and choices.quantity is not None:
+        choices = replace(choices, unit=unit)
+    questions += [
+        Question(f"--set {name}=", f"{what}, {_ALIKE}", (), example)
+        for name, (what, example) in _NEEDED.items()
+        if name not in facts and (name != "velocity_m_s" or choices.quantity != "displacement")
+    ]
+    return choices, questions
+
+
+def _dimensions(quantity: str | None) -> list[Dimension]:
+    if quantity is None:
+        return ["acceleration", "length"]
+    return ["length" if quantity == "displacement" else "acceleration"]
+
+
+def _no_channel(option: str, name: str, every: Iterable[str]) -> Problem:
+    return Problem(option, "a channel of the files", f"They have: {', '.join(every)}.", value=name)
+
+
+def _unit(channels: Sequence[About], dimensions: Sequence[Dimension]) -> str | None:
+    """The unit that every file states for a channel, if it measures what it should."""
+    units = {about.unit for about in channels}
+    if len(units) != 1 or not (unit := units.pop()):
+        return None
+    for dimension in dimensions:
+        try:
+            to_si(unit, dimension)
+        except ValueError:
+            continue
+        return unit
+    return None

@@ -1,0 +1,158 @@
+"""What is known of every recording besides its samples: by name, by table, or for all alike."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from bayestissue.dataset.impact_cells import read_cells
+from bayestissue.errors import InputError, Problem
+from bayestissue.intake.columns import columns, fills
+from bayestissue.intake.folder import File, Found
+from bayestissue.intake.names import Pattern
+
+FILE, NUMBER = "file", "number"
+
+type Cells = dict[str, str | float]
+
+
+@dataclass(frozen=True)
+class Facts:
+    """The cells of ``impacts.csv`` that are known of each recording.
+
+    Attributes:
+        of_file: by the name of the file, what holds for all of its impacts.
+        of_number: by the name of the file and the number of the impact, where the table tells them apart.
+        columns: the columns that are filled.
+        problems: what is wrong.
+    """
+
+    of_file: dict[str, Cells]
+    of_number: dict[tuple[str, int], Cells]
+    columns: frozenset[str]
+    problems: tuple[Problem, ...]
+
+
+def gather(found: Found, *, pattern: str | None, table: Path | None, given: dict[str, str]) -> Facts:
+    """Bring together what names, a table and options say.
+
+    Args:
+        found: the files.
+        pattern: how their names are read; see `Pattern`.
+        table: a CSV file with a column ``file``, the name of a recording with or without its ending, and a
+            column for each fact; with a column ``number`` also, a row for each impact of a recording.
+        given: what holds for all recordings.
+
+    Raises:
+        InputError: the pattern or the table can't be used, or a fact is given in two ways.
+    """
+    names = Pattern.of(pattern) if pattern else None
+    rows = _Table.read(table) if table else None
+    sources = {
+        "--pattern": names.fields if names else (),
+        "--table": rows.facts if rows else (),
+        "--set": tuple(given),
+    }
+    _once(sources)
+    problems: list[Problem] = []
+    of_file: dict[str, Cells] = {}
+    of_number: dict[tuple[str, int], Cells] = {}
+    if rows:
+        problems += rows.strangers(found.files)
+    for file in found.files:
+        try:
+            own = names.read(file.name, file.suffix) if names else {}
+            mine = rows.of(file) if rows else {None: {}}
+            for number, cells in mine.items():
+                filled = columns({**given, **own, **cells}, file.name)
+                of_file[file.name] = filled
+                if number is not None:
+                    of_number[file.name, number] = filled
+        except InputError as error:
+            problems += error.problems
+    filled_columns = frozenset(fills(name) for fields in sources.values() for name in fields)
+    return Facts(of_file, of_number, filled_columns, tuple(problems))
+
+
+def _once(sources: dict[str, tuple[str, ...]]) -> None:
+    by_column: dict[str, list[str]] = {}
+    for source, fields in sources.items():
+        for name in fields:
+            by_column.setdefault(fills(name), []).append(f"{name} by {source}")
+    problems = [
+        Problem(
+            "init",
+            f"one source of {column}",
+            "Leave out all but one.",
+            column=column,
+            value=" and ".join(said),
+        )
+        for column, said in by_column.items()
+        if len(said) > 1
+    ]
+    if "trace" in by_column:
+        problems.append(Problem("init", "no fact of that name", "Rename it: init fills it.", column="trace"))
+    if problems:
+        raise InputError(problems)
+
+
+@dataclass(frozen=True)
+class _Table:
+    label: str
+    facts: tuple[str, ...]
+    rows: tuple[tuple[int, dict[str, str]], ...]
+
+    @classmethod
+    def read(cls, path: Path) -> _Table:
+        cells, lines = read_cells(path, [FILE], label=path.name)
+        facts = tuple(name for name in cells.columns if name not in (FILE, NUMBER))
+        records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
+        return cls(path.name, facts, records)  # type: ignore[arg-type]
+
+    def of(self, file: File) -> dict[int | None, dict[str, str]]:
+        """The facts of a file; by the number of the impact where the table has a column of that name."""
+        mine = [(line, row) for line, row in self.rows if row[FILE] in _names(file)]
+        if not mine:
+            raise InputError(
+                Problem(
+                    self.label,
+                    f"a row for {file.name}",
+                    "Add a row, or move the file out of the folder.",
+                    column=FILE,
+                    value="none",
+                )
+            )
+        found: dict[int | None, dict[str, str]] = {}
+        for line, row in mine:
+            number = self._number(line, row)
+            if number in found:
+                expected = f"one row for {file.name}" + (f", number {number}" if number else "")
+                remedy = "Remove one of the two, or tell several impacts apart by a column number (1, 2 ...)."
+                raise InputError(Problem(self.label, expected, remedy, line, FILE, row[FILE]))
+            found[number] = {name: row[name] for name in self.facts if row[name]}
+        return found
+
+    def strangers(self, files: tuple[File, ...]) -> Iterator[Problem]:
+        """Rows that belong to no file, and to more than one."""
+        for line, row in self.rows:
+            own = [file.name for file in files if row[FILE] in _names(file)]
+            if len(own) != 1:
+                expected = "the name of one recording in the folder, with its folders where names repeat"
+                value = f"{row[FILE]}: {', '.join(own) or 'no such file'}"
+                yield Problem(self.label, expected, "Correct the cell.", line, FILE, value)
+
+    def _number(self, line: int, row: dict[str, str]) -> int | None:
+        text = row.get(NUMBER, "")
+        if NUMBER not in row:
+            return None
+        if not text.isdecimal() or int(text) < 1:
+            expected = "the number of the impact in its recording, from 1 on"
+            raise InputError(Problem(self.label, expected, "Correct the cell.", line, NUMBER, text))
+        return int(text)
+
+
+def _names(file: File) -> set[str]:
+    """The ways in which a table may call a file."""
+    bare = file.name[: -len(file.suffix)]
+    return {file.name, bare, PurePosixPath(file.name).name, PurePosixPath(bare).name}

@@ -1,0 +1,149 @@
+"""A folder of recorder files: which there are, and which channels each holds."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from bayestissue.dataset.recorders import SUFFIXES, channels_of, suffix_of
+from bayestissue.errors import InputError, Problem
+
+_DIGITS = re.compile(r"(\d+)")
+
+
+@dataclass(frozen=True)
+class About:
+    """What is known of a channel before any of it is used.
+
+    Attributes:
+        unit: as the file states it; empty where it states none.
+        samples: how many it has.
+        clock: whether the file's format carries its times.
+        rising: whether its values rise evenly, as times do.
+    """
+
+    unit: str
+    samples: int
+    clock: bool
+    rising: bool
+
+
+@dataclass(frozen=True)
+class File:
+    """One recorder file.
+
+    Attributes:
+        path: where it lies.
+        name: its path relative to the folder, with ``/`` between the parts.
+        channels: by name, in the order of the file.
+    """
+
+    path: Path
+    name: str
+    channels: dict[str, About]
+
+    @property
+    def suffix(self) -> str:
+        """How its name ends."""
+        return suffix_of(self.path)
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a folder holds.
+
+    Attributes:
+        folder: as it was named.
+        files: those that could be read, in order of their names, numbers in them in order of size.
+        problems: what is wrong with the others.
+    """
+
+    folder: Path
+    files: tuple[File, ...]
+    problems: tuple[Problem, ...]
+
+    def candidates(self) -> dict[str, list[About]]:
+        """The channels by name, each as it is in every file that has one of that name."""
+        every: dict[str, list[About]] = {}
+        for file in self.files:
+            for name, about in file.channels.items():
+                every.setdefault(name, []).append(about)
+        return every
+
+
+def look(folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = ()) -> Found:
+    """Find the recorder files in a folder and in folders within it, and list their channels.
+
+    Hidden files, and folders that are datasets already, are left alone.
+
+    Args:
+        folder: where the recorder's files lie; nothing in it is changed.
+        suffix: only files that end so, where a pattern or an option says which.
+        ignore: files that are no recordings, such as a table of facts.
+
+    Raises:
+        InputError: it is no folder, or holds no recorder file.
+    """
+    root = Path(folder)
+    if not root.is_dir():
+        found = "a file" if root.exists() else "no such folder"
+        raise InputError(Problem(str(folder), "a folder of recorder files", "Check the path.", value=found))
+    skipped = {path.resolve() for path in ignore}
+    paths = [path for path in _files(root) if path.resolve() not in skipped]
+    wanted = [path for path in paths if suffix_of(path) in ((suffix,) if suffix else SUFFIXES)]
+    if not wanted:
+        ends = ", ".join(sorted({suffix_of(path) or path.name for path in paths})[:10])
+        raise InputError(
+            Problem(
+                str(folder),
+                f"files ending in {suffix or ', '.join(SUFFIXES)}",
+                "Export the recordings in one of these formats.",
+                value=f"files ending in {ends}" if paths else "no files",
+            )
+        )
+    files: list[File] = []
+    problems: list[Problem] = []
+    for path in wanted:
+        name = path.relative_to(root).as_posix()
+        try:
+            channels = channels_of(path, name)
+        except InputError as error:
+            problems += error.problems
+            continue
+        files.append(
+            File(
+                path,
+                name,
+                {
+                    key: About(
+                        channel.unit, channel.values.size, channel.clock is not None, _rises(channel.values)
+                    )
+                    for key, channel in channels.items()
+                },
+            )
+        )
+    if not files:
+        raise InputError(problems)
+    return Found(root, tuple(files), tuple(problems))
+
+
+def _files(folder: Path) -> list[Path]:
+    here = [path for path in folder.iterdir() if not path.name.startswith(".")]
+    inner = [path for path in here if path.is_dir() and not path.is_symlink()]
+    within = [path for each in inner if not (each / "dataset.toml").exists() for path in _files(each)]
+    return sorted([*(path for path in here if path.is_file()), *within], key=_natural)
+
+
+def _natural(path: Path) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in _DIGITS.split(path.as_posix())]
+
+
+def _rises(values: np.ndarray) -> bool:
+    if values.size < 3 or not np.isfinite(values).all():
+        return False
+    step = np.diff(values)
+    return bool(step.min() > 0 and step.max() < 1.5 * np.median(step))

@@ -1,0 +1,258 @@
+"""A dataset from a folder of recorder files, in three steps: look, settle what is not known, write."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from bayestissue.dataset import Dataset, Quantity, read_dataset
+from bayestissue.dataset.recorders import SUFFIXES
+from bayestissue.errors import InputError, Problem
+from bayestissue.intake.build import Built, build
+from bayestissue.intake.choices import Choices, Question, settle
+from bayestissue.intake.cutting import SEPARATION_S, THRESHOLD
+from bayestissue.intake.facts import Facts, gather
+from bayestissue.intake.folder import About, Found, look
+from bayestissue.intake.rows import Cutting
+from bayestissue.results import claim
+
+PAGE = "init.html"
+
+
+@dataclass(frozen=True, eq=False)
+class Intake:
+    """A folder of recorder files, as far as it is understood.
+
+    Attributes:
+        found: the files and their channels.
+        choices: what was said, and what the files leave no doubt about.
+        facts: what is known of each file besides its samples.
+        questions: what is left to say.
+    """
+
+    found: Found
+    choices: Choices
+    facts: Facts
+    questions: tuple[Question, ...]
+
+    def answered(self, question: Question, text: str) -> Intake:
+        """The same with one question answered.
+
+        Raises:
+            InputError: the answer contradicts what names or a table say.
+        """
+        return _understood(self.found, question.answer(self.choices, text))
+
+    def listed(self) -> list[str]:
+        """What was found, in lines: how many files, and of each channel its name, unit and samples."""
+        files = self.found.files
+        total = f"{len(files)} recorder file{'s' if len(files) > 1 else ''}"
+        return [
+            f"{total} in {self.found.folder}, such as {files[0].name}. Channels:",
+            *(
+                f"  {name}{f' [{unit}]' if (unit := _units(each)) else ''}: {_samples(each)}"
+                + (f", in {len(each)} files" if len(each) < len(files) else "")
+                for name, each in self.found.candidates().items()
+            ),
+        ]
+
+    def unanswered(self) -> InputError:
+        """What is wrong while questions are left: each with an option that answers it, and all else."""
+        problems = [
+            Problem(
+                question.option.rstrip("="),
+                question.what + (f": {' or '.join(question.answers)}" if question.answers else ""),
+                f"Add, say, {question.line}",
+                value="none",
+            )
+            for question in self.questions
+        ]
+        error = InputError([*problems, *self.found.problems, *self.facts.problems])
+        error.add_note("\n".join(self.listed()))
+        line = " ".join(question.line for question in self.questions)
+        error.add_note(f"Options to add, with your own values: {line}")
+        return error
+
+
+def prepare(folder: str | Path, choices: Choices) -> Intake:
+    """Look at a folder and settle what its files leave no doubt about.
+
+    Raises:
+        InputError: there are no recorder files, or the pattern or the table can't be used.
+    """
+    ends = [suffix for suffix in SUFFIXES if choices.pattern and choices.pattern.lower().endswith(suffix)]
+    ignore = [choices.table] if choices.table else []
+    return _understood(look(folder, suffix=max(ends, key=len, default=""), ignore=ignore), choices)
+
+
+def _understood(found: Found, choices: Choices) -> Intake:
+    facts = gather(found, pattern=choices.pattern, table=choices.table, given=choices.given)
+    choices, questions = settle(choices, found, facts.columns)
+    return Intake(found, choices, facts, tuple(questions))
+
+
+def write(
+    intake: Intake,
+    out: str | Path,
+    *,
+    name: str = "",
+    cutting: Cutting | None = None,
+    skip_bad: bool = False,
+    overwrite: bool = False,
+) -> Built:
+    """Write the dataset, and beside its tables the page ``init.html`` that shows what was understood.
+
+    Args:
+        intake: with no question left.
+        out: the folder of the dataset, new or empty.
+        name: of the dataset; that of the folder if empty.
+        cutting: cut several impacts in one recording apart.
+        skip_bad: leave out what is wrong, instead of refusing the whole.
+        overwrite: replace a dataset that this function wrote and nobody changed.
+
+    Raises:
+        InputError: everything that is wrong; nothing is written then.
+        PartialResultError: the results could not take their place, and are beside it.
+    """
+    if intake.questions:
+        raise intake.unanswered()
+    inputs = (intake.found.folder, intake.choices.table)
+    with claim(Path(out), overwrite=overwrite, command="init", inputs=inputs) as place:
+        from bayestissue.report.init_page import init_page
+
+        with place.folder() as staging:
+            name = name or intake.found.folder.resolve().name
+            built = build(
+                staging,
+                intake.found,
+                intake.facts,
+                intake.choices,
+                name=name,
+                cutting=cutting,
+                skip_bad=skip_bad,
+            )
+            page = init_page(
+                built.dataset, understood=_words(intake, cutting), left_out=built.left_out, notes=built.notes
+            )
+            (staging / PAGE).write_text(page, encoding="utf-8")
+        return replace(built, dataset=replace(built.dataset, folder=place.path))
+
+
+def init_dataset(
+    folder: str | Path,
+    out: str | Path,
+    *,
+    quantity: Quantity | None = None,
+    channel: str | None = None,
+    unit: str | None = None,
+    time: str | None = None,
+    time_unit: str | None = None,
+    rate_hz: float | None = None,
+    scale: float = 1.0,
+    offset: float = 0.0,
+    crop: tuple[float, float] | None = None,
+    pattern: str | None = None,
+    table: str | Path | None = None,
+    given: Mapping[str, object] | None = None,
+    name: str = "",
+    several: bool = False,
+    threshold: float = THRESHOLD,
+    separation_s: float = SEPARATION_S,
+    skip_bad: bool = False,
+    overwrite: bool = False,
+) -> Dataset:
+    """Make a dataset from a folder of recorder files, and read it: `bayestissue init` from Python.
+
+    The recordings are copied as they are into ``out/recordings``, and the page ``out/init.html`` shows what
+    was understood of each.
+
+    Args:
+        folder: where the recorder's files lie; folders within it are looked into.
+        out: the folder of the dataset, new or empty.
+        quantity: ``"deceleration"``, ``"acceleration"`` or ``"displacement"``.
+        channel: the one with the values; needed if there are several.
+        unit: of the values after scale and offset; needed if the files state none.
+        time: the channel with the times, where the format carries none.
+        time_unit: its unit, s unless the files state another.
+        rate_hz: the sampling rate, where there are no times.
+        scale: by which raw values are multiplied.
+        offset: added after that.
+        crop: the stretch of every recording that is read, (start, stop) in the unit of time.
+        pattern: how file names are read, such as ``"{subject}_{side}_{mass_kg}kg_{n}.lvm"``. Names are
+            columns of ``impacts.csv``; ``mass_g``, ``drop_height_m``, ``drop_height_cm`` and others are
+            converted (v = √(2 g h)).
+        table: a CSV file with a column ``file`` and a column for each fact.
+        given: facts that hold for all recordings, such as ``{"trial": "drop", "mass_kg": 2.1}``.
+        name: of the dataset; that of the folder if empty.
+        several: a recording may hold several impacts, which are cut apart.
+        threshold: how many standard deviations of the noise an impact rises above.
+        separation_s: the least time between two impacts.
+        skip_bad: leave out what is wrong, instead of refusing the whole.
+        overwrite: replace a dataset that this function wrote and nobody changed.
+
+    Raises:
+        InputError: everything that is wrong, or that is not known; nothing is written then.
+    """
+    choices = Choices(
+        channel,
+        quantity,
+        unit,
+        time,
+        time_unit,
+        rate_hz,
+        scale,
+        offset,
+        crop,
+        pattern,
+        None if table is None else Path(table),
+        {key: str(value) for key, value in (given or {}).items()},
+    )
+    write(
+        prepare(folder, choices),
+        out,
+        name=name,
+        cutting=Cutting(threshold, separation_s) if several else None,
+        skip_bad=skip_bad,
+        overwrite=overwrite,
+    )
+    return read_dataset(out)
+
+
+def _words(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
+    """What was understood, as pairs of a heading and words."""
+    choices, every = intake.choices, intake.found.candidates()
+    scaled = f", times {choices.scale:g}" if choices.scale != 1 else ""
+    scaled += f", plus {choices.offset:g}" if choices.offset else ""
+    if choices.time is not None:
+        times = f"channel {choices.time}, in {choices.time_unit or 's'}"
+    else:
+        times = "the recorder's clock" if choices.rate_hz is None else f"{choices.rate_hz:g} Hz, as stated"
+    if choices.crop is not None:
+        times += f", from {choices.crop[0]:g} to {choices.crop[1]:g}"
+    cut_words = (
+        "one a recording"
+        if cutting is None
+        else f"cut apart: {cutting.threshold:g} standard deviations above the noise, "
+        f"{cutting.separation_s:g} s apart at least"
+    )
+    sources = [f"names read as {choices.pattern}"] if choices.pattern else []
+    sources += [f"the table {choices.table.name}"] if choices.table else []
+    sources += [f"{key} = {value} for all" for key, value in choices.given.items()]
+    return [
+        ("files", f"{len(intake.found.files)}, with the channels {', '.join(every)}"),
+        ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
+        ("times", times),
+        ("impacts", cut_words),
+        ("facts", "; ".join(sources)),
+    ]
+
+
+def _units(channels: list[About]) -> str:
+    return ", ".join(sorted({about.unit for about in channels if about.unit}))
+
+
+def _samples(channels: list[About]) -> str:
+    counts = [about.samples for about in channels]
+    low, high = min(counts), max(counts)
+    return f"{low} samples" if low == high else f"{low} to {high} samples"

@@ -1,0 +1,70 @@
+"""The questions of a model file and their answers, on the first screen of a fit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.wording import interval, number, probability, significant
+
+# As many as a first screen holds; the table has all.
+_FIRST = 6
+_TITLES = (
+    "name",
+    "question",
+    "posterior",
+    "prior",
+    "Bayes factor",
+    "Monte Carlo error",
+    "median",
+    "90 % interval",
+)
+
+
+def question_lines(run: FitRun) -> list[dict[str, str]]:
+    """The first questions, each with its answer and what stands beside it in grey."""
+    return [_line(row) for row in _rows(run)[:_FIRST]]
+
+
+def _line(row: dict[str, Any]) -> dict[str, str]:
+    asked = row["question"] if not row["name"] else f"{row['name'].replace('_', ' ')}: {row['question']}"
+    if pd.notna(row["posterior"]):
+        answer = f"probability {probability(row['posterior'])}"
+        beside = f"before the data {probability(row['prior'])}" if pd.notna(row["prior"]) else row["note"]
+    elif pd.notna(row["median"]):
+        answer, beside = significant(row["median"]), interval(row["low"], row["high"])
+    else:
+        answer, beside = "no answer", row["note"].removeprefix("no answer: ")
+    return {"question": asked, "answer": answer, "beside": beside}
+
+
+def questions_table(run: FitRun) -> Table:
+    """Every question with all that is known of its answer."""
+    return Table(
+        columns(*(*_TITLES, "note"), number=_TITLES[2:], words=("question", "note")),
+        [Row(_cells(row)) for row in _rows(run)],
+    )
+
+
+def _cells(row: dict[str, Any]) -> list[str]:
+    def shown(value: float, words: str) -> str:
+        return words if pd.notna(value) else ""
+
+    return [
+        row["name"].replace("_", " "),
+        row["question"],
+        shown(row["posterior"], number(row["posterior"], 3)),
+        shown(row["prior"], number(row["prior"], 3)),
+        shown(row["bayes_factor"], significant(row["bayes_factor"])),
+        shown(row["mcse"], significant(row["mcse"], 2)),
+        shown(row["median"], significant(row["median"], 4)),
+        shown(row["low"], interval(row["low"], row["high"])),
+        row["note"],
+    ]
+
+
+def _rows(run: FitRun) -> list[dict[str, Any]]:
+    return [] if run.questions is None else run.questions.to_dict("records")  # type: ignore[return-value]

@@ -1,0 +1,45 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from command_line import bayestissue
+from make_fit_run import make_fit_run
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return make_fit_run(tmp_path_factory.mktemp("asked") / "run")
+
+
+def test_answers_are_printed_and_written(run: Path, tmp_path: Path) -> None:
+    questions = ("K[subject=s1] / K[subject=s2] > 1.1", "K[mass_kg=1.2]")
+    told = bayestissue("ask", run, *questions, "--out", tmp_path / "out")
+    assert told.status == 0
+    assert "probability of each claim" in told.out
+    assert "median and 90 % interval" in told.out
+    assert "200 draws of the posterior, 300 of the prior" in told.out
+    table = pd.read_csv(tmp_path / "out" / "questions.csv")
+    assert table["question"].tolist() == list(questions)
+    assert list(table)[:5] == ["question", "posterior", "prior", "bayes_factor", "mcse"]
+    shown = json.loads(bayestissue("ask", run, *questions, "--json").out)["questions"]
+    assert shown[0]["posterior"] == table["posterior"][0]
+
+
+def test_wrong_questions_are_refused_all_at_once(run: Path, tmp_path: Path) -> None:
+    told = bayestissue("ask", run, "K[subject=s9]", "__import__('os')", "--out", tmp_path / "out")
+    assert told.status == 2
+    assert "2 problems; nothing was written." in told.err
+    assert "question 1, column 11" in told.err
+    assert "question 2, column 12" in told.err
+    assert not (tmp_path / "out").exists()
+    assert "problems" in json.loads(bayestissue("ask", run, "K[", "--json").err)
+
+
+def test_a_question_that_would_steer_the_terminal_does_not(run: Path) -> None:
+    told = bayestissue("ask", run, "K\x1b[31m > 1")
+    assert told.status == 2
+    assert "\x1b" not in told.err

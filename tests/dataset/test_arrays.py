@@ -1,0 +1,196 @@
+"""Datasets from tables and arrays: what a folder of the same content gives, in the caller's words."""
+
+from __future__ import annotations
+
+import inspect
+
+import numpy as np
+import pandas as pd
+import pytest
+from dataset_bench import SETTINGS, Lab, tables
+
+import bayestissue as bt
+from bayestissue.dataset import Dataset
+
+SIGNAL = {"quantity": SETTINGS["signal"]["quantity"], "unit": SETTINGS["signal"]["unit"]}
+GIVEN = SIGNAL | {name: SETTINGS[name] for name in ("name", "description", "uncertainty")}
+
+
+def require_equal(one: Dataset, other: Dataset) -> None:
+    pd.testing.assert_frame_equal(one.impacts, other.impacts)
+    for mine, theirs in zip(one.traces, other.traces, strict=True):
+        np.testing.assert_array_equal(mine.time_s, theirs.time_s)
+        np.testing.assert_array_equal(mine.value, theirs.value)
+    for name in ("name", "description", "licence", "source", "quantity", "uncertainty"):
+        assert getattr(one, name) == getattr(other, name)
+
+
+def separate(impacts: pd.DataFrame, traces: pd.DataFrame) -> dict:
+    groups = dict(list(traces.groupby("impact", observed=True)))
+    return {name: (groups[name]["time_s"].to_numpy(), groups[name]["value"]) for name in impacts["impact"]}
+
+
+@pytest.mark.parametrize("form", ["long", "by name", "in order", "tables"])
+def test_it_is_the_dataset_of_the_folder(lab: Lab, form):
+    impacts, traces = tables()
+    own = separate(impacts, traces)
+    given = {
+        "long": traces.sample(frac=1, random_state=1).sort_values("time_s"),
+        "by name": own,
+        "in order": list(own.values()),
+        "tables": {name: pd.DataFrame({"time_s": t, "value": v}) for name, (t, v) in own.items()},
+    }[form]
+    made = bt.dataset(impacts, given, **GIVEN)
+    require_equal(made, bt.read_dataset(lab.folder))
+    assert made.folder is None
+
+
+def test_it_is_written_and_read_back_equal_and_replaced_only_unchanged(tmp_path):
+    impacts, traces = tables()
+    impacts = impacts.assign(
+        side=["left", 'the "other", right'] * (len(impacts) // 2) + ["l"] * (len(impacts) % 2)
+    )
+    made = bt.dataset(impacts, traces, **GIVEN, licence="CC0", source="a lab")
+    folder = tmp_path / "written"
+    assert made.write(folder) == folder
+    require_equal(bt.read_dataset(folder), made)
+    with pytest.raises(bt.InputError, match="not empty"):
+        made.write(folder)
+    made.write(folder, overwrite=True)
+    (folder / "impacts.csv").write_text("changed")
+    with pytest.raises(bt.InputError, match="changed since"):
+        made.write(folder, overwrite=True)
+    assert [path.name for path in tmp_path.iterdir()] == ["written"]
+
+
+def test_a_write_that_fails_leaves_nothing(tmp_path, monkeypatch):
+    made = bt.dataset(*tables(), **GIVEN)
+    monkeypatch.setattr("bayestissue.dataset.write._write_table", lambda *_: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        made.write(tmp_path / "written")
+    assert list(tmp_path.iterdir()) == []
+
+
+def spoil_mass(impacts, traces):
+    impacts.loc[1, "mass_kg"] = -1.0
+
+
+def spoil_value(impacts, traces):
+    traces.loc[traces.index[(traces["impact"] == impacts["impact"][1]).argmax() + 17], "value"] = np.nan
+
+
+def spoil_name(impacts, traces):
+    impacts.loc[1, "impact"] = impacts.loc[0, "impact"]
+
+
+def spoil_order(impacts, traces):
+    traces.loc[5, "time_s"] = traces.loc[3, "time_s"]
+
+
+def spoil_velocity(impacts, traces):
+    impacts["velocity_m_s"] *= 10
+
+
+@pytest.mark.parametrize("spoil", [spoil_mass, spoil_value, spoil_name, spoil_order, spoil_velocity])
+def test_it_finds_what_is_found_in_a_folder(tmp_path, spoil):
+    """Of each problem all but the name of the table and the row, which counts from 0 here."""
+    impacts, traces = tables()
+    traces = traces.astype({"impact": str})
+    spoil(impacts, traces)
+    with pytest.raises(bt.InputError) as found:
+        bt.dataset(impacts, traces, **GIVEN)
+    folder = tmp_path / "folder"
+    bt.dataset.write_dataset(folder, settings=SETTINGS, impacts=impacts, traces=traces)
+    with pytest.raises(bt.InputError) as expected:
+        bt.read_dataset(folder)
+    assert len(found.value.problems) == len(expected.value.problems)
+    for mine, theirs in zip(found.value.problems, expected.value.problems, strict=True):
+        assert (mine.impact, mine.column) == (theirs.impact, theirs.column)
+        assert mine.row == (None if theirs.row is None else theirs.row - 2)
+        assert "csv" not in str(mine)
+        assert "toml" not in str(mine)
+        assert mine.file.split(" ")[0] == theirs.file.split(".")[0]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"unit": "mm"}, "arguments, column unit: found \"mm\""),
+        ({"quantity": "force"}, "arguments, column quantity"),
+        ({"uncertainty": {"mass": 0.1}}, "column uncertainty.mass"),
+        ({"uncertainty": {"relative_mass_sd": np.float64(3.0)}}, "3 %, if that is meant, is 0.03"),
+        ({"traces": []}, "found \"0 recordings\""),
+        ({"traces": {}}, "samples of every impact in the table impacts"),
+        ({"traces": tables()[1].drop(columns="value")}, 'a column "value"'),
+        ({"impacts": tables()[0].drop(columns="mass_kg")}, 'a column "mass_kg"'),
+        ({"impacts": {"impact": ["a"], "mass_kg": [1.0, 2.0]}}, "columns of equal length"),
+        ({"impacts": []}, "a column"),
+    ],
+)  # fmt: skip
+def test_arguments_that_are_wrong_are_named(change, words):
+    impacts, traces = tables()
+    given = {"impacts": impacts, "traces": traces, **GIVEN, **change}
+    with pytest.raises(bt.InputError) as error:
+        bt.dataset(given.pop("impacts"), given.pop("traces"), **given)
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("trace", "words"),
+    [
+        (([0.0, 1.0], [1.0]), "2 times and 1 values"),
+        (np.zeros((3, 5)), "a pair of arrays"),
+        ((np.arange(50) * 1e-4, np.zeros((50, 2))), "shape \\(50, 2\\)"),
+        ((pd.date_range("2026-01-01", periods=50), np.zeros(50)), "datetime64"),
+        ((np.arange(50) * 1e-4, ["1"] * 49 + ["x"]), 'sample.*row 49, column value.*found "x"'),
+    ],
+)
+def test_recordings_that_are_none_are_named(trace, words):
+    impacts, traces = tables()
+    own = separate(impacts, traces)
+    own[impacts["impact"][0]] = trace
+    with pytest.raises(bt.InputError, match=words):
+        bt.dataset(impacts, own, **GIVEN)
+
+
+def test_bad_impacts_can_be_left_out():
+    impacts, traces = tables()
+    spoil_mass(impacts, traces)
+    made = bt.dataset(impacts, traces, **GIVEN, skip_bad=True)
+    assert len(made.impacts) == len(impacts) - 1
+    assert made.left_out[0].row == 1
+
+
+def test_names_may_be_numbers_and_values_of_other_units():
+    impacts, traces = tables()
+    number = {name: place for place, name in enumerate(impacts["impact"])}
+    made = bt.dataset(
+        impacts.assign(impact=range(len(impacts)), subject=np.arange(len(impacts)) // 2 + 0.0),
+        traces.assign(
+            impact=traces["impact"].map(number).astype(float),
+            ms=traces["time_s"] * 1e3,
+            raw=-traces["value"] / 9.80665 / 2,
+        ).drop(columns=["time_s", "value"]),
+        **{"quantity": "acceleration", "unit": "g", "time_unit": "ms", "scale": 2},
+        **{"time_column": "ms", "value_column": "raw"},
+    )
+    expected = bt.dataset(impacts, traces, **GIVEN)
+    assert made.impacts["impact"].tolist() == [str(place) for place in range(len(impacts))]
+    assert made.impacts["subject"][1] == "0"
+    np.testing.assert_allclose(made.traces[1].value, -expected.traces[1].value, rtol=1e-14, atol=1e-12)
+
+
+def test_the_package_and_the_function_share_a_name():
+    from bayestissue.dataset import read_dataset
+
+    assert bt.dataset.read_dataset is read_dataset is bt.read_dataset
+    assert "quantity" in inspect.signature(bt.dataset).parameters
+
+
+def test_a_check_of_it_says_what_the_command_says(lab: Lab):
+    found = bt.check(bt.dataset(*tables(), **GIVEN))
+    assert found.verdict == bt.check(bt.read_dataset(lab.folder)).verdict
+    assert len(found.quality) == len(tables()[0])
+    assert found.verdict in repr(found)
+    assert "<table>" in found._repr_html_()
+    assert found.problems.columns[0] == "severity"

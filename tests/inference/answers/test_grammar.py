@@ -1,0 +1,136 @@
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+import xarray as xr
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bayestissue.inference.answers.draws import draws_of
+from bayestissue.inference.answers.grammar import DEEPEST, LONGEST, Level, Quantity, QuestionError, parse
+from bayestissue.inference.answers.levels import Recorded
+
+A, B = np.array([[1.5, -2.0, 3.0]]), np.array([[0.5, 4.0, -1.0]])
+DRAWS = xr.Dataset(
+    {"a": (("chain", "draw"), A), "b": (("chain", "draw"), B), "chain": [0], "draw": [0, 1, 2]}
+)
+
+
+def worth(text: str) -> np.ndarray:
+    return draws_of(parse(text), DRAWS, Recorded(None, {}, 1.0)).to_numpy()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("1 + 2 * 3 ^ 2 / a", 1 + 2 * 3**2 / A),
+        ("-a ^ 2", -(A**2)),
+        ("2 ** -a − 1e-1", 2**-A - 0.1),
+        ("a - b - 1", A - B - 1),
+        ("max(a, b, 2) + min(a, b)", np.maximum(np.maximum(A, B), 2) + np.minimum(A, B)),
+        ("mean(a, b)", (A + B) / 2),
+        ("exp(log(abs(a)))", np.abs(A)),
+        ("a > 1 and not b > 0 or a < -1", (A > 1) & ~(B > 0) | (A < -1)),
+        ("-1 < a <= 1.5", (A > -1) & (A <= 1.5)),
+        ("a between -2 and 2 and b ≥ 1", (np.abs(A) <= 2) & (B >= 1)),
+        ("(a) < ((b))", A < B),
+        ("3", np.full_like(A, 3)),
+    ],
+)  # fmt: skip
+def test_a_text_is_worth_what_it_says(text: str, expected: np.ndarray) -> None:
+    np.testing.assert_allclose(worth(text), expected, rtol=1e-12)
+
+
+def test_levels_may_be_bare_or_in_quotes() -> None:
+    found = parse("""K[subject=s-01.5, "my side"='a ] b', trial]""")
+    assert found == Quantity(
+        "K",
+        (Level("subject", "s-01.5", 2, 10), Level("my side", "a ] b", 18, 28), Level("trial", None, 37, 37)),
+        0,
+    )
+    assert parse("`effect_of_side[right]_K`") == Quantity("effect_of_side[right]_K", (), 0)
+
+
+@pytest.mark.parametrize(
+    ("text", "place"),
+    [
+        ("", 0),
+        ("K >", 3),
+        ("K = 3", 2),
+        ("K[side=left", 11),
+        ("K[a=b, a=c]", 7),
+        ("K.__class__", 1),
+        ("__import__('os')", 11),
+        ("lambda: 0", 6),
+        ("K; 1", 1),
+        ("cube(K)", 0),
+        ("log(K, 2)", 0),
+        ("1 + (K > 2)", 7),
+        ("K and C > 1", 0),
+        ("not K", 4),
+        ("1e999 < K", 0),
+        ("K $ 2", 2),
+    ],
+)
+def test_a_slip_has_its_place(text: str, place: int) -> None:
+    with pytest.raises(QuestionError) as found:
+        parse(text)
+    assert found.value.place == place
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "K" * 1_000_000,
+        "9" * LONGEST,
+        "(" * (LONGEST - 1) + "K",
+        "(" * 900 + "K" + ")" * 900 + ")",
+        "-" * (LONGEST - 1) + "K",
+        "abs(" * 300 + "K" + ")" * 300,
+        "not " * 400 + "K > 1",
+        "K" + "^2" * 900,
+        "K[" + "a=b," * 400 + "]",
+    ],
+)
+def test_hostile_text_is_refused_at_once(text: str) -> None:
+    began = time.process_time()
+    with pytest.raises(QuestionError):
+        parse(text)
+    assert time.process_time() - began < 1
+
+
+def test_parts_may_be_as_deep_as_is_promised() -> None:
+    assert worth("-" * (DEEPEST - 1) + "a").shape == A.shape
+    assert (worth("(" * 500 + "a" + ")" * 500) == A).all()
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.text(max_size=60) | st.text("Kab[]=()+-*/^<>≤'\"`., 0129eandorbetwnlg_", max_size=60))
+def test_any_text_is_read_or_refused_with_a_place(text: str) -> None:
+    places = []
+    try:
+        parse(text)
+    except QuestionError as slip:
+        places = [slip.place]
+    assert all(0 <= place <= len(text) for place in places)
+
+
+def _sums() -> st.SearchStrategy[str]:
+    leaves = st.sampled_from(["a", "b", "2", "0.5"])
+    return st.recursive(
+        leaves,
+        lambda inner: (
+            st.tuples(inner, st.sampled_from("+-*"), inner).map(lambda t: f"({t[0]} {t[1]} {t[2]})")
+            | inner.map(lambda t: f"abs({t})")
+        ),
+        max_leaves=8,
+    )
+
+
+@settings(max_examples=60, deadline=None)
+@given(_sums(), _sums())
+def test_arithmetic_is_as_numpy_has_it(left: str, right: str) -> None:
+    expected = eval(f"{left} - {right}", {"__builtins__": {}}, {"a": A, "b": B, "abs": np.abs})  # noqa: S307
+    np.testing.assert_allclose(worth(f"{left} - {right}"), np.broadcast_to(expected, A.shape))

@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import arviz as az
+import numpy as np
+import pytest
+import xarray as xr
+
+from bayestissue import Run, read_run
+from bayestissue.errors import InputError
+from bayestissue.inference.answers.questions import COLUMNS, ask, ask_what_can_be, of_model
+from make_fit_run import make_fit_run
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return read_run(make_fit_run(tmp_path_factory.mktemp("asked") / "run"))
+
+
+@pytest.fixture(scope="module")
+def draws(run: Run) -> xr.Dataset:
+    return run.posterior["posterior"].dataset
+
+
+def test_a_claim_has_probability_prior_bayes_factor_and_error(run: Run, draws: xr.Dataset) -> None:
+    row = run.ask("K[subject=s1] / K[subject=s2] > 1.1").iloc[0]
+    prior = run.posterior["prior"].dataset
+
+    def true(of: xr.Dataset) -> np.ndarray:
+        effect = of["subject_effect_K"]
+        return (np.exp(effect.sel(subject="s1") - effect.sel(subject="s2")) > 1.1).to_numpy()
+
+    p, p_0 = true(draws).mean(), true(prior).mean()
+    assert row["posterior"] == pytest.approx(p)
+    assert row["prior"] == pytest.approx(p_0)
+    assert row["bayes_factor"] == pytest.approx(p / (1 - p) / (p_0 / (1 - p_0)))
+    assert row["mcse"] == pytest.approx(float(az.mcse(true(draws).astype(float))), rel=1e-6)
+    assert (row["draws"], row["prior_draws"]) == (200, 300)
+
+
+def test_an_expression_has_a_median_and_an_interval(run: Run, draws: xr.Dataset) -> None:
+    row = run.ask("K[subject=s1, mass_kg=1.4] / 1000").iloc[0]
+    log = (
+        draws["intercept_K"]
+        + draws["subject_effect_K"].sel(subject="s1")
+        + draws["mass_exponent_K"] * np.log(2)
+    )
+    expected = np.exp(log).to_numpy() / 1000
+    assert [row["low"], row["median"], row["high"]] == pytest.approx(np.quantile(expected, [0.05, 0.5, 0.95]))
+    assert row["mcse"] == pytest.approx(float(az.mcse(expected, method="median")), rel=1e-6)
+    assert np.isnan(row["posterior"])
+
+
+def test_what_quantities_mean(run: Run, draws: xr.Dataset) -> None:
+    people = draws["K_subject"]
+    expected = {
+        "K": np.exp(draws["intercept_K"]),
+        "mean(K[subject])": np.exp(draws["intercept_K"] + draws["subject_effect_K"]).mean("subject"),
+        "max(K_subject) - min(K_subject)": people.max("subject") - people.min("subject"),
+        "K_new": draws["K_new"],
+        "sd_subject_C": draws["sd_subject_C"],
+        "K[impact=t0-s1]": draws["K"].sel(impact="t0-s1"),
+        "subject_effect_K[subject=s3]": draws["subject_effect_K"].sel(subject="s3"),
+        "mean(C[subject, trial=t1] / C[subject])": np.exp(draws["trial_effect_C"].sel(trial="t1")),
+    }
+    found = run.ask(*expected).set_index("question")["median"]
+    for question, values in expected.items():
+        assert found[question] == pytest.approx(float(values.median())), question
+
+
+def test_a_bayes_factor_that_draws_can_not_give_is_left_out_with_the_reason(run: Run) -> None:
+    table = run.ask("mass_exponent_K < 0.5", "K > 1", "K_new / K_new > 0")
+    assert table["bayes_factor"].isna().all()
+    assert table["note"].str.contains("Bayes factor").all()
+    # Not one draw of 200 is against it, which is not to be sure of it.
+    assert 0.003 < table["mcse"].max() < 0.006
+
+
+def test_a_run_without_prior_draws_says_so(run: Run) -> None:
+    tree = xr.DataTree.from_dict({k: run.posterior[k].dataset for k in ("posterior", "constant_data")})
+    row = Run(run.folder, run.about, tree).ask("K > 2500").iloc[0]
+    assert 0 < row["posterior"] < 1
+    assert np.isnan(row["prior"])
+    assert "no prior" in row["note"]
+
+
+def test_all_that_is_wrong_is_told_with_its_place_and_near_names(run: Run) -> None:
+    with pytest.raises(InputError) as error:
+        run.ask("K[subject=s7] > 1", "K > 2000", "K_subjct > 3", "K[shoe=1]", "K[subject]", "K[mass_kg=-1]",
+                "mean(K[subject] / K[trial])", "log(mass_exponent_K)", "K >")  # fmt: skip
+    told = [str(problem) for problem in error.value.problems]
+    assert len(told) == 8
+    assert 'question 1, column 11: found "s7"; expected a level of subject: s0, s1, s2, s3' in told[0]
+    assert told[0].splitlines()[1:] == ["    K[subject=s7] > 1", "    " + 10 * " " + "^"]
+    assert "Near: K_subject" in told[1]
+    assert "log(mass_kg) + (1|subject) + (1|trial)" in told[2]
+    assert "mean(K[subject])" in told[3]
+    assert "a mass above 0 kg" in told[4]
+    assert "3 of trial and 4 of subject" in told[5]
+    assert "no number in" in told[6]
+    assert "question 9, column 4" in told[7]
+
+
+def test_a_model_files_question_without_an_answer_says_why(run: Run) -> None:
+    table = ask_what_can_be(run._finished, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
+    assert table.columns.tolist() == COLUMNS
+    assert table["name"].tolist() == ["a", "b"]
+    assert table["posterior"].notna().tolist() == [True, False]
+    assert "K_strange" in table["note"][1]
+    with pytest.raises(InputError, match=r"m.toml, questions.b, column 1"):
+        ask(run._finished, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
+
+
+def test_what_is_no_run_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"run.json"):
+        read_run(tmp_path)
+    folder = make_fit_run(tmp_path / "run")
+    (folder / "posterior.nc").write_bytes(b"nothing")
+    with pytest.raises(InputError, match=r"posterior.nc"):
+        read_run(folder)

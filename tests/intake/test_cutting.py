@@ -1,0 +1,57 @@
+"""Several impacts in one recording, cut apart."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from bayestissue.dataset import Trace
+from bayestissue.intake.cutting import cut
+
+RATE, LENGTH_S = 2000.0, 0.05
+
+
+def recording(
+    at: list[float], height: list[float], noise: float, seconds: float = 6.0, seed: int = 0
+) -> Trace:
+    """Half sines of 50 ms that begin ``at`` these times, on white noise and a wander three times as high."""
+    time = np.arange(int(6 * RATE)) / RATE - 1.0
+    value = np.random.default_rng(seed).normal(0, noise, time.size) + 3 * noise * np.sin(2 * np.pi * time / 4)
+    for start, high in zip(at, height, strict=True):
+        inside = (time >= start) & (time < start + LENGTH_S)
+        value[inside] += high * np.sin(np.pi * (time[inside] - start) / LENGTH_S)
+    return Trace(time, value)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_every_impact_has_its_stretch(seed: int) -> None:
+    at, height = [0.1, 1.2, 2.0, 4.4], [100.0, 40.0, 25.0, 90.0]
+    stretches = cut(recording(at, height, 0.2, seed=seed))
+    assert len(stretches) == len(at)
+    for start, (begin, end) in zip(at, stretches, strict=True):
+        # A tenth and a half of the separation of 0.5 s, from the samples that rise above a tenth of the peak.
+        assert start - 0.05 <= begin <= start - 0.03
+        assert start + LENGTH_S + 0.23 <= end <= start + LENGTH_S + 0.25
+    assert all(end < begin for (_, end), (begin, _) in pairwise(stretches))
+
+
+def test_a_rebound_stays_with_its_impact() -> None:
+    trace = recording([0.1, 0.4, 2.0], [100.0, 30.0, 80.0], 0.2)
+    assert len(cut(trace)) == 2
+    assert len(cut(trace, separation_s=0.2)) == 3
+
+
+def test_the_threshold_counts_in_standard_deviations_of_the_noise() -> None:
+    # The scatter about the median of noise 1 with this wander is about 2.4.
+    trace = recording([0.1, 2.0], [200.0, 40.0], 1.0)
+    assert len(cut(trace, threshold=10)) == 2
+    assert len(cut(trace, threshold=30)) == 1
+
+
+def test_nothing_but_noise_has_no_impact() -> None:
+    assert cut(recording([], [], 1.0)) == []
+    assert cut(Trace(np.arange(3.0), np.ones(3))) == []
+    assert cut(Trace(np.arange(20.0), np.full(20, np.nan))) == []
+    assert cut(Trace(np.arange(20.0), np.ones(20))) == []

@@ -1,0 +1,422 @@
+"""From a folder of recorder files to a dataset that `check` calls fine."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import typer
+from nptdms import ChannelObject, TdmsWriter
+
+import bayestissue as bt
+from bayestissue.commands import init as command
+from bayestissue.dataset.recorders import channels_of
+from bayestissue.errors import InputError
+from command_line import bayestissue
+from dataset_bench import RATE, deceleration
+from recorder_files import acq, c3d, lvm
+
+pytestmark = pytest.mark.usefixtures("undrawn")
+
+PATTERN = "{subject}_{side}_{mass_kg}kg_{n}"
+VELOCITY = 1.2
+HEIGHT_CM = 1e2 * VELOCITY**2 / (2 * 9.80665)
+DROPS = [
+    (s, side, m, n) for s in ("s01", "s02") for side in ("left", "right") for m, n in ((0.5, 1), (1.2, 2))
+]
+FACTS = ("--set", "trial=drop", "--set", f"velocity_m_s={VELOCITY}")
+
+
+def trace(which: int) -> tuple[np.ndarray, np.ndarray]:
+    """The deceleration of one drop, m/s², with noise of its own."""
+    _, _, mass, _ = DROPS[which]
+    return deceleration(mass * (1 + 0.001 * which), VELOCITY)
+
+
+def name(which: int) -> str:
+    subject, side, mass, number = DROPS[which]
+    return f"{subject}_{side}_{mass}kg_{number}"
+
+
+def write_lvm(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    lvm(path, time, {"Force": 2 * value, "Impact": value})
+
+
+def write_tdms(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    clock = {"wf_increment": 1 / RATE, "wf_start_offset": float(time[0]), "unit_string": "m/s^2"}
+    with TdmsWriter(path) as writer:
+        writer.write_segment([ChannelObject("Drop", "Impact", value, properties=clock)])
+
+
+def write_c3d(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    c3d(path, {"Fz": 3 * value, "Impact": value}, RATE, {"Fz": "N", "Impact": "m/s^2"}, points=2)
+
+
+def write_csv(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    pd.DataFrame({"Time (ms)": 1e3 * time, "Impact (g)": value / 9.80665}).to_csv(path, index=False)
+
+
+def write_acq(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    acq(path, {"ECG": 0 * value, "Impact": value}, RATE, {"ECG": "mV", "Impact": "m/s^2"})
+
+
+FORMATS = {
+    ".lvm": (write_lvm, ("--channel", "Impact")),
+    ".tdms": (write_tdms, ()),
+    ".c3d": (write_c3d, ("--channel", "Impact")),
+    ".csv": (write_csv, ()),
+    ".acq": (write_acq, ("--channel", "Impact")),
+}
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Callable[[str], Path]:
+    def filled(suffix: str) -> Path:
+        made = tmp_path / "recorded"
+        made.mkdir(exist_ok=True)
+        for which in range(len(DROPS)):
+            FORMATS[suffix][0](made / f"{name(which)}{suffix}", *trace(which))
+        return made
+
+    return filled
+
+
+def contents(folder: Path) -> dict[str, str]:
+    files = (path for path in sorted(folder.rglob("*")) if path.is_file())
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}
+
+
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_a_folder_becomes_a_dataset_that_check_calls_fine(
+    suffix: str, folder: Callable, tmp_path: Path
+) -> None:
+    recorded, out = folder(suffix), tmp_path / "drops"
+    before = contents(recorded)
+    pattern = ("--pattern", f"{PATTERN}{suffix}", "--quantity", "deceleration")
+    made = bayestissue("init", recorded, "--out", out, *pattern, *FORMATS[suffix][1], *FACTS, "--json")
+    assert (made.status, made.err) == (0, "")
+    assert json.loads(made.out)["verdict"] == "fine"
+    checked = json.loads(bayestissue("check", out, "--json").out)
+    assert (checked["verdict"], checked["impacts"]) == ("fine", len(DROPS))
+    data = bt.read_dataset(out)
+    assert list(data.impacts["impact"]) == sorted(name(which) for which in range(len(DROPS)))
+    assert set(zip(data.impacts["subject"], data.impacts["side"], data.impacts["mass_kg"], strict=True)) == {
+        drop[:3] for drop in DROPS
+    }
+    for impact, found in zip(data.impacts["impact"], data.traces, strict=True):
+        time, value = trace([name(which) for which in range(len(DROPS))].index(impact))
+        # C3D keeps four bytes of a number up to 100; the others lose a rounding or two in units.
+        np.testing.assert_allclose(found.value, value, rtol=0, atol=4e-6 if suffix == ".c3d" else 1e-13)
+        np.testing.assert_allclose(found.time_s - found.time_s[0], time - time[0], rtol=0, atol=1e-14)
+    assert contents(recorded) == before
+    assert {f"{file}" for file in contents(out / "recordings")} == set(before)
+    page = (out / "init.html").read_text()
+    assert page.count("<img") == 1
+    assert "deceleration, channel Impact" in page
+
+
+def test_without_a_terminal_all_that_is_missing_is_said_at_once(folder: Callable, tmp_path: Path) -> None:
+    refused = bayestissue("init", folder(".c3d"), "--out", tmp_path / "drops")
+    assert refused.status == 2
+    lines = refused.err.splitlines()
+    assert lines[0] == "7 problems; nothing was written."
+    options = ("--channel", "--quantity", "--unit", "--set subject", "--set trial", "--set mass_kg")
+    assert [option for option in options if not any(f"  {option}: " in line for line in lines)] == []
+    assert "  Impact [m/s^2]: 400 samples" in lines
+    assert lines[-1].startswith("Options to add, with your own values: --channel Fz --quantity deceleration")
+    assert not (tmp_path / "drops").exists()
+
+
+def test_the_options_of_that_message_are_enough(folder: Callable, tmp_path: Path) -> None:
+    recorded, out = folder(".tdms"), tmp_path / "drops"
+    with pytest.raises(InputError) as refused:
+        bt.init_dataset(recorded, out)
+    line = refused.value.__notes__[-1].split("values: ")[1]
+    sets = "--set subject=s01 --set trial=drop --set mass_kg=2.1 --set velocity_m_s=1.5"
+    assert line == f"--quantity deceleration {sets}"
+    assert bayestissue("init", recorded, "--out", out, *line.split()).status == 0
+
+
+def test_at_a_terminal_it_asks(folder: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+    answers = ["nonsense", "Impact", "deceleration", "drop", str(VELOCITY)]
+
+    def prompt(words: str, **_: object) -> str:
+        asked.append(words)
+        return answers[len(asked) - 1]
+
+    monkeypatch.setattr(typer, "prompt", prompt)
+    monkeypatch.setattr(command, "_at_a_terminal", lambda: True)
+    made = bayestissue("init", folder(".lvm"), "--out", tmp_path / "drops", "--pattern", f"{PATTERN}.lvm")
+    assert made.status == 0
+    assert len(asked) == len(answers)
+    assert "The channel with the impact (Force, Impact)" in asked[:2]
+    assert "The same without questions: --channel Impact --quantity deceleration --set trial=drop" in made.err
+
+
+def test_the_example_of_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    text = (Path(__file__).parents[2] / "data" / "README.md").read_text()
+    example = text[text.index("bayestissue init recorded") :].split("```")[0]
+    words = shlex.split(example.replace("\\\n", " "))
+    (tmp_path / "recorded").mkdir()
+    for which, (subject, side, mass, number) in enumerate(DROPS):
+        time, value = deceleration(mass * (1 + 0.001 * which), np.sqrt(2 * 9.80665 * 0.12))
+        path = tmp_path / "recorded" / f"{subject}_{side}_{mass}kg_{number}.lvm"
+        lvm(path, time, {"Impact": value / 9.80665, "Force": value}, unit="")
+    monkeypatch.chdir(tmp_path)
+    assert bayestissue(*words[1:]).status == 0
+    assert len(bt.read_dataset("my-impacts").impacts) == len(DROPS)
+
+
+def facts(**columns: object) -> pd.DataFrame:
+    rows = [
+        {
+            "file": name(which),
+            "subject": s,
+            "trial": f"{m} kg",
+            "mass_g": 1e3 * m,
+            "drop_height_cm": HEIGHT_CM,
+            "side": side,
+        }
+        for which, (s, side, m, _) in enumerate(DROPS)
+    ]
+    return pd.DataFrame(rows).assign(**columns)
+
+
+def test_a_table_says_what_names_do_not(folder: Callable, tmp_path: Path) -> None:
+    recorded = folder(".tdms")
+    # In the folder itself it is no recording, though its name ends like one.
+    facts().to_csv(recorded / "info.csv", index=False)
+    data = bt.init_dataset(
+        recorded, tmp_path / "drops", quantity="deceleration", table=recorded / "info.csv", name="Drops"
+    )
+    assert data.name == "Drops"
+    # Twelve digits of the velocity are kept.
+    np.testing.assert_allclose(data.impacts["velocity_m_s"], VELOCITY, rtol=1e-11)
+    assert sorted(data.impacts["mass_kg"].unique()) == [0.5, 1.2]
+    assert set(data.impacts["trial"]) == {"0.5 kg", "1.2 kg"}
+
+
+def test_a_recording_without_a_row_may_be_left_out(folder: Callable, tmp_path: Path) -> None:
+    facts().iloc[1:].to_csv(tmp_path / "info.csv", index=False)
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv"}
+    data = bt.init_dataset(folder(".tdms"), tmp_path / "drops", **options, skip_bad=True)
+    assert name(0) not in set(data.impacts["impact"])
+    assert len(data.impacts) == len(DROPS) - 1
+
+
+def test_everything_that_is_wrong_is_said_at_once(folder: Callable, tmp_path: Path) -> None:
+    recorded, out = folder(".tdms"), tmp_path / "drops"
+    table = facts().astype(object)
+    table.loc[0, "mass_g"] = "heavy"
+    table.loc[1, "file"] = "nobody"
+    table.loc[7, "drop_height_cm"] = -1
+    table.to_csv(tmp_path / "info.csv", index=False)
+    (recorded / f"{name(2)}.tdms").write_bytes(b"no TDMS file")
+    time, value = trace(3)
+    write_tdms(recorded / f"{name(3)}.tdms", time, -value)
+    refused = bayestissue(
+        "init", recorded, "--out", out, "--table", tmp_path / "info.csv", "--quantity", "deceleration"
+    )
+    assert refused.status == 2
+    for said in (
+        f'{name(0)}.tdms, column mass_g: found "heavy"',
+        f'info.csv, column file: found "none"; expected a row for {name(1)}.tdms',
+        'info.csv, row 3, column file: found "nobody: no such file"',
+        f"{name(2)}.tdms",
+        f"{name(3)}.tdms, column Impact, impact {name(3)}",
+        f'{name(7)}.tdms, column drop_height_cm: found "-1',
+    ):
+        assert said in refused.err
+    assert not out.exists()
+
+
+def test_recordings_of_one_dataset_have_one_unit_and_the_channel(folder: Callable, tmp_path: Path) -> None:
+    recorded, out = folder(".c3d"), tmp_path / "drops"
+    c3d(recorded / f"{name(0)}.c3d", {"Impact": trace(0)[1] / 9.80665}, RATE, {"Impact": "g"})
+    c3d(recorded / f"{name(1)}.c3d", {"Acc": trace(1)[1]}, RATE, {"Acc": "m/s^2"})
+    options = {"quantity": "deceleration", "channel": "Impact", "unit": "m/s^2", "pattern": f"{PATTERN}.c3d"}
+    given = {"trial": "drop", "velocity_m_s": VELOCITY}
+    with pytest.raises(InputError) as refused:
+        bt.init_dataset(recorded, out, **options, given=given)
+    other_unit, no_channel = map(str, refused.value.problems)
+    assert f'{name(0)}.c3d, column Impact: found "g"; expected the unit of the other recordings' in other_unit
+    assert no_channel.endswith("a channel 'Impact'. Name one of the channels by --channel.")
+    data = bt.init_dataset(recorded, out, **options, given=given, skip_bad=True)
+    assert len(data.impacts) == len(DROPS) - 2
+
+
+def test_what_is_wrong_may_be_left_out(folder: Callable, tmp_path: Path) -> None:
+    recorded, out = folder(".tdms"), tmp_path / "drops"
+    (recorded / "notes of s03.tdms").write_bytes(b"no recording")
+    (recorded / f"{name(2)}.tdms").write_bytes(b"damaged")
+    time, value = trace(3)
+    write_tdms(recorded / f"{name(3)}.tdms", time, -value)
+    options = ("--pattern", f"{PATTERN}.tdms", "--quantity", "deceleration", *FACTS, "--skip-bad")
+    made = bayestissue("init", recorded, "--out", out, *options)
+    assert made.status == 0
+    assert made.out.count("left out: ") == 3
+    data = bt.read_dataset(out)
+    kept = {name(which) for which in range(len(DROPS))} - {name(2), name(3)}
+    assert set(data.impacts["impact"]) == kept
+    assert set(contents(out / "recordings")) == {f"{each}.tdms" for each in kept}
+    assert "Left out:" in (out / "init.html").read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (("--set", "mass_kg=2"), "mass_kg by --pattern and mass_kg by --set"),
+        (("--set", "mass"), "NAME=VALUE"),
+        (("--set", "trace=elsewhere.csv"), "column trace: expected no fact of that name"),
+        (("--channel", "Nothing"), "They have: Impact"),
+        (("--unit", "mm"), 'init, column --unit: found "mm"; expected a unit of acceleration'),
+        (("--pattern", "{subject"), "expected '}'"),
+        (("--pattern", "{subject}.mat"), "files ending in .mat"),
+        (("--scale", "0"), "init, column --scale"),
+        (("--table", "missing.csv"), "missing.csv"),
+    ],
+)
+def test_options_that_can_t_be_are_refused(
+    options: tuple[str, ...], says: str, folder: Callable, tmp_path: Path
+) -> None:
+    usual = {"--pattern": f"{PATTERN}.tdms", "--quantity": "deceleration"} | dict(
+        zip(options[::2], options[1::2], strict=True)
+    )
+    given = [text for pair in usual.items() for text in pair]
+    more = FACTS if "--set" not in options else ()
+    refused = bayestissue("init", folder(".tdms"), "--out", tmp_path / "drops", *given, *more)
+    assert (refused.status, says in refused.err) == (2, True), refused.err
+    assert not (tmp_path / "drops").exists()
+
+
+def test_a_dataset_is_replaced_only_as_it_was_written(folder: Callable, tmp_path: Path) -> None:
+    recorded, out = folder(".tdms"), tmp_path / "recorded" / "drops"
+    again = (
+        "init",
+        recorded,
+        "--out",
+        out,
+        "--pattern",
+        f"{PATTERN}.tdms",
+        "--quantity",
+        "deceleration",
+        *FACTS,
+    )
+    assert bayestissue(*again).status == 0
+    assert bayestissue(*again).status == 2
+    # The dataset lies among the recordings and holds copies of them: it is not taken for more recordings.
+    assert bayestissue(*again, "--overwrite").status == 0
+    assert len(bt.read_dataset(out).impacts) == len(DROPS)
+    (out / "impacts.csv").write_text((out / "impacts.csv").read_text().replace("drop", "fall"))
+    assert "changed since it was written" in bayestissue(*again, "--overwrite").err
+
+
+def sequence(path: Path, gap_s: float = 1.0) -> list[tuple[float, np.ndarray]]:
+    """One recording of all drops, one after the other; of each when it begins and its samples."""
+    step, quiet = 1 / RATE, np.random.default_rng(0).normal(0, 0.05, int(gap_s * RATE))
+    pieces, begins, at = [], [], 0
+    for which in range(len(DROPS)):
+        _, value = trace(which)
+        fading = value[-1] * np.exp(-np.arange(400) * step / 0.01)
+        pieces += [np.roll(quiet, 37 * which), value, fading + quiet[:400]]
+        begins.append(((at + quiet.size) * step, value))
+        at += quiet.size + value.size + 400
+    write_tdms(path, np.array([0.0]), np.concatenate([*pieces, quiet]))
+    return begins
+
+
+def test_a_crop_leaves_out_what_would_be_refused(folder: Callable, tmp_path: Path) -> None:
+    recorded, out = folder(".csv"), tmp_path / "drops"
+    path = recorded / f"{name(0)}.csv"
+    table = pd.read_csv(path)
+    more = pd.DataFrame(
+        {"Time (ms)": table["Time (ms)"].iloc[-1] + 0.1 * np.arange(1, 400), "Impact (g)": -20.0}
+    )
+    pd.concat([table, more]).to_csv(path, index=False)
+    options = (
+        "init",
+        recorded,
+        "--out",
+        out,
+        "--pattern",
+        f"{PATTERN}.csv",
+        "--quantity",
+        "deceleration",
+        *FACTS,
+    )
+    assert bayestissue(*options).status == 2
+    assert bayestissue(*options, "--crop", "-5", "34.95").status == 0
+    assert {trace.time_s.size for trace in bt.read_dataset(out).traces} == {400}
+    assert "from -5 to 34.95" in (out / "init.html").read_text()
+    assert bayestissue(*options, "--overwrite", "--crop", "3", "2").err.count("--crop") == 1
+
+
+def test_several_impacts_in_one_recording_are_cut_apart_and_numbered(tmp_path: Path) -> None:
+    recorded, out = tmp_path / "recorded", tmp_path / "drops"
+    recorded.mkdir()
+    begins = sequence(recorded / "all.tdms")
+    facts(file="all", number=range(1, len(DROPS) + 1)).to_csv(tmp_path / "info.csv", index=False)
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv"}
+    with pytest.raises(InputError, match=r"all\.tdms: found \"8 rows of the table\".*--several"):
+        bt.init_dataset(recorded, out, **options)
+    data = bt.init_dataset(recorded, out, **options, several=True)
+    assert list(data.impacts["impact"]) == [f"all-{number}" for number in range(1, len(DROPS) + 1)]
+    assert list(data.impacts["mass_kg"]) == [drop[2] for drop in DROPS]
+    assert bayestissue("check", out, "--json").status == 0
+    for (begin, value), found in zip(begins, data.traces, strict=True):
+        first = int(np.argmin(np.abs(found.time_s - begin)))
+        np.testing.assert_array_equal(found.value[first : first + value.size], value)
+    # The dataset names stretches of the one recording, which is copied once.
+    assert list(contents(out / "recordings")) == ["all.tdms"]
+
+
+def test_a_recording_that_seems_to_hold_several_is_named(tmp_path: Path) -> None:
+    recorded = tmp_path / "recorded"
+    recorded.mkdir()
+    sequence(recorded / "s01.tdms")
+    given = ("--set", "mass_kg=0.5", "--pattern", "{subject}.tdms", *FACTS)
+    made = bayestissue("init", recorded, "--out", tmp_path / "drops", "--quantity", "deceleration", *given)
+    # Eight impacts together lose more speed than one can have: refused, and with a way out.
+    assert made.status == 2
+    assert "--several" in made.err
+
+
+def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:
+    recorded = tmp_path / "recorded"
+    recorded.mkdir()
+    sequence(recorded / "all.tdms")
+    values = channels_of(recorded / "all.tdms", "all.tdms")["Impact"]
+    pd.DataFrame({"Impact (m/s^2)": np.asarray(values.values)}).to_csv(recorded / "all.csv", index=False)
+    (recorded / "all.tdms").unlink()
+    table = facts(file="all", number=range(1, len(DROPS) + 1))
+    table.to_csv(tmp_path / "info.csv", index=False)
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "several": True}
+    with pytest.raises(InputError, match="--rate-hz"):
+        bt.init_dataset(recorded, tmp_path / "drops", **options)
+    table.assign(sampling_rate_hz=RATE).to_csv(tmp_path / "info.csv", index=False)
+    data = bt.init_dataset(recorded, tmp_path / "drops", **options)
+    assert len(data.impacts) == len(DROPS)
+    text = (recorded / "all.csv").read_text().splitlines()
+    (recorded / "all.csv").write_text("\n".join([*text[:100], "overload", *text[101:]]))
+    with pytest.raises(InputError, match=r"found .no number at 1 of .*expected finite numbers"):
+        bt.init_dataset(recorded, tmp_path / "more", **options)
+
+
+def test_as_many_impacts_as_the_table_has_rows(tmp_path: Path) -> None:
+    recorded = tmp_path / "recorded"
+    recorded.mkdir()
+    sequence(recorded / "all.tdms")
+    facts(file="all", number=range(1, len(DROPS) + 1)).iloc[:5].to_csv(tmp_path / "info.csv", index=False)
+    with pytest.raises(
+        InputError, match=r"found \"8 impacts\"; expected 5 impacts, as many as the table has"
+    ):
+        bt.init_dataset(
+            recorded, tmp_path / "drops", quantity="deceleration", table=tmp_path / "info.csv", several=True
+        )

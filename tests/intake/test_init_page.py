@@ -1,0 +1,26 @@
+"""The page of `bayestissue init`, drawn."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from bayestissue.dataset import read_dataset, write_dataset
+from bayestissue.errors import Problem
+from bayestissue.report.init_page import init_page
+from dataset_bench import NAMES, SETTINGS, tables
+
+
+def test_the_page_shows_every_impact_and_what_was_understood(tmp_path: Path) -> None:
+    impacts, traces = tables()
+    write_dataset(tmp_path, settings=SETTINGS, impacts=impacts, traces=traces)
+    page = init_page(
+        read_dataset(tmp_path),
+        understood=[("values", "deceleration, channel <A&B>, in g")],
+        left_out=[Problem("e.lvm", "a whole .lvm file", "Copy it anew.", value="<nothing>")],
+        notes=["a note"],
+    )
+    assert f"Recording with contact and peak for the impacts {', '.join(NAMES)}." in page
+    assert "channel &lt;A&amp;B&gt;, in g" in page
+    assert "&lt;nothing&gt;" in page
+    assert "<p>a note</p>" in page
+    assert page.count('src="data:image/png;base64,iVBOR') == 1

@@ -1,0 +1,122 @@
+"""Files of recorders whose own software writes them in a way that a test can call."""
+
+from __future__ import annotations
+
+import ctypes
+import io
+from pathlib import Path
+
+import ezc3d
+import numpy as np
+from bioread import headers
+
+
+def lvm(
+    path: Path,
+    time: np.ndarray,
+    channels: dict[str, np.ndarray],
+    *,
+    x_columns: str = "One",
+    decimal: str = ".",
+    samples: int | None = None,
+    comment: bool = True,
+    unit: str = "m/s^2",
+) -> None:
+    """A LabVIEW measurement file: a header, a block header per channel, and the data."""
+    count, rows = len(channels), len(time)
+
+    def line(key: str, *cells: object) -> str:
+        return "\t".join([key, *(str(cell) for cell in cells)])
+
+    per_channel = [""] * count
+    head = [
+        "LabVIEW Measurement",
+        line("Writer_Version", 2),
+        line("Reader_Version", 2),
+        line("Separator", "Tab"),
+        line("Decimal_Separator", decimal),
+        line("Multi_Headings", "No"),
+        line("X_Columns", x_columns),
+        line("Time_Pref", "Relative"),
+        line("Date", "2024/05/17"),
+        "***End_of_Header***",
+        "",
+        line("Channels", count, *per_channel),
+        line("Samples", *[rows if samples is None else samples] * count),
+        line("Y_Unit_Label", *[unit] * count),
+        line("X_Dimension", *["Time"] * count),
+        line("X0", *[f"{time[0]!r}".replace("np.float64(", "").rstrip(")")] * count),
+        line("Delta_X", *[f"{time[1] - time[0]:.9g}"] * count),
+        "***End_of_Header***",
+    ]
+    multi = x_columns == "Multi"
+    names = [cell for name in channels for cell in (["X_Value", name] if multi else [name])]
+    head.append(line(*([] if multi else ["X_Value"]), *names, *(["Comment"] if comment else [])))
+    body = []
+    for row in range(rows):
+        first = "" if x_columns == "No" else f"{time[row]:.9g}"
+        cells = [f"{values[row]:.12g}" for values in channels.values()]
+        if multi:
+            cells = [cell for value in cells for cell in (first, value)]
+            body.append("\t".join(cells))
+        else:
+            body.append("\t".join([first, *cells]))
+    text = "\n".join([*head, *body]) + "\n"
+    path.write_text(
+        "\n".join([*head, *(row.replace(".", decimal) for row in body)]) + "\n" if decimal != "." else text
+    )
+
+
+def c3d(
+    path: Path, channels: dict[str, np.ndarray], rate: float, units: dict[str, str], points: int = 0
+) -> None:
+    """A C3D file by ezc3d, ten analog samples a frame, with ``points`` markers beside them."""
+    file = ezc3d.c3d()
+    frames = len(next(iter(channels.values()))) // 10
+    file["parameters"]["POINT"]["RATE"]["value"] = [rate / 10]
+    file["parameters"]["POINT"]["LABELS"]["value"] = [f"m{number}" for number in range(points)]
+    file["data"]["points"] = np.ones((4, points, frames))
+    about = file["parameters"]["ANALOG"]
+    about["RATE"]["value"], about["LABELS"]["value"] = [rate], list(channels)
+    about["UNITS"]["value"] = [units.get(name, "") for name in channels]
+    file["data"]["analogs"] = np.array([list(channels.values())])
+    file.write(str(path))
+
+
+def acq(path: Path, channels: dict[str, np.ndarray], rate: float, units: dict[str, str]) -> None:
+    """An AcqKnowledge 3.8.1 file, set by the structures with which bioread reads one."""
+    revision, order = 41, "<"
+    count, samples = len(channels), len(next(iter(channels.values())))
+
+    def filled(kind: type, **fields: object) -> ctypes.LittleEndianStructure:
+        header = kind.for_revision(revision, order)  # type: ignore[attr-defined]
+        structure = header._struct_class()
+        for name, value in fields.items():
+            setattr(structure, name, value)
+        return structure
+
+    graph = filled(headers.GraphHeader, lVersion=revision, nChannels=count, dSampleTime=1000 / rate)
+    graph.lExtItemHeaderLen = ctypes.sizeof(graph)
+    out = io.BytesIO()
+    out.write(bytes(graph))
+    for number, name in enumerate(channels):
+        channel = filled(
+            headers.ChannelHeader,
+            nNum=number,
+            szCommentText=name.encode(),
+            szUnitsText=units.get(name, "").encode(),
+            lBufLength=samples,
+            dAmplScale=1.0,
+            dAmplOffset=0.0,
+            nChanOrder=number,
+            nVarSampleDivider=1,
+        )
+        channel.lChanHeaderLen = ctypes.sizeof(channel)
+        out.write(bytes(channel))
+    foreign = filled(headers.ForeignHeader)
+    foreign.nLength = ctypes.sizeof(foreign)
+    out.write(bytes(foreign))
+    for _ in channels:
+        out.write(bytes(filled(headers.ChannelDTypeHeader, nSize=8, nType=1)))
+    out.write(np.column_stack(list(channels.values())).astype("<f8").tobytes())
+    path.write_bytes(out.getvalue())
