@@ -4,10 +4,16 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
+
+from bayestissue.inference.answers.contrasts import contrasts
+from bayestissue.inference.answers.levels import Recorded
+from bayestissue.inference.answers.people import people_compared
+from bayestissue.inference.answers.reliability import reliability, variances
 
 CHAINS, DRAWS, REPLICATES, SAMPLES = 2, 100, 40, 60
 PEOPLE, CONDITIONS = 4, 3
@@ -31,13 +37,14 @@ def make_fit_run(
     quantity: str = "deceleration",
     coloured: bool = False,
     own_depth: float | None = None,
+    two_sides: bool = False,
     seed: int = 1,
 ) -> Path:
     """Write every file that a fit writes into ``folder``.
 
     ``exponent`` is the posterior's mean mass exponent of K (C's is 0), None for a model without one;
     ``coloured`` noise is a running mean of two samples; with ``own_depth``, K's exponent at each impact's own
-    greatest depth, ``exponent`` is that at a common depth.
+    greatest depth, ``exponent`` is that at a common depth; of ``two_sides``, left is a fifth stiffer.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
@@ -51,16 +58,34 @@ def make_fit_run(
         posterior["mass_exponent_K_common_depth"] = posterior["mass_exponent_K"]
         posterior["mass_exponent_K_secant"] = posterior["mass_exponent_K"] + own_depth - (exponent or 0.0)
         traces["constant_data"]["common_depth_m"] = 0.0123
+    about = _about(passed, likelihood, quantity, exponent)
+    if two_sides:
+        _with_sides(rng, posterior, traces["constant_data"], about["model"]["formula"])
     groups = {"posterior": posterior, "prior": _prior(posterior, seed), **traces}
     xr.DataTree.from_dict(groups).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
-    for name, table in _tables(rng, impacts, true, posterior, exponent).items():
+    tables = _tables(rng, impacts, true, posterior, exponent)
+    recorded = Recorded.of_run(traces["constant_data"], about["model"])
+    tables["contrasts"] = contrasts(posterior, recorded, ["K", "C"], 0.1)
+    tables["people"] = people_compared(posterior, recorded, ["K", "C"])
+    found = {q: variances(posterior, recorded, q, measurement_sd=0.01) for q in ("K", "C")}
+    tables["reliability"] = reliability(found, posterior)[0]
+    for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=False)
     if truth:
         frame = pd.DataFrame({"impact": impacts["impact"], **{COLUMN[q]: true[q] for q in true}})
         frame.to_csv(folder / "truth.csv", index=False)
     _write(folder / "diagnostics.json", _diagnostics(passed))
-    _write(folder / "run.json", _about(passed, likelihood, quantity, exponent))
+    _write(folder / "run.json", about)
     return folder
+
+
+def _with_sides(rng, posterior: xr.Dataset, constants: xr.Dataset, formula: dict[str, str]) -> None:
+    for q, ratio in (("K", 1.2), ("C", 1.0)):
+        drawn = -np.log(ratio) + 0.03 * rng.standard_normal((CHAINS, DRAWS))
+        posterior[f"effect_of_side[right]_{q}"] = (("chain", "draw"), drawn)
+        formula[q] = f"side + {formula[q]}"
+    sides = np.resize(["left", "right"], constants.sizes["impact"])
+    constants["column_side"] = xr.Variable("impact", sides, {"column": "side"})
 
 
 def _impacts(mass_varies: bool) -> pd.DataFrame:
@@ -270,7 +295,7 @@ def _diagnostics(passed: bool) -> dict[str, object]:
     }
 
 
-def _about(passed: bool, likelihood: str, quantity: str, exponent: float | None) -> dict[str, object]:
+def _about(passed: bool, likelihood: str, quantity: str, exponent: float | None) -> dict[str, Any]:
     formula = "(1|subject) + (1|trial)" if exponent is None else "log(mass_kg) + (1|subject) + (1|trial)"
     return {
         "program": "bayestissue",

@@ -117,6 +117,14 @@ def init(
     rate_hz: Annotated[
         float | None, typer.Option("--rate-hz", help="The sampling rate, where there are no times.", min=0)
     ] = None,
+    crop: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--crop",
+            metavar="START STOP",
+            help="The stretch of every recording that is read, in its unit of time.",
+        ),
+    ] = None,
     several: Annotated[
         bool, typer.Option("--several", help="Cut several impacts in one recording apart.")
     ] = False,
@@ -155,6 +163,7 @@ def init(
         rate_hz,
         scale,
         offset,
+        crop,
         pattern,
         table,
         init.given(given or []),
@@ -213,13 +222,15 @@ def estimate(
     dataset: Dataset,
     out: Out,
     method: Annotated[
-        Literal["exact", "dds"],
+        Literal["impact", "exact", "dds"] | None,
         typer.Option(
             "--method",
-            help="exact: maximum likelihood about the rest position. "
-            "dds: the thesis's conditional fit about the sample mean.",
+            help="impact: each deceleration by itself under the impact likelihood with its measuring chain; "
+            "its intervals hold. exact: maximum likelihood of an ARMA(2,1) about the rest position. "
+            "dds: the thesis's conditional fit about the sample mean. Unless given: impact, and exact for "
+            "displacements and where [signal] filters, centres or integrates otherwise.",
         ),
-    ] = "exact",
+    ] = None,
     model: Annotated[
         str | None,
         typer.Option(
@@ -242,7 +253,7 @@ def estimate(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Point estimates of K and C for every impact, by the thesis's chain of ARMA(2,1) and A(2)."""
+    """K and C of every impact by itself, with 90 % intervals; --method dds is the thesis's own chain."""
     from bayestissue.commands import estimate
 
     estimate.run(

@@ -14,12 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
 from bayestissue import resources, results, runtime
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
+from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
@@ -29,14 +31,15 @@ from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_
 from bayestissue.outline import Rows, as_html, as_text, short, span
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from bayestissue.dataset import Dataset
     from bayestissue.signal import Displacements, SignalOptions
 
 # With so many impacts to look for spoilt recordings takes as long as the fit.
 _MANY = 5000
-TABLES = ("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources")
+TABLES = (
+    *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
+    *("contrasts", "people", "reliability"),
+)
 
 
 @dataclass(frozen=True)
@@ -104,6 +107,43 @@ class Fit:
         ``note`` says where an interval is none: see `bayestissue.inference.samplers.diagnostics.noted`.
         """
         return self.analysis.summary
+
+    @property
+    def contrasts(self) -> pd.DataFrame:
+        """Ratios of K and C between the levels of categories and groups: ``contrasts.csv``.
+
+        See `bayestissue.inference.answers.contrasts`.
+        """
+        return self.analysis.contrasts
+
+    @property
+    def people(self) -> pd.DataFrame:
+        """Each person against each other, with the probability of being stiffer: ``people.csv``.
+
+        See `bayestissue.inference.answers.people`.
+        """
+        return self.analysis.people
+
+    @property
+    def reliability(self) -> pd.DataFrame:
+        """Intraclass correlations, error of measurement, detectable change, repeats: ``reliability.csv``.
+
+        See `bayestissue.inference.answers.reliability`; the draws are in the group posterior.
+        """
+        return self.analysis.reliability
+
+    @property
+    def agreement(self) -> pd.DataFrame:
+        """Ratios of the thesis's method, the exact point fit and the posterior: ``agreement.csv``.
+
+        See `bayestissue.inference.answers.agreement`.
+        """
+        values = {}
+        for quantity, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
+            each = {name: table.set_index("impact")[column] for name, table in self.point_estimates.items()}
+            median = self.summary[self.summary["variable"] == quantity].set_index("label")["median"]
+            values[quantity] = pd.DataFrame(each | {"posterior": median})
+        return agreement(values)
 
     @property
     def diagnostics(self) -> dict[str, Any]:
@@ -356,6 +396,7 @@ def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
         getattr(fit.analysis, name).to_csv(folder / f"{name}.csv", index=False)
     if fit.specification.questions:
         fit.questions.to_csv(folder / "questions.csv", index=False)
+    fit.agreement.to_csv(folder / "agreement.csv", index=False)
     for method, table in fit.point_estimates.items():
         table.to_csv(folder / f"estimates_{method}.csv", index=False)
     # A simulated dataset knows the truth; the report draws it in.

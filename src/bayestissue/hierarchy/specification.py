@@ -53,9 +53,13 @@ class Formulas(BaseModel):
 
 
 class PracticalEquivalence(_Table):
-    """How near a mass exponent must be to a hypothesis to count as equal to it in practice."""
+    """How near a mass exponent, or a ratio, must be to a hypothesis to count as equal to it in practice."""
 
     mass_exponent: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    ratio: Annotated[float, Field(gt=0, lt=1)] = Field(
+        default=0.1,
+        description="of a comparison, as of left over right: from 1 / (1 + ratio) to 1 + ratio counts as 1.",
+    )
 
 
 class Sampler(_Table):

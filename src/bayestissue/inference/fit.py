@@ -17,15 +17,17 @@ from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.inference.answers.contrasts import contrasts
+from bayestissue.inference.answers.levels import Recorded
+from bayestissue.inference.answers.people import people_compared
+from bayestissue.inference.answers.reliability import Variances, reliability, variances
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
-from bayestissue.inference.execution.kept import all_fit, some_impacts, some_of
+from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.execution.progress import Progress
-from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded
+from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded, rows_of
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.expansion import rows_of
-from bayestissue.inference.posterior.in_part import draws_in_part
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.posterior.route import Route, duration
 from bayestissue.inference.posterior.scores import LikelihoodApproximation
@@ -35,7 +37,7 @@ from bayestissue.inference.results.cross_validation import cross_validation, pri
 from bayestissue.inference.results.labels import statistics_of_transitions
 from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
-from bayestissue.inference.results.uncertainty_budget import uncertainty_budget
+from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 
@@ -53,6 +55,9 @@ class TraceAnalysis:
     cross_validation: pd.DataFrame
     sensitivity: pd.DataFrame
     interval_sources: pd.DataFrame
+    contrasts: pd.DataFrame
+    people: pd.DataFrame
+    reliability: pd.DataFrame
 
 
 def fit_traces(
@@ -72,9 +77,6 @@ def fit_traces(
         say: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
 
-    Where draws times impacts are more than fits, impacts are kept in part: see
-    `bayestissue.inference.posterior.in_part`.
-
     By the summary path the population is sampled with each trace's site in its place, and the draws are then
     corrected; "automatic" goes on to the exact path, every trace in every step, where no correction can be
     trusted: see `Correction.checks`. Where the model file leaves a discrepancy to the program, and the best
@@ -91,23 +93,12 @@ def fit_traces(
     if wrong is not None:
         return wrong
     first = approximate(prepared, expansions=expansions, say=done)
-    if not all_fit(settings.chains * settings.transitions, len(prepared.impacts)):
-        draws, unfolded, correction = draws_in_part(prepared, first, settings, seed, say)
-        route = Route(settings.path, correction)
-        if route.exact:
-            return _exactly(prepared, specification, seed, say, checkpoints, route, first)
-        return analyse(prepared, specification, unfolded, draws, seed, say, route)
-    sampling = partial(say, "sampling the population")
-    summarised, draws, correction = corrected_draws(
-        prepared, settings, seed, summarised=first, say=done, progress=sampling
-    )
+    sites, draws, correction = corrected_draws(prepared, settings, seed, summarised=first, say=say)
     route = Route(settings.path, correction)
     if route.exact:
-        return _exactly(prepared, specification, seed, say, checkpoints, route, summarised)
-    told = LikelihoodApproximation(
-        summarised.summaries, summarised.profile, correction.ratios, correction.of_impacts
-    )
-    return label(prepared, specification, told.summaries, draws, seed, say, told, route)
+        return _exactly(prepared, specification, seed, say, checkpoints, route, sites)
+    told = LikelihoodApproximation(sites, correction.of_impacts)
+    return label(prepared, specification, sites, draws, seed, say, told, route)
 
 
 def _plainly_wrong(prepared: Prepared, expansions: Sites, seed: int) -> dict[str, Any] | None:
@@ -128,14 +119,12 @@ def _exactly(
     scored: Approximation | None = None,
 ) -> TraceAnalysis:
     say(f"sampling by the exact path, {route.why}", 0, 1)
-    # Here the summaries only whiten; scores ask for those that stand for the traces.
-    done = partial(say, "summarising each trace")
-    summarised = approximate(prepared, refinements=0, say=done)
-    scored = scored or approximate(prepared, say=done)
+    summarised = approximate(prepared, say=partial(say, "summarising each trace"))
     settings, sampling = specification.sampler, _with_estimate(say)
     draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)
-    told = LikelihoodApproximation(scored.summaries, scored.profile)
-    return label(prepared, specification, summarised.summaries, draws, seed, say, told, route)
+    # Scores ask for sites that stand for the traces; those of the chains only whiten.
+    told = LikelihoodApproximation(scored or summarised)
+    return label(prepared, specification, summarised, draws, seed, say, told, route)
 
 
 def _with_estimate(say: Say) -> Progress:
@@ -154,17 +143,17 @@ def _with_estimate(say: Say) -> Progress:
 def label(
     prepared: Prepared,
     specification: ModelSpecification,
-    summaries: Sites,
+    sites: Approximation,
     draws: Draws,
     seed: int,
     say: Say,
     told: LikelihoodApproximation,
     route: Route,
 ) -> TraceAnalysis:
-    """Everything that follows from the draws, which are in these summaries' coordinates."""
+    """Everything that follows from the draws, which are in these sites' coordinates."""
     say("predicting", 0, 1)
     key = jax.random.PRNGKey(seed)
-    unfolded = of_secant(prepared, constrained_draws(prepared, summaries, draws, key, told=told))
+    unfolded = of_secant(prepared, constrained_draws(prepared, sites, draws, key, told=told))
     return analyse(prepared, specification, unfolded, draws, seed, say, route)
 
 
@@ -187,17 +176,41 @@ def analyse(
     }
     say("checking and scoring", 0, 1)
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
+    recorded = Recorded.of_run(tree["constant_data"].dataset, prepared.design.resolved())
+    budget = uncertainty_budget(prepared, unfolded)
+    repeatable, further = reliability(_variances(prepared, posterior, recorded, budget), posterior)
+    tree["posterior"] = xr.DataTree(posterior := posterior.merge(further))
     summary = summary_table(posterior)
-    diagnostics = diagnose(summary, statistics_of_transitions(draws), route.checks())
+    # Functions of standard deviations that are checked themselves.
+    checked = summary[~summary["variable"].isin(list(further))]
+    diagnostics = diagnose(checked, statistics_of_transitions(draws), route.checks())
+    responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     return TraceAnalysis(
         tree,
         summary,
         diagnostics | form | {"route": route.record()},
-        derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
+        derived.hypotheses(exponents, near.mass_exponent),
         scores,
         sensitivity,
-        uncertainty_budget(prepared, unfolded),
+        budget,
+        contrasts(posterior, recorded, responses, near.ratio),
+        people_compared(posterior, recorded, responses),
+        repeatable,
     )
+
+
+def _variances(
+    prepared: Prepared, posterior: xr.Dataset, recorded: Recorded, budget: pd.DataFrame
+) -> dict[str, Variances]:
+    """What makes measured values of K and C differ; of one impact alone nothing is told."""
+    if len(prepared.impacts) == 1:
+        return {}
+    model = prepared.model
+    shared = model.log_mass_sd if model.mass_error == "subject" else 0.0
+    return {
+        q: variances(posterior, recorded, q, measurement_sd=measurement_sd(budget, q), shared_sd=shared)
+        for q in derived.RESPONSES
+    }
 
 
 def _form(prepared: Prepared, tree: xr.DataTree) -> dict[str, Any]:

@@ -312,6 +312,11 @@ def evaluated_at(
     return dict(zip(names, columns.T, strict=True)), groups
 
 
+def variables_of_terms(formula: str) -> tuple[frozenset[str], ...]:
+    """The columns that each of a formula's covariate terms names."""
+    return _read(formula)[0].variables
+
+
 def columns_named(formula: str) -> tuple[str, ...]:
     """The columns that a formula needs: of its covariates, of its slopes and of its groups."""
     terms, _ = _read(formula)

@@ -38,6 +38,7 @@ from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 COLUMNS = ["level", "quantity", "source", "share", "sd"]
 IMPACT, TYPICAL_PERSON, NEW_PERSON = "impact", "typical person", "new person"
+TRACE = "trace alone"
 MASS, SHAPE = "mass", "element's parameters"
 IMPACTS, PEOPLE, CONDITIONS, PRIORS = "impacts", "people", "conditions", "priors"
 PERSON_AND_CONDITION = "person and condition"
@@ -49,6 +50,8 @@ _RIDGE = 1e-6
 # Of a standard normal, the median of its absolute value.
 _MEDIAN = 0.6745
 _TERMS = {SUBJECT: PEOPLE, TRIAL: CONDITIONS}
+# Where an impact's posterior is as wide as the scatter between impacts, its trace tells anything or nothing.
+_LEAST_TOLD = 0.2
 _NUISANCE = {
     "noise": NOISE,
     "atanh_theta1": NOISE,
@@ -67,10 +70,12 @@ def uncertainty_budget(prepared: Prepared, unfolded: ConstrainedDraws) -> pd.Dat
     Returns:
         `COLUMNS`. ``level`` is `IMPACT` (shares are means over the recorded impacts, or a hundred evenly
         spaced ones), `TYPICAL_PERSON` (the population's K and C at the reference mass; not where impacts are
-        many) or `NEW_PERSON` (a new impact on a new person). ``share`` is of the variance, and ``sd`` what
-        the source alone would make the standard deviation of the log, the median over impacts. The shares
-        add up to that of `ALL`, 1; `DRAWN` has the variance of the draws relative to it. `WINDOW` is what a
-        window a tenth shorter would move, no part of the sum, and `WINDOW_BY_NOISE` what it may.
+        many), `NEW_PERSON` (a new impact on a new person) or `TRACE` (an impact from its trace alone, without
+        what the population tells; of K beside a discrepancy without sources). ``share`` is of the variance,
+        and ``sd`` what the source alone would make the standard deviation of the log, the median over
+        impacts. The shares add up to that of `ALL`, 1; `DRAWN` has the variance of the draws relative to it.
+        `WINDOW` is what a window a tenth shorter would move, no part of the sum, and `WINDOW_BY_NOISE` what
+        it may.
     """
     many = unfolded.kept is not None
     rows = np.arange(len(prepared.impacts))
@@ -81,7 +86,11 @@ def uncertainty_budget(prepared: Prepared, unfolded: ConstrainedDraws) -> pd.Dat
     middle = _Hierarchy(part, _middle(part, unfolded, np.median))
     errors = trace_errors(part, u, _RIDGE * np.linalg.inv(middle.omega))
     drawn = {q: np.var(np.log(unfolded.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
+    scatter = {q: float(np.median(unfolded.sites[f"sd_impact_{q}"] ** 2)) for q in RESPONSES}
     tables = [_of_impacts(middle.of_impacts(errors, not many), drawn)]
+    tables.append(
+        _of_traces(middle.of_traces(errors), drawn, scatter, discrepancy=prepared.model.discrepancy)
+    )
     if (window := None if many else shorter_window(part, u)) is not None:
         ends = (np.median(np.abs(window.moved), axis=0) / _MEDIAN, np.median(window.expected, axis=0))
         rows_of_window = [
@@ -156,6 +165,11 @@ class _Hierarchy:
         of_mass = own * np.multiply.outer(self._both, self._both)
         by_source = {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
         return errors.total + of_mass, by_source
+
+    def of_traces(self, errors: TraceErrors) -> dict[str, dict[str, np.ndarray]]:
+        """By response and source: the variance of each impact's log given its trace alone, [impact]."""
+        _, measured = self._measured(errors)
+        return {q: {name: v[:, at, at] for name, v in measured.items()} for at, q in enumerate(RESPONSES)}
 
     def of_means(self, errors: TraceErrors) -> dict[str, dict[str, float]]:
         """By response and source: the variance of the population's mean log at the reference mass."""
@@ -264,6 +278,36 @@ def _of_impacts(made: dict[str, dict[str, np.ndarray]], drawn: dict[str, np.ndar
             for name, v in every.items()
         ]
     return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def _of_traces(
+    made: dict[str, dict[str, np.ndarray]],
+    drawn: dict[str, np.ndarray],
+    scatter: dict[str, float],
+    *,
+    discrepancy: bool,
+) -> pd.DataFrame:
+    """Of a trace by itself; K beside a discrepancy is the secant's, whose errors are in the draws alone.
+
+    With the scatter I between impacts a trace of variance M leaves v = 1 / (1/M + 1/I).
+    """
+    rows = []
+    for response, by_source in made.items():
+        total = sum(by_source.values())
+        if discrepancy and response == "K":
+            told = np.maximum(1 - drawn[response] / scatter[response], _LEAST_TOLD)
+            by_source, total = {}, drawn[response] / told
+        rows += [
+            (TRACE, response, name, float(np.mean(v / total)), float(np.sqrt(max(np.median(v), 0.0))))
+            for name, v in {**by_source, ALL: total}.items()
+        ]
+    return pd.DataFrame(rows, columns=COLUMNS)
+
+
+def measurement_sd(budget: pd.DataFrame, response: str) -> float:
+    """Standard deviation of the log of K or C of the median impact, given its trace alone."""
+    own = (budget["level"] == TRACE) & (budget["quantity"] == response) & (budget["source"] == ALL)
+    return float(budget.loc[own, "sd"].iloc[0])
 
 
 def _of_population(

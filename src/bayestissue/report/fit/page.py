@@ -18,6 +18,7 @@ from bayestissue.report.fit.population_figures import mass_figure, ranked_figure
 from bayestissue.report.fit.prediction_figures import lag_one_figure, traces_figure, whiteness_figure
 from bayestissue.report.fit.questions import question_lines, questions_table
 from bayestissue.report.fit.run import FitRun, read_fit_run
+from bayestissue.report.fit.study import agreement, comparisons, reliability
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior_figures import exponent_figure
 from bayestissue.report.settings import settings_table
@@ -30,9 +31,12 @@ _CONTENTS = (
     ("predictions", "Predictions"),
     ("residuals", "Residuals"),
     ("people", "People and conditions"),
+    ("comparisons", "Comparisons"),
+    ("reliability", "Reliability"),
     ("mass", "Mass"),
     ("population", "Population"),
     ("sources", "What makes the intervals"),
+    ("agreement", "Agreement of methods"),
     ("chain", "Measuring chain"),
     ("left-out", "Leaving out"),
     ("priors", "Priors"),
@@ -62,6 +66,7 @@ def fit_page(folder: Path, about: dict[str, Any]) -> str:
             **_impacts(run),
             **_predictions(run),
             **_population(run),
+            **_study(run),
             **_checks(run),
             **_provenance(run),
         )
@@ -96,6 +101,7 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
         "own_depth": depth.depth_sentence(run),
         "conclusion": answers.mass_conclusion(run),
         "contrast": answers.contrast_sentence(run),
+        "first_contrasts": comparisons.first_contrasts(run),
         "questions": question_lines(run),
         "questions_table": questions_table(run),
     }
@@ -157,6 +163,20 @@ def _population(run: FitRun) -> dict[str, Any]:
         "hypotheses_table": posterior_tables.hypotheses_table(run.hypotheses),
         "spreads_plot": spreads_figure(run),
         "population_table": posterior_tables.summary_table(run.summary, tables.population_names(run)),
+    }
+
+
+def _study(run: FitRun) -> dict[str, Any]:
+    return {
+        "contrasts_table": comparisons.contrasts_table(run),
+        "contrasts_in_all": 0 if run.contrasts is None else len(run.contrasts),
+        "equivalence": comparisons.equivalence(run),
+        "conditions_words": comparisons.conditions_words(run),
+        "matrices": comparisons.matrices(run),
+        "reliability_words": reliability.reliability_words(run),
+        "reliability_table": reliability.reliability_table(run),
+        "agreement_table": agreement.agreement_table(run),
+        "agreement_plots": [agreement.agreement_figure(run, quantity) for quantity in posterior.QUANTITIES],
     }
 
 

@@ -38,8 +38,24 @@ _QUESTIONS = TableFile(
     ("question", "name", "note"),
     ("posterior", "prior", "bayes_factor", "mcse", "median", "low", "high"),
 )
-# Not every run has them: only simulated data a truth, earlier runs no sources, few model files questions.
-_OPTIONAL = (_TRUTH, _SOURCES, _QUESTIONS)
+_RATIOS = ("ratio", "low", "high")
+_CONTRASTS = TableFile(
+    "contrasts",
+    ("factor", "level", "against", "quantity"),
+    (*_RATIOS, "p_direction", "p_equivalent"),
+)
+_RELIABILITY = TableFile("reliability", ("quantity", "measure", "form", "unit"), ("median", "low", "high"))
+_PEOPLE = TableFile("people", ("quantity", "person", "against"), ("p_greater", *_RATIOS))
+# Not every run has them, by the field that holds each: only simulated data a truth, earlier runs less, few
+# model files questions.
+_OPTIONAL = {
+    "truth": _TRUTH,
+    "interval_sources": _SOURCES,
+    "contrasts": _CONTRASTS,
+    "people_compared": _PEOPLE,
+    "reliability": _RELIABILITY,
+    "questions": _QUESTIONS,
+}
 _TRACES = ("displacement", "deceleration")
 # What the page can't do without, by group of `posterior.nc`.
 _NEEDED = {
@@ -57,8 +73,8 @@ class FitRun:
 
     ``groups`` holds the data sets of `posterior.nc` that the report shows, draws of single impacts left
     out: their medians and intervals stand in ``summary``. The tables keep their column names, text as it
-    was written and numbers as float64; ``truth`` is None unless the data were simulated,
-    ``interval_sources`` and ``questions`` where the run has none.
+    was written and numbers as float64; ``truth`` is None unless the data were simulated, and so is what
+    follows it where an earlier version made the run.
     """
 
     about: dict[str, Any]
@@ -73,6 +89,9 @@ class FitRun:
     truth: pd.DataFrame | None
     interval_sources: pd.DataFrame | None = None
     questions: pd.DataFrame | None = None
+    contrasts: pd.DataFrame | None = None
+    people_compared: pd.DataFrame | None = None
+    reliability: pd.DataFrame | None = None
 
     def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
         """All draws of ``variable``, [draw, ...]: chains one after the other."""
@@ -160,14 +179,15 @@ def read_fit_run(folder: Path, about: dict[str, Any]) -> FitRun:
     """
     names = [f"{layout.name}.csv" for layout in _TABLES]
     require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
-    layouts = (*_TABLES, *(each for each in _OPTIONAL if (folder / f"{each.name}.csv").is_file()))
+    present = [each for each in _OPTIONAL.values() if (folder / f"{each.name}.csv").is_file()]
+    layouts = (*_TABLES, *present)
     problems: list[Problem] = []
     tables = _or(problems, lambda: dict(read_tables(folder, layouts)))
     groups = _or(problems, lambda: _read_groups(folder / "posterior.nc"))
     diagnostics = _or(problems, lambda: _read_diagnostics(folder / "diagnostics.json"))
     if tables is None or groups is None or diagnostics is None:
         raise InputError(problems)
-    optional = {each.name: tables.pop(each.name, None) for each in _OPTIONAL}
+    optional: dict[str, Any] = {field: tables.pop(each.name, None) for field, each in _OPTIONAL.items()}
     return FitRun(about=about, diagnostics=diagnostics, groups=groups, **optional, **tables)
 
 

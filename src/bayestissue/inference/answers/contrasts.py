@@ -1,0 +1,236 @@
+"""Ratios of K and of C between levels: left over right, women over men, one operator over another.
+
+With the expected log of a response at two levels, all else equal, the ratio is
+
+    r = exp(log q(level) - log q(against)),
+
+its probability of direction that of the likelier of r > 1 and r < 1 (Makowski et al. 2019,
+doi:10.3389/fpsyg.2019.02767), and its probability of practical equivalence that of |log r| < log(1 + e)
+(Kruschke 2018, doi:10.1177/2515245918771304), e being 0.1 unless the model file has another.
+
+Compared are, of each response, by its own formula:
+
+- the levels of each category and of each number with two values, averaged over what interacts with it;
+- the levels of each group but people, who have a table of their own (`bayestissue.inference.answers.people`);
+- of combinations such as ``subject:side`` those that differ in one column but the person, within each person
+  and averaged over the people recorded;
+- conditions at one mass. Where the formula has the mass, effects of conditions that stand for masses are what
+  the mass exponent leaves over, and a ratio of two of them would be read as one of masses.
+
+Of more than twelve levels each stands against the mean of all. A category goes over those that follow it in
+the alphabet: left over right, after over before; a greater number goes over a smaller one.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from jaxtyping import Float
+
+from bayestissue.hierarchy.formulas.formula import group_terms, variables_of_terms
+from bayestissue.hierarchy.formulas.group_terms import labels_of
+from bayestissue.inference.answers.levels import Condition, Recorded, log_at_levels
+
+COLUMNS = ["factor", "level", "against", "quantity", "ratio", "low", "high", "p_direction", "p_equivalent"]
+ALL = "mean of all"
+_MOST_IN_PAIRS = 12
+_MOST_LEVELS = 400
+_MOST_AVERAGED = 200
+# Numbers that are measured or set, two of which make no factor.
+_PHYSICAL = ("mass_kg", "velocity_m_s", "energy_J", "diameter_m")
+_SAME_MASS = 0.01
+
+
+class Contrast(NamedTuple):
+    """A level against another; each is the mean of the log over its conditions."""
+
+    factor: str
+    level: str
+    against: str
+    upper: tuple[Condition, ...]
+    lower: tuple[Condition, ...]
+
+
+def contrasts(
+    draws: xr.Dataset, recorded: Recorded, responses: Sequence[str], equivalence: float
+) -> pd.DataFrame:
+    """Every contrast that the formulas have, a row each: `COLUMNS`.
+
+    Args:
+        draws: the group posterior.
+        recorded: what was measured.
+        responses: K, C and the further parameters that have a formula.
+        equivalence: e, the relative difference that counts as none in practice.
+
+    Returns:
+        ``ratio`` is the median, ``low`` and ``high`` the ends of the 90 % equal-tailed interval.
+    """
+    tables = []
+    for response in responses:
+        asked = contrasts_of(recorded, response)
+        if asked:
+            logs = log_ratios(draws, recorded, response, asked)
+            names = pd.DataFrame([each[:3] for each in asked], columns=COLUMNS[:3])
+            tables.append(names.assign(quantity=response, **told_of(logs, equivalence)))
+    if not tables:
+        return pd.DataFrame(columns=COLUMNS)
+    # K and C of a contrast one below the other.
+    both = pd.concat(tables, ignore_index=True)
+    order = both.groupby(COLUMNS[:3], sort=False).ngroup()
+    return both.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
+
+
+def told_of(logs: Float[np.ndarray, "draw ratio"], equivalence: float) -> dict[str, np.ndarray]:
+    """Median, 90 % interval, probabilities of direction and of practical equivalence of ratios."""
+    low, median, high = np.exp(np.percentile(logs, [5, 50, 95], axis=0))
+    return {
+        "ratio": median,
+        "low": low,
+        "high": high,
+        "p_direction": np.maximum((logs > 0).mean(axis=0), (logs < 0).mean(axis=0)),
+        "p_equivalent": (np.abs(logs) < np.log1p(equivalence)).mean(axis=0),
+    }
+
+
+def log_ratios(
+    draws: xr.Dataset, recorded: Recorded, response: str, asked: Sequence[Contrast]
+) -> Float[np.ndarray, "draw ratio"]:
+    """The log of each ratio, for each draw."""
+    every = {_key(each): each for contrast in asked for each in (*contrast.upper, *contrast.lower)}
+    place = {key: number for number, key in enumerate(every)}
+    weights = np.zeros((len(every), len(asked)))
+    for column, contrast in enumerate(asked):
+        for sign, side in ((1, contrast.upper), (-1, contrast.lower)):
+            for each in side:
+                weights[place[_key(each)], column] += sign / len(side)
+    logs = log_at_levels(draws, recorded, response, list(every.values()))
+    return logs.reshape(-1, len(every)) @ weights
+
+
+def _key(condition: Condition) -> tuple[tuple[str, str | float], ...]:
+    return tuple(sorted(condition.items()))
+
+
+def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
+    """What a response's formula lets one compare, covariates first."""
+    formula = recorded.formulas.get(response, "1")
+    variables = variables_of_terms(formula)
+    named = dict.fromkeys(name for own in variables for name in sorted(own))
+    factors = [name for name in named if _is_factor(recorded, name)]
+    found = [each for name in factors for each in _of_covariate(recorded, name, variables)]
+    for term in group_terms(formula):
+        if term.slope or term.grouping == "subject":
+            continue
+        if len(term.factors) > 1:
+            found += _of_combinations(recorded, term.factors, known=factors)
+        elif term.grouping not in factors:
+            with_mass = term.grouping == "trial" and any("mass_kg" in own for own in variables)
+            found += _of_group(recorded, term.grouping, at_one_mass=with_mass)
+    return found
+
+
+def _is_factor(recorded: Recorded, name: str) -> bool:
+    if not recorded.is_number(name):
+        return True
+    return name not in _PHYSICAL and recorded.rows[name].nunique() == 2
+
+
+def _of_covariate(recorded: Recorded, name: str, variables: Iterable[frozenset[str]]) -> Iterator[Contrast]:
+    """Levels of a covariate at the reference, or over the recorded values of what interacts with it."""
+    levels = {str(label): value for value, label in _values(recorded, name)}
+    beside = sorted({other for own in variables if name in own for other in own} - {name})
+    at: list[Condition] = [{}]
+    if beside:
+        rows = recorded.rows[beside].drop_duplicates()
+        some = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_AVERAGED)).astype(int))
+        at = [{str(k): v for k, v in row.items()} for row in rows.iloc[some].to_dict("records")]
+    for level, against in _pairs(list(levels)):
+        yield Contrast(
+            name,
+            level,
+            against,
+            tuple({**each, name: levels[level]} for each in at),
+            tuple({**each, name: levels[other]} for other in _meant(against, levels) for each in at),
+        )
+
+
+def _of_group(recorded: Recorded, name: str, *, at_one_mass: bool) -> Iterator[Contrast]:
+    levels = recorded.levels(name)
+    for alike in _of_equal_mass(recorded, name) if at_one_mass else [levels]:
+        for level, against in _pairs(alike) if len(alike) <= _MOST_LEVELS else ():
+            others = tuple({name: other} for other in _meant(against, alike))
+            yield Contrast(name, level, against, ({name: level},), others)
+
+
+def _of_equal_mass(recorded: Recorded, name: str) -> list[list[str]]:
+    """Levels in which the impactor has one mass, those of the same mass together."""
+    logs = np.log(recorded.rows["mass_kg"]).groupby(labels_of(recorded.rows[name]), sort=False)
+    at = logs.median()[logs.max() - logs.min() < _SAME_MASS].sort_values(kind="stable")
+    group = (at.diff() > _SAME_MASS).cumsum()
+    # A condition with several masses stands for none.
+    mixed = [str(label) for label in logs.median().index if label not in at.index]
+    return [*([str(label) for label in each.index] for _, each in at.groupby(group)), mixed]
+
+
+def _of_combinations(
+    recorded: Recorded, factors: tuple[str, ...], known: Sequence[str]
+) -> Iterator[Contrast]:
+    """Combinations that differ in one column but the person, each, and averaged over all that are alike.
+
+    The average is left to the covariate where the column is ``known`` as one.
+    """
+    labels = [labels_of(recorded.rows[name]) for name in factors]
+    combos = list(dict.fromkeys(zip(*labels, strict=True)))
+    if len(combos) > _MOST_LEVELS:
+        return
+    for place, name in enumerate(factors):
+        if name == "subject":
+            continue
+        levels_at: dict[tuple[str, ...], list[str]] = defaultdict(list)
+        for combo in combos:
+            levels_at[(*combo[:place], *combo[place + 1 :])].append(combo[place])
+        single: dict[tuple[str, str], list[Contrast]] = defaultdict(list)
+        for rest, levels in levels_at.items():
+            for level, against in combinations(_ordered(levels), 2):
+                a, b = ((*rest[:place], each, *rest[place:]) for each in (level, against))
+                upper, lower = (dict(zip(factors, each, strict=True)) for each in (a, b))
+                one = Contrast(":".join(factors), ":".join(a), ":".join(b), (upper,), (lower,))
+                single[(level, against)].append(one)
+        for (level, against), each in single.items():
+            if len(each) > 1 and name not in known:
+                upper_all, lower_all = (tuple(c.upper[0] for c in each), tuple(c.lower[0] for c in each))
+                yield Contrast(name, level, against, upper_all, lower_all)
+        yield from (one for each in single.values() for one in each)
+
+
+def _values(recorded: Recorded, name: str) -> Iterator[tuple[str | float, str]]:
+    """The values of a column with what they are called."""
+    column = recorded.rows[name]
+    first = ~column.duplicated()
+    for value, label in zip(column[first], labels_of(column[first]), strict=True):
+        yield (float(value) if recorded.is_number(name) else str(value)), label
+
+
+def _pairs(levels: Sequence[str]) -> Iterator[tuple[str, str]]:
+    """Each with each; of many each with all."""
+    if len(levels) <= _MOST_IN_PAIRS:
+        return combinations(_ordered(levels), 2)
+    return ((level, ALL) for level in _ordered(levels))
+
+
+def _meant(against: str, levels: Iterable[str]) -> list[str]:
+    return list(levels) if against == ALL else [against]
+
+
+def _ordered(levels: Sequence[str]) -> list[str]:
+    """By the alphabet; numbers from the greatest on."""
+    try:
+        return sorted(levels, key=float, reverse=True)
+    except ValueError:
+        return sorted(levels)

@@ -1,0 +1,85 @@
+"""How repeatable a measurement of a person is: coefficients in a table, and what makes the error in words."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from bayestissue.inference.answers.reliability import ICC, MDC, REPEATS, SEM
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.posterior import QUANTITIES, Spread
+from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.wording import number
+
+_PERCENT = "%"
+
+
+def reliability_table(run: FitRun) -> Table | None:
+    """A row a coefficient, columns of K and C; None where the run has none."""
+    if run.reliability is None or run.reliability.empty:
+        return None
+    units = {"N/m": "units", "N s/m": "units"}
+    found = run.reliability.assign(unit=run.reliability["unit"].replace(units))
+    cells = _by_place(found)
+    rows = []
+    for measure, form, unit in dict.fromkeys(key[1:] for key in cells):
+        own = [_cells(cells.get((q, measure, form, unit))) for q in QUANTITIES]
+        shown = {"units": "N/m, N s/m", "1": ""}.get(unit, unit)
+        rows.append(Row((measure, form, shown, *(text for pair in own for text in pair))))
+    titles = ("measure", "form", "unit", "K", "K, 90 %", "C", "C, 90 %")
+    return Table(columns(*titles, number=titles[3:], words=titles[:1]), rows)
+
+
+def _by_place(table: pd.DataFrame) -> dict[tuple[str, str, str, str], dict[Any, Any]]:
+    """The rows by quantity, measure, form and unit."""
+    names = ("quantity", "measure", "form", "unit")
+    return {(*(str(row[name]) for name in names),): row for row in table.to_dict("records")}  # type: ignore[misc]
+
+
+def _cells(row: dict[Any, Any] | None) -> tuple[str, str]:
+    if row is None:
+        return "", ""
+    found = Spread(row["median"], row["low"], row["high"])
+    if row["measure"] == REPEATS:
+        return _whole(found.median), f"{_whole(found.low)} to {_whole(found.high)}"
+    if found.low == found.high:
+        return number(found.median, 2), "taken as known"
+    return found.value, found.range
+
+
+def _whole(value: float) -> str:
+    return number(value, 0) if np.isfinite(value) else "no number"
+
+
+def reliability_words(run: FitRun) -> list[str]:
+    """The coefficients that answer how repeatable K and C are, in sentences."""
+    if run.reliability is None or run.reliability.empty:
+        return []
+    cells = _by_place(run.reliability)
+    sentences = []
+    for q in QUANTITIES:
+        error = [
+            f"{words} {number(cells[q, SEM, form, _PERCENT]['median'], 1)}\N{NO-BREAK SPACE}%"
+            for form, words in (("measuring chain", "the measuring chain makes"), ("person", "the person"))
+        ]
+        change = _of(cells[q, MDC, "consistency", _PERCENT])
+        told = (
+            f"{q}: of one measurement {' and '.join(error)} of error (standard deviations); two of a person"
+        )
+        told += f" in one condition must differ by {change.value}\N{NO-BREAK SPACE}% ({change.range}) to"
+        sentences.append(f"{told} show a change (95\N{NO-BREAK SPACE}%).")
+        if (q, ICC, "ICC(A,1)", "1") in cells:
+            icc = [_of(cells[q, ICC, f"ICC({form},1)", "1"]) for form in "CA"]
+            need = _cells(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"])
+            one = "repeat" if need[0] == "1" else "repeats"
+            sentences[-1] += (
+                f" Its ICC(C,1) is {icc[0].value} ({icc[0].range}), its ICC(A,1) {icc[1].value} "
+                f"({icc[1].range}); for an ICC(A,k) of 0.9 a person needs {need[0]} {one} ({need[1]})."
+            )
+    return sentences
+
+
+def _of(row: Any) -> Spread:
+    return Spread(float(row["median"]), float(row["low"]), float(row["high"]))

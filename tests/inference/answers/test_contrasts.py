@@ -1,0 +1,153 @@
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from numpy.testing import assert_allclose
+
+from bayestissue.inference.answers.contrasts import ALL, COLUMNS, contrasts
+from bayestissue.inference.answers.levels import Recorded
+from bayestissue.inference.answers.people import people_compared
+from designs import REFERENCE, impacts
+
+SHAPE = (2, 500)
+
+
+def recorded(formula: str, rows: pd.DataFrame | None = None) -> Recorded:
+    table = (impacts() if rows is None else rows).assign(velocity_m_s=1.5)
+    return Recorded(table.drop(columns="impact"), {"K": formula}, REFERENCE)
+
+
+def draws_of(rng: np.random.Generator, sd: float, values: Mapping[str, float | list[float]], **levels):
+    """Independent normal draws about ``values``, those of a list along the dimension of ``levels``."""
+    found = {}
+    for name, value in values.items():
+        at = np.asarray(value, float)
+        dims = ("chain", "draw", *([levels[name][0]] if name in levels else []))
+        found[name] = (dims, at + sd * rng.standard_normal((*SHAPE, *at.shape)))
+    return xr.Dataset(found, dict(levels.values()))
+
+
+def rows_of(table: pd.DataFrame, factor: str) -> dict[tuple[str, str], pd.Series]:
+    own = table[table["factor"] == factor]
+    return {(row["level"], row["against"]): row for _, row in own.iterrows()}
+
+
+def test_a_ratio_with_its_interval_and_probabilities_is_that_of_the_draws() -> None:
+    draws = draws_of(np.random.default_rng(1), 0.05, {"intercept_K": 7.0, "effect_of_side[right]_K": -0.08})
+    found = contrasts(draws, recorded("side"), ["K"], 0.1)
+    assert list(found) == COLUMNS
+    # Left goes before right, which is the column that the formula has.
+    log = -draws["effect_of_side[right]_K"].to_numpy().ravel()
+    row = rows_of(found, "side")["left", "right"]
+    assert len(found) == 1
+    assert_allclose(row[["ratio", "low", "high"]].astype(float), np.exp(np.percentile(log, [50, 5, 95])))
+    assert row["p_direction"] == (log > 0).mean()
+    assert row["p_equivalent"] == (abs(log) < np.log(1.1)).mean()
+    wider = contrasts(draws, recorded("side"), ["K"], 0.2)["p_equivalent"][0]
+    assert wider == (abs(log) < np.log(1.2)).mean()
+    assert contrasts(draws, recorded("log(mass_kg) + (1|subject)"), ["K"], 0.1).empty
+
+
+def test_what_interacts_with_a_factor_is_averaged() -> None:
+    values = {"intercept_K": 7.0, "effect_of_side[right]_K": -0.1, "mass_exponent_K": 0.0}
+    values |= {"effect_of_operator[y]_K": 0.3, "effect_of_side[right]:operator[y]_K": -0.2}
+    draws = draws_of(np.random.default_rng(2), 0.0, values)
+    found = contrasts(draws, recorded("log(mass_kg) + side*operator"), ["K"], 0.1)
+    assert rows_of(found, "side")["left", "right"]["ratio"] == pytest.approx(np.exp(0.1 + 0.2 / 2))
+    # On the left 0.3 more by y, on the right 0.1.
+    assert rows_of(found, "operator")["x", "y"]["ratio"] == pytest.approx(np.exp(-0.2))
+
+
+def test_a_number_of_two_values_is_a_factor_and_a_mass_is_none() -> None:
+    rows = impacts().assign(trained=lambda table: (table["subject"] > "s1").astype(int))
+    draws = draws_of(
+        np.random.default_rng(3),
+        0.0,
+        {"intercept_K": 7.0, "effect_of_trained_K": 0.2, "mass_exponent_K": 1.0},
+    )
+    two = rows[rows["mass_kg"] < 1]
+    found = contrasts(draws, recorded("log(mass_kg) + trained", two), ["K"], 0.1)
+    assert found[["factor", "level", "against"]].to_numpy().tolist() == [["trained", "1", "0"]]
+    assert found["ratio"][0] == pytest.approx(np.exp(0.2))
+
+
+def test_groups_are_compared_in_pairs_and_many_levels_with_their_mean() -> None:
+    effects = {"session_effect_K": [0.1, -0.1, 0.3]}
+    draws = draws_of(
+        *(np.random.default_rng(4), 0.0, {"intercept_K": 7.0, **effects}),
+        session_effect_K=("session", impacts()["session"].astype(str).drop_duplicates().tolist()),
+    )
+    found = rows_of(contrasts(draws, recorded("(1|session)"), ["K"], 0.1), "session")
+    own = draws["session_effect_K"].mean(("chain", "draw")).to_series()
+    assert set(found) == {("3", "2"), ("3", "1"), ("2", "1")}
+    assert found["3", "1"]["ratio"] == pytest.approx(np.exp(own["3"] - own["1"]))
+    rows = impacts(people=13).assign(operator=lambda table: "o" + table["subject"])
+    names = rows["operator"].drop_duplicates().tolist()
+    many = draws_of(
+        np.random.default_rng(5), 0.0,
+        {"intercept_K": 7.0, "operator_effect_K": np.linspace(-0.3, 0.3, 13).tolist()},
+        operator_effect_K=("operator", names),
+    )  # fmt: skip
+    found = rows_of(contrasts(many, recorded("(1|operator)", rows), ["K"], 0.1), "operator")
+    assert {against for _, against in found} == {ALL}
+    assert found["os12", ALL]["ratio"] == pytest.approx(np.exp(0.3))
+
+
+def test_sides_are_compared_within_each_person_and_over_these_people() -> None:
+    levels = [f"s{person}:{side}" for person in range(4) for side in ("left", "right")]
+    effects = [0.1, 0.0, 0.2, 0.0, 0.3, 0.0, 0.0, 0.2]
+    draws = draws_of(
+        np.random.default_rng(6), 0.0, {"intercept_K": 7.0, "subject_side_effect_K": effects},
+        subject_side_effect_K=("subject:side", levels),
+    )  # fmt: skip
+    table = contrasts(draws, recorded("(1|subject:side)"), ["K"], 0.1)
+    own = rows_of(table, "subject:side")
+    assert set(own) == {(f"s{p}:left", f"s{p}:right") for p in range(4)}
+    assert own["s3:left", "s3:right"]["ratio"] == pytest.approx(np.exp(-0.2))
+    assert rows_of(table, "side")["left", "right"]["ratio"] == pytest.approx(np.exp(0.4 / 4))
+    # The covariate's own contrast is the population's, and a person's holds it too.
+    both = draws.assign({"effect_of_side[right]_K": (("chain", "draw"), np.full(SHAPE, -0.5))})
+    table = contrasts(both, recorded("side + (1|subject:side)"), ["K"], 0.1)
+    assert rows_of(table, "side")["left", "right"]["ratio"] == pytest.approx(np.exp(0.5))
+    assert rows_of(table, "subject:side")["s3:left", "s3:right"]["ratio"] == pytest.approx(np.exp(0.3))
+
+
+def test_conditions_are_compared_at_one_mass_only_where_the_mass_is_in_the_formula() -> None:
+    rows = pd.concat([impacts().assign(tense=0), impacts().assign(tense=1)], ignore_index=True)
+    rows["trial"] += np.where(rows["tense"], "-tense", "")
+    names = rows["trial"].drop_duplicates().tolist()
+    draws = draws_of(
+        np.random.default_rng(7), 0.0,
+        {"intercept_K": 7.0, "mass_exponent_K": 1.0, "trial_effect_K": [0, 0, 0.1, 0.2, 0, 0]},
+        trial_effect_K=("trial", names),
+    )  # fmt: skip
+    with_mass = contrasts(draws, recorded("log(mass_kg) + (1|trial)", rows), ["K"], 0.1)
+    assert set(rows_of(with_mass, "trial")) == {(f"t{i}", f"t{i}-tense") for i in range(3)}
+    assert rows_of(with_mass, "trial")["t0", "t0-tense"]["ratio"] == pytest.approx(np.exp(-0.2))
+    without = contrasts(draws, recorded("(1|trial)", rows), ["K"], 0.1)
+    assert len(rows_of(without, "trial")) == 15
+    assert contrasts(draws, recorded("log(mass_kg) + (1|trial)"), ["K"], 0.1).empty
+
+
+def test_person_against_person() -> None:
+    names = [f"s{person}" for person in range(4)]
+    values = {"intercept_K": 7.0, "subject_effect_K": [0.0, 0.1, -0.1, 0.0], "effect_of_age_K": 0.1}
+    draws = draws_of(np.random.default_rng(8), 0.05, values, subject_effect_K=("subject", names))
+    found = people_compared(draws, recorded("age + (1|subject)"), ["K"]).set_index(["person", "against"])
+    assert len(found) == 4 * 3
+    # Three years apart in age, which is a person's own.
+    log = draws["subject_effect_K"].sel(subject="s1") - draws["subject_effect_K"].sel(subject="s0")
+    log = (log + 3 * draws["effect_of_age_K"]).to_numpy()
+    row = found.loc[("s1", "s0")]
+    assert row["p_greater"] == (log > 0).mean()
+    assert_allclose(
+        row[["ratio", "low", "high"]].astype(float), np.exp(np.percentile(log, [50, 5, 95])), rtol=1e-9
+    )
+    back = found.loc[("s0", "s1")]
+    assert row["p_greater"] + back["p_greater"] == pytest.approx(1)
+    assert_allclose(row["low"] * back["high"], 1)
+    assert people_compared(draws, recorded("age"), ["K"]).empty

@@ -1,0 +1,167 @@
+"""Reliability against the analysis of variance, on balanced levels that are known without error."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from numpy.testing import assert_allclose
+from scipy import stats
+from statsmodels.formula.api import ols
+from statsmodels.stats.anova import anova_lm
+
+from bayestissue.inference.answers.levels import Recorded
+from bayestissue.inference.answers.reliability import (
+    ICC,
+    MDC,
+    REPEATS,
+    SEM,
+    Variances,
+    reliability,
+    variances,
+)
+
+DRAWS = 40_000
+# Six targets rated by four judges: Shrout and Fleiss (1979, doi:10.1037/0033-2909.86.2.420), table 2, whose
+# coefficients are ICC(3,1), ICC(2,1), ICC(3,k), ICC(2,k) in their words.
+RATINGS = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9], [6, 2, 4, 7]]
+PUBLISHED = {"ICC(C,1)": 0.71, "ICC(A,1)": 0.29, "ICC(C,k)": 0.91, "ICC(A,k)": 0.62}
+
+
+def mean_squares(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Of rows, columns and error, and their degrees of freedom, by statsmodels."""
+    person, condition = np.indices(levels.shape)
+    table = pd.DataFrame({"y": levels.ravel(), "person": person.ravel(), "condition": condition.ravel()})
+    found = anova_lm(ols("y ~ C(person) + C(condition)", table).fit())
+    return found["mean_sq"].to_numpy(), found["df"].to_numpy()
+
+
+def components(squares: np.ndarray, shape: tuple[int, int]) -> tuple[np.ndarray, ...]:
+    """Variances of rows, columns and error of these mean squares, [...]."""
+    rows, columns, error = squares
+    return (rows - error) / shape[1], (columns - error) / shape[0], error
+
+
+def of(people, conditions, error, *, k: float, measurement: float = 0.0, shared: float = 0.0) -> Variances:
+    return Variances(people, shared, [(conditions, k)], [], error, measurement, k)
+
+
+def coefficients(each: Variances) -> dict[str, np.ndarray]:
+    return {
+        f"ICC({letter},{number})": each.icc(agreement=letter == "A", averaged=number == "k")
+        for letter in "CA"
+        for number in "1k"
+    }
+
+
+def test_the_classical_estimates_are_those_of_the_mean_squares() -> None:
+    levels = np.array(RATINGS, float)
+    squares, _ = mean_squares(levels)
+    found = coefficients(of(*components(squares, levels.shape), k=4))
+    assert {name: round(float(value), 2) for name, value in found.items()} == PUBLISHED
+    # McGraw and Wong's table 4, in mean squares.
+    (rows, columns, error), n, k = squares, *levels.shape
+    assert found["ICC(C,1)"] == pytest.approx((rows - error) / (rows + (k - 1) * error))
+    assert found["ICC(A,k)"] == pytest.approx((rows - error) / (rows + (columns - error) / n))
+    single = (rows - error) / (rows + (k - 1) * error + k / n * (columns - error))
+    assert found["ICC(A,1)"] == pytest.approx(single)
+
+
+def test_intervals_of_a_posterior_are_the_classical_ones() -> None:
+    """Under the prior 1 / (mean squares expected) the F interval of ICC(C,1) is the posterior's."""
+    rng = np.random.default_rng(1)
+    n, k = 20, 6
+    levels = 0.3 * rng.standard_normal((n, 1)) + 0.1 * rng.standard_normal(k)
+    levels = levels + 0.15 * rng.standard_normal((n, k))
+    squares, df = mean_squares(levels)
+    drawn = [square * d / rng.chisquare(d, DRAWS) for square, d in zip(squares, df, strict=True)]
+    found = coefficients(of(*components(np.array(drawn), (n, k)), k=k))
+    ratio = squares[0] / squares[2] / stats.f.ppf([0.95, 0.05], df[0], df[2])
+    exact = {"ICC(C,1)": (ratio - 1) / (ratio + k - 1), "ICC(C,k)": 1 - 1 / ratio}
+    for name, ends in exact.items():
+        # Of a quantile's rank the standard error is (0.05 0.95 / n)^1/2.
+        held = [(found[name] < end).mean() for end in ends]
+        assert_allclose(held, [0.05, 0.95], atol=4 * np.sqrt(0.05 * 0.95 / DRAWS))
+
+
+def test_what_the_chain_makes_counts_and_a_shared_error_stays() -> None:
+    clear = of(0.04, 0.01, 0.02, k=4)
+    assert clear.icc(agreement=False, averaged=False) == pytest.approx(0.04 / 0.06)
+    blurred = clear._replace(measurement=0.02)
+    assert blurred.icc(agreement=False, averaged=False) == pytest.approx(0.04 / 0.08)
+    assert blurred.icc(agreement=True, averaged=True) == pytest.approx(0.04 / (0.04 + (0.01 + 0.04) / 4))
+    shared = blurred._replace(shared=0.02)
+    assert shared.icc(agreement=False, averaged=True) == pytest.approx(0.04 / (0.06 + 0.04 / 4))
+    # Spearman and Brown: a mean of so many has the ICC asked for.
+    for each in (clear, blurred, shared._replace(shared=0.001)):
+        for agreement in (False, True):
+            k = each.repeats(0.9, agreement=agreement)
+            error = each.error(agreement=agreement) / k
+            assert each.people / (each.people + each.shared + error) == pytest.approx(0.9)
+    assert shared.repeats(0.75, agreement=False) == np.inf
+
+
+def posterior() -> tuple[xr.Dataset, Recorded]:
+    rng, shape = np.random.default_rng(2), (4, 1000)
+    sds = {"subject": 0.3, "trial": 0.1, "subject_side": 0.05, "session": 0.02, "team": 0.2, "impact": 0.04}
+    found = {f"sd_{name}_K": sd * np.exp(0.1 * rng.standard_normal(shape)) for name, sd in sds.items()}
+    found["intercept_K"] = np.log(2000) + 0.01 * rng.standard_normal(shape)
+    rows = pd.DataFrame(
+        [
+            (f"p{person}", f"t{trial}", side, f"p{person}-{trial % 2}", f"team{person % 2}", 1.0)
+            for person in range(4)
+            for trial in range(3)
+            for side in ("left", "right")
+        ],
+        columns=["subject", "trial", "side", "session", "team", "mass_kg"],
+    )
+    formula = "(1|subject) + (1|trial) + (1|subject:side) + (1|session) + (1|team)"
+    draws = xr.Dataset({name: (("chain", "draw"), values) for name, values in found.items()})
+    return draws, Recorded(rows, {"K": formula}, 1.0)
+
+
+def test_each_group_is_part_of_the_variance_that_its_levels_say() -> None:
+    draws, recorded = posterior()
+    found = variances(draws, recorded, "K", measurement_sd=0.03, shared_sd=0.01)
+    square = {str(name): array.to_numpy() ** 2 for name, array in draws.items()}
+    # People belong to teams; sides and these sessions are one person's; conditions are everybody's.
+    assert_allclose(found.people, square["sd_subject_K"] + square["sd_team_K"])
+    assert [levels for _, levels in found.agreement] == [3]
+    assert [levels for _, levels in found.within] == [2, 2]
+    assert found.k == 6
+    error = square["sd_impact_K"] + square["sd_subject_side_K"] + square["sd_session_K"] + 0.03**2
+    assert_allclose(found.error(agreement=False), error)
+    averaged = (square["sd_impact_K"] + 0.03**2) / 6 + square["sd_trial_K"] / 3
+    averaged = averaged + (square["sd_subject_side_K"] + square["sd_session_K"]) / 2
+    assert_allclose(found.error(agreement=True, averaged=True), averaged)
+
+
+def test_the_table_and_the_variables_are_in_percent_and_in_units() -> None:
+    draws, recorded = posterior()
+    each = variances(draws, recorded, "K", measurement_sd=0.03)
+    table, further = reliability({"K": each}, draws)
+    row = table.set_index(["measure", "form", "unit"])["median"]
+    s = np.sqrt(each.error(agreement=True))
+    assert row[SEM, "agreement", "%"] == pytest.approx(100 * np.median(np.expm1(s)), rel=1e-3)
+    change = np.expm1(1.96 * np.sqrt(2) * s)
+    assert row[MDC, "agreement", "%"] == pytest.approx(100 * np.median(change), rel=1e-3)
+    in_units = np.median(change * np.exp(draws["intercept_K"]))
+    assert row[MDC, "agreement", "N/m"] == pytest.approx(in_units, rel=1e-3)
+    assert row[SEM, "measuring chain", "%"] == pytest.approx(100 * np.expm1(0.03))
+    assert row[REPEATS, "ICC(A,k) of 0.9", "1"] == np.ceil(np.median(further["repeats_A90_K"]))
+    assert row[ICC, "ICC(C,k), k = 6", "1"] == pytest.approx(float(further["ICC_Ck_K"].median()), rel=1e-3)
+    ends = table.set_index(["measure", "form"]).loc[(ICC, "ICC(A,1)")]
+    assert_allclose(
+        ends[["low", "high"]].astype(float), further["ICC_A1_K"].quantile([0.05, 0.95]), rtol=1e-2
+    )
+    assert further["SEM_C_K"].attrs["unit"] == "N/m"
+
+
+def test_of_one_person_only_the_errors_are_told() -> None:
+    draws, recorded = posterior()
+    alone = Recorded(recorded.rows.assign(subject="p0"), {"K": "(1|trial)"}, 1.0)
+    table, further = reliability({"K": variances(draws, alone, "K", measurement_sd=0.03)}, draws)
+    assert set(table["measure"]) == {SEM, MDC}
+    assert "ICC_C1_K" not in further
+    assert reliability({}, draws)[0].empty

@@ -1,0 +1,76 @@
+"""Comparisons, reliability and agreement of methods on the page of a fit."""
+
+from __future__ import annotations
+
+import re
+
+import pytest
+
+from bayestissue.report import write_report
+from make_fit_run import PEOPLE, make_fit_run
+from page_reader import Reader
+
+
+def plain(html: str) -> str:
+    return re.sub(r"\s+", " ", re.sub(r"<[^>]+>", " ", html)).replace("\N{NO-BREAK SPACE}", " ")
+
+
+def section(html: str, name: str) -> str:
+    part = html[html.index(f'<section id="{name}"') :]
+    return part[: part.index("</section>")]
+
+
+@pytest.fixture(scope="module")
+def html(tmp_path_factory) -> str:
+    folder = make_fit_run(tmp_path_factory.mktemp("study") / "run", two_sides=True)
+    return write_report(folder).read_text(encoding="utf-8")
+
+
+def test_the_first_screen_says_what_differs(html) -> None:
+    first = plain(html[html.index('class="first"') : html.index("<nav")])
+    assert re.search(r"What differs\? left over right: K × 1\.\d+ 1\.\d+ to 1\.\d+; C × [01]\.\d+", first)
+    assert "K is almost certainly greater for left (probability above 0.999)" in first
+    assert "that it differs by less than 10 % is" in first
+    page = Reader()
+    page.feed(html)
+    assert page.open == []
+    assert "comparisons" in page.ids
+
+
+def test_every_comparison_stands_in_a_table_and_people_in_a_matrix(html) -> None:
+    part = section(html, "comparisons")
+    assert "left over right" in part
+    assert "from 0.909 to 1.100" in plain(part)
+    # Conditions stand for masses in these data.
+    assert "t0 over t1" not in part
+    assert "conditions stand for masses" in part
+    rows = re.findall(r'<tr><th scope="row">.*?</tr>', part)
+    assert len(rows) == 2 * PEOPLE
+    table = [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in rows[:PEOPLE]]
+    assert all(row[place] == "" for place, row in enumerate(table))
+    # The stiffest first: above the diagonal it is likelier that the row's is the greater.
+    assert all("&gt;" in cell or float(cell) >= 50 for i, row in enumerate(table) for cell in row[i + 1 :])
+
+
+def test_reliability_is_told_in_words_and_in_a_table(html) -> None:
+    text = plain(section(html, "reliability"))
+    assert "the measuring chain makes 1.0 % and the person" in text
+    assert re.search(r"Its ICC\(C,1\) is 0\.\d+ \(0\.\d+ to \d\.\d+\), its ICC\(A,1\) 0\.\d+", text)
+    assert re.search(r"for an ICC\(A,k\) of 0\.9 a person needs \d+ repeats? \(\d+ to \d+\)", text)
+    for words in ("ICC(C,k), k = 3", "minimal detectable change", "taken as known", "ICC(A,k) of 0.75"):
+        assert words in text
+
+
+def test_methods_stand_side_by_side_with_limits_of_agreement(html) -> None:
+    part = section(html, "agreement")
+    assert part.count("<figure") == 2
+    # The made-up thesis's K is twice the truth.
+    found = re.search(r"thesis&#39;s method over posterior median</td><td[^>]*>(\d\.\d+)", part)
+    assert found is not None
+    assert float(found[1]) == pytest.approx(2, abs=0.02)
+
+
+def test_a_study_with_nothing_to_compare_has_no_such_card(tmp_path) -> None:
+    html = write_report(make_fit_run(tmp_path / "run")).read_text(encoding="utf-8")
+    assert "What differs?" not in html
+    assert "person against person" in html
