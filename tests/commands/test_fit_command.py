@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from scipy.stats import norm
 
 from bayestissue import read_run
 from campaigns import FOUR_BY_FOUR
@@ -97,12 +98,15 @@ def test_a_fit_writes_what_the_interface_names(finished: Path) -> None:
 def test_the_model_files_questions_are_answered(finished: Path) -> None:
     asked = pd.read_csv(finished / "questions.csv").set_index("name")
     assert asked.loc["stiff", "posterior"] > 0.99
-    # The prior is wide, and of a thousand draws.
-    assert 0.3 < asked.loc["stiff", "prior"] < 0.8
+    run = read_run(finished)
+    prior = run.posterior["prior"].dataset["intercept_K"].to_numpy() > np.log(1000)
+    assert asked.loc["stiff", "prior"] == pytest.approx(prior.mean())
+    # The model's prior of log K is normal about 5 with standard deviation 3.
+    expected = norm.sf(np.log(1000), 5, 3)
+    assert asked.loc["stiff", "prior"] == pytest.approx(expected, abs=4 * asked.loc["stiff", "prior_mcse"])
     assert asked.loc["stiff", "prior_draws"] == 1000
     assert 1 < asked.loc["between_people", "median"] < 3
     assert "What was asked" in (finished / "report.html").read_text(encoding="utf-8")
-    run = read_run(finished)
     level = run.posterior["posterior"].dataset["subject"].to_numpy()[0]
     found = run.ask(f"K[subject={level}]", f"K_subject[subject={level}]")
     assert found["median"][0] == pytest.approx(found["median"][1])
