@@ -154,7 +154,7 @@ def ranks_of_one(
     summarised, draws, correction = corrected_draws(prepared, SAMPLER, number)
     if not correction.trusted:
         draws = exact_draws(prepared, summarised, EXACT, number, processes=False)
-    found = constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(number))
+    found = constrained_draws(prepared, summarised, draws, jax.random.PRNGKey(number))
     truth = {name: drawn[name] for name in model.spreads}
     posterior = {name: found.sites[name] for name in model.spreads}
     for name in ("intercept_K", "intercept_C", "mass_exponent_K", "mass_exponent_C", *groups):

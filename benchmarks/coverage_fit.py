@@ -110,10 +110,9 @@ class Fits:
     def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
         """Draws of everything, and how they were corrected."""
         summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
-        told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
-        return constrained_draws(
-            prepared, told.summaries, draws, jax.random.PRNGKey(seed), told=told
-        ), correction
+        told = LikelihoodApproximation(summarised, correction.of_impacts)
+        key = jax.random.PRNGKey(seed)
+        return constrained_draws(prepared, summarised, draws, key, told=told), correction
 
 
 @lru_cache

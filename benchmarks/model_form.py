@@ -68,7 +68,7 @@ class AsTheProgram(Fits):
         summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
         if not correction.trusted:
             draws = exact_draws(prepared, summarised, SAMPLER, seed, processes=False)
-        return constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(seed)), correction
+        return constrained_draws(prepared, summarised, draws, jax.random.PRNGKey(seed)), correction
 
 
 def measured(name: str, specification: ModelSpecification, campaigns: int) -> pd.DataFrame:

@@ -21,7 +21,7 @@ from typing import Any
 
 # By module: the functions that are stages.
 STAGES = {
-    "inference.posterior.recipe": ("approximate", "sample_marginal", "_with_impacts", "_log_weights"),
+    "inference.posterior.recipe": ("approximate", "sample_marginal", "with_impacts", "importance_weights"),
     "inference.posterior.constrained_draws": ("constrained_draws", "of_draws"),
     "inference.results.tree": ("posterior_tree", "prior_draws", "replicates"),
     "inference.fit": (

@@ -71,20 +71,35 @@ below.set(xlabel="time since contact (ms)", ylabel="displacement (mm)")
 plt.show()
 
 # %% [markdown]
-# ## Point estimates, each impact by itself
+# ## Each impact by itself
 #
-# `exact` is maximum likelihood about the rest position; `dds` is the thesis's method, conditional least squares
-# about the sample mean. Fit a line to log K over log mass, and the second finds a dependence on mass that these
-# tissues do not have.
+# `impact` is the posterior given the impact's own deceleration, with intervals that hold; `exact` is maximum
+# likelihood of the integrated displacement about the rest position; `dds` is the thesis's method, conditional least
+# squares about the sample mean. Fit a line to log K over log mass, and the last finds a dependence on mass that
+# these tissues do not have.
 
 # %%
-estimates = {method: bt.estimate(dataset, method=method) for method in ("exact", "dds")}
+estimates = {method: bt.estimate(dataset, method=method) for method in ("impact", "exact", "dds")}
 log_mass = np.log(impacts["mass_kg"].to_numpy())
 for method, table in estimates.items():
     level = table["K_N_per_m"].median()
     slope = np.polyfit(log_mass, np.log(table["K_N_per_m"].to_numpy()), 1)[0]
     slope_C = np.polyfit(log_mass, np.log(table["C_N_s_per_m"].to_numpy()), 1)[0]
-    print(f"{method:5}: median K {level:.0f} N/m; K goes with mass to the power {slope:.3f}, C to {slope_C:.3f}")
+    print(f"{method:6}: median K {level:.0f} N/m; K goes with mass to the power {slope:.3f}, C to {slope_C:.3f}")
+
+# %% [markdown]
+# One recording at a time needs no dataset: two arrays, the mass and the velocity give K and C with their intervals.
+
+# %%
+first = impacts.iloc[0]
+one = bt.impact(
+    dataset.traces[0].time_s,
+    dataset.traces[0].value,
+    mass_kg=first["mass_kg"],
+    velocity_m_s=first["velocity_m_s"],
+    uncertainty=dataset.uncertainty,
+)
+one
 
 # %% [markdown]
 # ## The fit

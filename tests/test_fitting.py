@@ -17,7 +17,7 @@ from bayestissue.fitting import TABLES, Fit, resolve
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.fit import TraceAnalysis
-from bayestissue.inference.points.estimates import estimate
+from bayestissue.inference.single.estimates import estimate
 from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
 from make_fit_run import make_fit_run

@@ -21,7 +21,7 @@ ROOMS = (
     ("samplers", "points"),
     ("factors", "quantities"),
     ("posterior", "results"),
-    ("comparing", "checking", "answers"),
+    ("comparing", "checking", "answers", "single"),
     ("published", "fit"),
 )
 

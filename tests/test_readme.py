@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import pandas as pd
 import pytest
 
 import bayestissue as bt
@@ -25,6 +26,16 @@ def run(tmp_path, monkeypatch, capsys):
         return capsys.readouterr().out
 
     return example
+
+
+def test_one_impact(run):
+    said = run("One impact")
+    truth = pd.read_csv(ROOT / "data" / "example" / "truth.csv").iloc[5]
+    for name, unit in (("K", "N_per_m"), ("C", "N_s_per_m")):
+        low, high = re.search(rf"{name} .*\(90 %: ([\d.]+) to ([\d.]+)\)", said).groups()
+        # One of ten such intervals would miss; twice as wide a one hardly ever does.
+        half = (float(high) - float(low)) / 2
+        assert float(low) - half < truth[f"{name}_{unit}"] < float(high) + half
 
 
 def test_from_arrays(run):

@@ -19,6 +19,7 @@ _PUBLIC: dict[str, str] = {
     "init_dataset": "bayestissue.intake",
     "Check": "bayestissue.checking",
     "Fit": "bayestissue.fitting",
+    "Impact": "bayestissue.one_impact",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",
     "Run": "bayestissue.finished",
@@ -28,7 +29,8 @@ _PUBLIC: dict[str, str] = {
 _COMPUTED: dict[str, str] = {
     "check": "bayestissue.checking",
     "fit": "bayestissue.fitting",
-    "estimate": "bayestissue.inference.points.estimates",
+    "impact": "bayestissue.one_impact",
+    "estimate": "bayestissue.inference.single.estimates",
     "arma21_log_likelihood": "bayestissue.likelihood",
     "spring_damper": "bayestissue.oscillator",
     "to_continuous": "bayestissue.oscillator",

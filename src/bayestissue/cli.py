@@ -117,6 +117,14 @@ def init(
     rate_hz: Annotated[
         float | None, typer.Option("--rate-hz", help="The sampling rate, where there are no times.", min=0)
     ] = None,
+    crop: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--crop",
+            metavar="START STOP",
+            help="The stretch of every recording that is read, in its unit of time.",
+        ),
+    ] = None,
     several: Annotated[
         bool, typer.Option("--several", help="Cut several impacts in one recording apart.")
     ] = False,
@@ -155,6 +163,7 @@ def init(
         rate_hz,
         scale,
         offset,
+        crop,
         pattern,
         table,
         init.given(given or []),
@@ -213,13 +222,15 @@ def estimate(
     dataset: Dataset,
     out: Out,
     method: Annotated[
-        Literal["exact", "dds"],
+        Literal["impact", "exact", "dds"] | None,
         typer.Option(
             "--method",
-            help="exact: maximum likelihood about the rest position. "
-            "dds: the thesis's conditional fit about the sample mean.",
+            help="impact: each deceleration by itself under the impact likelihood with its measuring chain; "
+            "its intervals hold. exact: maximum likelihood of an ARMA(2,1) about the rest position. "
+            "dds: the thesis's conditional fit about the sample mean. Unless given: impact, and exact for "
+            "displacements and where [signal] filters, centres or integrates otherwise.",
         ),
-    ] = "exact",
+    ] = None,
     model: Annotated[
         str | None,
         typer.Option(
@@ -242,7 +253,7 @@ def estimate(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Point estimates of K and C for every impact, by the thesis's chain of ARMA(2,1) and A(2)."""
+    """K and C of every impact by itself, with 90 % intervals; --method dds is the thesis's own chain."""
     from bayestissue.commands import estimate
 
     estimate.run(
@@ -375,6 +386,36 @@ def ask(
     from bayestissue.commands import ask
 
     ask.run(run, questions, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
+
+
+@app.command()
+def predict(
+    run: FinishedFit,
+    at: Annotated[
+        Path,
+        typer.Option(
+            "--at",
+            metavar="TABLE.csv",
+            help="A row for each new impact, with any columns of impacts.csv: subject, mass_kg, ...",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write predictions.csv to this folder.")
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
+) -> None:
+    """K, C, greatest depth and force, and time to peak of new impacts, by a finished fit.
+
+    Each row of the table is one new impact, so the intervals hold its scatter too. Numbers and categories
+    that are not given are at the reference: the reference mass, mean numbers, the first recorded category;
+    what belongs to a known person follows the person. A person, condition or other level that is not given,
+    or was not measured, is a new one of its population.
+    """
+    from bayestissue.commands import predict
+
+    predict.run(run, at=at, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
 
 
 @app.command()

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from bayestissue import runtime
 from bayestissue.errors import InputError, Problem
 from bayestissue.inference.answers.finished import GROUPS, Finished
 from bayestissue.outline import Rows, as_html, as_text, short
@@ -45,7 +46,7 @@ class Run:
         rows = [
             ("dataset", short(str(self.about.get("dataset", "")))),
             ("model", short(str(self.about["model"].get("name", "")))),
-            ("more in", ".ask(question), .posterior, .about"),
+            ("more in", ".ask(question), .predict(table), .posterior, .about"),
         ]
         return f"Finished run {short(str(self.folder))}", rows
 
@@ -58,6 +59,13 @@ class Run:
         from bayestissue.inference.answers.questions import ask, numbered
 
         return ask(self._finished, numbered(questions))
+
+    def predict(self, table: str | Path | pd.DataFrame) -> pd.DataFrame:
+        """Predictions of new impacts: see `bayestissue.Fit.predict`."""
+        from bayestissue.inference.answers.predictions import predict
+        from bayestissue.inference.answers.table import read_conditions
+
+        return runtime.in_float64(predict)(self._finished, read_conditions(table, self._finished.recorded))
 
 
 def read_run(path: str | Path) -> Run:

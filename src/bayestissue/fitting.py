@@ -84,7 +84,7 @@ class Fit:
             *medians,
             ("draws", f"{chains} chains of {draws}, seed {self.seed}, {self.wall_time_s:.0f} s"),
             ("diagnostics", short(self.verdict, 160)),
-            ("more in", ".summary, .posterior, .diagnostics, .ask(question), .report(path)"),
+            ("more in", ".summary, .posterior, .diagnostics, .ask(question), .predict(table), .report(path)"),
         ]
         return f"Fit by the model {short(self.specification.name)}", rows
 
@@ -180,6 +180,25 @@ class Fit:
         from bayestissue.inference.answers.questions import ask, numbered
 
         return ask(self.finished, numbered(questions))
+
+    def predict(self, table: str | Path | pd.DataFrame) -> pd.DataFrame:
+        """K, C, greatest depth and force, and time to peak of new impacts, with 90 % intervals.
+
+        Args:
+            table: a CSV file or a pandas table: a row for each new impact, with any of the columns of
+                ``impacts.csv``. Numbers and categories not given are at the reference; a person, condition or
+                other level that is not given, or was not measured, is a new one of its population.
+
+        Returns:
+            A row for each: see `bayestissue.inference.answers.predictions.predict`.
+
+        Raises:
+            InputError: the table is wrong: all that is, by row, column and value.
+        """
+        from bayestissue.inference.answers.predictions import predict
+        from bayestissue.inference.answers.table import read_conditions
+
+        return runtime.in_float64(predict)(self.finished, read_conditions(table, self.finished.recorded))
 
     def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the run's folder as `bayestissue fit` does, report and all; or only the page.

@@ -9,7 +9,7 @@ import pytest
 from bayestissue.causes.pipeline import Treatment, thesis_estimates
 from bayestissue.causes.recording import decelerations, recorded
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
-from bayestissue.inference.points.estimates import estimate
+from bayestissue.inference.single.estimates import estimate
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak
 from bayestissue.signal import SignalOptions
 

@@ -61,7 +61,7 @@ def test_writes_a_whole_run(dataset: Path, tmp_path: Path, monkeypatch, capsys) 
     assert json.loads(capsys.readouterr().out)[0]["impact"] == "a"
     about = json.loads((out / "run.json").read_text())
     assert about["kind"] == "estimates"
-    assert about["method"] == "exact"
+    assert about["method"] == "impact"
     assert re.fullmatch("[0-9a-f]{64}", about["input_hash"])
     assert about["model"]["signal"]["equilibrium"] == "rest"
 

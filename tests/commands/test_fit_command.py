@@ -15,6 +15,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 
+from bayestissue import read_run
 from command_line import bayestissue, undrawn_figures
 
 SPECIFICATION = """
@@ -52,6 +53,9 @@ traces = "csv"
 MODEL = """
 name = "small"
 likelihood = "a2"
+[questions]
+stiff = "K > 1000"
+between_people = "max(K[subject]) / min(K[subject])"
 [sampler]
 path = "{path}"
 chains = 2
@@ -119,6 +123,30 @@ def test_a_fit_writes_what_the_interface_names(finished: Path) -> None:
         assert posterior["K"].attrs["unit"] == "N/m"
         for name in ("mass_exponent_K", "sd_trial_C", "K_new"):
             assert posterior[name].dims == ("chain", "draw")
+
+
+def test_the_model_files_questions_are_answered(finished: Path) -> None:
+    asked = pd.read_csv(finished / "questions.csv").set_index("name")
+    assert asked.loc["stiff", "posterior"] > 0.99
+    # The prior is wide, and of a thousand draws.
+    assert 0.3 < asked.loc["stiff", "prior"] < 0.8
+    assert asked.loc["stiff", "prior_draws"] == 1000
+    assert 1 < asked.loc["between_people", "median"] < 3
+    assert "What was asked" in (finished / "report.html").read_text(encoding="utf-8")
+    run = read_run(finished)
+    level = run.posterior["posterior"].dataset["subject"].to_numpy()[0]
+    found = run.ask(f"K[subject={level}]", f"K_subject[subject={level}]")
+    assert found["median"][0] == pytest.approx(found["median"][1])
+
+
+def test_a_question_that_these_data_can_not_answer_stops_the_fit_before_it_begins(campaign: Path) -> None:
+    text = model_file(campaign, "summary").read_text(encoding="utf-8")
+    model = campaign / "wrong.toml"
+    model.write_text(text.replace("K > 1000", "K[subject=nobody] > 1"), encoding="utf-8")
+    told = bayestissue("fit", campaign / "data", "--model", model, "--out", campaign / "never")
+    assert told.status == 2
+    assert "wrong.toml, questions.stiff, column 11" in told.err
+    assert not (campaign / "never").exists()
 
 
 def test_draws_obey_the_conversion(finished: Path) -> None:

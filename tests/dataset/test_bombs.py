@@ -13,12 +13,12 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from dataset_bench import Lab
 from scipy.io import savemat
 
 from bayestissue.dataset import read_dataset
 from bayestissue.dataset.files import LIMIT
 from bayestissue.errors import InputError
+from dataset_bench import Lab
 
 LIMIT_MB = 5
 UNPACKED = 40_000_000
@@ -87,6 +87,7 @@ BOMBS: dict[str, Callable[[Lab], None]] = {
     "parquet of one impact": _file("a.parquet", _parquet),
     "mat 5": _file("a.mat", _mat5),
     "mat 7.3": _file("a.mat", _mat73),
+    "hdf5": _file("a.h5", _mat73),
 }
 
 

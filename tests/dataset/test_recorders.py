@@ -99,6 +99,12 @@ def _hdf5_table(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     with h5py.File(path, "w") as file:
         file["drop/raw"] = np.column_stack([time, value, 3 * value])
         file["drop/picture"] = np.zeros((100, 100))
+        # More paths than can be walked, to as many groups as a hand has fingers.
+        for one in "abcde":
+            file.create_group(f"drop/{one}")
+        for one in "abcde":
+            for other in "abcde":
+                file[f"drop/{one}/{other}"] = file[f"drop/{other}"]
         file["drop/again"] = file["drop"]
 
 

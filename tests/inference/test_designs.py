@@ -91,7 +91,7 @@ def test_a_fit_gives_back_what_a_campaign_was_made_with() -> None:
     settings = Sampler(chains=2, warmup=200, draws=300)
     summarised, draws, correction = corrected_draws(prepared, settings, 1)
     assert correction.trusted
-    found = constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(1))
+    found = constrained_draws(prepared, summarised, draws, jax.random.PRNGKey(1))
     reported = derived.reported_sites(prepared.design, found.sites)
     truth = made.truth.assign(subject=made.impacts["subject"])
     for q in "KC":

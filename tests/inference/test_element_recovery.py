@@ -165,7 +165,7 @@ def test_a_tissue_without_what_the_element_has_more_leaves_that_open(name: str) 
     assert summarised.profile is not None
     assert correction.trusted
     assert not draws.statistics["diverging"].any()
-    found = constrained_draws(given, summarised.summaries, draws, jax.random.PRNGKey(0))
+    found = constrained_draws(given, summarised, draws, jax.random.PRNGKey(0))
     low, high = np.quantile(found.impacts["K"].reshape(-1, len(made.truth)), [0.05, 0.95], axis=0)
     true = made.truth["K_N_per_m"].to_numpy()
     # Twelve independent impacts: fewer than eight held has a probability of 0.004.

@@ -16,6 +16,7 @@ from nptdms import ChannelObject, TdmsWriter
 
 import bayestissue as bt
 from bayestissue.commands import init as command
+from bayestissue.dataset.recorders import channels_of
 from bayestissue.errors import InputError
 from command_line import bayestissue
 from dataset_bench import RATE, deceleration
@@ -202,6 +203,14 @@ def test_a_table_says_what_names_do_not(folder: Callable, tmp_path: Path) -> Non
     assert set(data.impacts["trial"]) == {"0.5 kg", "1.2 kg"}
 
 
+def test_a_recording_without_a_row_may_be_left_out(folder: Callable, tmp_path: Path) -> None:
+    facts().iloc[1:].to_csv(tmp_path / "info.csv", index=False)
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv"}
+    data = bt.init_dataset(folder(".tdms"), tmp_path / "drops", **options, skip_bad=True)
+    assert name(0) not in set(data.impacts["impact"])
+    assert len(data.impacts) == len(DROPS) - 1
+
+
 def test_everything_that_is_wrong_is_said_at_once(folder: Callable, tmp_path: Path) -> None:
     recorded, out = folder(".tdms"), tmp_path / "drops"
     table = facts().astype(object)
@@ -228,6 +237,21 @@ def test_everything_that_is_wrong_is_said_at_once(folder: Callable, tmp_path: Pa
     assert not out.exists()
 
 
+def test_recordings_of_one_dataset_have_one_unit_and_the_channel(folder: Callable, tmp_path: Path) -> None:
+    recorded, out = folder(".c3d"), tmp_path / "drops"
+    c3d(recorded / f"{name(0)}.c3d", {"Impact": trace(0)[1] / 9.80665}, RATE, {"Impact": "g"})
+    c3d(recorded / f"{name(1)}.c3d", {"Acc": trace(1)[1]}, RATE, {"Acc": "m/s^2"})
+    options = {"quantity": "deceleration", "channel": "Impact", "unit": "m/s^2", "pattern": f"{PATTERN}.c3d"}
+    given = {"trial": "drop", "velocity_m_s": VELOCITY}
+    with pytest.raises(InputError) as refused:
+        bt.init_dataset(recorded, out, **options, given=given)
+    other_unit, no_channel = map(str, refused.value.problems)
+    assert f'{name(0)}.c3d, column Impact: found "g"; expected the unit of the other recordings' in other_unit
+    assert no_channel.endswith("a channel 'Impact'. Name one of the channels by --channel.")
+    data = bt.init_dataset(recorded, out, **options, given=given, skip_bad=True)
+    assert len(data.impacts) == len(DROPS) - 2
+
+
 def test_what_is_wrong_may_be_left_out(folder: Callable, tmp_path: Path) -> None:
     recorded, out = folder(".tdms"), tmp_path / "drops"
     (recorded / "notes of s03.tdms").write_bytes(b"no recording")
@@ -250,6 +274,7 @@ def test_what_is_wrong_may_be_left_out(folder: Callable, tmp_path: Path) -> None
     [
         (("--set", "mass_kg=2"), "mass_kg by --pattern and mass_kg by --set"),
         (("--set", "mass"), "NAME=VALUE"),
+        (("--set", "trace=elsewhere.csv"), "column trace: expected no fact of that name"),
         (("--channel", "Nothing"), "They have: Impact"),
         (("--unit", "mm"), 'init, column --unit: found "mm"; expected a unit of acceleration'),
         (("--pattern", "{subject"), "expected '}'"),
@@ -307,6 +332,32 @@ def sequence(path: Path, gap_s: float = 1.0) -> list[tuple[float, np.ndarray]]:
     return begins
 
 
+def test_a_crop_leaves_out_what_would_be_refused(folder: Callable, tmp_path: Path) -> None:
+    recorded, out = folder(".csv"), tmp_path / "drops"
+    path = recorded / f"{name(0)}.csv"
+    table = pd.read_csv(path)
+    more = pd.DataFrame(
+        {"Time (ms)": table["Time (ms)"].iloc[-1] + 0.1 * np.arange(1, 400), "Impact (g)": -20.0}
+    )
+    pd.concat([table, more]).to_csv(path, index=False)
+    options = (
+        "init",
+        recorded,
+        "--out",
+        out,
+        "--pattern",
+        f"{PATTERN}.csv",
+        "--quantity",
+        "deceleration",
+        *FACTS,
+    )
+    assert bayestissue(*options).status == 2
+    assert bayestissue(*options, "--crop", "-5", "34.95").status == 0
+    assert {trace.time_s.size for trace in bt.read_dataset(out).traces} == {400}
+    assert "from -5 to 34.95" in (out / "init.html").read_text()
+    assert bayestissue(*options, "--overwrite", "--crop", "3", "2").err.count("--crop") == 1
+
+
 def test_several_impacts_in_one_recording_are_cut_apart_and_numbered(tmp_path: Path) -> None:
     recorded, out = tmp_path / "recorded", tmp_path / "drops"
     recorded.mkdir()
@@ -335,6 +386,27 @@ def test_a_recording_that_seems_to_hold_several_is_named(tmp_path: Path) -> None
     # Eight impacts together lose more speed than one can have: refused, and with a way out.
     assert made.status == 2
     assert "--several" in made.err
+
+
+def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:
+    recorded = tmp_path / "recorded"
+    recorded.mkdir()
+    sequence(recorded / "all.tdms")
+    values = channels_of(recorded / "all.tdms", "all.tdms")["Impact"]
+    pd.DataFrame({"Impact (m/s^2)": np.asarray(values.values)}).to_csv(recorded / "all.csv", index=False)
+    (recorded / "all.tdms").unlink()
+    table = facts(file="all", number=range(1, len(DROPS) + 1))
+    table.to_csv(tmp_path / "info.csv", index=False)
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "several": True}
+    with pytest.raises(InputError, match="--rate-hz"):
+        bt.init_dataset(recorded, tmp_path / "drops", **options)
+    table.assign(sampling_rate_hz=RATE).to_csv(tmp_path / "info.csv", index=False)
+    data = bt.init_dataset(recorded, tmp_path / "drops", **options)
+    assert len(data.impacts) == len(DROPS)
+    text = (recorded / "all.csv").read_text().splitlines()
+    (recorded / "all.csv").write_text("\n".join([*text[:100], "overload", *text[101:]]))
+    with pytest.raises(InputError, match=r"found .no number at 1 of .*expected finite numbers"):
+        bt.init_dataset(recorded, tmp_path / "more", **options)
 
 
 def test_as_many_impacts_as_the_table_has_rows(tmp_path: Path) -> None:

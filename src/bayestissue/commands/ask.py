@@ -54,7 +54,7 @@ def print_answers(table: pd.DataFrame) -> None:
     """Claims and numbers, each as a table, and under them what is to be said of single ones."""
     import pandas as pd
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
 
     from bayestissue.commands.console import plain
 
@@ -62,7 +62,9 @@ def print_answers(table: pd.DataFrame) -> None:
     numbers = table["median"].notna()
     of_claims = table[~numbers]
     if len(of_claims):
-        shown = Table("claim", title="probability of each claim", title_justify="left")
+        shown = Table(
+            Column("claim", overflow="fold"), title="probability of each claim", title_justify="left"
+        )
         for name in _DIGITS:
             shown.add_column(_HEADINGS.get(name, name), justify="right")
         for row in of_claims.to_dict("records"):
@@ -70,7 +72,9 @@ def print_answers(table: pd.DataFrame) -> None:
             shown.add_row(plain(row["question"]), *cells)
         console.print(shown)
     if numbers.any():
-        shown = Table("quantity", title="median and 90 % interval", title_justify="left")
+        shown = Table(
+            Column("quantity", overflow="fold"), title="median and 90 % interval", title_justify="left"
+        )
         for heading in ("median", "from", "to", "Monte Carlo error"):
             shown.add_column(heading, justify="right")
         for row in table[numbers].to_dict("records"):

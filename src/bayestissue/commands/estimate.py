@@ -1,4 +1,4 @@
-"""`bayestissue estimate`: point estimates of K and C for every impact."""
+"""`bayestissue estimate`: K and C of every impact by itself."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from bayestissue.dataset import Dataset
-    from bayestissue.inference.points.fit import Method
+    from bayestissue.inference.single.estimates import Method
     from bayestissue.signal import SignalOptions
 
 PROBLEM_COLUMNS = ["file", "row", "column", "impact", "value", "expected", "remedy"]
@@ -25,7 +25,7 @@ def run(
     dataset: Path,
     *,
     out: Path,
-    method: Method,
+    method: Method | None,
     model: str | Path | None,
     vary: tuple[str, ...],
     scheduler: str | None,
@@ -34,7 +34,7 @@ def run(
     quiet: bool,
     as_json: bool,
 ) -> None:
-    """Estimate K and C of every impact and write ``estimates.csv``, ``run.json`` and ``report.html``.
+    """K and C of every impact by itself: write ``estimates.csv``, ``run.json`` and ``report.html``.
 
     With ``vary``, ``vary.csv`` tells the estimates under each value of these choices; with ``skip_bad``,
     ``left_out.csv`` tells what was left out. A "dds" run also holds ``centring.csv``.
@@ -48,14 +48,18 @@ def run(
         from bayestissue.commands.console import echo
         from bayestissue.dataset import read_dataset
         from bayestissue.inference.execution.workers import on_cluster
-        from bayestissue.inference.points.estimates import default_options, estimate
+        from bayestissue.inference.points.estimates import default_options
+        from bayestissue.inference.single.estimates import estimate, method_for
         from bayestissue.report.writing import draw_page
         from bayestissue.signal import alternatives, read_signal_options
 
         file = None if model is None else model_file(model, lambda content: "signal" in content)
-        options = read_signal_options(file) if file else default_options(method)
+        options = (
+            read_signal_options(file) if file else default_options("dds" if method == "dds" else "exact")
+        )
         choices = {choice: alternatives(choice, options) for choice in vary}
         data = read_dataset(dataset, skip_bad=skip_bad)
+        method = method or method_for(data, options)
         with on_cluster(scheduler):
             table = estimate(data, method=method, options=options)
             varied = _varied(data, method, choices) if choices else None
@@ -89,7 +93,7 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
     import pandas as pd
 
     from bayestissue.errors import InputError
-    from bayestissue.inference.points.estimates import estimates_table
+    from bayestissue.inference.single.estimates import estimates
     from bayestissue.signal import displacements
 
     rows: list[dict[str, Any]] = []
@@ -97,7 +101,7 @@ def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOption
         for option in options:
             row: dict[str, Any] = {"choice": choice, "value": str(getattr(option, choice))}
             try:
-                table = estimates_table(data, displacements(data, option), method)
+                table = estimates(data, displacements(data, option), method, option)
             except InputError as error:
                 rows.append({**row, "note": "; ".join(str(problem) for problem in error.problems[:1])})
                 continue

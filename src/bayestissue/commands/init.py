@@ -35,7 +35,7 @@ def run(
     if intake.questions and not quiet and not as_json and _at_a_terminal():
         intake = _asked(intake)
     built = write(intake, out, name=name, cutting=cutting, skip_bad=skip_bad, overwrite=overwrite)
-    path = built.dataset.folder
+    path = built.dataset.folder or out
     if not quiet and not as_json:
         for problem in built.left_out:
             echo(f"left out: {problem}")
@@ -72,8 +72,7 @@ def _at_a_terminal() -> bool:
 
 
 def _asked(intake: Intake) -> Intake:
-    lines = [f"{len(intake.found.files)} recorder files. Their channels:", *intake.listed()]
-    typer.echo(printable("\n".join(lines), lines=True), err=True)
+    typer.echo(printable("\n".join(intake.listed()), lines=True), err=True)
     options = []
     while intake.questions:
         question = intake.questions[0]

@@ -7,6 +7,7 @@ This package can be called: ``bayestissue.dataset(impacts, traces, quantity=...,
 from __future__ import annotations
 
 import sys
+from importlib import import_module
 from types import ModuleType
 from typing import Any
 
@@ -25,6 +26,10 @@ class _Callable(ModuleType):
 
     def __call__(self, *args: Any, **kwargs: Any) -> Dataset:
         return _from_arrays(*args, **kwargs)
+
+    def __reduce__(self) -> tuple[Any, tuple[str]]:
+        """Pickled by its name."""
+        return import_module, (self.__name__,)
 
 
 sys.modules[__name__].__class__ = _Callable

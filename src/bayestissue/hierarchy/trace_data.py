@@ -75,7 +75,7 @@ def prepare(dataset: MeasuredImpacts, specification: ModelSpecification, *, sour
             identify or lack the people whose mass is in error, or a trace has too few samples in its window;
             ``source`` is the model file's name.
     """
-    problems = _unsuited(dataset, specification, source)
+    problems = unsuited(dataset, specification, source)
     if problems:
         raise InputError(problems)
     design = build_design(
@@ -152,7 +152,8 @@ def with_discrepancy(
     return assemble(dataset, wider, prepared.design, prepared.signal)
 
 
-def _unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source: str) -> list[Problem]:
+def unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source: str) -> list[Problem]:
+    """What the model asks for that these recordings can't give; ``source`` is the model file's name."""
     problems = []
     if specification.likelihood not in KINDS:
         problems.append(

@@ -23,13 +23,11 @@ from bayestissue.inference.answers.people import people_compared
 from bayestissue.inference.answers.reliability import Variances, reliability, variances
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
-from bayestissue.inference.execution.kept import all_fit, some_impacts, some_of
+from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.execution.progress import Progress
-from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded
+from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded, rows_of
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.expansion import rows_of
-from bayestissue.inference.posterior.in_part import draws_in_part
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.posterior.route import Route, duration
 from bayestissue.inference.posterior.scores import LikelihoodApproximation
@@ -79,9 +77,6 @@ def fit_traces(
         say: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
 
-    Where draws times impacts are more than fits, impacts are kept in part: see
-    `bayestissue.inference.posterior.in_part`.
-
     By the summary path the population is sampled with each trace's site in its place, and the draws are then
     corrected; "automatic" goes on to the exact path, every trace in every step, where no correction can be
     trusted: see `Correction.checks`. Where the model file leaves a discrepancy to the program, and the best
@@ -98,23 +93,12 @@ def fit_traces(
     if wrong is not None:
         return wrong
     first = approximate(prepared, expansions=expansions, say=done)
-    if not all_fit(settings.chains * settings.transitions, len(prepared.impacts)):
-        draws, unfolded, correction = draws_in_part(prepared, first, settings, seed, say)
-        route = Route(settings.path, correction)
-        if route.exact:
-            return _exactly(prepared, specification, seed, say, checkpoints, route, first)
-        return analyse(prepared, specification, unfolded, draws, seed, say, route)
-    sampling = partial(say, "sampling the population")
-    summarised, draws, correction = corrected_draws(
-        prepared, settings, seed, summarised=first, say=done, progress=sampling
-    )
+    sites, draws, correction = corrected_draws(prepared, settings, seed, summarised=first, say=say)
     route = Route(settings.path, correction)
     if route.exact:
-        return _exactly(prepared, specification, seed, say, checkpoints, route, summarised)
-    told = LikelihoodApproximation(
-        summarised.summaries, summarised.profile, correction.ratios, correction.of_impacts
-    )
-    return label(prepared, specification, told.summaries, draws, seed, say, told, route)
+        return _exactly(prepared, specification, seed, say, checkpoints, route, sites)
+    told = LikelihoodApproximation(sites, correction.of_impacts)
+    return label(prepared, specification, sites, draws, seed, say, told, route)
 
 
 def _plainly_wrong(prepared: Prepared, expansions: Sites, seed: int) -> dict[str, Any] | None:
@@ -135,14 +119,12 @@ def _exactly(
     scored: Approximation | None = None,
 ) -> TraceAnalysis:
     say(f"sampling by the exact path, {route.why}", 0, 1)
-    # Here the summaries only whiten; scores ask for those that stand for the traces.
-    done = partial(say, "summarising each trace")
-    summarised = approximate(prepared, refinements=0, say=done)
-    scored = scored or approximate(prepared, say=done)
+    summarised = approximate(prepared, say=partial(say, "summarising each trace"))
     settings, sampling = specification.sampler, _with_estimate(say)
     draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)
-    told = LikelihoodApproximation(scored.summaries, scored.profile)
-    return label(prepared, specification, summarised.summaries, draws, seed, say, told, route)
+    # Scores ask for sites that stand for the traces; those of the chains only whiten.
+    told = LikelihoodApproximation(scored or summarised)
+    return label(prepared, specification, summarised, draws, seed, say, told, route)
 
 
 def _with_estimate(say: Say) -> Progress:
@@ -161,17 +143,17 @@ def _with_estimate(say: Say) -> Progress:
 def label(
     prepared: Prepared,
     specification: ModelSpecification,
-    summaries: Sites,
+    sites: Approximation,
     draws: Draws,
     seed: int,
     say: Say,
     told: LikelihoodApproximation,
     route: Route,
 ) -> TraceAnalysis:
-    """Everything that follows from the draws, which are in these summaries' coordinates."""
+    """Everything that follows from the draws, which are in these sites' coordinates."""
     say("predicting", 0, 1)
     key = jax.random.PRNGKey(seed)
-    unfolded = of_secant(prepared, constrained_draws(prepared, summaries, draws, key, told=told))
+    unfolded = of_secant(prepared, constrained_draws(prepared, sites, draws, key, told=told))
     return analyse(prepared, specification, unfolded, draws, seed, say, route)
 
 

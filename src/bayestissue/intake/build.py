@@ -3,41 +3,35 @@
 from __future__ import annotations
 
 import shutil
-from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
-from bayestissue.dataset.crop import COLUMNS as CROP
 from bayestissue.dataset.settings import SignalSettings, parse_settings
-from bayestissue.dataset.trace_files import read_one
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.choices import Choices
-from bayestissue.intake.cutting import SEPARATION_S, THRESHOLD, cut
-from bayestissue.intake.facts import Cells, Facts
+from bayestissue.intake.cutting import cut
+from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, Found
+from bayestissue.intake.rows import RECORDINGS, Cutting, impact_rows, oriented, stated_rate
 
-RECORDINGS = "recordings"
 _FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
+_CHAIN = (
+    "Before a fit, add to dataset.toml a table [uncertainty] with the standard deviations of mass, velocity, "
+    "gain and zero: without it they count as exact, and intervals of K and C come out too narrow."
+)
 _OPTIONS = {
     f"signal.{key}": f"--{option}"
     for key, option in (
         *(("quantity", "quantity"), ("unit", "unit"), ("time_unit", "time-unit"), ("scale", "scale")),
         *(("value_column", "channel"), ("time_column", "time"), ("offset", "offset")),
+        ("crop", "crop"),
     )
 }
-
-
-@dataclass(frozen=True)
-class Cutting:
-    """How several impacts in one recording are told apart; see `cut`."""
-
-    threshold: float = THRESHOLD
-    separation_s: float = SEPARATION_S
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +77,7 @@ def build(
     problems = [*found.problems, *facts.problems]
     settings = _settings(choices, name, len(found.files))
     signal = _signal(settings, problems)
-    rows = list(_rows(found, facts, choices, signal, cutting, problems))
+    rows = list(impact_rows(found, facts, choices, signal, cutting, problems))
     if not rows:
         raise InputError(problems)
     _write(folder, settings, rows, found)
@@ -93,12 +87,15 @@ def build(
         by_trace = {f"{RECORDINGS}/{file.name}": file for file in found.files}
         by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
         wrong = [_as_met(problem) for problem in error.problems]
-        problems += wrong if cutting else [_hinted(problem, by_impact, signal, choices) for problem in wrong]
+        problems += (
+            wrong if cutting else [_hinted(problem, by_impact, signal, facts, choices) for problem in wrong]
+        )
     if not problems:
         return Built(dataset, (), _notes(dataset, cutting))
     bad = {problem.impact for problem in problems}
     rows = [row for row in rows if row["impact"] not in bad]
     files = {file.name for file in found.files} | {problem.file for problem in found.problems}
+    files |= {choices.table.name} if choices.table else set()
     if not skip_bad or not rows or any(p.impact is None and p.file not in files for p in problems):
         raise InputError(problems)
     shutil.rmtree(folder / RECORDINGS)
@@ -126,70 +123,6 @@ def _signal(settings: dict[str, Any], problems: list[Problem]) -> SignalSettings
         raise InputError([*problems, *options]) from None
 
 
-def _rows(
-    found: Found,
-    facts: Facts,
-    choices: Choices,
-    signal: SignalSettings,
-    cutting: Cutting | None,
-    problems: list[Problem],
-) -> Iterator[dict[str, Any]]:
-    """The rows of ``impacts.csv``; what is wrong with a file goes to ``problems``."""
-    bare = {file.name: file.name[: -len(file.suffix)] for file in found.files}
-    short = Counter(PurePosixPath(name).name for name in bare.values())
-    for file in found.files:
-        if file.name not in facts.of_file:
-            continue
-        own = PurePosixPath(bare[file.name]).name
-        base: dict[str, Any] = {
-            "impact": own if short[own] == 1 else bare[file.name],
-            "trace": f"{RECORDINGS}/{file.name}",
-        }
-        if choices.rate_hz is not None:
-            base["sampling_rate_hz"] = choices.rate_hz
-        try:
-            if cutting is None:
-                _require_one(file, facts)
-                yield {**base, **facts.of_file[file.name]}
-            else:
-                for number, (cells, stretch) in enumerate(_pieces(file, facts, signal, cutting, choices), 1):
-                    impact = f"{cells.get('impact', base['impact'])}-{number}"
-                    yield {**base, **cells, "impact": impact, **dict(zip(CROP, stretch, strict=True))}
-        except InputError as error:
-            problems += error.problems
-
-
-def _pieces(
-    file: File, facts: Facts, signal: SignalSettings, cutting: Cutting, choices: Choices
-) -> list[tuple[Cells, tuple[float, float]]]:
-    trace = _oriented(file, signal, choices)
-    stretches = cut(trace, threshold=cutting.threshold, separation_s=cutting.separation_s)
-    numbers = [number for name, number in facts.of_number if name == file.name]
-    if not stretches or (numbers and sorted(numbers) != list(range(1, len(stretches) + 1))):
-        told = f"{len(numbers)} impacts, as many as the table has rows" if numbers else "at least one impact"
-        raise InputError(
-            Problem(
-                file.name,
-                told,
-                "Change --threshold or --separation-s, or correct the table.",
-                value=f"{len(stretches)} impacts",
-            )
-        )
-    common = facts.of_file[file.name]
-    return [
-        (facts.of_number.get((file.name, number), common), stretch)
-        for number, stretch in enumerate(stretches, 1)
-    ]
-
-
-def _require_one(file: File, facts: Facts) -> None:
-    numbers = [number for name, number in facts.of_number if name == file.name]
-    if len(numbers) > 1:
-        remedy = "Add --several, so that the recording is cut apart."
-        found = f"{len(numbers)} rows of the table"
-        raise InputError(Problem(file.name, "one impact in the recording", remedy, value=found))
-
-
 def _write(folder: Path, settings: dict[str, Any], rows: list[dict[str, Any]], found: Found) -> None:
     table = pd.DataFrame(rows)
     order = dict.fromkeys([*(name for name in _FIRST if name in table), *table.columns])
@@ -204,6 +137,9 @@ def _write(folder: Path, settings: dict[str, Any], rows: list[dict[str, Any]], f
 def _as_met(problem: Problem) -> Problem:
     """A problem of the dataset in the words of who has not seen it yet: their files, their options."""
     inside = f"{RECORDINGS}/"
+    for key, option in _OPTIONS.items():
+        remedy = problem.remedy.replace(f"as {key} in dataset.toml", f"by {option}").replace(key, option)
+        problem = replace(problem, remedy=remedy)
     if problem.file.startswith(inside):
         return replace(problem, file=problem.file.removeprefix(inside))
     if problem.file == "impacts.csv":
@@ -211,35 +147,29 @@ def _as_met(problem: Problem) -> Problem:
     return problem
 
 
-def _hinted(problem: Problem, files: dict[str, File], signal: SignalSettings, choices: Choices) -> Problem:
+def _hinted(
+    problem: Problem, files: dict[str, File], signal: SignalSettings, facts: Facts, choices: Choices
+) -> Problem:
     """The same with a way out, where the recording seems to hold several impacts."""
     file = files.get(problem.impact or "")
     if file is None or problem.file != file.name:
         return problem
     try:
-        count = len(cut(_oriented(file, signal, choices)))
+        count = len(cut(oriented(file, signal, stated_rate(facts.of_file[file.name], choices))))
     except InputError:
         return problem
     hint = f" The recording seems to hold {count} impacts: --several cuts them apart." if count > 1 else ""
     return replace(problem, remedy=problem.remedy + hint)
 
 
-def _oriented(file: File, signal: SignalSettings, choices: Choices) -> Trace:
-    """A whole recording, positive while the impactor slows or into the tissue."""
-    time, value = read_one(file.path, file.name, signal, choices.rate_hz or float("nan"))
-    return Trace(time, -value if signal.quantity == "acceleration" else value)
-
-
 def _notes(dataset: Dataset, cutting: Cutting | None) -> tuple[str, ...]:
-    if cutting is not None:
-        return ()
-    several = _with_several(dataset)
+    several = [] if cutting else _with_several(dataset)
     if not several:
-        return ()
+        return (_CHAIN,)
     more = f" and {len(several) - 5} more" if len(several) > 5 else ""
     named = f"{', '.join(several[:5])}{more}"
     advice = "the impact with the highest peak is used; --several cuts them apart"
-    return (f"{named}: the recording seems to hold several impacts; {advice}.",)
+    return (f"{named}: the recording seems to hold several impacts; {advice}.", _CHAIN)
 
 
 def _with_several(dataset: Dataset) -> list[str]:

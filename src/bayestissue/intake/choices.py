@@ -38,6 +38,7 @@ class Choices:
         rate_hz: the sampling rate, where there is neither.
         scale: by which raw values are multiplied.
         offset: added after that.
+        crop: the stretch of every recording that is read, in the unit of time; whole if None.
         pattern: how file names are read.
         table: a table of facts.
         given: facts that hold for all recordings, as text.
@@ -51,6 +52,7 @@ class Choices:
     rate_hz: float | None = None
     scale: float = 1.0
     offset: float = 0.0
+    crop: tuple[float, float] | None = None
     pattern: str | None = None
     table: Path | None = None
     given: dict[str, str] = field(default_factory=dict)
@@ -65,6 +67,7 @@ class Choices:
             "time_unit": self.time_unit,
             "scale": self.scale if self.scale != 1 else None,
             "offset": self.offset or None,
+            "crop": None if self.crop is None else list(self.crop),
         }
         return {key: value for key, value in said.items() if value is not None}
 
@@ -135,7 +138,8 @@ def settle(choices: Choices, found: Found, facts: frozenset[str]) -> tuple[Choic
     elif choices.channel not in every:
         raise InputError(_no_channel("--channel", choices.channel, every))
     chosen = [about for name in ([choices.channel] if choices.channel else values) for about in every[name]]
-    if choices.time is None and choices.rate_hz is None and not all(about.clock for about in chosen):
+    rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
+    if choices.time is None and not rated and not all(about.clock for about in chosen):
         if len(times) == 1:
             choices = replace(choices, time=times[0])
         elif rising:

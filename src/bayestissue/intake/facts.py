@@ -91,6 +91,8 @@ def _once(sources: dict[str, tuple[str, ...]]) -> None:
         for column, said in by_column.items()
         if len(said) > 1
     ]
+    if "trace" in by_column:
+        problems.append(Problem("init", "no fact of that name", "Rename it: init fills it.", column="trace"))
     if problems:
         raise InputError(problems)
 

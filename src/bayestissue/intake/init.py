@@ -9,11 +9,12 @@ from pathlib import Path
 from bayestissue.dataset import Dataset, Quantity, read_dataset
 from bayestissue.dataset.recorders import SUFFIXES
 from bayestissue.errors import InputError, Problem
-from bayestissue.intake.build import Built, Cutting, build
+from bayestissue.intake.build import Built, build
 from bayestissue.intake.choices import Choices, Question, settle
 from bayestissue.intake.cutting import SEPARATION_S, THRESHOLD
 from bayestissue.intake.facts import Facts, gather
 from bayestissue.intake.folder import About, Found, look
+from bayestissue.intake.rows import Cutting
 from bayestissue.results import claim
 
 PAGE = "init.html"
@@ -44,12 +45,16 @@ class Intake:
         return _understood(self.found, question.answer(self.choices, text))
 
     def listed(self) -> list[str]:
-        """A line for each channel: its name, its unit, and in how many files it is."""
-        total = len(self.found.files)
+        """What was found, in lines: how many files, and of each channel its name, unit and samples."""
+        files = self.found.files
+        total = f"{len(files)} recorder file{'s' if len(files) > 1 else ''}"
         return [
-            f"  {name}{f' [{unit}]' if (unit := _units(each)) else ''}: {_samples(each)}"
-            + (f", in {len(each)} of {total} files" if len(each) < total else "")
-            for name, each in self.found.candidates().items()
+            f"{total} in {self.found.folder}, such as {files[0].name}. Channels:",
+            *(
+                f"  {name}{f' [{unit}]' if (unit := _units(each)) else ''}: {_samples(each)}"
+                + (f", in {len(each)} files" if len(each) < len(files) else "")
+                for name, each in self.found.candidates().items()
+            ),
         ]
 
     def unanswered(self) -> InputError:
@@ -64,7 +69,7 @@ class Intake:
             for question in self.questions
         ]
         error = InputError([*problems, *self.found.problems, *self.facts.problems])
-        error.add_note("\n".join([f"Channels in {self.found.folder}:", *self.listed()]))
+        error.add_note("\n".join(self.listed()))
         line = " ".join(question.line for question in self.questions)
         error.add_note(f"Options to add, with your own values: {line}")
         return error
@@ -146,6 +151,7 @@ def init_dataset(
     rate_hz: float | None = None,
     scale: float = 1.0,
     offset: float = 0.0,
+    crop: tuple[float, float] | None = None,
     pattern: str | None = None,
     table: str | Path | None = None,
     given: Mapping[str, object] | None = None,
@@ -172,6 +178,7 @@ def init_dataset(
         rate_hz: the sampling rate, where there are no times.
         scale: by which raw values are multiplied.
         offset: added after that.
+        crop: the stretch of every recording that is read, (start, stop) in the unit of time.
         pattern: how file names are read, such as ``"{subject}_{side}_{mass_kg}kg_{n}.lvm"``. Names are
             columns of ``impacts.csv``; ``mass_g``, ``drop_height_m``, ``drop_height_cm`` and others are
             converted (v = √(2 g h)).
@@ -196,6 +203,7 @@ def init_dataset(
         rate_hz,
         scale,
         offset,
+        crop,
         pattern,
         None if table is None else Path(table),
         {key: str(value) for key, value in (given or {}).items()},
@@ -220,6 +228,8 @@ def _words(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
         times = f"channel {choices.time}, in {choices.time_unit or 's'}"
     else:
         times = "the recorder's clock" if choices.rate_hz is None else f"{choices.rate_hz:g} Hz, as stated"
+    if choices.crop is not None:
+        times += f", from {choices.crop[0]:g} to {choices.crop[1]:g}"
     cut_words = (
         "one a recording"
         if cutting is None

@@ -34,6 +34,18 @@ _HEADINGS = {
     "C_N_s_per_m": "C (N s/m)",
     "C_se_N_s_per_m": "standard error",
 }
+# Of the method "impact", whose intervals hold.
+_OF_POSTERIORS = {
+    "mass_kg": "M (kg)",
+    "velocity_m_s": "V (m/s)",
+    "zeta": "ζ",
+    "K_N_per_m": "K (N/m)",
+    "K_low_N_per_m": "K, 5 %",
+    "K_high_N_per_m": "K, 95 %",
+    "C_N_s_per_m": "C (N s/m)",
+    "C_low_N_s_per_m": "C, 5 %",
+    "C_high_N_s_per_m": "C, 95 %",
+}
 _FURTHER_HEADINGS = {
     "K_N_per_m_median": "K (N/m), median impact",
     "K_N_per_m_5": "K, 5 % of impacts below",
@@ -73,7 +85,7 @@ def estimates_page(folder: Path, about: dict[str, Any]) -> str:
     further = _further(folder)
     return render_page(
         "estimates.html",
-        title="Point estimates of stiffness K and damping C",
+        title="Stiffness K and damping C of each impact",
         subtitle=f"{about.get('dataset', '')}: {len(table)} impacts".removeprefix(": "),
         contents=[
             ("estimates", "Estimates"),
@@ -86,6 +98,7 @@ def estimates_page(folder: Path, about: dict[str, Any]) -> str:
         levels=[_level(table, name) for name in _QUANTITIES],
         flagged=int((table["flags"] != "").sum()),
         flags=flag_counts(table),
+        by_posterior=_by_posterior(table),
         notes=said_once(table["notes"]) if "notes" in table else [],
         total=len(table),
         trend=mass_trend(table),
@@ -97,6 +110,18 @@ def estimates_page(folder: Path, about: dict[str, Any]) -> str:
         further=further,
         settings=settings_table({key: about[key] for key in _SETTINGS if key in about}),
     )
+
+
+def _by_posterior(table: pd.DataFrame) -> bool:
+    """Whether the method was "impact", which alone weights importance."""
+    return "pareto_k" in table
+
+
+def _interval(table: pd.DataFrame, column: str) -> tuple[pd.Series, pd.Series]:
+    low, high = (
+        pd.to_numeric(table[column.replace("_", f"_{end}_", 1)], errors="coerce") for end in ("low", "high")
+    )
+    return low, high
 
 
 def _further(folder: Path) -> list[tuple[str, str, str, Table]]:
@@ -120,8 +145,18 @@ def _level(table: pd.DataFrame, name: str) -> dict[str, str]:
         "unit": unit,
         "median": significant(median),
         "range": interval(low, high),
+        "sure": _sure(table, column),
         "missing": str(len(table) - len(values)) if len(values) < len(table) else "",
     }
+
+
+def _sure(table: pd.DataFrame, column: str) -> str:
+    """Half of a single impact's interval, as a share of it, in the median impact; of posteriors alone."""
+    if not _by_posterior(table):
+        return ""
+    low, high = _interval(table, column)
+    half = ((high - low) / 2 / table[column]).median()
+    return "" if pd.isna(half) else f"{100 * half:.2g} %"
 
 
 def flag_counts(table: pd.DataFrame) -> str:
@@ -134,7 +169,8 @@ def flag_counts(table: pd.DataFrame) -> str:
 def estimates_table(table: pd.DataFrame) -> Table:
     """The impacts that need a look first: those with flags, then the others in their order."""
     order = table.assign(_clean=table["flags"] == "").sort_values("_clean", kind="stable").index[:_SHOWN]
-    numbers = [column for column in _HEADINGS if column in table]
+    named = _OF_POSTERIORS if _by_posterior(table) else _HEADINGS
+    numbers = [column for column in named if column in table]
     shown = table.loc[order].assign(**{name: pd.to_numeric(table[name], errors="coerce") for name in numbers})
     rows = [
         Row(
@@ -149,7 +185,7 @@ def estimates_table(table: pd.DataFrame) -> Table:
         )
         for line in shown.to_dict("records")
     ]
-    headings = [_HEADINGS[name] for name in numbers]
+    headings = [named[name] for name in numbers]
     titles = ("impact", "subject", "trial", *headings, "flags")
     return Table(columns(*titles, number=headings, words=("flags",)), rows)
 
@@ -165,6 +201,9 @@ def estimate_figure(table: pd.DataFrame, name: str) -> Markup:
             (~clean, "flagged", PUBLISHED, "x"),
         ):
             if chosen.any():
+                if _by_posterior(table):
+                    low, high = (ends[chosen] for ends in _interval(table, column))
+                    axes.vlines(table.loc[chosen, "mass_kg"], low, high, color=colour, alpha=0.5, lw=1)
                 axes.plot(
                     table.loc[chosen, "mass_kg"],
                     table.loc[chosen, column],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from bayestissue.dataset.model import Dataset
-from bayestissue.inference.points.estimates import estimate
+from bayestissue.inference.single.estimates import estimate
 from bayestissue.simulation.campaign import simulate
 from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
 

@@ -11,8 +11,8 @@ from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.model import Dataset, Quantity, Trace
 from bayestissue.dataset.recordings import Recordings
 from bayestissue.dataset.samples import Samples
-from bayestissue.inference.points.estimates import estimate
 from bayestissue.inference.points.notes import FAILED, NO_ANSWER
+from bayestissue.inference.single.estimates import estimate
 from bayestissue.simulation.sound import Chain, Impact, chain, dataset
 from bayestissue.simulation.spoiling import DISPLACEMENT, KINDS, record
 
@@ -64,8 +64,8 @@ def judged(recorded: Recorded) -> pd.DataFrame:
     """
     data = dataset(recorded.impacts, recorded.traces, recorded.quantity)
     whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)
-    reference = estimate(dataset(recorded.impacts, whole, recorded.quantity))
-    table = estimate(data)
+    reference = estimate(dataset(recorded.impacts, whole, recorded.quantity), method="exact")
+    table = estimate(data, method="exact")
     off = {
         name: np.abs(table[column] / reference[column] - 1).fillna(np.inf)
         for name, column in (("K_off", "K_N_per_m"), ("C_off", "C_N_s_per_m"))

@@ -20,7 +20,12 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import COORDINATES, gaussian, sampled_model
 from bayestissue.inference.execution.compiling import compiled_quickly, filled_up
-from bayestissue.inference.factors.conditional_prior import DRAWS, conditional_priors, conditional_priors_of
+from bayestissue.inference.factors.conditional_prior import (
+    DRAWS,
+    PopulationDraws,
+    population_draws,
+    population_draws_of,
+)
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at
 from bayestissue.inference.posterior.approximate import _value_and_slope, first_guess
 from bayestissue.inference.posterior.constrained_draws import constrain_rows, constrained_draws
@@ -134,11 +139,13 @@ def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
     for values in zip(found, wanted, strict=True):
         assert_allclose(*values, rtol=ROUNDING)
     raw = {name: np.full(DRAWS, value) for name, value in zip(model.spreads, y, strict=True)}
-    found = conditional_priors(model, own, raw, np.zeros((DRAWS, model.locations.size)))
+    found = population_draws(model, own, raw, np.zeros((DRAWS, model.locations.size)))
     at_mean = np.zeros((DRAWS, plain.model.locations.size))
-    wanted = conditional_priors_of.jitted(plain.model, other, raw, at_mean, DRAWS)
-    assert found.about.shape == (DRAWS, *sites.centre.shape)
-    assert_allclose(found.about, wanted.about, rtol=ROUNDING)
+    wanted = PopulationDraws(raw, *population_draws_of.jitted(plain.model, other, raw, at_mean, DRAWS))
+    pairs = (found, prepared.data.design), (wanted, plain.data.design)
+    about, of_plain = (each.priors(design).mean[:, np.asarray(design.cell)] for each, design in pairs)
+    assert about.shape == (DRAWS, *sites.centre.shape)
+    assert_allclose(about, of_plain, rtol=ROUNDING)
     assert_allclose(found.precision, wanted.precision, rtol=ROUNDING)
     for name, part in plain.model.locations.parts.items():
         b, count = found.b[:, model.locations.parts[name]], part.stop - part.start
@@ -189,13 +196,13 @@ def test_another_dataset_of_about_that_size_compiles_nothing(
     def fitted(dataset: Dataset) -> None:
         prepared = prepare(dataset, specification, source="model")
         summarised, draws, _ = corrected_draws(prepared, specification.sampler, 1)
-        found = constrained_draws(prepared, summarised.summaries, draws, jax.random.PRNGKey(0))
+        found = constrained_draws(prepared, summarised, draws, jax.random.PRNGKey(0))
         impacts, people = len(prepared.impacts), len(prepared.design.subjects)
         assert draws.sites["standard_impacts"].shape[2] == impacts
         assert {each.shape[2] for each in found.impacts.values()} == {impacts}
         assert found.sites["subject_effect_K"].shape[2] == people
 
-    functions = [densities_at, conditional_priors_of, _value_and_slope, constrain_rows]
+    functions = [densities_at, population_draws_of, _value_and_slope, constrain_rows]
     compiled = [*(function.jitted for function in functions), independence._log_densities]
     fitted(dataset)
     sizes = [function._cache_size() for function in compiled]

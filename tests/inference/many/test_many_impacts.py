@@ -17,20 +17,20 @@ from bayestissue.hierarchy.gaussian.arrangement import arrange
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import MeasuredImpacts, Prepared, prepare
-from bayestissue.hierarchy.traces import TraceData, constrained
+from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference import fit as traces
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
 from bayestissue.inference.execution.chunks import in_blocks, of_each
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
+from bayestissue.inference.factors.conditional_prior import population_draws
 from bayestissue.inference.factors.grid import LikelihoodGrid, flat_grid
 from bayestissue.inference.factors.grid_sum import surface_of
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
-from bayestissue.inference.posterior import approximate
 from bayestissue.inference.posterior.approximate import Approximation, first_guess
-from bayestissue.inference.posterior.expansion import PopulationDraws
-from bayestissue.inference.posterior.in_part import _at_true_masses, _of_impacts
+from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.results.summary import summarise
+from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
@@ -67,7 +67,7 @@ def test_blocks_end_to_end_are_the_whole(monkeypatch: pytest.MonkeyPatch, few: i
 def test_draws_and_impacts_that_are_kept_are_evenly_spaced_and_no_more_than_allowed() -> None:
     assert list(kept_draws(4, 1000, 90)) == list(range(1000))
     kept = kept_draws(4, 1000, 100_000)
-    assert 4 * len(kept) * 100_000 <= many_kept.MOST_VALUES
+    assert 4 * len(kept) * 100_000 <= many_kept.MOST_PAIRS
     assert len(set(np.diff(kept))) == 1
     assert list(some_impacts(7)) == list(range(7))
     shown = some_impacts(100_000)
@@ -148,9 +148,8 @@ def test_few_at_a_time_have_the_sites_of_all_together(
     loose = weak_prior(start)
 
     def sites() -> Sites:
-        # At the first guess, and moments there: a search would magnify what rounding does to its steps.
-        found = of_each(partial(laplace_sites, made.model, iterations=0), made.data, start, loose.of_each())
-        return approximate._moments(made.model, made.data, found, loose, lambda *_: None, bent=True)
+        # At the first guess: a search would magnify what rounding does to its steps.
+        return of_each(partial(laplace_sites, made.model, iterations=0), made.data, start, loose.of_each())
 
     whole = sites()
     monkeypatch.setattr(trace_blocks, "BLOCK", 6)
@@ -172,30 +171,32 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     model, centre = made.model, first_guess(made)
     number, size = centre.shape
     narrow = np.broadcast_to(1e6 * np.eye(size), (number, size, size))
-    sites = Sites(centre, np.zeros(centre.shape), narrow, np.zeros(number))
+    sites = Approximation(Sites(centre, np.zeros(centre.shape), narrow, np.zeros(number)), None, None)  # type: ignore[arg-type]
     rng = np.random.default_rng(2)
-    raw = {name: rng.normal(-1, 0.1, 4) for name in model.spreads}
-    draws = PopulationDraws(
-        raw, jnp.asarray(made.data.location_mean + rng.normal(size=(4, len(model.locations.mean))))
-    )
-    keys = jax.random.split(jax.random.PRNGKey(1), 4)
+    raw = {name: rng.normal(-1, 0.1, (2, 40)) for name in model.spreads}
+    normal = {
+        "standard_locations": rng.normal(size=(2, 40, model.locations.size)),
+        "standard_impacts": rng.normal(size=(2, 40, number, size)),
+    }
+    flat = {name: values.ravel() for name, values in raw.items()}
+    z_b = normal["standard_locations"].reshape(80, -1)
+    seen = population_draws(model, sites.data(made.data), flat, z_b).b
     monkeypatch.setattr(trace_blocks, "BLOCK", 5)
-    found, kept = _of_impacts(
-        made, Approximation(sites, None, None), draws, 2, keys, (2, 2), 3, lambda *_: None
-    )  # type: ignore[arg-type]
-    assert list(kept) == [0, 1]
-    error = np.log(found["mass"]) - np.asarray(made.data.log_mass)
-    own = error.reshape(4, -1)[:, [np.flatnonzero(made.design.subject == s)[0] for s in range(3)]]
+    monkeypatch.setattr(many_kept, "MOST_PAIRS", 1)
+    found = constrained_draws(made, sites, Draws(raw | normal, {}, 10), jax.random.PRNGKey(1))
+    assert list(found.kept) == list(range(0, 40, 4))
+    error = (np.log(found.impacts["mass"]) - np.asarray(made.data.log_mass)).reshape(20, -1)
+    own = error[:, [np.flatnonzero(made.design.subject == s)[0] for s in range(3)]]
     # In 32 bits, of a log near 0.
-    np.testing.assert_allclose(error.reshape(4, -1), own[:, made.design.subject], atol=1e-6)
+    np.testing.assert_allclose(error, own[:, made.design.subject], atol=1e-6)
     assert np.abs(own).min() > 1e-4
     # And b is moved by the same errors.
-    moved = _at_true_masses(model, constrained(model, raw), draws.b, keys) - draws.b
     for q in "KC":
-        effects = np.asarray(moved)[:, model.locations.parts[f"subject_effect_{q}"]][:, :3]
-        np.testing.assert_allclose(effects, own, atol=1e-6)
+        effects = seen[:, model.locations.parts[f"subject_effect_{q}"]].reshape(2, 40, -1)[..., :3]
+        moved = (found.sites[f"subject_effect_{q}"] - effects)[:, found.kept].reshape(20, 3)
+        np.testing.assert_allclose(moved, own, atol=1e-6)
     # Sites so narrow leave the parameters where they are: in blocks each impact has its own.
-    np.testing.assert_allclose(found["parameters"][0, 0], centre, atol=0.01)
+    np.testing.assert_allclose(found.impacts["parameters"][0, 0], centre, atol=0.01)
 
 
 @pytest.fixture(scope="module")
@@ -234,7 +235,8 @@ def test_the_path_for_many_impacts_has_the_posterior_of_the_other(
     specification = ModelSpecification(name="impact", likelihood="impact", sampler=sampler)
     fit = partial(traces.fit_traces, prepared, specification, 1, lambda *_: None)
     few = fit()
-    monkeypatch.setattr(many_kept, "MOST_PAIRS", 1)
+    # A hundred draws of each chain are kept of an impact.
+    monkeypatch.setattr(many_kept, "MOST_PAIRS", 2 * 2 * 100 * len(prepared.impacts))
     many = fit()
     one = few.summary.set_index(["variable", "label"])
     other = many.summary.set_index(["variable", "label"]).loc[one.index]

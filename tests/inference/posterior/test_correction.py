@@ -11,12 +11,13 @@ import pytest
 
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.inference import fit as fitting
-from bayestissue.inference.factors.importance_ratios import ImportanceRatios
+from bayestissue.inference.factors.conditional_prior import PopulationDraws
 from bayestissue.inference.fit import fit_traces
 from bayestissue.inference.posterior import recipe
 from bayestissue.inference.posterior.correction import NEEDED, Correction, needed_size
-from bayestissue.inference.posterior.recipe import corrected_draws
+from bayestissue.inference.posterior.recipe import Attempt, corrected_draws
 from bayestissue.inference.posterior.route import Route, duration
+from bayestissue.inference.samplers.psis import relative_variance
 from bayestissue.inference.samplers.sampling import Draws
 
 SETTINGS = Sampler(chains=4, warmup=200, draws=1000)
@@ -78,17 +79,17 @@ class _Tried:
         self.prepared: Any = SimpleNamespace(
             model=SimpleNamespace(
                 **{"discrepancy": False, "weakly_identified": False, "may_have_grid": False} | model
-            )
+            ),
+            impacts=range(3),
         )
         self.first, self.sampled, self.settings = self._sites("first"), [], []
         self._found, self.placed = found, []
-        monkeypatch.setattr(recipe, "_population_draws", self._draws)
-        monkeypatch.setattr(recipe, "_about_draws", self._about)
-        monkeypatch.setattr(recipe, "_about_second_order", self._placed)
+        monkeypatch.setattr(recipe, "population_attempt", self._draws)
+        monkeypatch.setattr(recipe, "refitted", self._about)
+        monkeypatch.setattr(recipe, "placed", self._placed)
+        monkeypatch.setattr(recipe, "with_expansion", lambda prepared, sites, *_: sites)
         monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._sites("grid", object()))
-        monkeypatch.setattr(
-            recipe, "_with_impacts", lambda prepared, sites, found, settings: (sites.name, found.correction)
-        )
+        monkeypatch.setattr(recipe, "with_impacts", lambda prepared, found, *_: found.sites.name)
 
     def _sites(self, name: str, profile: Any = None) -> Any:
         return SimpleNamespace(name=name, profile=profile, spreads=None)
@@ -97,16 +98,16 @@ class _Tried:
         self.sampled.append(sites.name)
         self.settings.append(settings)
         name = sites.name if settings.thinning == 1 else f"{sites.name}, longer"
-        return SimpleNamespace(
-            correction=self._found[name], raw={"sd": np.zeros(4000)}, z_b=np.zeros((4000, 2))
-        )
+        none = np.zeros((4000, 2))
+        draws = PopulationDraws({"sd": none[:, 0]}, {}, none, none[:, :, None])
+        return Attempt(sites, None, draws, none, self._found[name])  # type: ignore[arg-type]
 
     def _about(self, prepared: Any, sites: Any, draws: Any, seed: int) -> Any:
-        assert len(draws[1]) == 512
+        assert len(draws.b) == 512
         number = int(sites.name.removeprefix("again ")) + 1 if "again" in sites.name else 1
         return self._sites(f"again {number}")
 
-    def _placed(self, prepared: Any, sites: Any, seed: int, rng: np.random.Generator) -> Any:
+    def _placed(self, prepared: Any, sites: Any, *_: Any) -> Any:
         self.placed.append(sites.name)
         return sites
 
@@ -163,36 +164,6 @@ def test_where_only_draws_are_lacking_chains_are_longer(monkeypatch) -> None:
     assert len(found.attempts) == 3
 
 
-@pytest.mark.parametrize(
-    ("scatters", "discrepancy", "fits"),
-    [((0.1,), False, 0), ((6.0, 0.1), False, 1), ((6.0, 6.0), False, 2), ((0.0, 0.0), True, 2)],
-)
-def test_sites_are_fitted_before_any_chain_where_they_do_not_serve_draws_to_second_order(
-    monkeypatch, scatters, discrepancy, fits
-) -> None:
-    log_weights = iter([scatter * np.random.default_rng(1).normal(size=256) for scatter in scatters])
-    fitted: list[int] = []
-
-    def about_draws(prepared: Any, sites: Any, draws: Any, seed: int) -> Any:
-        fitted.append(seed)
-        if not discrepancy:
-            # Resampled: as many draws, of which those with most weight are there more than once.
-            assert len(np.unique(draws[1])) < len(draws[1])
-        return sites
-
-    monkeypatch.setattr(recipe, "_DRAWS_BEFORE", (256, 256))
-    monkeypatch.setattr(
-        recipe, "_to_second_order", lambda *_: ({"sd": np.arange(256.0)}, np.arange(256.0)[:, None])
-    )
-    monkeypatch.setattr(recipe, "conditional_priors", lambda *_: None)
-    monkeypatch.setattr(recipe, "_log_weights", lambda *_: (next(log_weights)[:, None], None, None))
-    monkeypatch.setattr(recipe, "_about_draws", about_draws)
-    prepared: Any = SimpleNamespace(model=SimpleNamespace(discrepancy=discrepancy), data=None)
-    sites: Any = SimpleNamespace(spreads=None, summaries=None, data=lambda data: data)
-    recipe._about_second_order(prepared, sites, 7, np.random.default_rng(0))
-    assert fitted == [7, 8][:fits]
-
-
 def test_a_fit_that_leaves_the_short_way_tells_why_and_how_long_it_takes(monkeypatch) -> None:
     spent = replace(correction(0.02, k=0.41), attempts=(correction(0.02).row(),))
     clock = iter([100.0, 130.0])
@@ -244,9 +215,7 @@ def test_a_route_in_words() -> None:
 @pytest.mark.parametrize(("scatter", "trusted"), [(0.3, True), (4.0, False)])
 def test_a_correction_is_refused_where_most_points_have_no_weight(scatter: float, trusted: bool) -> None:
     log_ratio = scatter * np.random.default_rng(6).normal(size=(64, 400))
-    nothing = np.zeros((64, 400, 3))
-    compared = ImportanceRatios(nothing, log_ratio, log_ratio, ())  # type: ignore[arg-type]
-    found = replace(correction(0.9), ratios=compared)
+    found = replace(correction(0.9), varies=relative_variance(log_ratio))
     assert found.trusted is trusted
     assert [check.passed for check in found.checks()] == [True, True, trusted]
     if trusted:

@@ -21,6 +21,7 @@ from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import from_standard, plain_model, sampled_model
+from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.oscillator import impact_motion
@@ -85,7 +86,9 @@ def drawn(made: Prepared, told: Sites) -> dict[str, np.ndarray]:
     }
     sites["standard_locations"] = rng.normal(size=(1, DRAWS, made.model.locations.size))
     sites["standard_impacts"] = rng.normal(size=(1, DRAWS, PEOPLE * EACH, 3))
-    found = constrained_draws(made, told, Draws(sites, {}, 10), jax.random.PRNGKey(3))
+    found = constrained_draws(
+        made, Approximation(told, None, None), Draws(sites, {}, 10), jax.random.PRNGKey(3)
+    )
     people = {
         q: (found.sites[f"intercept_{q}"][..., None] + found.sites[f"subject_effect_{q}"])[0] for q in "KC"
     }

@@ -64,7 +64,7 @@ def test_sites_about_corrected_draws_pass_where_the_first_ones_leave_a_few_hundr
 @pytest.mark.long
 @pytest.mark.parametrize("seed", [2, 3])
 def test_a_wrong_element_beside_a_discrepancy_is_corrected_without_the_exact_path(seed: int) -> None:
-    """A spring and damper: moments less a sharp conditional prior of the discrepancy once lost all draws."""
+    """A spring and damper: Laplace sites alone leave two hundredths of the draws."""
     specification = read_specification(resources.shared("models", "impact.toml"))
     specification = specification.model_copy(update={"discrepancy": "always"})
     given = prepare(campaign(seed).dataset("stiffening"), specification, source="the model file")

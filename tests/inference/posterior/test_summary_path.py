@@ -14,7 +14,7 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import gaussian
 from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, normals, standard_points
-from bayestissue.inference.factors.conditional_prior import conditional_priors
+from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
 from bayestissue.inference.factors.grid import flat_grid
 from bayestissue.inference.factors.importance_ratios import (
     importance_ratios,
@@ -25,7 +25,7 @@ from bayestissue.inference.posterior.approximate import Approximation, approxima
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.recipe import corrected_draws
+from bayestissue.inference.posterior.recipe import corrected_draws, placed
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.simulation import simulate
@@ -123,7 +123,7 @@ def test_summaries_stand_for_the_traces(
     sites, draws, correction = summary_route
     assert correction.trusted
     assert correction.relative > 0.5
-    unfolded = constrained_draws(prepared, sites.summaries, draws, jax.random.PRNGKey(1))
+    unfolded = constrained_draws(prepared, sites, draws, jax.random.PRNGKey(1))
     assert unfolded.impacts["K"].shape == (2, 500, 16)
     assert np.isfinite(unfolded.log_likelihood["trace"]).all()
 
@@ -132,15 +132,16 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     """Where contact lies anywhere between two samples, no trace's likelihood is normal."""
     prepared = prepare(dataset, ModelSpecification(name="impact", likelihood="impact"), source="model")
     assert np.asarray(prepared.data.record.uniform).all()
-    summarised = approximate(prepared)
-    model, data, summaries = prepared.model, prepared.data, summarised.summaries
     rng = np.random.default_rng(3)
+    summarised = placed(prepared, approximate(prepared), SETTINGS, 3, rng)
+    model, data, summaries = prepared.model, prepared.data, summarised.summaries
     # Populations as the posterior has them, one with hardly any spread of the noise among them.
     size = len(summarised.spreads.names)
     raw = summarised.spreads.raw(rng.multivariate_normal(np.zeros(size), summarised.spreads.covariance, 64))
     raw["sd_noise"][:2] = -7.0
     z_b = np.zeros((64, model.locations.size))
-    anchors = conditional_priors(model, gaussian(data, summaries), raw, z_b).anchors
+    drawn = population_draws(model, gaussian(data, summaries), raw, z_b)
+    anchors = of_cells(drawn.priors(data.design), np.asarray(data.design.cell))
     ratios = importance_ratios(model, data, summaries, anchors, standard_points(3))
     first = ConditionalPrior(*(part[:8] for part in anchors))
     tabulated = log_evidence_corrections(summaries, ratios, first)
@@ -173,8 +174,9 @@ def quantities(prepared: Prepared, sites: Approximation, draws: Draws) -> np.nda
     """The hyperparameters, the effects, and log K and log C of every impact, [chain, draw, quantity]."""
     flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in draws.sites.items()}
     z_b, z_u = flat.pop("standard_locations"), flat.pop("standard_impacts")
-    every = conditional_priors(prepared.model, sites.data(prepared.data), flat, z_b)
-    u = normals(sites.summaries, every.anchors).at(z_u)
+    every = population_draws(prepared.model, sites.data(prepared.data), flat, z_b)
+    design = prepared.data.design
+    u = normals(sites.summaries, of_cells(every.priors(design), np.asarray(design.cell))).at(z_u)
     columns = [np.stack([flat[name] for name in prepared.model.spreads], axis=1), every.b]
     columns += [u[..., :2].reshape(len(u), -1)]
     return np.concatenate(columns, axis=1).reshape(SETTINGS.chains, SETTINGS.draws, -1)
@@ -183,7 +185,7 @@ def quantities(prepared: Prepared, sites: Approximation, draws: Draws) -> np.nda
 def test_the_summary_and_the_exact_route_agree_within_their_monte_carlo_errors(
     prepared: Prepared, summary_route: tuple[Approximation, Draws, Correction]
 ) -> None:
-    sites = approximate(prepared, refinements=0)
+    sites = approximate(prepared)
     found = [
         quantities(prepared, *summary_route[:2]),
         quantities(prepared, sites, exact_draws(prepared, sites, SETTINGS, 2, processes=False)),

@@ -12,14 +12,17 @@ from scipy.special import logsumexp
 
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.hierarchy.traces import gaussian
 from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, times
-from bayestissue.inference.factors.conditional_prior import ConditionalPriors, conditional_priors
-from bayestissue.inference.factors.importance_ratios import log_evidence_corrections
+from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
+from bayestissue.inference.factors.importance_ratios import (
+    ImportanceRatios,
+    log_evidence_corrections,
+    ratios_among,
+)
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior.approximate import approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.posterior.recipe import marginal_draws
+from bayestissue.inference.posterior.recipe import population_attempt, with_impacts
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
@@ -36,10 +39,17 @@ class Fit(NamedTuple):
 
     prepared: Prepared
     told: LikelihoodApproximation
-    expected: ConditionalPriors
+    expected: PopulationDraws
+    priors: ConditionalPrior
+    ratios: ImportanceRatios
     u: np.ndarray
     draw: int
     scores: dict[str, np.ndarray]
+
+    @property
+    def prior(self) -> ConditionalPrior:
+        """Of every impact under that draw."""
+        return ConditionalPrior(self.priors.mean[self.draw], self.priors.precision[self.draw, 0])
 
 
 def small_campaign() -> Simulation:
@@ -69,27 +79,28 @@ def fit(request: pytest.FixtureRequest) -> Fit:
     prepared = prepare(simulate(small_campaign()).dataset("small"), specification, source="model")
     # The first kind of sites alone: the scores are those of any, and other kinds might be the better ones.
     summarised = approximate(prepared)
-    draws, correction = marginal_draws(prepared, summarised, SETTINGS, SEED)
+    made = population_attempt(prepared, summarised, SETTINGS, SEED)
+    draws, expected = with_impacts(prepared, made, SETTINGS, SEED), made.draws
     assert (summarised.profile is None) == (request.param == "impact")
-    told = LikelihoodApproximation(summarised.summaries, summarised.profile, correction.ratios)
-    flat = {name: values.reshape(-1, *values.shape[2:]) for name, values in draws.sites.items()}
-    expected = conditional_priors(
-        prepared.model, gaussian(prepared.data, told.summaries), flat, flat["standard_locations"]
-    )
-    found = constrained_draws(prepared, told.summaries, draws, jax.random.PRNGKey(0), told=told)
+    told = LikelihoodApproximation(summarised)
+    design = prepared.data.design
+    priors = of_cells(expected.priors(design), np.asarray(design.cell))
+    ratios = ratios_among(prepared.model, prepared.data, summarised.summaries, priors, summarised.profile)
+    found = constrained_draws(prepared, summarised, draws, jax.random.PRNGKey(0), told=told)
     u = found.impacts["parameters"]
     scores = of_draws(prepared, told, expected)
     for name, values in found.log_likelihood.items():
         np.testing.assert_array_equal(values.reshape(scores[name].shape), scores[name])
-    # The correction has compared likelihood and site under every draw already.
-    again = of_draws(prepared, told._replace(corrections=correction.of_impacts), expected)
+    # What is known already is not found again.
+    corrections = log_evidence_corrections(summarised.summaries, ratios, priors)
+    again = of_draws(prepared, told._replace(corrections=corrections), expected)
     for name, values in scores.items():
         np.testing.assert_allclose(again[name], values, rtol=1e-9)
     # One of the tenth of all draws under which summaries alone say least of the traces.
-    off = np.abs((log_evidence(told.summaries, expected.anchors) - scores["trace"]).sum(-1))
+    off = np.abs((log_evidence(summarised.summaries, priors) - scores["trace"]).sum(-1))
     draw = int(np.argsort(off)[-len(off) // 10])
     own = {name: values[draw] for name, values in scores.items()}
-    return Fit(prepared, told, expected, u.reshape(-1, *u.shape[2:]), draw, own)
+    return Fit(prepared, told, expected, priors, ratios, u.reshape(-1, *u.shape[2:]), draw, own)
 
 
 def log_mean(weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -101,7 +112,7 @@ def log_mean(weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def test_an_impacts_density_is_its_likelihood_integrated_over_the_population(fit: Fit) -> None:
     """Without any summary: points about each impact's draws, each weighed by likelihood and population."""
-    anchor, middle = fit.expected.anchor(fit.draw), fit.u.mean(0)
+    anchor, middle = fit.prior, fit.u.mean(0)
     root = WIDER * np.linalg.cholesky(np.stack([np.cov(each.T) for each in fit.u.swapaxes(0, 1)]))
     z = np.random.default_rng(1).standard_normal((POINTS, *middle.shape))
     points = middle + times(root, z)
@@ -110,14 +121,13 @@ def test_an_impacts_density_is_its_likelihood_integrated_over_the_population(fit
     log_population = half_log - (away * times(anchor.precision, away)).sum(-1) / 2
     likelihood = log_likelihoods(fit.prepared.model, fit.prepared.data, points)
     direct, error = log_mean(likelihood + log_population - log_proposal)
-    assert fit.told.ratios is not None
-    ratio = np.asarray(fit.told.ratios.log_ratio)
+    ratio = np.asarray(fit.ratios.log_ratio)
     # Of these points and of those that traces and summaries were compared at.
     error = np.hypot(error, ratio.std(0) / np.sqrt(len(ratio)))
     assert (np.abs(fit.scores["trace"] - direct) < 5 * error).all()
-    if fit.told.profile is not None:
+    if fit.told.sites.profile is not None:
         # The summaries alone, which know nothing of the last parameter, are off by more than that.
-        alone = log_evidence(fit.told.summaries, anchor)
+        alone = log_evidence(fit.told.sites.summaries, anchor)
         assert np.abs((alone - direct).sum()) > 5 * np.sqrt(np.square(error).sum())
 
 
@@ -128,7 +138,7 @@ def test_a_groups_density_is_that_of_its_impacts_integrated_over_its_effects(fit
     places = [parts[f"{group}_effect_{q}"] for q in ("K", "C")]
     effects = np.stack([fit.expected.b[:, place] for place in places], axis=-1)
     sd = np.array([fit.expected.sites[f"sd_{group}_{q}"][fit.draw] for q in ("K", "C")])
-    anchor = fit.expected.anchor(fit.draw)
+    anchor = fit.prior
     start = anchor.mean.copy()
     start[:, :2] -= effects[fit.draw, codes]
     # Effects given their own impacts alone lie where those say, which all draws agree on better than this.
@@ -143,7 +153,7 @@ def test_a_groups_density_is_that_of_its_impacts_integrated_over_its_effects(fit
     anchors = ConditionalPrior(mean, np.repeat(anchor.precision[None, None], len(z), axis=0))
     besides = factors(fit, anchors)
     member = (codes[:, None] == np.arange(count)).astype(float)
-    density = (log_evidence(fit.told.summaries, anchors) + besides) @ member + log_weight
+    density = (log_evidence(fit.told.sites.summaries, anchors) + besides) @ member + log_weight
     direct, error = log_mean(density)
     # The factors besides the summaries are taken at the draw's own effects, and move about so much.
     share = np.exp(density - logsumexp(density, axis=0))
@@ -154,9 +164,8 @@ def test_a_groups_density_is_that_of_its_impacts_integrated_over_its_effects(fit
 
 def factors(fit: Fit, anchors: ConditionalPrior) -> np.ndarray:
     """What each trace's likelihood has besides its summary."""
-    assert fit.told.ratios is not None
-    found = log_evidence_corrections(fit.told.summaries, fit.told.ratios, anchors)
-    if fit.told.profile is None:
+    found = log_evidence_corrections(fit.told.sites.summaries, fit.ratios, anchors)
+    if fit.told.sites.profile is None:
         return found
     sd = anchors.precision[0, 0, -1, -1] ** -0.5
-    return found + np.stack([fit.told.profile.log_evidence(mean, sd) for mean in anchors.mean[..., -1]])
+    return found + np.stack([fit.told.sites.profile.log_evidence(mean, sd) for mean in anchors.mean[..., -1]])

@@ -8,7 +8,6 @@ import pytest
 from bayestissue.inference.factors import importance_ratios as ratios
 from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.importance_ratios import (
-    ImportanceRatios,
     importance_ratios,
     log_evidence_corrections,
 )
@@ -58,9 +57,7 @@ def test_an_effective_size_is_the_number_of_equal_weights() -> None:
 def test_one_impact_without_likelihood_does_not_spoil_what_the_others_tell() -> None:
     log_ratio = 0.3 * np.random.default_rng(6).normal(size=(64, 40))
     log_ratio[:, 7] = -np.inf
-    nothing = np.zeros((64, 40, 3))
-    compared = ImportanceRatios(nothing, log_ratio, log_ratio, ())  # type: ignore[arg-type]
-    found = Correction(np.ones((2, 100)), 0.1, 10.0, compared)
+    found = Correction(np.ones((2, 100)), 0.1, 10.0, relative_variance(log_ratio))
     assert 0.8 < found.relative_of_points < 1
     assert found.trusted
     varies = relative_variance(log_ratio)

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 # A table of more columns is a picture or the like, and no recording of some channels.
 _MOST_COLUMNS = 64
-_DEEPEST = 8
 
 
 def read(data: bytes, label: str) -> Contents:
@@ -69,19 +68,28 @@ def variables(data: bytes, label: str) -> dict[str, np.ndarray]:
         return {name: np.asarray(item) for name, item in items.items()}
 
 
-def _datasets(group: h5py.Group, before: str = "", *, deep: bool = True) -> Iterator[tuple[str, Any]]:
-    """The datasets whose numbers lie in the file itself: links and external storage lead to other files."""
+def _datasets(file: h5py.File, *, deep: bool = True) -> Iterator[tuple[str, Any]]:
+    """The datasets whose numbers lie in the file itself: links and external storage lead to other files.
+
+    Each comes once: a few groups that hold each other would otherwise have more paths than can be walked.
+    """
     import h5py
 
-    for name in group:
-        if not isinstance(group.get(name, getlink=True), h5py.HardLink):
-            continue
-        item = group[name]
-        if isinstance(item, h5py.Dataset) and not (item.external or item.is_virtual):
-            yield f"{before}{name}", item
-        # A group may be a member of itself.
-        elif deep and isinstance(item, h5py.Group) and before.count("/") < _DEEPEST:
-            yield from _datasets(item, f"{before}{name}/")
+    seen: set[int] = set()
+    waiting = [("", file)]
+    for before, group in waiting:
+        for name in group:
+            if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+                continue
+            item = group[name]
+            address = h5py.h5o.get_info(item.id).addr
+            if address in seen:
+                continue
+            seen.add(address)
+            if isinstance(item, h5py.Dataset) and not (item.external or item.is_virtual):
+                yield f"{before}{name}", item
+            elif deep and isinstance(item, h5py.Group):
+                waiting.append((f"{before}{name}/", item))
 
 
 def _unit(item: h5py.Dataset) -> str:

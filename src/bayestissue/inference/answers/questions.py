@@ -206,9 +206,14 @@ def _bayes_factor(p: float, size: float, p_0: float, size_0: float) -> tuple[flo
     few = FEWEST / size
     if min(p, 1 - p) < few:
         bound = (1 - few) / few
-        words = f"above {bound / odds_0:.3g}" if p > 0.5 else f"below {1 / bound / odds_0:.3g}"
+        words = f"above {_short(bound / odds_0)}" if p > 0.5 else f"below {_short(1 / bound / odds_0)}"
         return np.nan, f"Bayes factor {words}: too few posterior draws say otherwise for a number"
     return p / (1 - p) / odds_0, ""
+
+
+def _short(value: float) -> str:
+    """Two digits and no exponent where one can be avoided."""
+    return f"{float(f'{value:.2g}'):g}"
 
 
 def _interval(values: xr.DataArray) -> dict[str, float]:

@@ -13,8 +13,8 @@ from jaxtyping import Int
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.chunks import impacts_of
 
-MOST_VALUES = 10_000_000
 SHOWN = 1000
+# Draws times impacts that fit into memory.
 MOST_PAIRS = 20_000_000
 
 
@@ -30,8 +30,10 @@ def all_fit(draws: int, impacts: int) -> bool:
 
 def kept_draws(chains: int, draws: int, impacts: int) -> Int[np.ndarray, " kept"]:
     """Numbers of the draws of each chain that are kept of single impacts, evenly spaced."""
-    most = max(10, MOST_VALUES // (chains * impacts))
-    return np.arange(0, draws, max(1, -(-draws // most)))
+    if all_fit(chains * draws, impacts):
+        return np.arange(draws)
+    most = max(10, MOST_PAIRS // (2 * chains * impacts))
+    return np.arange(0, draws, -(-draws // most))
 
 
 def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:

@@ -11,7 +11,6 @@ from jax import Array
 from jaxtyping import Float
 from scipy.interpolate import pchip_interpolate
 from scipy.special import logsumexp
-from scipy.stats import norm
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
@@ -29,7 +28,7 @@ class LikelihoodGrid(NamedTuple):
 
     Attributes:
         first, step: of the grid.
-        log_likelihood: relative to the summary, which has no word on the last parameter.
+        log_likelihood: relative to the site, which is level along the last parameter.
     """
 
     first: Array
@@ -51,15 +50,6 @@ class LikelihoodGrid(NamedTuple):
         """The log evidence of all impacts together."""
         return self.log_evidence(mean, sd).sum()
 
-    def over(
-        self, mean: Float[Array, " draw"], sd: Float[Array, " draw"]
-    ) -> Float[Array, "point draw impact"]:
-        """The log likelihood at evenly likely points of each of some normals."""
-        points = norm.ppf((np.arange(_EVEN) + 0.5) / _EVEN)[:, None, None]
-        shape = (_EVEN, len(mean), self.log_likelihood.shape[1])
-        values = jnp.broadcast_to(mean[:, None] + sd[:, None] * points, shape)
-        return self.at(values)
-
     def log_evidence(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
         """Log of the integral over a normal last parameter, by Gauss-Hermite quadrature."""
         points = mean + sd * jnp.asarray(_HERMITE_POINTS)[:, None]
@@ -68,7 +58,7 @@ class LikelihoodGrid(NamedTuple):
 
 
 def flat_grid(impacts: int) -> LikelihoodGrid:
-    """A profile that says nothing."""
+    """A level grid."""
     first, step = jnp.asarray(_GRID[0]), jnp.asarray(_GRID[1] - _GRID[0])
     return LikelihoodGrid(first, step, jnp.zeros((len(_GRID), impacts)))
 
@@ -76,7 +66,6 @@ def flat_grid(impacts: int) -> LikelihoodGrid:
 _DEEPEST = 200.0
 # Stands for the log of no likelihood.
 _NONE = -1e6
-_EVEN = 16
 _GRID = np.linspace(-8.0, 8.0, 161)
 # Where only the place is asked for, every so many points of the grid are enough.
 _ROUGHLY = 4
@@ -111,7 +100,7 @@ def integrated_likelihood_grid(
     density = log_likelihoods(model, data, moved.reshape(-1, impacts, size))
     ratios = density.reshape(-1, number, impacts) - log_site(cleared, u)
     table = logsumexp(np.maximum(ratios, _NONE), axis=1) - np.log(number)
-    # Cubics overshoot at the foot of a cliff; so far down it does not matter.
+    # Cubics overshoot where a steep fall ends; so far down it does not matter.
     table = np.maximum(table, table.max(0) - _DEEPEST)
     if roughly:
         table = pchip_interpolate(grid, table, _GRID)

@@ -55,11 +55,6 @@ class GridSum(NamedTuple):
         by_mean, by_sd = (_powers(inside[i], degree) for i, degree in enumerate(DEGREES))
         return by_mean @ self.coefficients @ by_sd
 
-    def holds(self, mean: Array, log_sd: Array) -> np.ndarray:
-        """Whether points lie inside the rectangle."""
-        away = np.abs(np.stack([mean, log_sd], axis=-1) - np.asarray(self.middle))
-        return (away < np.asarray(self.reach)).all(axis=-1)
-
 
 def _powers(x: Array, degree: int) -> Array:
     def step(pair: tuple[Array, Array], _: None) -> tuple[tuple[Array, Array], Array]:

@@ -183,15 +183,6 @@ def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:
     return known, sum(name not in _WITHOUT_TABLE for name in model.nuisance[: known - _NOISE])
 
 
-def shapes(model: TraceModel, points: int, impacts: int, *, profiled: bool) -> ImportanceRatios:
-    """Those of what `importance_ratios` finds."""
-    known, tables = _known_and_tabulated(model, profiled)
-    real: Any = partial(jax.ShapeDtypeStruct, dtype=jnp.float64)
-    table = TabulatedRatio(real((impacts,)), real((impacts,)), real((_NODES, impacts)))
-    pairs = real((points, impacts))
-    return ImportanceRatios(real((points, impacts, known)), pairs, pairs, (table,) * tables)
-
-
 _of_profile = compiled_quickly()(LikelihoodGrid.at)
 
 

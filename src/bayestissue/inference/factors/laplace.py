@@ -1,4 +1,4 @@
-"""Each trace summarised once: where its likelihood lies and how sharply, for all impacts together."""
+"""Laplace sites: each trace's log likelihood to second order about its maximum, for all impacts together."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from bayestissue.inference.factors.conditional import ConditionalPrior, times
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 
 ITERATIONS = 60
-# Log likelihood that an expansion may promise above its value at the centre, along one axis; one that bends
-# too little, or the wrong way, is given the bend that promises the least.
+# By how much an expansion may exceed its value at the centre, along one axis. One of too little curvature, or
+# of the wrong sign, gets the curvature with which it exceeds it by the least.
 _MOST_GAIN, _LEAST_GAIN = 20.0, 1.0
 _LEAST_BEND = 1e-9
 # Of a log parameter of which a trace says nothing.
@@ -140,11 +140,11 @@ def chosen(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
 def curvature_floor(
     bend: Float[np.ndarray, "*axis"], slope: Float[np.ndarray, "*axis"]
 ) -> Float[np.ndarray, "*axis"]:
-    """Minus the second derivative along each axis of an expansion, such that it promises no wonders.
+    """Curvature floor: minus the second derivative along each axis, by which a site stays bounded.
 
-    A likelihood anchored away from its own maximum may bend the wrong way there. Its summary
-    exp(slope s - bend s^2 / 2) must all the same stay bounded, or else the wider the spread between impacts,
-    the better it would seem to explain such traces.
+    A likelihood expanded away from its own maximum may have curvature of the wrong sign. Its site
+    exp(slope s - bend s^2 / 2) must all the same be bounded by a few nats, or else the greater the standard
+    deviation between impacts, the more likely such traces would be.
 
     Args:
         bend: as found, of any sign.
@@ -155,7 +155,7 @@ def curvature_floor(
 
 
 def least_curvature(slope: Float[np.ndarray, "*axis"]) -> Float[np.ndarray, "*axis"]:
-    """The bend with which a summary of this slope still promises no wonders, next to nothing without one."""
+    """The least curvature with which a site of this slope is bounded as `curvature_floor` has it."""
     return np.maximum(slope**2 / (2 * _MOST_GAIN), _LEAST_PRECISION)
 
 

@@ -2,11 +2,10 @@
 
 log L(u) is approximated by the parabola l + g (u - m) - (u - m)' P (u - m) / 2 nearest to it over draws of u
 from the current approximation, weighted by likelihood over site (Salimans and Knowles 2013 for the
-regression; Minka 2001 for the passes). Expansions and moments are taken about one value of the
-hyperparameters. They fail in two cases. One is a direction that a trace leaves open, as most do beside a
-discrepancy: the likelihood is level about one value and falls off about another. The other is a parameter
-that impacts nearly share: its conditional prior is so narrow that the moments, less the prior's, are the
-noise of a few points. Of dozens of impacts such errors add up. The parabola serves all draws.
+regression; Minka 2001 for the passes). A Laplace site is made at one value of the hyperparameters: it is
+poor in a direction that a trace leaves open, as most do beside a discrepancy, where the likelihood is level
+about one value and falls off about another. Of dozens of impacts such errors add up. The parabola serves all
+draws.
 """
 
 from __future__ import annotations
@@ -19,7 +18,6 @@ from scipy.special import softmax
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, normals
-from bayestissue.inference.factors.conditional_prior import ConditionalPriors
 from bayestissue.inference.factors.laplace import least_curvature
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.samplers.psis import effective_size
@@ -39,8 +37,8 @@ def regression_sites(
     model: TraceModel,
     data: TraceData,
     summaries: Sites,
-    expected: ConditionalPriors,
-    seed: int,
+    priors: ConditionalPrior,
+    rng: np.random.Generator,
 ) -> Sites:
     """The parabola nearest to each log likelihood over the posterior.
 
@@ -53,10 +51,10 @@ def regression_sites(
         model: the model.
         data: the dataset.
         summaries: the old ones.
-        expected: some hundred draws of the population.
-        seed: of the points.
+        priors: of some hundred draws of the population.
+        rng: for the points.
     """
-    u, value, weight = _points(model, data, summaries, expected, np.random.default_rng([seed, 41]))
+    u, value, weight = _points(model, data, summaries, priors, rng)
     weight = np.where(value > value.max(0) - _DEEPEST, weight, 0.0)
     size = u.shape[-1]
     fitted = effective_size(weight) > _POINTS_A_TERM * (1 + size) * (2 + size) / 2
@@ -80,7 +78,7 @@ def _nearest(
     inverse = np.linalg.inv(root)
     level, slope, bend = _parabola(np.einsum("iab,pib->pia", inverse, u - mean), value, weight)
     values, axes = np.linalg.eigh(bend)
-    # Level and yet sloping, a summary would promise the more the further away, and draw all draws there.
+    # Without curvature a site that slopes has no bound, and all draws would go there.
     least = np.maximum(least_curvature(np.einsum("iab,ia->ib", axes, slope)), _LEAST_PRECISION)
     bend = np.einsum("iab,ib,icb->iac", axes, np.maximum(values, least), axes)
     precision = np.einsum("iba,ibc,icd->iad", inverse, bend, inverse, optimize=True)
@@ -110,12 +108,11 @@ def _points(
     model: TraceModel,
     data: TraceData,
     summaries: Sites,
-    expected: ConditionalPriors,
+    priors: ConditionalPrior,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, the log likelihood there, and their weights, each [point, impact, ...]."""
-    given = normals(summaries, ConditionalPrior(expected.about, expected.precision[:, None]))
-    u = given.at(rng.standard_normal((_EACH, *expected.about.shape)))
+    u = normals(summaries, priors).at(rng.standard_normal((_EACH, *priors.mean.shape)))
     flat = u.reshape(-1, *u.shape[2:])
     value = log_likelihoods(model, data, flat)
     ratio = (value - log_site(summaries, flat)).reshape(u.shape[:3])

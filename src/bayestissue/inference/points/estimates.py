@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 import pandas as pd
@@ -19,11 +19,12 @@ from bayestissue.inference.points.notes import (
     NOISELESS,
     NOT_POSITIVE,
     NOT_WHITE,
+    STRUCTURED,
     THETA1,
 )
-from bayestissue.signal import Displacements, SignalOptions, displacements
+from bayestissue.signal import Displacements, SignalOptions
 from bayestissue.signal.displacement import FEWEST_SAMPLES
-from bayestissue.signal.quality import Finding, inspect, raised
+from bayestissue.signal.quality import Finding, raised
 from bayestissue.signal.quality.kinds import DRIFT, HUM
 
 if TYPE_CHECKING:
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 # Past these a trace of one loading tells K and C apart no more: one of the two forces rules alone.
 ZETA_LIMITS = (0.005, 5.0)
 WHITE_BY_CHANCE = 0.01
+# A flag may be raised on one sound recording of a thousand, as in `bayestissue.signal.quality.inspect`.
+STRUCTURED_BY_CHANCE = 0.001
 # The displacement that K and C imply and the one recorded differ by a few per cent at worst if both hold.
 PEAK_DISAGREES = 0.2
 THICKNESS = "tissue_thickness_m"
@@ -44,43 +47,17 @@ def default_options(method: Method) -> SignalOptions:
     return SignalOptions()
 
 
-def estimate(
-    dataset: Dataset, *, method: Method = "exact", options: SignalOptions | None = None
-) -> pd.DataFrame:
-    """Point estimates of K and C for every impact of a dataset (thesis, chapters 2 and 4).
-
-    Args:
-        dataset: as `bayestissue.read_dataset` returns it.
-        method: "exact" for maximum likelihood about the rest position; "dds" for the thesis's
-            conditional least squares about the sample mean.
-        options: how the displacement is made from the recording; `default_options` unless given.
-
-    Returns:
-        One row per impact with the columns of `estimates.csv`: the ARMA(2,1) coefficients, omega_n, zeta,
-        K and C, and ``flags``, what is wrong with the impact, joined by "; "; then the standard errors and
-        90 % intervals (`interval`) of K and C, from the trace and the dataset's relative standard deviation
-        of the mass alone; and last ``notes``, what is not wrong with the impact but a property of the method
-        or of how it was recorded (see `bayestissue.inference.points.notes`).
-
-    Raises:
-        InputError: the options ask for what the recordings can't give.
-    """
-    options = options or default_options(method)
-    signal = displacements(dataset, options)
-    return estimates_table(dataset, signal, method, inspect(dataset, options))
-
-
 def estimates_table(
     dataset: Dataset, signal: Displacements, method: Method, found: Sequence[Finding] = ()
 ) -> pd.DataFrame:
-    """The table of `estimate` for displacements that are at hand.
+    """The table of `bayestissue.estimate` by a fit of displacements that are at hand.
 
     Impacts of fewer than eight samples have a row without numbers.
 
     Args:
         dataset: the recordings.
         signal: what was made of them.
-        method: see `estimate`.
+        method: "exact" or "dds".
         found: what `bayestissue.signal.quality.inspect` found; flagged.
     """
     long_enough = signal.n_samples >= FEWEST_SAMPLES
@@ -91,7 +68,7 @@ def estimates_table(
         signal.mass[long_enough],
         method,
     )
-    whole = PointFit(*(_spread(column, long_enough) for column in fit))
+    whole = PointFit(*(in_rows(column, long_enough) for column in fit))
     mass_sd = dataset.uncertainty.relative_mass_sd
     # Where no oscillator has the coefficients C may be infinite.
     with np.errstate(invalid="ignore"):
@@ -99,9 +76,39 @@ def estimates_table(
         C_se = np.hypot(whole.C_se, whole.C_signed * mass_sd)
     # An impact without an estimate has no interval either.
     has = np.isfinite(whole.K)
-    K_low, K_high = interval(np.where(has, whole.K_signed, np.nan), K_se, signal.n_samples)
-    C_low, C_high = interval(np.where(has, whole.C_signed, np.nan), C_se, signal.n_samples)
-    flags, notes = _flags(dataset, signal, whole, found, method)
+    ends = {
+        "K": interval(np.where(has, whole.K_signed, np.nan), K_se, signal.n_samples),
+        "C": interval(np.where(has, whole.C_signed, np.nan), C_se, signal.n_samples),
+    }
+    flags, notes = flagged(dataset, signal, whole, found, method)
+    return table_of(dataset, signal, whole._replace(K_se=K_se, C_se=C_se), ends, flags, notes)
+
+
+def in_rows(column: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """A column of some impacts among all, the others without numbers; ``rows`` are truth values."""
+    whole = np.zeros(len(rows), bool) if column.dtype == bool else np.full(len(rows), np.nan)
+    whole[rows] = column
+    return whole
+
+
+def table_of(
+    dataset: Dataset,
+    signal: Displacements,
+    whole: PointFit,
+    ends: Mapping[str, tuple[Column, Column]],
+    flags: list[list[str]],
+    notes: list[list[str]],
+) -> pd.DataFrame:
+    """The columns of `estimates.csv`.
+
+    Args:
+        dataset: the recordings.
+        signal: what was made of them.
+        whole: what was found, by whichever method.
+        ends: of the intervals of "K" and "C".
+        flags: of each impact.
+        notes: of each impact.
+    """
     table = dataset.impacts[["impact", "subject", "trial", "mass_kg"]].assign(
         velocity_m_s=signal.velocity,
         n_samples=signal.n_samples,
@@ -117,12 +124,12 @@ def estimates_table(
         peak_displacement_m=signal.peak_displacement,
         time_to_peak_s=signal.time_to_peak,
         flags=["; ".join(row) for row in flags],
-        K_se_N_per_m=K_se,
-        K_low_N_per_m=K_low,
-        K_high_N_per_m=K_high,
-        C_se_N_s_per_m=C_se,
-        C_low_N_s_per_m=C_low,
-        C_high_N_s_per_m=C_high,
+        K_se_N_per_m=whole.K_se,
+        K_low_N_per_m=ends["K"][0],
+        K_high_N_per_m=ends["K"][1],
+        C_se_N_s_per_m=whole.C_se,
+        C_low_N_s_per_m=ends["C"][0],
+        C_high_N_s_per_m=ends["C"][1],
         omega_n_se_rad_s=whole.omega_n_se,
         zeta_se=whole.zeta_se,
         theta1_se=whole.theta1_se,
@@ -156,14 +163,12 @@ def interval(
     return np.where(np.isfinite(high), np.maximum(estimate - reach, 0), np.nan), high
 
 
-def _spread(column: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    whole = np.zeros(len(rows), bool) if column.dtype == bool else np.full(len(rows), np.nan)
-    whole[rows] = column
-    return whole
-
-
-def _flags(
-    dataset: Dataset, signal: Displacements, fit: PointFit, found: Sequence[Finding], method: Method
+def flagged(
+    dataset: Dataset,
+    signal: Displacements,
+    fit: PointFit,
+    found: Sequence[Finding],
+    method: Method | Literal["impact"],
 ) -> tuple[list[list[str]], list[list[str]]]:
     """What is wrong with each impact, and what is only the method's or the recording's way."""
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -179,8 +184,11 @@ def _flags(
             THETA1: fit.theta1_at_limit & ~fit.noiseless,
             ARCCOS: (fit.branch > 0) & ~fit.noiseless,
             NOISELESS: fit.noiseless,
-            NOT_WHITE: fit.whiteness_p < WHITE_BY_CHANCE,
         }
+        if method == "impact":
+            wrong[STRUCTURED] = (fit.whiteness_p < STRUCTURED_BY_CHANCE) & ~fit.noiseless
+        else:
+            noted[NOT_WHITE] = fit.whiteness_p < WHITE_BY_CHANCE
     # Centred deviations have another K and C by their nature.
     (noted if method == "dds" else failed)[ANOTHER_PEAK] = another_peak
     if dataset.quantity == "displacement":

@@ -13,6 +13,9 @@ NOT_WHITE = "residuals are not white"
 ARCCOS = "theta1 asks for another value of arccos"
 NOISELESS = "no noise beyond rounding: no standard errors"
 ANOTHER_PEAK = "K and C imply another peak displacement than recorded"
+# Flags of the method "impact": its intervals then promise nothing.
+STRUCTURED = "residuals are not the white noise of a spring and damper's impact: its interval may miss"
+UNCORRECTED = "importance weights are not to be trusted: its interval may miss"
 # Flags that say that the fit came to no answer, whether or not the recording is sound.
 NO_OSCILLATOR = "no oscillator has these coefficients"
 NOT_POSITIVE = "K or C is not positive"
@@ -24,8 +27,8 @@ NO_ANSWER = "the fit came to no answer"
 _NAMED = 5
 _INTEGRATED = (
     "White noise of an accelerometer, integrated twice, is not the noise that an ARMA(2,1) assumes: so it is "
-    "at any high sampling rate. K and C hold; their standard errors and intervals here are too small. For "
-    "intervals fit models/impact.toml."
+    "at any high sampling rate. K and C hold; their standard errors and intervals here are too small. "
+    'Intervals that hold are those of method "impact".'
 )
 _MEANING = {
     THETA1: _INTEGRATED,

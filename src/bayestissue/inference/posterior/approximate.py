@@ -33,7 +33,7 @@ from bayestissue.inference.execution.chunks import of_each
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors.conditional import ConditionalPrior, standard_points
-from bayestissue.inference.factors.conditional_prior import ConditionalPriors, conditional_priors
+from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
 from bayestissue.inference.factors.grid import (
     LikelihoodGrid,
     cleared_of_last,
@@ -43,13 +43,11 @@ from bayestissue.inference.factors.grid import (
 from bayestissue.inference.factors.grid_sum import BLOCK, GridSum, grid_sum_around
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import compare, refine
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
 from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
 from bayestissue.signal import Displacements
 
-REFINEMENTS = 2
 # A profile integrates the other parameters over so many points: few where impacts are many.
 PROFILE_POINTS, FEW = 32, 4
 # Points of all impacts together that a grid is integrated over.
@@ -152,6 +150,18 @@ class Approximation:
         """What the marginal density asks of the dataset."""
         return gaussian(data, self.summaries)._replace(expansion=self.expansion)
 
+    def of_rows(self, rows: np.ndarray) -> tuple[Sites, LikelihoodGrid | None]:
+        """Some impacts' sites, and their grid of the last parameter if there is one."""
+        sites, grid = rows_of(self.summaries, rows), self.profile
+        if grid is not None:
+            grid = grid._replace(log_likelihood=jnp.asarray(np.asarray(grid.log_likelihood)[:, rows]))
+        return sites, grid
+
+
+def rows_of(sites: Sites, rows: np.ndarray) -> Sites:
+    """Some impacts' sites."""
+    return Sites(*(np.asarray(leaf)[rows] for leaf in sites))
+
 
 def expanded(prepared: Prepared, say: Progress = silent) -> Sites:
     """Every likelihood expanded at its own maximum: what `approximate` begins with."""
@@ -165,17 +175,6 @@ def _laplace(
     model: TraceModel, smooth: TraceData, start: np.ndarray, prior: ConditionalPrior, say: Progress
 ) -> Sites:
     return of_each(partial(laplace_sites, model), smooth, start, prior.of_each(), progress=say)
-
-
-def _moments(
-    model: TraceModel, data: TraceData, sites: Sites, prior: ConditionalPrior, say: Progress, *, bent: bool
-) -> Sites:
-    standard = standard_points(sites.centre.shape[1])
-
-    def one(part: TraceData, own: Sites, given: ConditionalPrior) -> Sites:
-        return refine(own, given, compare(model, part, own, given, standard), bent=bent)
-
-    return of_each(one, data, sites, prior.of_each(), progress=say)
 
 
 def _grid(
@@ -205,32 +204,22 @@ def approximate(
     *,
     expansions: Sites | None = None,
     normal: bool | None = None,
-    refinements: int | None = None,
     say: Progress = silent,
 ) -> Approximation:
-    """Sites of the traces, each made where the whole data set says that its parameters are.
+    """Laplace sites of the traces, each made where the whole data set says that its parameters are.
 
     First every likelihood is expanded at its own maximum, then at the maximum under the population that
-    this implies, which matters where a trace says little; then moments replace the expansions.
+    this implies, which matters where a trace says little. A weakly identified last parameter then has a grid.
 
     Args:
         prepared: model and data.
         expansions: what `expanded` found, if it was asked before.
         normal: whether a last parameter that traces may leave open is part of the normal summaries, or has a
             profile of its own; as the traces suggest, unless given.
-        refinements: how often moments replace the expansions, `REFINEMENTS` times unless given. They make
-            a summary that stands for its trace; one that only whitens, as on the exact path, is better
-            without: under a population whose spread has its mode next to 0, moments tell of a trace what is
-            not there. Beside a discrepancy, whose log has such a spread in most fits, there are none: the
-            noise of moments, less a prior twenty times as sharp as the trace, leaves summaries so wide that
-            the more the population spreads, the better it seems, and recipe's regression replaces the
-            expansions instead.
         say: told how many of these passes are done, and of how many.
     """
     model, data = prepared.model, prepared.data
-    if refinements is None:
-        refinements = 0 if model.discrepancy else REFINEMENTS
-    passes = 2 + refinements + model.may_have_grid
+    passes = 2 + model.may_have_grid
 
     def told(number: int) -> Progress:
         return lambda done, total: say(number * total + done, passes * total)
@@ -243,14 +232,8 @@ def approximate(
     profile = flat_grid(impacts if impacts <= BLOCK else 1) if model.may_have_grid else None
     finder = _SpreadsFinder(model, data, profile)
     mode = finder.mode(summaries, None)
-    anchor = finder.expectation(summaries, mode).anchor(0)
+    anchor = finder.conditional_prior(summaries, mode)
     summaries = _laplace(model, smooth, np.asarray(summaries.centre), anchor, told(1))
-    for number in range(refinements):
-        mode = finder.mode(summaries, mode)
-        anchor = finder.expectation(summaries, mode).anchor(0)
-        # A last parameter that is open has a profile instead.
-        bent = not model.may_have_grid
-        summaries = _moments(model, data, summaries, anchor, told(2 + number), bent=bent)
     mode = finder.mode(summaries, mode)
     if not model.may_have_grid:
         return Approximation(summaries, finder.coordinates(summaries, mode), None)
@@ -259,21 +242,19 @@ def approximate(
         finder.grid = None
         return Approximation(summaries, finder.coordinates(summaries, mode[:-1]), None)
     summaries = cleared_of_last(summaries)
-    found = finder.expectation(summaries, mode)
+    anchor = finder.conditional_prior(summaries, mode)
     once = model.kind == "arma"
-    profile = _grid(model, data, summaries, found.anchor(0), told(passes - 1), roughly=not once)
+    profile = _grid(model, data, summaries, anchor, told(passes - 1), roughly=not once)
     finder.tabulate(profile, summaries, mode)
-    # Away from where the profiles are high, a search would follow the slope of a cliff.
+    # A search that begins where the grids fall steeply would end far from their maximum.
     mode = finder.mode(summaries, finder.at_best_last(summaries, mode))
     if not once:
         # The first summaries were made where a search along the last parameter had stopped.
-        anchor = _anchored_at(finder.last_mean(mode), finder.expectation(summaries, mode))
+        anchor = _anchored_at(finder.last_mean(mode), finder.conditional_prior(summaries, mode))
         summaries = _laplace(model, smooth, anchor.mean, anchor, silent)
-        for _ in range(REFINEMENTS):
-            summaries = _moments(model, data, summaries, anchor, silent, bent=False)
         summaries = cleared_of_last(summaries)
-        found = finder.expectation(summaries, mode)
-        profile = _grid(model, data, summaries, found.anchor(0), silent)
+        anchor = finder.conditional_prior(summaries, mode)
+        profile = _grid(model, data, summaries, anchor, silent)
         finder.tabulate(profile, summaries, mode)
         mode = finder.mode(summaries, mode)
     return Approximation(summaries, finder.coordinates(summaries, mode), profile, finder.grid)
@@ -399,11 +380,13 @@ class _SpreadsFinder:
         """The mean of the last parameter there."""
         return float(self.data.location_mean[-1] + self._model.locations.sd[-1] * flat[-1])
 
-    def expectation(self, summaries: Sites, flat: np.ndarray) -> ConditionalPriors:
-        """There, b having its conditional mean."""
-        raw = dict(zip(self._names, np.reshape(flat, (-1, 1)), strict=True))
-        data = self._of(summaries)
-        return conditional_priors(self._model, data, raw, np.zeros((1, self._model.locations.size)))
+    def conditional_prior(self, summaries: Sites, flat: np.ndarray) -> ConditionalPrior:
+        """Of each impact there, b having its conditional mean."""
+        raw, at_mean = np.reshape(flat, (-1, 1)), np.zeros((1, self._model.locations.size))
+        named, design = dict(zip(self._names, raw, strict=True)), self.data.design
+        drawn = population_draws(self._model, self._of(summaries), named, at_mean)
+        found = of_cells(drawn.priors(design), np.asarray(design.cell))
+        return ConditionalPrior(found.mean[0], drawn.precision[0])
 
     def coordinates(self, summaries: Sites, mode: np.ndarray) -> Coordinates:
         scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, summaries)[1], mode)))
@@ -438,8 +421,8 @@ def spreads_of_summaries(
     return finder.coordinates(found.summaries, finder.mode(found.summaries, begin))
 
 
-def _anchored_at(last: float, found: ConditionalPriors) -> ConditionalPrior:
-    """The population's anchor with the last parameter held at a value."""
-    mean, precision = (np.array(part) for part in found.anchor(0))
+def _anchored_at(last: float, prior: ConditionalPrior) -> ConditionalPrior:
+    """The conditional prior with the last parameter held at a value."""
+    mean, precision = (np.array(part) for part in prior)
     mean[:, -1], precision[-1, -1] = last, _HELD
     return ConditionalPrior(mean, precision)

@@ -13,20 +13,15 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
-from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import (
-    TraceData,
-    TraceModel,
-    gaussian,
-    physical,
-    population,
-    trace_distribution,
-)
+from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
+from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
+from bayestissue.inference.execution.kept import kept_draws
 from bayestissue.inference.factors.conditional import normals
-from bayestissue.inference.factors.conditional_prior import conditional_priors
+from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
+from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
@@ -37,34 +32,62 @@ DRAWS = 256
 
 def constrained_draws(
     prepared: Prepared,
-    summaries: Sites,
+    sites: Approximation,
     draws: Draws,
     key: Array,
     *,
     told: LikelihoodApproximation | None = None,
 ) -> ConstrainedDraws:
-    """Map all draws back.
+    """Map all draws back; of impacts those that `kept_draws` keeps.
 
     Args:
         prepared: the fit.
-        summaries: in whose coordinates the draws are.
-        draws: of the sampler.
+        sites: in whose coordinates the draws are.
+        draws: of the sampler; those of impacts may be the kept ones already.
         key: of what is drawn besides.
-        told: of the traces' likelihoods, for the log densities; these summaries unless given.
+        told: of the traces' likelihoods, for the log densities; these sites unless given.
     """
-    model, data = prepared.model, prepared.data
-    shape = next(iter(draws.sites.values())).shape[:2]
+    model, design = prepared.model, prepared.data.design
+    chains, number = next(iter(draws.sites.values())).shape[:2]
+    shape, cell = (chains, number), np.asarray(design.cell)
     flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
-    expected = conditional_priors(model, gaussian(data, summaries), flat, flat["standard_locations"])
-    u = normals(summaries, expected.anchors).at(flat["standard_impacts"])
-    keys = jax.vmap(jax.random.split)(jax.random.split(jax.random.fold_in(key, 11), shape[0] * shape[1]))
-    rows = (expected.sites, expected.b, expected.about, u, keys[:, 0], keys[:, 1])
-    b, impacts = in_calls(partial(constrain_rows, model, data), rows, DRAWS)
-    scores = of_draws(prepared, told or LikelihoodApproximation(summaries), expected)
-    sites, b, impacts, scores = jax.tree.map(
-        lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (expected.sites, b, impacts, scores)
+    z_u = draws.sites["standard_impacts"]
+    every = population_draws(model, sites.data(prepared.data), flat, flat["standard_locations"])
+    keys = jax.random.split(jax.random.fold_in(key, 11), len(every.b))
+    kept = kept_draws(*shape, len(cell))
+    z_u = z_u if z_u.shape[1] == len(kept) else z_u[:, kept]
+    z_u = np.asarray(z_u).reshape(-1, *z_u.shape[2:])
+    which = (np.arange(shape[0])[:, None] * shape[1] + kept).ravel()
+    some, people = every.rows(which), keys[which]
+    priors = some.priors(design)
+
+    def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
+        here = of_cells(priors, cell[rows])
+        u = normals(sites.of_rows(rows)[0], here).at(z_u[:, rows])
+        of_block = jax.vmap(partial(jax.random.fold_in, data=rows[0]))(people)
+        of_errors, of_mass = np.moveaxis(np.asarray(jax.vmap(jax.random.split)(of_block)), 1, 0)
+        shared = people if model.mass_error == "subject" else of_mass
+        # Of the design X b of these impacts is asked alone.
+        part = part._replace(design=design._replace(cell=cell[rows]))
+        given = (some.sites, some.b, here.mean, u, shared, of_errors)
+        made = in_calls(partial(constrain_rows, model, part), given, DRAWS)
+        if len(kept) < shape[1]:
+            # Seven digits of a draw are more than it knows, and half the memory.
+            made = {name: values.astype(np.float32) for name, values in made.items()}
+        return {name: np.moveaxis(values, 1, 0) for name, values in made.items()}
+
+    made = in_blocks(prepared.data, one)
+    impacts = {
+        name: np.moveaxis(v.reshape(len(v), shape[0], len(kept), *v.shape[2:]), 0, 2)
+        for name, v in made.items()
+    }
+    b = in_calls(partial(at_true_masses_of, model), (every.sites, every.b, keys), DRAWS)
+    scores = of_draws(prepared, told or LikelihoodApproximation(sites), every)
+    values, b, scores = jax.tree.map(
+        lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (every.sites, b, scores)
     )
-    return ConstrainedDraws(named_sites(model.locations, prepared.design, sites, b), impacts, scores)
+    found = named_sites(model.locations, prepared.design, values, b)
+    return ConstrainedDraws(found, impacts, scores, None if len(kept) == shape[1] else kept)
 
 
 @compiled_sooner()
@@ -78,17 +101,34 @@ def constrain_rows(
     of_mass: Array,
     of_errors: Array,
     number: int,
-) -> tuple[Array, dict[str, Float[Array, "draw impact ..."]]]:
-    """Locations at people's true masses, and every impact's quantities, of the first so many draws.
+) -> dict[str, Float[Array, "draw impact ..."]]:
+    """Every impact's quantities, of the first so many draws.
 
     ``of_mass`` and ``of_errors`` are keys of the errors of mass and of all other errors.
     """
 
-    def one(place: Any) -> tuple[Array, dict[str, Array]]:
+    def one(place: Any) -> dict[str, Array]:
         own = {name: values[place] for name, values in sites.items()}
         spread, columns, here = population(model, own), list(u[place].T), list(about[place].T)
-        locations, mass_error = _mass_error(model, data, spread, b[place], columns, here, of_mass[place])
-        return locations, impact_quantities(model, data, columns, mass_error, of_errors[place])
+        _, shared = at_true_masses(spread, b[place], of_mass[place])
+        if shared is None:
+            mass_error = impact_error(model, spread, columns, here, of_mass[place])
+        else:
+            mass_error = of_impacts(data.design, spread, shared)
+        return impact_quantities(model, data, columns, mass_error, of_errors[place])
+
+    return first_rows(one, DRAWS, number)
+
+
+@compiled_sooner()
+def at_true_masses_of(
+    model: TraceModel, sites: dict[str, Array], b: Float[Array, "draw location"], keys: Array, number: int
+) -> Float[Array, "draw location"]:
+    """Effects at people's true masses, by the errors of `constrain_rows`, of the first so many draws."""
+
+    def one(place: Any) -> Array:
+        own = {name: values[place] for name, values in sites.items()}
+        return at_true_masses(population(model, own), b[place], keys[place])[0]
 
     return first_rows(one, DRAWS, number)
 
@@ -124,29 +164,13 @@ def impact_quantities(
     return impacts
 
 
-def _mass_error(
-    model: TraceModel,
-    data: TraceData,
-    spread: Covariances,
-    b: Array,
-    u: list[Array],
-    about: list[Array],
-    key: Array,
-) -> tuple[Array, Array]:
-    """People's effects in b put at their true mass, and each impact's error of the log mass.
+def at_true_masses(spread: Covariances, b: Array, key: Array) -> tuple[Array, Float[Array, " person"] | None]:
+    """People's effects in b put at their true mass, and the errors that all impacts of a person share.
 
     Everything seen is log K - e and log C - e. Where e is an impact's own, Var(e) is part of the covariance
     of u; where it is a person's, of that of the person's effects, from which it is taken apart here. Either
     way e is normal given what is seen.
     """
-    b, error = at_true_masses(spread, b, key)
-    if error is not None:
-        return b, of_impacts(data.design, spread, error)
-    return b, impact_error(model, spread, u, about, key)
-
-
-def at_true_masses(spread: Covariances, b: Array, key: Array) -> tuple[Array, Float[Array, " person"] | None]:
-    """People's effects in b put at their true mass, and the errors that all impacts of a person share."""
     if spread.shared is None:
         return b, None
     error = error_of_people(spread.locations, spread.shared, b, key)

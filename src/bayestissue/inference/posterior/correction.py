@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from bayestissue.inference.factors.importance_ratios import ImportanceRatios
 from bayestissue.inference.samplers.diagnostics import Check
-from bayestissue.inference.samplers.psis import below_greatest, effective_size, k_threshold, pareto_smoothed
+from bayestissue.inference.samplers.psis import effective_size, k_threshold, pareto_smoothed
 
 # The greatest of some dozen R-hats stays below 1.01 with so many effective draws: four chains, split in two,
 # have R-hat^2 = 1 + 8 x / n with 7 x chi-squared of 7 degrees of freedom, beyond 24.3 in one of 1000.
@@ -35,7 +34,7 @@ class Correction:
         weight: Pareto-smoothed, up to a constant.
         pareto_k: of all chains' weights together.
         needed: effective number of draws that the run asks for; see `needed_size`.
-        ratios: likelihood over site, of which the weights were made.
+        varies: relative variance of each impact's likelihood over its site, where these were compared.
         of_impacts: log of each impact's evidence over its site's, at the draws that were kept.
         attempts: what was tried, this among it, in order: see `Correction.row`.
     """
@@ -43,7 +42,7 @@ class Correction:
     weight: Float[np.ndarray, "chain transition"]
     pareto_k: float
     needed: float
-    ratios: ImportanceRatios | None = None
+    varies: Float[np.ndarray, " impact"] | None = None
     of_impacts: Float[np.ndarray, "draw impact"] | None = None
     attempts: tuple[dict[str, float | None], ...] = ()
 
@@ -52,14 +51,14 @@ class Correction:
         cls,
         log_weight: Float[np.ndarray, "chain transition"],
         kept: int,
-        ratios: ImportanceRatios | None = None,
+        varies: Float[np.ndarray, " impact"] | None = None,
     ) -> Correction:
         """From log weights, of which so many draws are to be kept.
 
         A log weight is minus infinity, or no number, for a draw without weight.
         """
         smoothed, k = pareto_smoothed(log_weight.ravel())
-        return cls(np.exp(smoothed).reshape(log_weight.shape), k, needed_size(kept), ratios)
+        return cls(np.exp(smoothed).reshape(log_weight.shape), k, needed_size(kept), varies)
 
     @property
     def effective(self) -> float:
@@ -83,10 +82,7 @@ class Correction:
         Where it is next to nothing the ratio's mean is that of a point or two, the same for all draws, whose
         weights then do not vary as they should.
         """
-        if self.ratios is None:
-            return 1.0
-        weight = np.exp(below_greatest(np.asarray(self.ratios.log_ratio)))
-        return float(np.median(effective_size(weight)) / len(weight))
+        return 1.0 if self.varies is None else float(np.median(1 / (1 + self.varies)))
 
     @property
     def trusted(self) -> bool:
@@ -142,7 +138,7 @@ class Correction:
             f"are enough draws left? The weights' relative effective sample size is {self.relative:.0%}",
             _EXACT,
         )
-        if self.ratios is None:
+        if self.varies is None:
             return of_tail, of_draws
         of_points = Check(
             "relative effective sample size of the points that likelihood and site were compared at",

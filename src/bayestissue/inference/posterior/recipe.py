@@ -14,7 +14,6 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -22,31 +21,30 @@ from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
-from bayestissue.inference.execution.compiling import compiled_quickly, filled_up, in_calls
+from bayestissue.inference.execution.chunks import in_blocks
+from bayestissue.inference.execution.compiling import filled_up, in_calls
+from bayestissue.inference.execution.kept import all_fit, kept_draws
 from bayestissue.inference.execution.progress import Progress, silent
-from bayestissue.inference.factors import regression
-from bayestissue.inference.factors.conditional import ConditionalPrior, evenly_spaced, log_site, normals
-from bayestissue.inference.factors.conditional_prior import ConditionalPriors, conditional_priors
-from bayestissue.inference.factors.grid import LikelihoodGrid
-from bayestissue.inference.factors.importance_ratios import (
-    ImportanceRatios,
-    log_evidence_corrections,
-    ratios_among,
-)
+from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, normals
+from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior.approximate import (
-    LAST,
     Approximation,
     approximate,
     marginal_model,
     potential_at,
-    spreads_of_summaries,
 )
 from bayestissue.inference.posterior.correction import Correction
-from bayestissue.inference.samplers.coordinates import Coordinates
+from bayestissue.inference.posterior.expansion import (
+    CHECKS,
+    draws_at,
+    importance_weights,
+    refitted,
+    to_second_order,
+    with_expansion,
+)
 from bayestissue.inference.samplers.independence import independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
-from bayestissue.inference.samplers.psis import below_greatest, effective_size, relative_variance
 from bayestissue.inference.samplers.resampling import systematic
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -55,28 +53,32 @@ CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
 PROPOSAL_LIMIT, _LEAST_EFFECTIVE = 0.5, 0.5
 # A matrix of each impact under each of so many draws takes little memory.
 _DRAWS_AT_ONCE = 500
-# Sites are fitted about so many draws to second order, once for each number, before any chain: of Maxwell's
-# element on the example, beside a discrepancy, one pass of 512 left 8 to 71 % of the draws, these leave 73 to
-# 89 %. Without a discrepancy that is done where the relative effective sample size of such draws is below the
-# third that is asked of chains. About chains' corrected draws they are fitted as often as that raises the
-# effective number by half.
-_DRAWS_BEFORE = (256, 512)
-_PLACED = 1 / 3
+# Sites are fitted so often about so many draws to second order, before any chain; and about so many corrected
+# draws of chains, as often as that raises the effective number by half.
+_PASSES_BEFORE, _DRAWS_BEFORE, _DRAWS_ABOUT = 2, 128, 512
 _MOST_PASSES, _GAIN = 4, 1.5
+# Of log weights: with more next to no draw is effective.
+_MOST_SCATTER = 2.0
 # Chains of the population so many times longer still take less time than the exact path.
 _LONGEST = 5
 
 
 class Attempt(NamedTuple):
-    """Sites, and draws of the population made and corrected with them."""
+    """Draws of the population made with some sites, and chosen by their weights.
+
+    Attributes:
+        sites: of the traces.
+        chains: as the sampler left them.
+        draws: those chosen, one chain's after the other's.
+        z_b: their standard effects.
+        correction: their importance weights.
+    """
 
     sites: Approximation
-    found: _Population
-
-    @property
-    def correction(self) -> Correction:
-        """Of the draws."""
-        return self.found.correction
+    chains: Draws
+    draws: PopulationDraws
+    z_b: Float[np.ndarray, "draw location"]
+    correction: Correction
 
 
 def corrected_draws(
@@ -85,8 +87,7 @@ def corrected_draws(
     seed: int,
     *,
     summarised: Approximation | None = None,
-    say: Progress = silent,
-    progress: Progress = silent,
+    say: Callable[[str, int, int], None] = lambda *_: None,
 ) -> tuple[Approximation, Draws, Correction]:
     """Sites, draws of the approximate marginal posterior made with them, and their correction.
 
@@ -100,28 +101,32 @@ def corrected_draws(
         settings: how many chains and draws.
         seed: of all of it.
         summarised: what `approximate` found, if it was asked before.
-        say: told what `approximate` has done.
-        progress: told how many transitions are done, of every attempt anew.
+        say: told the stage, how much of it is done, and its total; of every attempt anew.
     """
     rng = np.random.default_rng([seed, 22])
-    sites = summarised or approximate(prepared, say=say)
+    done, sampling = partial(say, "summarising each trace"), partial(say, "sampling the population")
+    sites = summarised or approximate(prepared, say=done)
 
     def sample(sites: Approximation, settings: Sampler = settings) -> Attempt:
-        return Attempt(sites, _population_draws(prepared, sites, settings, seed, progress))
+        return population_attempt(prepared, sites, settings, seed, sampling)
 
-    made = _attempts(prepared, sites, sample, seed, rng)
+    def attempts(sites: Approximation) -> list[Attempt]:
+        return _attempts(
+            prepared, placed(prepared, sites, settings, seed, rng, done), sample, settings, seed, rng
+        )
+
+    made = attempts(sites)
     if prepared.model.may_have_grid and not _best(made).correction.trusted:
-        other = approximate(prepared, normal=sites.profile is not None, say=say)
-        made += _attempts(prepared, other, sample, seed, rng)
+        made += attempts(approximate(prepared, normal=sites.profile is not None, say=done))
     best = _best(made)
     if best.correction.lacks_only_draws:
         longer = int(np.ceil(1.2 * best.correction.needed / best.correction.effective))
         if longer <= _LONGEST:
             made.append(sample(best.sites, _lengthened(settings, longer)))
             best = _best(made)
-    draws, correction = _with_impacts(prepared, best.sites, best.found, settings)
     rows = tuple(attempt.correction.row() for attempt in made)
-    return best.sites, draws, replace(correction, attempts=rows)
+    draws = with_impacts(prepared, best, settings, seed, partial(say, "drawing each impact"))
+    return best.sites, draws, replace(best.correction, attempts=rows)
 
 
 def _best(made: list[Attempt]) -> Attempt:
@@ -132,6 +137,7 @@ def _attempts(
     prepared: Prepared,
     sites: Approximation,
     sample: Callable[[Approximation], Attempt],
+    settings: Sampler,
     seed: int,
     rng: np.random.Generator,
 ) -> list[Attempt]:
@@ -140,18 +146,36 @@ def _attempts(
     So on until a correction can be trusted or the effective number of draws is not half as large again. A
     grid of the last parameter is not fitted anew.
     """
-    if sites.profile is None and (prepared.model.discrepancy or prepared.model.weakly_identified):
-        sites = _about_second_order(prepared, sites, seed, rng)
     made = [sample(sites)]
     while not made[-1].correction.trusted and made[-1].sites.profile is None and len(made) < _MOST_PASSES:
-        found = made[-1].found
-        some = np.resize(rng.permutation(len(found.z_b)), _DRAWS_BEFORE[-1])
-        draws = {name: values[some] for name, values in found.raw.items()}, found.z_b[some]
-        before = len(_DRAWS_BEFORE) + len(made) - 1
-        made.append(sample(_about_draws(prepared, made[-1].sites, draws, seed + before)))
+        found = made[-1].draws
+        some = found.rows(np.resize(rng.permutation(len(found.b)), _DRAWS_ABOUT))
+        fitted = refitted(prepared, made[-1].sites, some, seed + _MOST_PASSES + len(made))
+        made.append(sample(with_expansion(prepared, fitted, seed, _limit(prepared, settings))))
         if made[-1].correction.effective < _GAIN * made[-2].correction.effective:
             break
     return made
+
+
+def placed(
+    prepared: Prepared,
+    sites: Approximation,
+    settings: Sampler,
+    seed: int,
+    rng: np.random.Generator,
+    progress: Progress = silent,
+) -> Approximation:
+    """Sites fitted about draws of the population to second order, and expanded where these need it."""
+    for number in range(_PASSES_BEFORE if sites.profile is None else 0):
+        draws = to_second_order(prepared, sites, _DRAWS_BEFORE, rng)
+        sites = refitted(prepared, sites, draws, seed + number, progress)
+    return with_expansion(prepared, sites, seed, _limit(prepared, settings), progress)
+
+
+def _limit(prepared: Prepared, settings: Sampler) -> float:
+    """The scatter of log weights that is left to the weights: none where these only judge."""
+    whole = all_fit(settings.chains * settings.transitions, len(prepared.impacts))
+    return _MOST_SCATTER if whole else 0.0
 
 
 def _lengthened(settings: Sampler, times: int) -> Sampler:
@@ -159,89 +183,62 @@ def _lengthened(settings: Sampler, times: int) -> Sampler:
     return settings.model_copy(update={"thinning": times * settings.thinning})
 
 
-def marginal_draws(
-    prepared: Prepared,
-    summarised: Approximation,
-    settings: Sampler,
-    seed: int,
-    *,
-    progress: Progress = silent,
-) -> tuple[Draws, Correction]:
-    """Draws of the same sites as `sampled_model` has, corrected to the same posterior."""
-    found = _population_draws(prepared, summarised, settings, seed, progress)
-    return _with_impacts(prepared, summarised, found, settings)
+def population_attempt(
+    prepared: Prepared, sites: Approximation, settings: Sampler, seed: int, progress: Progress = silent
+) -> Attempt:
+    """Chains of the population and their correction.
 
-
-def _with_impacts(
-    prepared: Prepared, summarised: Approximation, found: _Population, settings: Sampler
-) -> tuple[Draws, Correction]:
-    """The population's draws, and each impact's parameters under every one."""
-    model, summaries, profile = prepared.model, summarised.summaries, summarised.profile
-    candidates = _candidates(model, found.ratios, profile, found.compared)
-    choose = partial(sir_proposals, model, prepared.data, summaries, candidates)
-    seeds = found.rng.integers(2**32, size=len(found.z_b))
-    z_u = in_calls(choose, (found.expected.about, found.expected.precision, seeds), _DRAWS_AT_ONCE)
-    sites = {**found.raw, "standard_locations": found.z_b, "standard_impacts": z_u}
-    shape = (settings.chains, settings.draws)
-    draws = Draws(
-        {name: np.asarray(values).reshape(*shape, *values.shape[1:]) for name, values in sites.items()},
-        found.chains.statistics,
-        found.chains.max_tree_depth,
-    )
-    return draws, found.correction
-
-
-class _Population(NamedTuple):
-    """Draws of the population, chosen by their weights.
-
-    Attributes:
-        chains: as the sampler left them.
-        raw: the spreads, unconstrained.
-        z_b: the standard locations.
-        expected: what they expect of every impact.
-        correction: their importance weights.
-        compared: draws at which ``ratios`` were taken.
-        ratios: likelihood over summary there.
-        rng: for what follows.
+    Where draws times impacts are more than fits, the weights are those of some draws, by which all are judged
+    and none chosen.
     """
-
-    chains: Draws
-    raw: dict[str, np.ndarray]
-    z_b: np.ndarray
-    expected: ConditionalPriors
-    correction: Correction
-    compared: ConditionalPriors
-    ratios: ImportanceRatios
-    rng: np.random.Generator
-
-
-def _population_draws(
-    prepared: Prepared,
-    summarised: Approximation,
-    settings: Sampler,
-    seed: int,
-    progress: Progress,
-) -> _Population:
-    """Chains of the population and their correction."""
-    model, profile = prepared.model, summarised.profile
-    data = summarised.data(prepared.data)
-    chains = sample_marginal(prepared, summarised, settings, seed, progress)
-    shape = (settings.chains, settings.transitions)
-    rng = np.random.default_rng([seed, 21])
-    count = shape[0] * shape[1]
-    raw = summarised.spreads.raw(chains.sites[COORDINATES].reshape(count, -1))
-    z_b = rng.standard_normal((count, model.locations.size))
-    if profile is not None:
-        z_b[:, -1] = raw.pop(LAST)
-    every = conditional_priors(model, data, raw, z_b)
-    of_impacts, ratios, compared = _log_weights(prepared, summarised, every)
-    log_weight = of_impacts.sum(-1).reshape(shape)
-    correction = Correction.of(log_weight, settings.chains * settings.draws, ratios)
-    places = systematic(correction.weight, settings.draws, rng)
+    chains = sample_marginal(prepared, sites, settings, seed, progress)
+    shape, rng = (settings.chains, settings.transitions), np.random.default_rng([seed, 21])
+    y = chains.sites[COORDINATES].reshape(shape[0] * shape[1], -1)
+    standard = rng.standard_normal((len(y), prepared.model.locations.size))
+    every, z_b = draws_at(prepared, sites, y, standard)
+    whole = all_fit(len(y), len(prepared.impacts))
+    checked = every if whole else every.some(CHECKS)
+    found = importance_weights(prepared, sites, checked, every)
+    log_weight = found.log_weight.reshape(shape if whole else (1, -1))
+    number = settings.chains * settings.draws if whole else CHECKS
+    correction = Correction.of(log_weight, number, found.varies)
+    places = np.arange(settings.thinning - 1, shape[1], settings.thinning)
+    if whole:
+        places = systematic(correction.weight, settings.draws, rng)
     chosen = np.ravel(places + shape[1] * np.arange(shape[0])[:, None])
-    correction = replace(correction, of_impacts=of_impacts[chosen])
-    raw = {name: values[chosen] for name, values in raw.items()}
-    return _Population(chains, raw, z_b[chosen], _rows(every, chosen), correction, compared, ratios, rng)
+    if whole:
+        correction = replace(correction, of_impacts=found.of_impacts[chosen])
+    return Attempt(sites, chains, every.rows(chosen), z_b[chosen], correction)
+
+
+def with_impacts(
+    prepared: Prepared, found: Attempt, settings: Sampler, seed: int, progress: Progress = silent
+) -> Draws:
+    """The population's draws, and each impact's standard normals under those that are kept of it.
+
+    These are the draws of the sites of `sampled_model`, corrected to the same posterior.
+    """
+    model, design = prepared.model, prepared.data.design
+    shape, cell = (settings.chains, settings.draws), np.asarray(design.cell)
+    kept = kept_draws(*shape, len(cell))
+    some = found.draws.rows((np.arange(shape[0])[:, None] * shape[1] + kept).ravel())
+    priors = some.priors(design)
+    # What has a grid varies besides under the population of each draw.
+    measured = found.correction.varies if found.sites.profile is None else None
+    varies = np.inf if measured is None else float(measured.mean())
+
+    def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
+        rng = np.random.default_rng([seed, 24, int(rows[0])])
+        own, here = found.sites.of_rows(rows)[0], of_cells(priors, cell[rows])
+        choose = partial(sir_proposals, model, part, own, candidates_for(varies))
+        seeds = rng.integers(2**32, size=len(some.b))
+        return in_calls(choose, (here.mean, some.precision, seeds), _DRAWS_AT_ONCE).swapaxes(0, 1)
+
+    z_u = in_blocks(prepared.data, one, progress=progress).swapaxes(0, 1)
+    sites = {**found.draws.raw, "standard_locations": found.z_b}
+    made = {name: values.reshape(*shape, *values.shape[1:]) for name, values in sites.items()}
+    made["standard_impacts"] = z_u.reshape(shape[0], len(kept), *z_u.shape[1:])
+    return Draws(made, found.chains.statistics, found.chains.max_tree_depth)
 
 
 def sample_marginal(
@@ -267,83 +264,14 @@ def sample_marginal(
     )
 
 
-def _rows(every: ConditionalPriors, chosen: np.ndarray) -> ConditionalPriors:
-    return jax.tree.map(lambda values: values[chosen], every)
-
-
-def _about_second_order(
-    prepared: Prepared, sites: Approximation, seed: int, rng: np.random.Generator
-) -> Approximation:
-    """Sites fitted about draws of the population to second order, which cost no chain.
-
-    Beside a discrepancy about these as they are, else about corrected ones, unless the sites serve them all.
-    """
-    for number, count in enumerate(_DRAWS_BEFORE):
-        raw, z_b = _to_second_order(prepared, sites.spreads, count, rng)
-        if not prepared.model.discrepancy:
-            every = conditional_priors(prepared.model, sites.data(prepared.data), raw, z_b)
-            weight = np.exp(below_greatest(_log_weights(prepared, sites, every)[0].sum(-1)))
-            if effective_size(weight) > _PLACED * count:
-                return sites
-            (chosen,) = systematic(weight[None], count, rng)
-            raw, z_b = {name: values[chosen] for name, values in raw.items()}, z_b[chosen]
-        sites = _about_draws(prepared, sites, (raw, z_b), seed + number)
-    return sites
-
-
-def _log_weights(
-    prepared: Prepared, sites: Approximation, every: ConditionalPriors
-) -> tuple[Float[np.ndarray, "draw impact"], ImportanceRatios, ConditionalPriors]:
-    """Each impact's part of draws' log importance weights; the ratios, and the draws at which these are."""
-    ratios = ratios_among(prepared.model, prepared.data, sites.summaries, every.anchors, sites.profile)
-    compared = _rows(every, evenly_spaced(len(every.b)))
-    of_impacts = log_evidence_corrections(sites.summaries, ratios, every.anchors)
-    return np.where(np.isfinite(of_impacts), of_impacts, -np.inf), ratios, compared
-
-
-def _to_second_order(
-    prepared: Prepared, spreads: Coordinates, count: int, rng: np.random.Generator
-) -> tuple[dict[str, np.ndarray], np.ndarray]:
-    """Draws of the population to second order: the spreads, unconstrained, and standard locations."""
-    y = rng.multivariate_normal(np.zeros(len(spreads.names)), spreads.covariance, count)
-    return spreads.raw(y), rng.standard_normal((count, prepared.model.locations.size))
-
-
-def _about_draws(
-    prepared: Prepared, summarised: Approximation, draws: tuple[dict[str, np.ndarray], np.ndarray], seed: int
-) -> Approximation:
-    """Sites made anew about draws of the population."""
-    expected = conditional_priors(prepared.model, summarised.data(prepared.data), *draws)
-    summaries = regression.regression_sites(
-        prepared.model, prepared.data, summarised.summaries, expected, seed
-    )
-    near = {name: np.asarray(values.mean()) for name, values in draws[0].items()}
-    found = Approximation(summaries, summarised.spreads, None)
-    return replace(found, spreads=spreads_of_summaries(prepared, found, near))
-
-
-def _candidates(
-    model: TraceModel, ratios: ImportanceRatios, profile: LikelihoodGrid | None, part: ConditionalPriors
-) -> int:
+def candidates_for(varies: float) -> int:
     """How many candidates an impact's parameters are chosen from.
 
-    The choice is off the truth by about v / n, v being the variance of likelihood over summary relative to
-    its mean squared, of what has a profile also under the population of each draw.
+    The choice is off the truth by about v / n, v being the variance of likelihood over site relative to its
+    mean squared, infinite where it has no mean.
     """
-    varies = float(np.mean(relative_variance(ratios.log_ratio)))
-    if profile is not None:
-        of_profile = _over(profile, part.b[:, -1], part.sites[f"sd_{model.nuisance[-1]}"])
-        varies = (1 + varies) * (1 + float(np.mean(relative_variance(of_profile)))) - 1
-    return candidates_for(varies)
-
-
-def candidates_for(varies: float) -> int:
-    """So many for this relative variance of likelihood over summary, infinite where it has no mean."""
     wanted = np.ceil(varies / _OFF) if np.isfinite(varies) else CANDIDATES
     return int(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES))
-
-
-_over = compiled_quickly()(LikelihoodGrid.over)
 
 
 def _begun(prepared: Prepared, summarised: Approximation, chains: int, rng: np.random.Generator) -> Start:
@@ -352,12 +280,9 @@ def _begun(prepared: Prepared, summarised: Approximation, chains: int, rng: np.r
     points = 0.5 * rng.standard_normal((chains, len(root))) @ root.T
     found = [potential_at(prepared, summarised, point) for point in points]
     potentials, slopes = (np.array(part) for part in zip(*found, strict=True))
-    return start_at(summarised.spreads, Known(points, potentials, slopes))
-
-
-def start_at(spreads: Coordinates, known: Known) -> Start:
-    """Of chains that begin at these points of the coordinates."""
-    return Start({COORDINATES: np.zeros(len(spreads.names))}, (COORDINATES,), spreads.covariance, known)
+    centre = {COORDINATES: np.zeros(len(root))}
+    known = Known(points, potentials, slopes)
+    return Start(centre, (COORDINATES,), summarised.spreads.covariance, known)
 
 
 def sir_proposals(

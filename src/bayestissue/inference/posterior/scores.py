@@ -7,6 +7,7 @@ ratio of the traces' own evidence to it.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -18,19 +19,20 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.hierarchy.gaussian import blocks
-from bayestissue.hierarchy.gaussian.impacts import CellSums, Sites
+from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
+from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.hierarchy.traces import TraceModel, population
+from bayestissue.inference.execution.chunks import impacts_of
 from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
-from bayestissue.inference.factors.conditional import ConditionalPrior, normals
-from bayestissue.inference.factors.conditional_prior import ConditionalPriors
+from bayestissue.inference.execution.kept import all_fit, some_impacts
+from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence
+from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
 from bayestissue.inference.factors.grid import LikelihoodGrid
-from bayestissue.inference.factors.importance_ratios import (
-    ImportanceRatios,
-    log_evidence_corrections,
-    ratios_among,
-)
+from bayestissue.inference.factors.importance_ratios import log_evidence_corrections, ratios_among
+from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, gained, own_effects
+from bayestissue.padding import bucket
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
@@ -40,139 +42,123 @@ class LikelihoodApproximation(NamedTuple):
     """All that is known of the traces' likelihoods.
 
     Attributes:
-        summaries: of the traces.
-        profile: of the last parameter, where the summaries are cleared of it.
-        ratios: of likelihood over summary and profile; found by `of_draws` unless given.
-        corrections: what the ratios make of each impact's evidence at the draws that are scored, as
-            `log_evidence_corrections` has it; found by `of_draws` unless given.
+        sites: of the traces, with a grid of the last parameter or an expansion of what they leave out.
+        corrections: log of each trace's evidence over its site's at the draws that are scored; found by
+            `of_draws` unless given.
     """
 
-    summaries: Sites
-    profile: LikelihoodGrid | None = None
-    ratios: ImportanceRatios | None = None
+    sites: Approximation
     corrections: Float[np.ndarray, "draw impact"] | None = None
 
 
 def of_draws(
-    prepared: Prepared,
-    told: LikelihoodApproximation,
-    expected: ConditionalPriors,
-    groups: dict[str, tuple[Slots, OwnEffects]] | None = None,
+    prepared: Prepared, told: LikelihoodApproximation, draws: PopulationDraws
 ) -> dict[str, np.ndarray]:
     """Log densities under each draw of the population: "trace" [draw, impact], "traces_of_subject" and so on.
 
-    That of an impact is its summary's evidence, times the profile's, times the mean of likelihood over both:
+    That of an impact is its site's evidence, times the grid's, times the mean of likelihood over both:
     see `bayestissue.inference.factors.importance_ratios`. Of a person's or condition's traces all effects
-    that only these have are integrated out of the summaries (see
-    `bayestissue.inference.posterior.own_effects`), and the factors besides are those at the effects that the
-    draw has: these being a draw of the posterior, the mean of one over such a density, which leaving out
-    asks for, is the true one.
+    that only these have are integrated out of the sites (see `bayestissue.inference.posterior.own_effects`),
+    and the factors besides are those at the effects that the draw has: these being a draw of the posterior,
+    the mean of one over such a density, which leaving out asks for, is the true one.
 
-    Args:
-        prepared: the fit.
-        told: of the traces' likelihoods.
-        expected: what the draws expect; its sites are those of the draws.
-        groups: groupings with their levels' own effects; all of the design unless given.
+    Where draws times impacts are more than fits, "trace" is of `some_impacts`, what groups have besides
+    their sites is the expansion, and "traces" is of all traces together.
     """
-    besides = log_evidence_ratios(prepared.model, prepared.data, told, expected.anchors)
-    groups = own_effects(prepared.model, prepared.design) if groups is None else groups
-    parts = [
-        _of_some(prepared, groups, told.summaries, expected, besides, slice(begin, begin + _AT_ONCE))
-        for begin in range(0, len(besides), _AT_ONCE)
-    ]
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    data, sites, count = prepared.data, told.sites, len(prepared.impacts)
+    whole = all_fit(len(draws.b), count)
+    groups = _of_groups(prepared, replace(sites, expansion=None) if whole else sites, draws)
+    rows = np.arange(count) if whole else some_impacts(count)
+    part, (own, grid) = impacts_of(data, rows), sites.of_rows(rows)
+    priors = of_cells(draws.priors(data.design), np.asarray(data.design.cell)[rows])
+    besides = told.corrections
+    if besides is None:
+        ratios = ratios_among(prepared.model, part, own, priors, grid)
+        besides = log_evidence_corrections(own, ratios, priors)
+    if grid is not None:
+        besides = besides + _of_grid(grid, priors)
+    parts = [slice(begin, begin + _AT_ONCE) for begin in range(0, len(besides), _AT_ONCE)]
+    alone = [log_evidence(own, ConditionalPrior(*(each[some] for each in priors))) for some in parts]
+    scores = {"trace": np.concatenate(alone) + besides}
+    if not whole:
+        return scores | groups
+    for name, grouping in prepared.design.groupings.items():
+        member = (grouping.code[:, None] == np.arange(len(grouping.levels))).astype(float)
+        stem = f"traces_of_{stem_of(name)}"
+        scores[stem] = groups[stem] + besides @ member
+    return scores
 
 
-def log_evidence_ratios(
-    model: TraceModel, data: TraceData, told: LikelihoodApproximation, anchors: ConditionalPrior
-) -> Float[np.ndarray, "draw impact"]:
-    """Log of each trace's evidence over its summary's, where draws of the population expect its impact."""
-    ratios, found = told.ratios, told.corrections
-    if ratios is None:
-        ratios = ratios_among(model, data, told.summaries, anchors, told.profile)
-    if found is None:
-        found = log_evidence_corrections(told.summaries, ratios, anchors)
-    return found if told.profile is None else found + _of_profile(told.profile, anchors)
-
-
-def _of_profile(profile: LikelihoodGrid, anchors: ConditionalPrior) -> Float[np.ndarray, "draw impact"]:
-    sd = anchors.precision[:, 0, -1, -1] ** -0.5
-    return in_calls(partial(_profile_evidence, profile), (anchors.mean[..., -1], sd), _AT_ONCE)
+def _of_grid(grid: LikelihoodGrid, priors: ConditionalPrior) -> Float[np.ndarray, "draw impact"]:
+    sd = priors.precision[:, 0, -1, -1] ** -0.5
+    return in_calls(partial(_grid_evidence, grid), (priors.mean[..., -1], sd), _AT_ONCE)
 
 
 @compiled_sooner()
-def _profile_evidence(
-    profile: LikelihoodGrid, mean: Float[Array, "draw impact"], sd: Array, number: int
+def _grid_evidence(
+    grid: LikelihoodGrid, mean: Float[Array, "draw impact"], sd: Array, number: int
 ) -> Float[Array, "draw impact"]:
-    return first_rows(lambda place: profile.log_evidence(mean[place], sd[place]), _AT_ONCE, number)
+    return first_rows(lambda place: grid.log_evidence(mean[place], sd[place]), _AT_ONCE, number)
 
 
-def _of_some(
-    prepared: Prepared,
-    groups: dict[str, tuple[Slots, OwnEffects]],
-    summaries: Sites,
-    expected: ConditionalPriors,
-    besides: Float[np.ndarray, "draw impact"],
-    some: slice,
-) -> dict[str, np.ndarray]:
-    anchors = ConditionalPrior(*(part[some] for part in expected.anchors))
-    sites = {name: values[some] for name, values in expected.sites.items()}
-    b, besides = expected.b[some], besides[some]
-    given, about = normals(summaries, anchors)
-    scores = {"trace": given.log_density(about) + besides}
-    for name, (slots, own) in groups.items():
-        mean = without(slots, own, b, about)
-        alone = given.log_density(mean) + besides
-        member = (own.level[:, None] == np.arange(own.element.shape[1])).astype(float)
-
-        def total(values: Any, member: Any = member) -> Any:
-            return values @ member
-
-        added = gained(prepared.model, slots, own, sites, given.weight, given.pull(mean), total)
-        scores[f"traces_of_{stem_of(name)}"] = total(alone) + added
-    return scores
+def _of_groups(
+    prepared: Prepared, sites: Approximation, draws: PopulationDraws
+) -> dict[str, Float[np.ndarray, " draw ..."]]:
+    """The same of groups by the sites, and that of all traces together."""
+    found = own_effects(prepared.model, prepared.design)
+    slots = tuple((name, each) for name, (each, _) in found.items())
+    own = {name: _by_place(prepared, each) for name, (_, each) in found.items()}
+    scored = partial(_group_scores, prepared.model, slots, sites.data(prepared.data), own)
+    made = in_calls(scored, (draws.sites, draws.b), _AT_ONCE)
+    for name, grouping in prepared.design.groupings.items():
+        stem = f"traces_of_{stem_of(name)}"
+        made[stem] = made[stem][:, : len(grouping.levels)]
+    return made
 
 
-def scores_of_groups(
+def _by_place(prepared: Prepared, own: OwnEffects) -> OwnEffects:
+    """The same of each place, whose impacts are alike; an empty one has level 0 and adds nothing."""
+    cell, places = np.asarray(prepared.data.design.cell), prepared.data.design.members.shape[2]
+    level, value = np.zeros(places, int), np.zeros((len(own.value), places))
+    level[cell], value[:, cell] = own.level, own.value
+    slots, levels = own.element.shape
+    element = np.zeros((slots, bucket(levels)), int)
+    element[:, :levels] = own.element
+    return OwnEffects(level, element, value)
+
+
+@partial(jax.jit, static_argnums=1)
+def _group_scores(
     model: TraceModel,
-    sums: CellSums,
-    moved: Float[Array, "parameter place"],
     groups: tuple[tuple[str, Slots], ...],
+    data: Data,
     own_of: dict[str, OwnEffects],
     sites: dict[str, Array],
-    b: Float[Array, " location"],
+    b: Float[Array, "draw location"],
+    number: int,
 ) -> dict[str, Array]:
-    """The same of one draw from the sums of cells, and that of all traces together.
+    """What is compiled of `_of_groups`: the first so many of the draws."""
 
-    Args:
-        model: the model.
-        sums: what the impacts of each place say of X b.
-        moved: X b of each place, less that at b's prior mean.
-        groups: what each grouping's own effects are.
-        own_of: where they are, with places for impacts.
-        sites: the standard deviations.
-        b: the effects.
-    """
+    def one(place: Any) -> dict[str, Array]:
+        spreads, effects = {name: values[place] for name, values in sites.items()}, b[place]
+        sums = data.sums(population(model, spreads))
+        moved = expected_by_cell(data.design, effects) - expected_by_cell(data.design, data.mean)
 
-    def at(away: Array) -> tuple[Array, Array]:
-        bent = jnp.stack(blocks.times(sums.weight, away))
-        return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
+        def at(away: Array) -> tuple[Array, Array]:
+            bent = jnp.stack(blocks.times(sums.weight, away))
+            return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
 
-    scores = {"traces": at(moved)[0].sum()}
-    for name, slots in groups:
-        own = own_of[name]
-        if not slots.spread:
-            continue
+        scores = {"traces": at(moved)[0].sum()}
+        for name, slots in groups:
+            own = own_of[name]
 
-        def total(values: Array, own: OwnEffects = own) -> Array:
-            return jax.ops.segment_sum(values, own.level, own.element.shape[1])
+            def total(values: Array, own: OwnEffects = own) -> Array:
+                return jax.ops.segment_sum(values, own.level, own.element.shape[1])
 
-        value, pull = at(without(slots, own, b, moved))
-        added = gained(model, slots, own, sites, sums.weight, pull, total)
-        scores[f"traces_of_{stem_of(name)}"] = total(value) + added
-    return scores
+            alone = [v - own.in_impacts(slots, effects, a) for a, v in enumerate(moved)]
+            value, pull = at(jnp.stack(alone))
+            added = gained(model, slots, own, spreads, sums.weight, pull, total)
+            scores[f"traces_of_{stem_of(name)}"] = total(value) + added
+        return scores
 
-
-def without(slots: Slots, own: OwnEffects, b: Any, about: Any) -> Any:
-    """X b less what levels' own effects add to it."""
-    return about.__array_namespace__().stack([v - own.in_impacts(slots, b, a) for a, v in enumerate(about)])
+    return first_rows(one, _AT_ONCE, number)

@@ -234,6 +234,12 @@ class MeasuredDeceleration(dist.Distribution):
         record = self.record
         return draw_errors(key, self.products(), self.log_sigma, record.error_sd, record.uniform)
 
+    def residuals(self, errors: Float[Array, "impact 3"]) -> Float[Array, "impact sample"]:
+        """What the impact and these errors of the chain leave of the recorded traces; 0 past their ends."""
+        expected, columns, inside = self._columns()
+        added = sum(errors[:, i, None] * column for i, column in enumerate(columns))
+        return jnp.where(inside, self.record.d - expected - added, 0.0)
+
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces: the impact, the chain's errors and white noise."""
         key_of_noise, key_of_errors = jax.random.split(key)

@@ -1,4 +1,4 @@
-"""Expansions and moments of traces' likelihoods, against derivatives and closed forms."""
+"""Laplace sites of traces' likelihoods, against derivatives and closed forms."""
 
 from __future__ import annotations
 
@@ -15,9 +15,8 @@ from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import log_likelihood, with_normal_errors
 from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, log_site, points_of
-from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
+from bayestissue.inference.factors.laplace import curvature_floor, laplace_sites, weak_prior
 from bayestissue.inference.factors.likelihoods import POINTS, log_likelihoods
-from bayestissue.inference.factors.moments import Points, refine
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
@@ -143,28 +142,19 @@ def test_the_evidence_of_a_summary_is_its_integral() -> None:
         np.testing.assert_allclose(found[i], level + constant + overlap, rtol=1e-9)
 
 
-def test_moments_find_a_normal_likelihood_from_any_summary() -> None:
-    old, anchor = summaries_of(2)
-    truth = old._replace(
-        precision=2 * old.precision, slope=old.slope + 1, log_likelihood=old.log_likelihood + 3
-    )
-    z = np.random.default_rng(3).standard_normal((40_000, 2))
-    u = points_of(old, anchor, z)
-    found = refine(old, anchor, Points(u, log_site(truth, u) - log_site(old, u)))
-    # Moments of 40,000 draws, weighted: half a percent of each standard deviation, and twice that of squares.
-    whole = np.asarray(truth.precision) + anchor.precision
-    np.testing.assert_allclose(np.asarray(found.precision) + anchor.precision, whole, rtol=0.1, atol=0.3)
-    exact, near = log_evidence(truth, anchor), log_evidence(found, anchor)
-    np.testing.assert_allclose(near, exact, atol=0.05)
+def test_an_expansion_that_bends_the_wrong_way_promises_little() -> None:
+    slope = np.array([0.5, 7.0, -14.0, 3.0])
+    bend = np.array([-3.0, 1e-9, -60.0, 0.0])
+    firm = np.asarray(curvature_floor(bend, slope))
+    gain = slope**2 / (2 * firm)
+    np.testing.assert_allclose(gain, 1.0, rtol=1e-12)
 
 
-def test_points_without_any_likelihood_leave_a_summary_as_it_was() -> None:
-    old, anchor = summaries_of(2)
-    u = points_of(old, anchor, np.random.default_rng(3).standard_normal((64, 2)))
-    ratio = np.zeros(u.shape[:2])
-    ratio[:, 1] = -np.inf
-    ratio[1:, 3] = -np.inf
-    found = refine(old, anchor, Points(u, ratio))
-    for new, before in zip(found, old, strict=True):
-        np.testing.assert_array_equal(np.asarray(new)[[1, 3]], np.asarray(before)[[1, 3]])
-        assert np.isfinite(np.asarray(new)).all()
+def test_an_expansion_that_bends_as_it_should_stays() -> None:
+    # Up to a maximum that is six standard deviations away.
+    slope, bend = np.array([0.0, 6.0, 0.1]), np.array([2.0, 1.0, 1e-3])
+    np.testing.assert_array_equal(curvature_floor(bend, slope), bend)
+
+
+def test_a_flat_likelihood_keeps_a_trace_of_a_bend() -> None:
+    assert (np.asarray(curvature_floor(np.zeros(2), np.zeros(2))) > 0).all()

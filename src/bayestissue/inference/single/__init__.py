@@ -1,0 +1,1 @@
+"""Impacts each by itself: the posterior of one trace under weak priors, and the table of `estimate`."""

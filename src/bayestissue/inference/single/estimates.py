@@ -1,0 +1,194 @@
+"""K and C of every impact by itself as a table, by any of the methods: `estimates.csv`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from bayestissue.errors import InputError
+from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.specification import Formulas, read_specification
+from bayestissue.hierarchy.trace_data import assemble, unsuited
+from bayestissue.inference.execution.kept import some_of
+from bayestissue.inference.points.estimates import (
+    default_options,
+    estimates_table,
+    flagged,
+    in_rows,
+    table_of,
+)
+from bayestissue.inference.points.fit import PointFit
+from bayestissue.inference.points.notes import UNCORRECTED
+from bayestissue.inference.points.whiteness import ljung_box
+from bayestissue.inference.samplers.psis import k_threshold
+from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
+from bayestissue.oscillator import peak_displacement, spring_damper_inverse, to_discrete
+from bayestissue.resources import shared
+from bayestissue.signal import Displacements, SignalOptions, displacements
+from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.quality import Finding, inspect
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bayestissue.dataset import Dataset
+
+Method = Literal["impact", "exact", "dds"]
+_METHODS = ("impact", "exact", "dds")
+# Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count.
+_LEAST_NOISE = 1e-5
+
+
+def method_for(dataset: Dataset, options: SignalOptions | None = None) -> Method:
+    """The method unless told otherwise: "impact" of decelerations, "exact" of displacements.
+
+    "exact" too where the options choose what only an integrated displacement has: a filter, another rule of
+    integration, or an equilibrium other than rest.
+    """
+    own = SignalOptions()
+    chosen = options or own
+    only_displaced = ("filter", "integration", "equilibrium")
+    if dataset.quantity == "displacement" or any(
+        getattr(chosen, name) != getattr(own, name) for name in only_displaced
+    ):
+        return "exact"
+    return "impact"
+
+
+def estimate(
+    dataset: Dataset, *, method: Method | None = None, options: SignalOptions | None = None
+) -> pd.DataFrame:
+    """K and C of every impact by itself, with intervals and flags.
+
+    Args:
+        dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it.
+        method: "impact" for the posterior of each impact under the likelihood of its own deceleration, the
+            errors of its measuring chain integrated out, and weak priors (those of ``models/impact.toml`` on
+            the intercepts and the noise): medians and intervals that hold. "exact" for maximum likelihood of
+            an ARMA(2,1) about the rest position; "dds" for the thesis's conditional least squares about the
+            sample mean. `method_for` unless given.
+        options: how the displacement is made from the recording; `default_options` unless given.
+
+    Returns:
+        One row per impact with the columns of `estimates.csv`: the ARMA(2,1) coefficients, omega_n, zeta,
+        K and C, and ``flags``, what is wrong with the impact, joined by "; "; then standard errors and 90 %
+        intervals of K and C; and last ``notes``, what is not wrong with the impact but a property of the
+        method or of how it was recorded (see `bayestissue.inference.points.notes`). By "impact" K and C are
+        posterior medians, omega_n, zeta, phi1, phi2 and theta1 those of an oscillator of this K and C, errors
+        posterior standard deviations, and ``sigma_a`` is empty: the noise is the recorder's, in
+        ``noise_sd_m_s2``, and no shock drives the impact; ``pareto_k`` is of the importance weights. By the
+        others intervals are from the trace and the relative standard deviation of the mass alone, and hold
+        when the noise is what an ARMA(2,1) assumes.
+
+    Raises:
+        InputError: the method or the options ask for what the recordings can't give.
+        ValueError: there is no such method.
+    """
+    method = method or method_for(dataset, options)
+    options = options or default_options("dds" if method == "dds" else "exact")
+    return estimates(dataset, displacements(dataset, options), method, options, inspect(dataset, options))
+
+
+def estimates(
+    dataset: Dataset,
+    signal: Displacements,
+    method: Method,
+    options: SignalOptions,
+    found: Sequence[Finding] = (),
+) -> pd.DataFrame:
+    """The table of `estimate` for displacements that were made with these options.
+
+    Impacts of fewer than eight samples have a row without numbers.
+
+    Args:
+        dataset: the recordings.
+        signal: what was made of them.
+        method: see `estimate`.
+        options: what it was made with.
+        found: what `bayestissue.signal.quality.inspect` found; flagged.
+    """
+    if method not in _METHODS:
+        raise ValueError(f"method is one of {', '.join(_METHODS)}, not {method!r}")
+    if method != "impact":
+        return estimates_table(dataset, signal, method, found)
+    return by_impact(dataset, signal, options, found)[0]
+
+
+def by_impact(
+    dataset: Dataset, signal: Displacements, options: SignalOptions, found: Sequence[Finding] = ()
+) -> tuple[pd.DataFrame, SinglePosteriors | None]:
+    """The table of `estimates` by the method "impact", and the posteriors where there are samples enough.
+
+    Arguments as of `estimates`; without any such impact there are no posteriors.
+
+    Raises:
+        InputError: the recordings are displacements, or the options filter them.
+    """
+    specification = read_specification(shared("models", "impact.toml")).model_copy(
+        update={"signal": options, "formula": Formulas(K="1", C="1"), "discrepancy": "none"}
+    )
+    if problems := unsuited(dataset, specification, "estimate --method impact"):
+        raise InputError(problems)
+    rows = signal.n_samples >= FEWEST_SAMPLES
+    if not rows.any():
+        # Nothing to ask: the same columns without numbers.
+        table = estimates_table(dataset, signal, "exact", found)
+        return table.assign(noise_sd_m_s2=np.nan, pareto_k=np.nan), None
+    design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
+    prepared = assemble(dataset, specification, design, signal)
+    if not rows.all():
+        prepared = some_of(prepared, np.flatnonzero(rows))
+    of_long = single_posteriors(prepared)
+    peak = np.exp(np.asarray(prepared.data.log_peak))
+    noiseless = of_long.sigma.median < _LEAST_NOISE * peak
+    fit = PointFit(*(in_rows(column, rows) for column in _as_fit(of_long, prepared.signal, noiseless)))
+
+    def sure(column: np.ndarray) -> np.ndarray:
+        return in_rows(np.where(noiseless, np.nan, column), rows)
+
+    ends = {name: (sure(each.low), sure(each.high)) for name, each in (("K", of_long.K), ("C", of_long.C))}
+    flags, notes = flagged(dataset, signal, fit, found, "impact")
+    pareto_k = in_rows(of_long.pareto_k, rows)
+    failed = (pareto_k > k_threshold(POINTS)) & ~fit.noiseless
+    for own, raised in zip(flags, failed, strict=True):
+        own.extend([UNCORRECTED] * bool(raised))
+    table = table_of(dataset, signal, fit, ends, flags, notes)
+    last = table.pop("notes")
+    noise = in_rows(of_long.sigma.median, rows)
+    return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, notes=last), of_long
+
+
+def _as_fit(found: SinglePosteriors, signal: Displacements, noiseless: np.ndarray) -> PointFit:
+    """The posteriors' medians as point estimates, and the sampled oscillator of this K and C."""
+    K, C = found.K.median, found.C.median
+    omega_n, zeta = (np.asarray(each) for each in spring_damper_inverse(K, C, signal.mass))
+    phi1, phi2, theta1 = (np.asarray(each) for each in to_discrete(omega_n, zeta, signal.dt))
+    none = np.full(len(K), np.nan)
+    omega_n_se, zeta_se, K_se, C_se = (
+        np.where(noiseless, np.nan, each.sd) for each in (found.omega_n, found.zeta, found.K, found.C)
+    )
+    return PointFit(
+        phi1=phi1,
+        phi2=phi2,
+        theta1=theta1,
+        sigma_a=none,
+        omega_n=omega_n,
+        zeta=zeta,
+        K=K,
+        C=C,
+        K_signed=K,
+        C_signed=C,
+        omega_n_se=omega_n_se,
+        zeta_se=zeta_se,
+        theta1_se=none,
+        K_se=K_se,
+        C_se=C_se,
+        log_likelihood=found.log_likelihood,
+        whiteness_p=ljung_box(found.residuals.T, signal.n_samples),
+        unit_peak=np.asarray(peak_displacement(omega_n, zeta, 1.0)),
+        branch=np.zeros(len(K), int),
+        noiseless=noiseless,
+        theta1_at_limit=np.zeros(len(K), bool),
+    )

@@ -1,0 +1,227 @@
+"""The posterior of each impact's parameters given its own trace alone, under weak priors.
+
+p(u | trace) is in proportion to p(trace | u) N(u; m, D^-1), u being log K, log C and the log of the noise;
+the errors of the measuring chain are integrated out of the likelihood. Importance sampling: points of a
+multivariate t about the Gaussian site times the prior, whose tails are heavier than the posterior's, weighted
+by the posterior over their own density, the greatest weights smoothed (Vehtari et al. 2024). Points fill
+the space evenly (Sobol's sequence) and are the same of every impact, so that what is found of one depends on
+no other.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float
+from scipy.stats import chi2, norm, qmc
+
+from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import (
+    TraceData,
+    TraceModel,
+    physical,
+    trace_distribution,
+    with_normal_errors,
+)
+from bayestissue.inference.execution.chunks import of_each
+from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.factors.conditional import ConditionalPrior, normals, standard_points
+from bayestissue.inference.factors.laplace import laplace_sites
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.moments import compare, refine
+from bayestissue.inference.posterior.approximate import first_guess
+from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
+from bayestissue.likelihood.element.deceleration import MeasuredDeceleration
+
+POINTS = 512
+# Degrees of freedom of the proposal.
+_TAILS = 5.0
+_REFINEMENTS = 2
+_ROUNDS = 4
+# Of the points' dimensions, after those of the parameters: the t's common scale and the error of the mass.
+_BESIDES = 2
+
+
+class Marginal(NamedTuple):
+    """The posterior of one quantity of each impact.
+
+    Attributes:
+        median: of the posterior.
+        sd: its standard deviation.
+        low, high: ends of the interval that leaves out as much probability on either side.
+    """
+
+    median: Float[np.ndarray, " impact"]
+    sd: Float[np.ndarray, " impact"]
+    low: Float[np.ndarray, " impact"]
+    high: Float[np.ndarray, " impact"]
+
+
+class SinglePosteriors(NamedTuple):
+    """What each trace by itself says of its impact.
+
+    Attributes:
+        K: stiffness [N/m].
+        C: damping [N s/m].
+        omega_n: natural frequency [rad/s].
+        zeta: damping ratio.
+        sigma: standard deviation of the recorder's noise [m/s^2].
+        log_likelihood: log density of the trace at the medians.
+        residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the
+            trace [m/s^2]; 0 past its end.
+        pareto_k: of the importance weights; above `bayestissue.inference.samplers.psis.k_threshold` nothing
+            vouches for the medians and intervals.
+    """
+
+    K: Marginal
+    C: Marginal
+    omega_n: Marginal
+    zeta: Marginal
+    sigma: Marginal
+    log_likelihood: Float[np.ndarray, " impact"]
+    residuals: Float[np.ndarray, "impact sample"]
+    pareto_k: Float[np.ndarray, " impact"]
+
+
+def single_posteriors(prepared: Prepared, probability: float = 0.9) -> SinglePosteriors:
+    """The posterior of every impact by itself, all of them in one chunked, compiled map.
+
+    Args:
+        prepared: recorded decelerations under the impact likelihood of a spring and damper with white noise;
+            of its population the priors of the intercepts and of the noise alone are used.
+        probability: of the intervals.
+    """
+    priors = prepared.model.priors
+    own = (priors.intercept.K, priors.intercept.C, priors.noise)
+    mean, sd = (np.array([getattr(prior, name) for prior in own], float) for name in ("mean", "sd"))
+    start = first_guess(prepared)
+    one = partial(_of_block, prepared.model, probability, ConditionalPrior(mean, np.diag(sd**-2.0)))
+    found: SinglePosteriors = of_each(one, prepared.data, start)
+    return found
+
+
+def _of_block(
+    model: TraceModel,
+    probability: float,
+    prior: ConditionalPrior,
+    data: TraceData,
+    start: Float[np.ndarray, "impact parameter"],
+) -> SinglePosteriors:
+    prior = ConditionalPrior(np.broadcast_to(prior.mean, start.shape), prior.precision).of_each()
+    sites = laplace_sites(model, with_normal_errors(data), start, prior)
+    for _ in range(_REFINEMENTS):
+        points = compare(model, data, sites, prior, standard_points(start.shape[1]))
+        sites = refine(sites, prior, points, bent=True)
+    z, mass_error = _standard(start.shape[1])
+    u, weight, pareto_k = _corrected(model, data, prior, sites, z)
+    # A trace shows omega_n and zeta alone: of the mass, to which K and C are in proportion, it says nothing.
+    by_mass = np.exp(model.log_mass_sd * mass_error)[:, None]
+    seen = physical(model, data, list(np.moveaxis(u, -1, 0)))
+    middle = np.stack([_marginal(u[..., a], weight, 0.5).median for a in range(u.shape[-1])], axis=-1)
+    quantities = (
+        np.exp(u[..., 0]) * by_mass,
+        np.exp(u[..., 1]) * by_mass,
+        np.asarray(seen.omega_n),
+        np.asarray(seen.zeta),
+        np.exp(np.asarray(seen.log_sigma)),
+    )
+    K, C, omega_n, zeta, sigma = (_marginal(values, weight, probability) for values in quantities)
+    # The mass's error, as likely up as down, moves no median.
+    K, C = (each._replace(median=np.exp(middle[:, a])) for a, each in enumerate((K, C)))
+    return SinglePosteriors(
+        K,
+        C,
+        omega_n,
+        zeta,
+        sigma,
+        log_likelihoods(model, data, middle[None])[0],
+        np.asarray(_residuals(model, data, jnp.asarray(middle))),
+        pareto_k,
+    )
+
+
+def _corrected(
+    model: TraceModel,
+    data: TraceData,
+    prior: ConditionalPrior,
+    sites: Sites,
+    z: Float[np.ndarray, "point parameter"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points of each impact's posterior, their weights, which sum to 1, and Pareto k.
+
+    Where the weights can't be trusted, the posterior being skewed, proposals with the mean and covariance of
+    the weighted points follow (adaptive importance sampling); of an impact the best of them are kept.
+    """
+    size, given = z.shape[1], normals(sites, prior)
+    mean = given.at(np.zeros((len(sites.centre), size)))
+    root = np.stack([given.at(np.broadcast_to(axis, mean.shape)) - mean for axis in np.eye(size)], axis=-1)
+    log_density = -(_TAILS + size) / 2 * np.log1p(np.square(z).sum(1) / _TAILS)
+    best = np.empty((len(z), *mean.shape)), np.empty((len(z), len(mean))), np.full(len(mean), np.inf)
+    for _ in range(_ROUNDS):
+        u = mean + np.einsum("iab,pb->pia", root, z)
+        log_weight = log_likelihoods(model, data, u) + prior.log_density(u) - log_density[:, None]
+        smoothed = [pareto_smoothed(column) for column in log_weight.T]
+        weight = np.exp(np.stack([own for own, _ in smoothed], axis=1))
+        found = u, weight, np.array([k for _, k in smoothed])
+        # Where none has a finite k, the last.
+        better = (found[2] < best[2]) | np.isinf(best[2])
+        for kept, new in zip(best, found, strict=True):
+            np.copyto(kept, new, where=_along(better, kept))
+        bad = best[2] > k_threshold(POINTS)
+        if not bad.any():
+            break
+        mean = np.where(bad[:, None], (weight[..., None] * u).sum(0), mean)
+        away = u - mean
+        covariance = np.einsum("pi,pia,pib->iab", weight, away, away, optimize=True)
+        root = np.where(bad[:, None, None], _root(covariance), root)
+    return best
+
+
+def _along(chosen: np.ndarray, array: np.ndarray) -> np.ndarray:
+    """Truth values of impacts, laid along the axis that ``array`` has of these."""
+    return chosen if array.ndim == 1 else chosen.reshape(1, -1, *[1] * (array.ndim - 2))
+
+
+def _root(covariance: Float[np.ndarray, "impact parameter parameter"]) -> np.ndarray:
+    """A square root of each, also where one is singular, all weight being a point's."""
+    values, axes = np.linalg.eigh(covariance)
+    return axes * np.sqrt(np.maximum(values, 1e-300))[:, None]
+
+
+def _standard(size: int) -> tuple[Float[np.ndarray, "point parameter"], Float[np.ndarray, " point"]]:
+    """Points of a standard multivariate t, and standard normals for the error of the mass."""
+    even = np.clip(qmc.Sobol(size + _BESIDES, seed=20).random(POINTS), 1e-9, 1 - 1e-9)
+    scale = np.sqrt(_TAILS / chi2.ppf(even[:, size], _TAILS))
+    return norm.ppf(even[:, :size]) * scale[:, None], norm.ppf(even[:, size + 1])
+
+
+def _marginal(
+    values: Float[np.ndarray, "point impact"], weight: Float[np.ndarray, "point impact"], probability: float
+) -> Marginal:
+    """Weighted quantiles, linear between the middles of the weights, and standard deviation."""
+    order = np.argsort(values, axis=0)
+    ordered, own = (np.take_along_axis(part, order, axis=0) for part in (values, weight))
+    below = np.cumsum(own, axis=0) - own / 2
+    tails = (1 - probability) / 2
+    pairs = list(zip(below.T, ordered.T, strict=True))
+    low, median, high = (
+        np.array([np.interp(level, *pair) for pair in pairs]) for level in (tails, 0.5, 1 - tails)
+    )
+    mean = (weight * values).sum(0)
+    return Marginal(median, np.sqrt((weight * (values - mean) ** 2).sum(0)), low, high)
+
+
+@compiled_quickly()
+def _residuals(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> Float[Array, "impact sample"]:
+    """The chain's errors are a draw given the trace: of N samples they take up three, whichever the draw."""
+    event = trace_distribution(model, data, list(u.T))
+    assert isinstance(event, MeasuredDeceleration)  # noqa: S101 - of a spring and damper, white noise
+    return event.residuals(event.draw_errors(jax.random.PRNGKey(0)))

@@ -1,0 +1,171 @@
+"""One impact from two arrays: its K and C with intervals, flags and a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from jaxtyping import Float
+from numpy.typing import ArrayLike
+
+from bayestissue.dataset.arrays import dataset as dataset_of
+from bayestissue.dataset.model import Dataset, Uncertainty
+from bayestissue.inference.points.estimates import default_options
+from bayestissue.inference.points.notes import said_once
+from bayestissue.inference.single.estimates import by_impact
+from bayestissue.outline import Rows, as_html, as_text
+from bayestissue.report.page import figure
+from bayestissue.report.style import MUTED, POSTERIOR, new_figure, style
+from bayestissue.signal import displacements
+from bayestissue.signal.quality import inspect
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+_ENDS = ("K_low_N_per_m", "K_high_N_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m")
+
+
+@dataclass(frozen=True, eq=False)
+class Impact:
+    """What one recorded impact says of the tissue: the row that `bayestissue.estimate` has for it.
+
+    Attributes:
+        K: stiffness, posterior median, N/m.
+        C: damping, posterior median, N s/m.
+        K_interval: holds K with a probability of 90 %, N/m; no numbers where there is none.
+        C_interval: holds C with a probability of 90 %, N s/m; no numbers where there is none.
+        flags: what is wrong with the recording or its fit; K and C may then be wrong.
+        notes: what is not wrong, but should be known.
+        dataset: the impact as a dataset of one.
+        row: its row of `estimates.csv`.
+        time_s: of each sample up to the greatest depth, since contact, s.
+        deceleration: there, the recorder's offset removed, m/s².
+        fitted: of a spring and damper of this K and C, the errors of the measuring chain as the trace has
+            them, m/s²; no number where the impact has too few samples.
+    """
+
+    K: float
+    C: float
+    K_interval: tuple[float, float]
+    C_interval: tuple[float, float]
+    flags: tuple[str, ...]
+    notes: tuple[str, ...]
+    dataset: Dataset
+    row: pd.Series
+    time_s: Float[np.ndarray, " sample"]
+    deceleration: Float[np.ndarray, " sample"]
+    fitted: Float[np.ndarray, " sample"]
+
+    def __repr__(self) -> str:
+        return as_text(*self._outline())
+
+    def _repr_html_(self) -> str:
+        picture = figure(self.plot(), "The recorded deceleration and that of the fitted spring and damper.")
+        return f"{as_html(*self._outline())}{picture}"
+
+    def _outline(self) -> tuple[str, Rows]:
+        rows = [*self._answers()]
+        rows.append(("damping ratio", f"{self.row['zeta']:.3g}"))
+        rows += [("flag", flag) for flag in self.flags] or [("flags", "none")]
+        rows += [("note", note) for note in self.notes]
+        rows.append(("more in", ".K_interval, .C_interval, .flags, .row, .plot()"))
+        return "Impact", rows
+
+    def _answers(self) -> Rows:
+        return [
+            ("K", _in_words(self.K, self.K_interval, "N/m")),
+            ("C", _in_words(self.C, self.C_interval, "N s/m")),
+        ]
+
+    def plot(self) -> Figure:
+        """The recording with the fitted impact, and what that leaves over, up to the greatest depth."""
+        with style():
+            fig, (above, below) = new_figure((6.4, 4.4), 2, 1, sharex=True, height_ratios=(3, 1))
+            time = self.time_s * 1e3
+            above.plot(time, self.deceleration, ".", ms=3, color=MUTED, label="recorded")
+            above.plot(time, self.fitted, color=POSTERIOR, label="spring and damper")
+            above.set(ylabel="deceleration (m/s²)")
+            above.legend(loc="lower right")
+            above.set_title("\n".join(f"{name} = {words}" for name, words in self._answers()))
+            below.plot(time, self.deceleration - self.fitted, ".", ms=3, color=MUTED)
+            below.axhline(0.0, color=POSTERIOR, lw=1)
+            below.set(xlabel="time since contact (ms)", ylabel="left over")
+            return fig
+
+
+def impact(
+    time_s: ArrayLike,
+    deceleration: ArrayLike,
+    *,
+    mass_kg: float,
+    velocity_m_s: float,
+    unit: str = "m/s^2",
+    uncertainty: Mapping[str, float] | Uncertainty | None = None,
+) -> Impact:
+    """K and C of one impact, each with an interval that holds it with a probability of 90 %.
+
+    The posterior under the likelihood of its deceleration and weak priors, by `bayestissue.estimate` of a
+    dataset of one. The first call compiles for some seconds; what is compiled serves later ones of about as
+    many samples.
+
+    Args:
+        time_s: of each sample, s; contact may be anywhere in it.
+        deceleration: positive while the impactor slows, until it has lost its speed or longer.
+        mass_kg: of the impactor.
+        velocity_m_s: at contact.
+        unit: of the decelerations, such as "m/s^2" or "g_0".
+        uncertainty: standard deviations of the measuring chain by the keys of ``[uncertainty]`` in
+            ``dataset.toml``: ``relative_mass_sd``, ``velocity_sd_m_s``, ``relative_gain_sd``, ``offset_sd``.
+            Errors that are not stated are taken to be 0, and are not in the intervals.
+
+    Raises:
+        InputError: everything that is wrong with the arrays or the arguments.
+    """
+    impacts = {
+        "impact": ["impact"],
+        "subject": ["subject"],
+        "trial": ["trial"],
+        "mass_kg": [mass_kg],
+        "velocity_m_s": [velocity_m_s],
+    }
+    data = dataset_of(
+        impacts,
+        [(np.asarray(time_s), np.asarray(deceleration))],
+        quantity="deceleration",
+        unit=unit,
+        uncertainty=uncertainty,
+        name="one impact",
+    )
+    options = default_options("exact")
+    signal = displacements(data, options)
+    table, posteriors = by_impact(data, signal, options, inspect(data, options))
+    inside = np.arange(signal.n_samples[0])
+    recorded = signal.deceleration[0, inside]
+    left = np.full(len(inside), np.nan) if posteriors is None else posteriors.residuals[0, inside]
+    time = signal.first_sample_s[0] + inside * signal.dt[0]
+    row = table.iloc[0]
+    ends = [float(row[name]) for name in _ENDS]
+    return Impact(
+        K=float(row["K_N_per_m"]),
+        C=float(row["C_N_s_per_m"]),
+        K_interval=(ends[0], ends[1]),
+        C_interval=(ends[2], ends[3]),
+        flags=tuple(flag for flag in row["flags"].split("; ") if flag),
+        notes=tuple(said_once([row["notes"]])),
+        dataset=data,
+        row=row,
+        time_s=time,
+        deceleration=recorded,
+        fitted=recorded - left,
+    )
+
+
+def _in_words(value: float, interval: tuple[float, float], unit: str) -> str:
+    if not np.isfinite(value):
+        return "no estimate"
+    if not np.isfinite(interval).all():
+        return f"{value:.4g} {unit}, no interval"
+    return f"{value:.4g} {unit} (90 %: {interval[0]:.4g} to {interval[1]:.4g})"

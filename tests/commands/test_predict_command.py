@@ -1,0 +1,27 @@
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from command_line import bayestissue
+from make_fit_run import make_fit_run
+
+
+def test_predictions_are_printed_and_written(tmp_path: Path) -> None:
+    run, at = make_fit_run(tmp_path / "run"), tmp_path / "new.csv"
+    at.write_text("subject,mass_kg\ns1,1.1\nnobody,\n", encoding="utf-8")
+    told = bayestissue("predict", run, "--at", at, "--out", tmp_path / "out")
+    assert (told.status, told.err) == (0, "")
+    assert "row 2: subject nobody, mass_kg 0.7, velocity_m_s 1.5; new: subject, trial" in told.out
+    table = pd.read_csv(tmp_path / "out" / "predictions.csv")
+    assert (table["peak_force_N_low"] < table["peak_force_N"]).all()
+    shown = json.loads(bayestissue("predict", run, "--at", at, "--json").out)["predictions"]
+    assert shown[1]["K_N_per_m"] == pytest.approx(table["K_N_per_m"][1], rel=1e-9)
+    at.write_text("subject,mass_kg\ns1,heavy\n", encoding="utf-8")
+    refused = bayestissue("predict", run, "--at", at, "--out", tmp_path / "other")
+    assert refused.status == 2
+    assert 'new.csv, row 2, column mass_kg: found "heavy"' in refused.err
+    assert not (tmp_path / "other").exists()

@@ -1,0 +1,109 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from bayestissue import Run, read_run
+from bayestissue.errors import InputError
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.predictions import NO_LAW, predict
+from bayestissue.inference.answers.table import read_conditions
+from bayestissue.oscillator.impact import peak_displacement, time_to_peak
+from make_fit_run import make_fit_run
+
+AT = pd.DataFrame(
+    {
+        "subject": ["s1", "nobody", None],
+        "mass_kg": [0.7, 1.1, np.nan],
+        "velocity_m_s": [1.5, 2.0, np.nan],
+    }
+)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
+    return read_run(make_fit_run(tmp_path_factory.mktemp("predicted") / "run"))
+
+
+def sure(run: Run, **sd: float) -> Finished:
+    """The run with these standard deviations in place of its own, conditions and exponents without effect."""
+    posterior = run.posterior["posterior"].to_dataset().copy()
+    named = {"sd_impact_K": 0.0, "sd_impact_C": 0.0, "sd_subject_K": 0.0, "sd_subject_C": 0.0}
+    named |= {"sd_trial_K": 0.0, "sd_trial_C": 0.0, "mass_exponent_K": 0.0, "mass_exponent_C": 0.0} | sd
+    for name, value in named.items():
+        posterior[name] = xr.full_like(posterior[name], value)
+    return Finished.of(xr.DataTree.from_dict({
+        "posterior": posterior, "constant_data": run.posterior["constant_data"].dataset
+    }), run.about["model"])  # fmt: skip
+
+
+def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Run) -> None:
+    finished = sure(run)
+    table = predict(finished, read_conditions(AT, finished.recorded))
+    draws = finished.posterior
+    for place, (effect, mass, velocity) in enumerate([("s1", 0.7, 1.5), (None, 1.1, 2.0), (None, 0.7, 1.5)]):
+        log = {q: draws[f"intercept_{q}"] for q in "KC"}
+        if effect:
+            log = {q: log[q] + draws[f"subject_effect_{q}"].sel(subject=effect) for q in "KC"}
+        K, C = (np.exp(log[q]).to_numpy() for q in "KC")
+        omega_n, zeta = np.sqrt(K / mass), C / (2 * np.sqrt(K * mass))
+        expected = {
+            "K_N_per_m": K,
+            "C_N_s_per_m": C,
+            "peak_displacement_m": peak_displacement(omega_n, zeta, velocity),
+            "time_to_peak_s": time_to_peak(omega_n, zeta),
+        }
+        for name, values in expected.items():
+            ends = np.quantile(values, [0.5, 0.05, 0.95])
+            found = table.loc[place, [name, f"{name}_low", f"{name}_high"]].to_numpy(float)
+            assert found == pytest.approx(ends, rel=1e-7), (place, name)
+    assert table["new"].tolist() == ["trial", "subject, trial", "subject, trial"]
+    assert "velocity_m_s beyond those measured" in table["note"][1]
+
+
+def test_a_new_impact_scatters_and_a_new_person_does_besides(run: Run) -> None:
+    finished = sure(run, sd_impact_K=0.2, sd_subject_K=0.5)
+    table = predict(finished, read_conditions(AT, finished.recorded))
+    width = np.log(table["K_N_per_m_high"] / table["K_N_per_m_low"]) / 2 / 1.645
+    # The posterior's own spread of the intercept is 0.05; quantiles of 200 draws tell a sd to 9 %.
+    assert width[0] == pytest.approx(np.hypot(0.2, 0.054), rel=0.3)
+    assert width[1] == pytest.approx(np.hypot(0.5, 0.206), rel=0.3)
+
+
+def test_beside_a_discrepancy_there_are_no_peaks(run: Run) -> None:
+    finished = sure(run)
+    without = Finished(finished.posterior, None, finished.recorded, discrepancy=True)
+    table = predict(without, [{"mass_kg": 1.0}])
+    assert table["K_N_per_m"].notna().all()
+    assert table["peak_force_N"].isna().all()
+    assert table["note"][0] == NO_LAW
+
+
+def test_from_the_run_and_its_table_all_faults_at_once(run: Run, tmp_path: Path) -> None:
+    file = tmp_path / "new.csv"
+    file.write_text("subject,mass_kg,velocity_m_s\ns1,-2,x\ns1,,1e9\n", encoding="utf-8")
+    with pytest.raises(InputError) as error:
+        run.predict(file)
+    told = [str(problem) for problem in error.value.problems]
+    assert len(told) == 3
+    assert 'new.csv, row 2, column mass_kg: found "-2"; expected a number of kg above 0' in told[0]
+    with pytest.raises(InputError, match='Is it "mass_kg"'):
+        run.predict(pd.DataFrame({"masskg": [1.0]}))
+    with pytest.raises(InputError, match="no such file"):
+        run.predict(tmp_path / "nothing.csv")
+    with pytest.raises(InputError, match=r"table \(rows from 0\), row 1, column mass_kg"):
+        run.predict(pd.DataFrame({"mass_kg": [1.0, -1.0]}))
+
+
+def test_the_caller_may_compute_in_float32(run: Run) -> None:
+    import jax
+
+    with jax.enable_x64(False):
+        table = run.predict(AT.iloc[:1])
+        assert not jax.config.jax_enable_x64
+    assert table["peak_force_N"].dtype == np.float64
+    assert table["peak_force_N"].iloc[0] == pytest.approx(run.predict(AT.iloc[:1])["peak_force_N"].iloc[0])
