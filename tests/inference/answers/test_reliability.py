@@ -29,6 +29,10 @@ RATINGS = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9]
 PUBLISHED = {"ICC(C,1)": 0.71, "ICC(A,1)": 0.29, "ICC(C,k)": 0.91, "ICC(A,k)": 0.62}
 
 
+# Of the levels of the second test, by `intraclass_corr` of pingouin 0.7.0.
+PINGOUIN = {"ICC(C,1)": 0.604261, "ICC(A,1)": 0.435596, "ICC(C,k)": 0.901590, "ICC(A,k)": 0.822402}
+
+
 def mean_squares(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of rows, columns and error, and their degrees of freedom, by statsmodels."""
     person, condition = np.indices(levels.shape)
@@ -75,6 +79,8 @@ def test_intervals_of_a_posterior_are_the_classical_ones() -> None:
     levels = 0.3 * rng.standard_normal((n, 1)) + 0.1 * rng.standard_normal(k)
     levels = levels + 0.15 * rng.standard_normal((n, k))
     squares, df = mean_squares(levels)
+    estimates = coefficients(of(*components(squares, (n, k)), k=k))
+    assert_allclose([estimates[name] for name in PINGOUIN], [*PINGOUIN.values()], atol=5e-7)
     drawn = [square * d / rng.chisquare(d, DRAWS) for square, d in zip(squares, df, strict=True)]
     found = coefficients(of(*components(np.array(drawn), (n, k)), k=k))
     ratio = squares[0] / squares[2] / stats.f.ppf([0.95, 0.05], df[0], df[2])
