@@ -38,10 +38,10 @@ from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.likelihood.element.deceleration import MeasuredDeceleration
 
-POINTS = 512
+POINTS = 1024
 # Degrees of freedom of the proposal.
 _TAILS = 5.0
-_ROUNDS = 5
+_ROUNDS = 4
 # Of the points' dimensions, after those of the parameters: the t's common scale and the error of the mass.
 _BESIDES = 2
 
@@ -150,26 +150,25 @@ def _corrected(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of each impact's posterior, their weights, which sum to 1, and Pareto k.
 
-    The proposals about the sites are followed by some with the mean and covariance of the weighted points
-    (adaptive importance sampling), and by more where the weights can't be trusted, the posterior being skewed;
-    of an impact the best of these are kept.
+    Where the weights can't be trusted, the posterior being skewed, proposals with the mean and covariance of
+    the weighted points follow (adaptive importance sampling); of an impact the best of them are kept.
     """
     size, given = z.shape[1], normals(sites, prior)
     mean = given.at(np.zeros((len(sites.centre), size)))
     root = np.stack([given.at(np.broadcast_to(axis, mean.shape)) - mean for axis in np.eye(size)], axis=-1)
     log_density = -(_TAILS + size) / 2 * np.log1p(np.square(z).sum(1) / _TAILS)
     best = np.empty((len(z), *mean.shape)), np.empty((len(z), len(mean))), np.full(len(mean), np.inf)
-    for number in range(_ROUNDS):
+    for _ in range(_ROUNDS):
         u = mean + np.einsum("iab,pb->pia", root, z)
         log_weight = log_likelihoods(model, data, u) + prior.log_density(u) - log_density[:, None]
         smoothed = [pareto_smoothed(column) for column in log_weight.T]
         weight = np.exp(np.stack([own for own, _ in smoothed], axis=1))
         found = u, weight, np.array([k for _, k in smoothed])
         # Where none has a finite k, the last.
-        better = (found[2] < best[2]) | np.isinf(best[2]) | (number == 1)
+        better = (found[2] < best[2]) | np.isinf(best[2])
         for kept, new in zip(best, found, strict=True):
             np.copyto(kept, new, where=_along(better, kept))
-        bad = (best[2] > k_threshold(POINTS)) | (number == 0)
+        bad = best[2] > k_threshold(POINTS)
         if not bad.any():
             break
         mean = np.where(bad[:, None], (weight[..., None] * u).sum(0), mean)
