@@ -31,18 +31,16 @@ from bayestissue.hierarchy.traces import (
 )
 from bayestissue.inference.execution.chunks import of_each
 from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.factors.conditional import ConditionalPrior, normals, standard_points
+from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.laplace import laplace_sites
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.factors.moments import compare, refine
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.likelihood.element.deceleration import MeasuredDeceleration
 
-POINTS = 512
+POINTS = 1024
 # Degrees of freedom of the proposal.
 _TAILS = 5.0
-_REFINEMENTS = 2
 _ROUNDS = 4
 # Of the points' dimensions, after those of the parameters: the t's common scale and the error of the mass.
 _BESIDES = 2
@@ -115,9 +113,6 @@ def _of_block(
 ) -> SinglePosteriors:
     prior = ConditionalPrior(np.broadcast_to(prior.mean, start.shape), prior.precision).of_each()
     sites = laplace_sites(model, with_normal_errors(data), start, prior)
-    for _ in range(_REFINEMENTS):
-        points = compare(model, data, sites, prior, standard_points(start.shape[1]))
-        sites = refine(sites, prior, points, bent=True)
     z, mass_error = _standard(start.shape[1])
     u, weight, pareto_k = _corrected(model, data, prior, sites, z)
     # A trace shows omega_n and zeta alone: of the mass, to which K and C are in proportion, it says nothing.
