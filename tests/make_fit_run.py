@@ -14,6 +14,7 @@ from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.levels import Recorded
 from bayestissue.inference.answers.people import people_compared
 from bayestissue.inference.answers.reliability import reliability, variances
+from made_once import made_once
 
 CHAINS, DRAWS, REPLICATES, SAMPLES = 2, 100, 40, 60
 PEOPLE, CONDITIONS = 4, 3
@@ -26,6 +27,7 @@ DT = 2e-4
 PRIOR_DRAWS = 300
 
 
+@made_once
 def make_fit_run(
     folder: Path,
     *,

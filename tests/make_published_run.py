@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from made_once import made_once
+
 CHAINS, DRAWS = 2, 150
 TRIALS = [7, 8, 9, 16, 17, 18, 25, 26, 27]
 LOST = [7, 25]
@@ -21,6 +23,7 @@ LEVEL, EXPONENT = {"K": 18.0, "C": 1.5}, {"K": 0.97, "C": 1.1}
 EXPONENT_SD = {"K": 0.02, "C": 0.12}
 
 
+@made_once
 def make_published_run(
     folder: Path, *, passed: bool = True, exponent: float = EXPONENT["K"], seed: int = 1
 ) -> Path:

@@ -9,19 +9,29 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from made_once import made_once
 from make_fit_run import CHAINS, CONDITIONS, DRAWS, PEOPLE, make_fit_run
 
 IMPACTS = PEOPLE * CONDITIONS
 
 
-def make_scored_run(
-    folder: Path, *, worse: float = 0.0, shift: float = 0.0, about: dict[str, Any] | None = None, **fit: Any
-) -> Path:
+def make_scored_run(folder: Path, *, about: dict[str, Any] | None = None, **options: Any) -> Path:
     """A run as `make_fit_run` writes it, with log densities.
 
-    Every impact's density is lower by ``worse`` than that of a run without it, give or take a tenth;
-    ``shift`` is added to the observed traces, as another choice of the rest position would; ``about``
-    replaces keys of ``run.json``.
+    ``about`` replaces keys of ``run.json``; every other option is that of `_scored_run`.
+    """
+    path = _scored_run(folder, **options) / "run.json"
+    content = json.loads(path.read_text(encoding="utf-8")) | (about or {})
+    path.write_text(json.dumps(content), encoding="utf-8")
+    return folder
+
+
+@made_once
+def _scored_run(folder: Path, *, worse: float = 0.0, shift: float = 0.0, **fit: Any) -> Path:
+    """Every impact's density is lower by ``worse`` than that of a run without it, give or take a tenth.
+
+    ``shift`` is added to the observed traces, as another choice of the rest position would; ``fit`` has the
+    options of `make_fit_run`.
     """
     make_fit_run(folder, **fit)
     path = folder / "posterior.nc"
@@ -48,6 +58,4 @@ def make_scored_run(
     )
     tree["observed_data"] = xr.DataTree(tree["observed_data"].to_dataset() + shift)
     tree.to_netcdf(path, engine="h5netcdf")
-    content = json.loads((folder / "run.json").read_text(encoding="utf-8")) | (about or {})
-    (folder / "run.json").write_text(json.dumps(content), encoding="utf-8")
     return folder

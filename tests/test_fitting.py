@@ -13,7 +13,7 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayestissue as bt
 from bayestissue import fitting
-from bayestissue.fitting import TABLES, Fit, resolve
+from bayestissue.fitting import TABLES, Fit, resolve, write_run
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.fit import TraceAnalysis
@@ -58,6 +58,18 @@ def test_a_fit_hands_out_its_posterior_summary_and_diagnostics(fitted):
     assert "posterior" in fitted.posterior.children
     assert "mass_exponent_K" in set(fitted.summary["variable"])
     assert fitted.diagnostics["passed"] is True
+
+
+def test_a_fit_hands_out_comparisons_reliability_and_agreement(fitted, tmp_path):
+    assert set(fitted.people["person"]) == {"s0", "s1", "s2", "s3"}
+    assert "p_equivalent" in fitted.contrasts
+    assert {"ICC(C,1)", "ICC(A,1)"} <= set(fitted.reliability["form"])
+    # The estimates are of other impacts than the made-up posterior, but for each other.
+    own = fitted.agreement.set_index(["quantity", "method", "against"])
+    assert own.loc[("K", "dds", "exact"), "impacts"] > 0
+    write_run(fitted, tmp_path)
+    for name in ("contrasts", "people", "reliability", "agreement"):
+        assert (tmp_path / f"{name}.csv").is_file()
     assert "effective sample sizes at least 900" in fitted.verdict
 
 

@@ -14,42 +14,12 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from scipy.stats import norm
 
 from bayestissue import read_run
+from campaigns import FOUR_BY_FOUR
 from command_line import bayestissue, undrawn_figures
 
-SPECIFICATION = """
-name = "small"
-seed = 3
-[design]
-subjects = 3
-[[design.conditions]]
-trial = "light"
-mass_kg = 0.4
-velocity_m_s = 1.5
-[[design.conditions]]
-trial = "middle"
-mass_kg = 0.7
-velocity_m_s = 1.5
-[[design.conditions]]
-trial = "heavy"
-mass_kg = 1.3
-velocity_m_s = 1.5
-[tissue]
-K_N_per_m = 3000.0
-C_N_s_per_m = 25.0
-sd_subject_K = 0.2
-sd_subject_C = 0.2
-sd_impact_K = 0.05
-sd_impact_C = 0.05
-[recording]
-sampling_rate_hz = 2000.0
-noise_relative_to_peak = 0.005
-relative_mass_sd = 0.002
-velocity_sd_m_s = 0.005
-[output]
-traces = "csv"
-"""
 MODEL = """
 name = "small"
 likelihood = "a2"
@@ -76,7 +46,7 @@ def command(*arguments: str | Path) -> list[str]:
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("campaign")
-    (folder / "spec.toml").write_text(SPECIFICATION, encoding="utf-8")
+    (folder / "spec.toml").write_text(FOUR_BY_FOUR, encoding="utf-8")
     made = bayestissue("simulate", folder / "spec.toml", "--out", folder / "data", "--quiet")
     assert made.status == 0, made.err
     return folder
@@ -128,12 +98,15 @@ def test_a_fit_writes_what_the_interface_names(finished: Path) -> None:
 def test_the_model_files_questions_are_answered(finished: Path) -> None:
     asked = pd.read_csv(finished / "questions.csv").set_index("name")
     assert asked.loc["stiff", "posterior"] > 0.99
-    # The prior is wide, and of a thousand draws.
-    assert 0.3 < asked.loc["stiff", "prior"] < 0.8
+    run = read_run(finished)
+    prior = run.posterior["prior"].dataset["intercept_K"].to_numpy() > np.log(1000)
+    assert asked.loc["stiff", "prior"] == pytest.approx(prior.mean())
+    # The model's prior of log K is normal about 5 with standard deviation 3.
+    expected = norm.sf(np.log(1000), 5, 3)
+    assert asked.loc["stiff", "prior"] == pytest.approx(expected, abs=4 * asked.loc["stiff", "prior_mcse"])
     assert asked.loc["stiff", "prior_draws"] == 1000
     assert 1 < asked.loc["between_people", "median"] < 3
     assert "What was asked" in (finished / "report.html").read_text(encoding="utf-8")
-    run = read_run(finished)
     level = run.posterior["posterior"].dataset["subject"].to_numpy()[0]
     found = run.ask(f"K[subject={level}]", f"K_subject[subject={level}]")
     assert found["median"][0] == pytest.approx(found["median"][1])
@@ -163,14 +136,14 @@ def test_the_truth_is_within_reach(finished: Path, campaign: Path) -> None:
     for quantity, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
         found = summary.loc[quantity]
         distance = (found["mean"] - truth.loc[found.index, column]) / found["sd"]
-        # The greatest of nine standard normals is beyond 4.5 once in ten thousand campaigns.
+        # The greatest of 32 standard normals is beyond 4.5 once in 4600 campaigns.
         assert distance.abs().max() < 4.5
 
 
 def test_the_sources_make_the_variance_that_was_drawn(finished: Path) -> None:
     table = pd.read_csv(finished / "interval_sources.csv").set_index(["source", "level"]).sort_index()
     drawn = table.loc[("as drawn", "impact"), "share"]
-    # Of spreads that nine impacts tell badly the sources take the median alone.
+    # Of spreads that 16 impacts tell badly the sources take the median alone.
     assert drawn.between(0.7, 1.4).all()
     assert "What makes the intervals" in (finished / "report.html").read_text(encoding="utf-8")
 

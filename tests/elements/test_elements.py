@@ -65,11 +65,11 @@ def even_grid(name: str, *given: Any, count: int) -> Any:
 @pytest.mark.parametrize("name", VALUES)
 def test_even_grid_of_the_likelihood_is_the_same_path(name: str) -> None:
     which, count = element(name), TIME.shape[1]
-    p = complete(which, VALUES[name], None)
-    peak = comparables(name, VALUES[name], MASS, VELOCITY).time_to_peak
-    dt, first = peak / (count - 1), peak / (count - 1) * jnp.array([0.0, 0.4, 1.0])
-    y = even_grid(name, p, jnp.asarray(MASS), jnp.asarray(VELOCITY), first, dt, count=count)
-    made = impact(name, VALUES[name], MASS, VELOCITY, first[:, None] + dt[:, None] * jnp.arange(count))
+    values = {key: np.full(3, value) for key, value in VALUES[name].items()}
+    peak = np.asarray(comparables(name, VALUES[name], MASS, VELOCITY).time_to_peak)
+    dt, first = peak / (count - 1), peak / (count - 1) * np.array([0.0, 0.4, 1.0])
+    y = even_grid(name, complete(which, values, None), MASS, VELOCITY, first, dt, count=count)
+    made = impact(name, VALUES[name], MASS, VELOCITY, first[:, None] + dt[:, None] * np.arange(count))
     tolerance = EXACT if which.linear else SOLVED
     for ours, theirs in zip(y[:2], made[:2], strict=True):
         assert np.abs(ours - theirs).max() < tolerance * np.abs(theirs).max()
@@ -106,12 +106,11 @@ def test_kelvin_voigt_is_the_closed_form() -> None:
 def test_standard_linear_goes_from_maxwell_to_kelvin_voigt() -> None:
     """Its arm rigid it is a spring and damper side by side; its lone spring gone, a Maxwell element."""
 
+    at_times = jax.jit(lambda name, *given: linear.at_times(element(name), *given), static_argnums=0)
+
     def x(name: str, **values: float) -> np.ndarray:
         which = element(name)
-        found = linear.at_times(
-            which, complete(which, values, None), jnp.asarray(MASS), jnp.asarray(VELOCITY), jnp.asarray(TIME)
-        )
-        return np.asarray(found[0])
+        return np.asarray(at_times(name, complete(which, values, None), MASS, VELOCITY, TIME)[0])
 
     # The arm's relaxation time, C / (1e7 K), is 1e-9 s: a millionth of the time to peak, as is the lone
     # spring's share of the force below.
@@ -248,8 +247,9 @@ def test_an_absurd_impact_is_no_concern_of_the_others(absurd):
     """Of the exponentials of several matrices each is what it is alone."""
     sound = np.array([[[0.0, 1.0], [-2.0, -0.3]], [[0.0, 1.0], [-40.0, -5.0]]])
     other = np.array([[[0.0, 1.0], [-absurd, -absurd]]])
-    alone = np.stack([np.asarray(linear.exponential(jnp.asarray(matrix))) for matrix in sound])
-    among = np.asarray(linear.exponential(jnp.asarray(np.concatenate([sound, other]))))[:2]
+    exponential = jax.jit(linear.exponential)
+    alone = np.stack([np.asarray(exponential(matrix)) for matrix in sound])
+    among = np.asarray(exponential(np.concatenate([sound, other])))[:2]
     # Sums of a dozen products in another order.
     np.testing.assert_allclose(among, alone, rtol=1e-14)
     np.testing.assert_allclose(alone, [expm(matrix) for matrix in sound], rtol=1e-12)
@@ -261,9 +261,10 @@ def test_an_absurd_impact_leaves_the_others_their_motion(name):
     sound = {key: np.full(3, value) for key, value in VALUES[name].items()}
     first = next(iter(sound))
     absurd = sound | {first: np.array([1.0, 1e200, 1.0]) * sound[first]}
-    times = MASS, VELOCITY, np.full(3, 5e-5), np.full(3, 1e-3)
+    count = TIME.shape[1]
+    times = MASS, VELOCITY, np.full(3, 5e-5), np.full(3, 0.02 / count)
     among, alone = (
-        np.asarray(even_grid(name, complete(made, each, None), *times, count=20))[:, [0, 2]]
+        np.asarray(even_grid(name, complete(made, each, None), *times, count=count))[:, [0, 2]]
         for each in (absurd, sound)
     )
     np.testing.assert_allclose(among, alone, rtol=1e-9, atol=1e-12 * np.abs(alone).max())

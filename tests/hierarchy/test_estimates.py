@@ -72,9 +72,14 @@ def setting():
 def dense(setting):
     """Mean and covariance of all estimates (K and C of one after the other), b integrated out by matrices."""
     _, _, model, data, sites = setting
-    sd = np.asarray(population(model, sites).locations)
+    sd, X = jax.jit(
+        lambda sites: (
+            population(model, sites).locations,
+            expected(data.design, jnp.eye(model.locations.size)),
+        )
+    )(sites)
     # [parameter, element of b, row] to [row and parameter, element of b].
-    X = np.asarray(expected(data.design, jnp.eye(len(sd))))[..., TABLES:]
+    sd, X = np.asarray(sd), np.asarray(X)[..., TABLES:]
     X = np.moveaxis(X, (2, 0), (0, 1)).reshape(-1, len(sd))
     r = SITES["residual_correlation"] * SITES["sd_impact_K"] * SITES["sd_impact_C"]
     own = np.array([[SITES["sd_impact_K"] ** 2, r], [r, SITES["sd_impact_C"] ** 2]])
@@ -107,14 +112,14 @@ def test_both_writings_are_one_density(setting) -> None:
         drawn = draw_effects(model, kept, sites, z)
         slope = jax.jacobian(lambda z: draw_effects(model, kept, sites, z).b)(z)
         plain, _ = log_density(plain_model, (model, kept), {}, sites | {"locations": drawn.b})
-        return drawn.log_density + drawn.log_ratio, slope, plain
+        priors = sum(model.prior_of(name).log_prob(value) for name, value in sites.items())
+        return drawn.log_density + drawn.log_ratio + priors, slope, plain
 
     for seed in range(3):
         z = jnp.asarray(np.random.default_rng(seed).standard_normal(model.locations.size))
         own, slope, plain = both(z)
-        priors = sum(model.prior_of(name).log_prob(value) for name, value in sites.items())
         standard = norm.logpdf(np.asarray(z)).sum() - np.linalg.slogdet(np.asarray(slope))[1]
-        sampled = own + standard + priors
+        sampled = own + standard
         assert_allclose(plain, sampled, rtol=1e-9)
 
 
@@ -149,8 +154,11 @@ def test_rows_have_the_densities_of_the_distributions(setting) -> None:
     estimates = multivariate_normal([0, 0], scale @ scale.T)
     away = observations.log_estimates - logs[observations.impact_cell]
     assert_allclose(drawn.rows[TABLES:], estimates.logpdf(away), rtol=1e-9, atol=1e-9)
-    tables = AveragesOfLognormals(jnp.asarray(logs[observations.averaged_cells]), jnp.asarray(scale))
-    assert_allclose(drawn.rows[:TABLES], tables.log_prob(observations.averages), rtol=1e-9, atol=1e-9)
+    tables = jax.jit(
+        lambda logs: AveragesOfLognormals(logs, jnp.asarray(scale)).log_prob(observations.averages)
+    )
+    averaged = tables(logs[observations.averaged_cells])
+    assert_allclose(drawn.rows[:TABLES], averaged, rtol=1e-9, atol=1e-9)
 
 
 def test_a_trial_held_out_by_averaging_over_everything_it_shares(setting) -> None:

@@ -105,7 +105,11 @@ def point(model: TraceModel) -> tuple[dict[str, jax.Array], jax.Array, jax.Array
     return sites, z_b, jnp.asarray(RNG.normal(size=(NUMBER, 2 + len(model.nuisance))))
 
 
-@pytest.mark.parametrize("kind", [*KINDS, "arm"])
+# The others are these with fewer parameters an impact.
+FEWER = [pytest.param(kind, marks=pytest.mark.long) for kind in ("a2", "impact")]
+
+
+@pytest.mark.parametrize("kind", ["arma", *FEWER, "arm"])
 def test_both_models_are_one_density_in_two_coordinates(kind: Kind | Literal["arm"]) -> None:
     model, data, summaries = made_with_arm() if kind == "arm" else made(kind)
 
@@ -148,8 +152,12 @@ def test_warped_coordinates_have_the_same_density_of_the_unconstrained_ones(last
     z_last = float(warp.part(-1)(y_last)) if last else y_last
     own = {"standard_locations": jnp.append(z_b[:-1], z_last), "standard_impacts": z_u}
     sampled = {COORDINATES: y, "standard_locations": z_b, "standard_impacts": z_u}
-    below = potential_energy(sampled_model, (model, data, summaries), {}, raw | own)
-    above = potential_energy(sampled_model, (model, data, summaries, warp), {}, sampled)
+    below, above = jax.jit(
+        lambda plain, warped: (
+            potential_energy(sampled_model, (model, data, summaries), {}, plain),
+            potential_energy(sampled_model, (model, data, summaries, warp), {}, warped),
+        )
+    )(raw | own, sampled)
     along = np.append(y, y_last) if last else y
     assert float(above) == pytest.approx(float(below) - np.log(warp.slope(along)).sum(), rel=1e-12)
 
@@ -176,11 +184,15 @@ def test_parameters_become_those_of_the_likelihood_and_back(kind: Kind) -> None:
 def test_the_likelihood_is_one_event_an_impact(kind: Kind) -> None:
     model, data, summaries = made(kind)
     u = [summaries.centre[:, a] for a in range(summaries.centre.shape[1])]
-    distribution = trace_distribution(model, data, u)
-    assert distribution.batch_shape == (NUMBER,)
-    assert distribution.event_shape == (SAMPLES,)
-    scores = log_likelihood(model, data, u)
-    assert_allclose(scores, distribution.log_prob(data.record.traces + 0.0), rtol=1e-8)
+
+    @jax.jit
+    def both(u: list[jax.Array]) -> tuple[jax.Array, jax.Array]:
+        distribution = trace_distribution(model, data, u)
+        assert distribution.batch_shape == (NUMBER,)
+        assert distribution.event_shape == (SAMPLES,)
+        return log_likelihood(model, data, u), distribution.log_prob(data.record.traces + 0.0)
+
+    assert_allclose(*both(u), rtol=1e-8)
 
 
 def test_spreads_are_the_groups_the_impacts_and_the_nuisance() -> None:

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from functools import partial
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -52,8 +54,25 @@ def record() -> DecelerationRecord:
 RECORD = record()
 
 
-def measured(data: DecelerationRecord = RECORD) -> MeasuredDeceleration:
-    return MeasuredDeceleration(*map(jnp.asarray, (OMEGA_N, ZETA, LOG_SIGMA)), data)
+AT = tuple(map(jnp.asarray, (OMEGA_N, ZETA, LOG_SIGMA)))
+
+
+def measured() -> MeasuredDeceleration:
+    return MeasuredDeceleration(*AT, RECORD)
+
+
+@jax.jit
+def densities(*parts: jax.Array) -> jax.Array:
+    return MeasuredDeceleration(*parts, RECORD).log_prob(RECORD.d)
+
+
+slopes_of = jax.jit(jax.grad(lambda *parts: densities(*parts).sum(), argnums=(0, 1, 2)))
+
+
+@jax.jit
+def density_of(value: jax.Array) -> jax.Array:
+    """By the path that takes any traces, its own among them."""
+    return measured().log_prob(value)
 
 
 def dense_log_density(value: np.ndarray) -> list[float]:
@@ -77,13 +96,13 @@ def log_density(i: int, value: np.ndarray, mean: np.ndarray, columns: np.ndarray
 
 def test_density_is_that_of_the_dense_normal() -> None:
     # The oracle's jerk is a one-sided difference, right to the square of its step, 1e-8.
-    assert_allclose(measured().log_prob(RECORD.d), dense_log_density(np.asarray(RECORD.d)), rtol=1e-6)
+    assert_allclose(densities(*AT), dense_log_density(np.asarray(RECORD.d)), rtol=1e-6)
     other = 1.1 * np.asarray(RECORD.d)
-    assert_allclose(measured().log_prob(jnp.asarray(other)), dense_log_density(other), rtol=1e-6)
+    assert_allclose(density_of(other), dense_log_density(other), rtol=1e-6)
 
 
 def test_density_by_the_motion_itself() -> None:
-    exact = measured()
+    exact = densities(*AT)
     motion = impact_motion(
         FIRST[:, None] + np.arange(WIDTH) * DT[:, None], OMEGA_N[:, None], ZETA[:, None], VELOCITY[:, None]
     )
@@ -94,11 +113,11 @@ def test_density_by_the_motion_itself() -> None:
         columns = np.stack([d[i, inside] / VELOCITY[i], np.ones(LENGTHS[i]), -jerk[i, inside]])
         direct = log_density(i, np.asarray(RECORD.d)[i, inside], d[i, inside], columns)
         # Rounding alone: exp, sin and cos of up to some tens of radians.
-        assert_allclose(exact.log_prob(RECORD.d)[i], direct, rtol=1e-11)
+        assert_allclose(exact[i], direct, rtol=1e-11)
 
 
 def test_products_by_blocks_are_those_by_samples() -> None:
-    by_blocks, by_samples = measured().products(), measured().products(RECORD.d)
+    by_blocks, by_samples = jax.jit(lambda d: (measured().products(), measured().products(d)))(RECORD.d)
     for own, other in zip(jax.tree.leaves(by_blocks), jax.tree.leaves(by_samples), strict=True):
         # Sums of some tens of terms, in another order; the residual's are differences of near equals.
         assert_allclose(own, other, rtol=1e-9, atol=1e-12 * np.abs(np.asarray(other)).max())
@@ -106,24 +125,15 @@ def test_products_by_blocks_are_those_by_samples() -> None:
 
 def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
     inside = np.arange(WIDTH) < LENGTHS[:, None]
-    value = jnp.where(inside, RECORD.d, 7.0)
-    assert_allclose(measured().log_prob(value), measured().log_prob(RECORD.d), rtol=1e-12)
-    messy = DecelerationRecord.of(np.asarray(value), LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM)
+    value = np.where(inside, RECORD.d, 7.0)
+    assert_allclose(density_of(value), density_of(np.asarray(RECORD.d)), rtol=1e-12)
+    messy = DecelerationRecord.of(value, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM)
     assert_allclose(messy.d, RECORD.d, atol=0)
 
 
-@jax.jit
-def densities(*parts: jax.Array) -> jax.Array:
-    return MeasuredDeceleration(*parts, RECORD).log_prob(RECORD.d)
-
-
-slopes_of = jax.jit(jax.grad(lambda *parts: densities(*parts).sum(), argnums=(0, 1, 2)))
-
-
 def test_slopes_are_central_differences() -> None:
-    at = [jnp.asarray(p) for p in (OMEGA_N, ZETA, LOG_SIGMA)]
-    slopes = slopes_of(*at)
-    forward = jax.jvp(densities, tuple(at), tuple(map(jnp.ones_like, at)))[1]
+    at, slopes = AT, slopes_of(*AT)
+    forward = jax.jit(lambda *at: jax.jvp(densities, at, tuple(map(jnp.ones_like, at)))[1])(*at)
     assert_allclose(forward, sum(slopes), rtol=1e-9, atol=1e-8)
     for k, slope in enumerate(slopes):
         step = 1e-5 * np.maximum(np.abs(at[k]), 0.1)
@@ -136,16 +146,17 @@ def test_slopes_are_central_differences() -> None:
 
 
 def test_slopes_in_closed_form_are_those_of_the_plain_path() -> None:
-    at = [jnp.asarray(p) for p in (OMEGA_N, ZETA, LOG_SIGMA)]
-
-    def plain(*parts: jax.Array) -> jax.Array:
+    @jax.jit
+    @partial(jax.value_and_grad, argnums=(0, 1, 2), has_aux=True)
+    def plain(*parts: jax.Array) -> tuple[jax.Array, jax.Array]:
         distribution = MeasuredDeceleration(*parts, RECORD)
         products = distribution.products()
-        return marginal_log_likelihood(products, distribution.log_sigma, RECORD.error_sd, RECORD.uniform)
+        found = marginal_log_likelihood(products, distribution.log_sigma, RECORD.error_sd, RECORD.uniform)
+        return found.sum(), found
 
-    assert_allclose(densities(*at), jax.jit(plain)(*at), rtol=1e-12)
-    slopes = jax.jit(jax.grad(lambda *parts: plain(*parts).sum(), argnums=(0, 1, 2)))(*at)
-    for fast, slow in zip(slopes_of(*at), slopes, strict=True):
+    (_, found), slopes = plain(*AT)
+    assert_allclose(densities(*AT), found, rtol=1e-12)
+    for fast, slow in zip(slopes_of(*AT), slopes, strict=True):
         # Both are differences of sums over some tens of samples, the greatest of which set the rounding.
         assert_allclose(fast, slow, rtol=1e-9, atol=1e-11 * np.abs(slow).max())
 
@@ -162,17 +173,18 @@ def test_chains_side_by_side_are_the_chains_one_by_one() -> None:
 
 
 def test_curvature_is_the_difference_of_slopes() -> None:
-    at = jnp.stack([jnp.asarray(p) for p in (OMEGA_N, ZETA, LOG_SIGMA)])
+    at = np.stack(AT)
     total = lambda p: densities(*p).sum()  # noqa: E731
-    curvature = jax.jit(jax.hessian(total))(at)
+    curvature = np.asarray(jax.jit(jax.hessian(total))(at))
 
-    def slopes(at: jax.Array) -> jax.Array:
-        return jnp.stack(slopes_of(*at))
+    def slopes(at: np.ndarray) -> np.ndarray:
+        return np.stack(slopes_of(*at))
 
     for k in range(3):
         for i in range(5):
-            step = 1e-5 * max(abs(float(at[k, i])), 0.1)
-            found = (slopes(at.at[k, i].add(step)) - slopes(at.at[k, i].add(-step))) / (2 * step)
+            step = np.zeros(at.shape)
+            step[k, i] = 1e-5 * max(abs(at[k, i]), 0.1)
+            found = (slopes(at + step) - slopes(at - step)) / (2 * step[k, i])
             scale = np.abs(curvature[k, i]).max()
             assert_allclose(curvature[k, i], found, rtol=1e-5, atol=1e-6 * scale)
 

@@ -41,8 +41,19 @@ def parameters(theta1: np.ndarray | None = THETA1) -> tuple[jax.Array | None, ..
     return tuple(None if p is None else jnp.asarray(p) for p in (OMEGA_N, ZETA, theta1, LOG_SIGMA))
 
 
-def measured(theta1: np.ndarray | None = THETA1, data: DisplacementRecord = RECORD) -> MeasuredDisplacement:
-    return MeasuredDisplacement(*parameters(theta1), data)  # type: ignore[arg-type]
+def measured() -> MeasuredDisplacement:
+    return MeasuredDisplacement(*parameters(), RECORD)  # type: ignore[arg-type]
+
+
+@jax.jit
+def densities(*parts: jax.Array | None) -> jax.Array:
+    return MeasuredDisplacement(*parts, RECORD).log_prob(RECORD.x)  # type: ignore[arg-type]
+
+
+@jax.jit
+def density_of(value: jax.Array) -> jax.Array:
+    """By the path that takes any traces, its own among them."""
+    return measured().log_prob(value)
 
 
 def filtered(x: np.ndarray, i: int) -> np.ndarray:
@@ -70,48 +81,47 @@ def dense_log_density(x: np.ndarray, theta1: np.ndarray) -> list[float]:
 
 def test_density_is_that_of_the_dense_normal() -> None:
     # The dense oracle's coefficients near 2 and 1 lose (omega_n dt)^2 of their digits.
-    assert_allclose(measured().log_prob(RECORD.x), dense_log_density(np.asarray(RECORD.x), THETA1), rtol=1e-8)
+    assert_allclose(densities(*parameters()), dense_log_density(np.asarray(RECORD.x), THETA1), rtol=1e-8)
 
 
 def test_sampled_a2_takes_theta1_from_the_oscillator() -> None:
     theta1 = np.asarray(to_differences(OMEGA_N, ZETA, DT).theta1)
-    assert_allclose(measured(None).log_prob(RECORD.x), measured(theta1).log_prob(RECORD.x), rtol=1e-13)
-    assert_allclose(
-        measured(None).log_prob(RECORD.x), dense_log_density(np.asarray(RECORD.x), theta1), rtol=1e-8
-    )
+    found = densities(*parameters(None))
+    assert_allclose(found, densities(*parameters(theta1)), rtol=1e-13)
+    assert_allclose(found, dense_log_density(np.asarray(RECORD.x), theta1), rtol=1e-8)
 
 
 def test_any_other_value_goes_through_a_filter() -> None:
-    value = RECORD.x + 0.0
-    assert value is not RECORD.x
     # Both paths sum a few hundred numbers after the same differences of x.
-    assert_allclose(measured().log_prob(value), measured().log_prob(RECORD.x), rtol=1e-9)
+    assert_allclose(density_of(np.asarray(RECORD.x)), densities(*parameters()), rtol=1e-9)
     other = np.asarray(RECORD.x) * 1.1
-    assert_allclose(measured().log_prob(jnp.asarray(other)), dense_log_density(other, THETA1), rtol=1e-8)
+    assert_allclose(density_of(other), dense_log_density(other, THETA1), rtol=1e-8)
 
 
 def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
-    value = jnp.where(jnp.arange(40) < LENGTHS[:, None], RECORD.x, 7.0)
-    assert_allclose(measured().log_prob(value), measured().log_prob(RECORD.x), rtol=1e-9)
+    value = np.where(np.arange(40) < LENGTHS[:, None], RECORD.x, 7.0)
+    assert_allclose(density_of(value), densities(*parameters()), rtol=1e-9)
 
 
 @pytest.mark.parametrize("theta1", [None, THETA1])
 def test_slopes_are_central_differences(theta1: np.ndarray | None) -> None:
     at = [p for p in parameters(theta1) if p is not None]
 
-    @jax.jit
-    def densities(*parts: jax.Array) -> jax.Array:
-        middle = parts[2] if theta1 is not None else None
-        return MeasuredDisplacement(parts[0], parts[1], middle, parts[-1], RECORD).log_prob(RECORD.x)
+    def given(*parts: jax.Array) -> jax.Array:
+        return densities(*parts[:2], parts[2] if theta1 is not None else None, parts[-1])
 
-    slopes = jax.grad(lambda *parts: densities(*parts).sum(), argnums=tuple(range(len(at))))(*at)
-    forward = jax.jvp(densities, tuple(at), tuple(map(jnp.ones_like, at)))[1]
+    @jax.jit
+    def both(*at: jax.Array) -> tuple[tuple[jax.Array, ...], jax.Array]:
+        slopes = jax.grad(lambda *parts: given(*parts).sum(), argnums=tuple(range(len(at))))(*at)
+        return slopes, jax.jvp(given, at, tuple(map(jnp.ones_like, at)))[1]
+
+    slopes, forward = both(*at)
     # Each impact's density follows its own parameters only.
     assert_allclose(forward, sum(slopes), rtol=1e-9, atol=1e-6)
     for k, slope in enumerate(slopes):
         step = 1e-5 * np.maximum(np.abs(at[k]), 0.1)
         ahead, behind = (
-            np.asarray(densities(*[p + sign * step if a == k else p for a, p in enumerate(at)]))
+            np.asarray(given(*[p + sign * step if a == k else p for a, p in enumerate(at)]))
             for sign in (1, -1)
         )
         # Third derivatives times step squared, and rounding of a density of some hundreds over the step.
@@ -155,7 +165,7 @@ def test_without_errors_the_slopes_stay_finite() -> None:
     def total(log_sigma: jax.Array) -> jax.Array:
         return MeasuredDisplacement(*shape, log_sigma, data).log_prob(data.x).sum()
 
-    assert np.isfinite(jax.grad(total)(jnp.asarray(LOG_SIGMA))).all()
+    assert np.isfinite(jax.jit(jax.grad(total))(jnp.asarray(LOG_SIGMA))).all()
 
 
 def test_samples_have_the_dense_mean_and_covariance() -> None:

@@ -133,6 +133,38 @@ def test_conditions_are_compared_at_one_mass_only_where_the_mass_is_in_the_formu
     assert contrasts(draws, recorded("log(mass_kg) + (1|trial)"), ["K"], 0.1).empty
 
 
+def test_ratios_and_probabilities_of_people_drawn_from_the_prior_are_calibrated() -> None:
+    """Effects of sd 0.2 seen with an error of 0.1: their posterior is normal, and its draws exact."""
+    rng, people, studies, s, e = np.random.default_rng(9), 4, 100, 0.2, 0.1
+    known, names = recorded("(1|subject)"), [f"s{person}" for person in range(people)]
+    held, probable, happened = [], [], []
+    for _ in range(studies):
+        truth = s * rng.standard_normal(people)
+        seen = truth + e * rng.standard_normal(people)
+        gain = s**2 / (s**2 + e**2)
+        posterior = gain * seen + e * np.sqrt(gain) * rng.standard_normal((*SHAPE, people))
+        draws = xr.Dataset(
+            {
+                "intercept_K": (("chain", "draw"), np.full(SHAPE, 7.0)),
+                "subject_effect_K": (("chain", "draw", "subject"), posterior),
+            },
+            {"subject": names},
+        )
+        found = people_compared(draws, known, ["K"])
+        by = dict(zip(names, truth, strict=True))
+        ratio = np.exp(found["person"].map(by) - found["against"].map(by))
+        # Each pair once.
+        once = found["person"] < found["against"]
+        held += list((ratio.between(found["low"], found["high"]))[once])
+        probable += list(np.maximum(found["p_greater"], 1 - found["p_greater"])[once])
+        happened += list(((ratio > 1) == (found["p_greater"] > 0.5))[once])
+    # Pairs of one study share people; counted as if three of the six were independent.
+    error = np.sqrt(0.9 * 0.1 / (3 * studies))
+    assert np.mean(held) == pytest.approx(0.9, abs=3 * error)
+    spread = np.sqrt(np.mean(np.array(probable) * (1 - np.array(probable))) / (3 * studies))
+    assert np.mean(happened) == pytest.approx(np.mean(probable), abs=3 * spread)
+
+
 def test_person_against_person() -> None:
     names = [f"s{person}" for person in range(4)]
     values = {"intercept_K": 7.0, "subject_effect_K": [0.0, 0.1, -0.1, 0.0], "effect_of_age_K": 0.1}

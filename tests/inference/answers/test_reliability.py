@@ -29,6 +29,10 @@ RATINGS = [[9, 2, 5, 8], [6, 1, 3, 2], [8, 4, 6, 8], [7, 1, 2, 6], [10, 5, 6, 9]
 PUBLISHED = {"ICC(C,1)": 0.71, "ICC(A,1)": 0.29, "ICC(C,k)": 0.91, "ICC(A,k)": 0.62}
 
 
+# Of the levels of the second test, by `intraclass_corr` of pingouin 0.7.0.
+PINGOUIN = {"ICC(C,1)": 0.604261, "ICC(A,1)": 0.435596, "ICC(C,k)": 0.901590, "ICC(A,k)": 0.822402}
+
+
 def mean_squares(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Of rows, columns and error, and their degrees of freedom, by statsmodels."""
     person, condition = np.indices(levels.shape)
@@ -75,6 +79,8 @@ def test_intervals_of_a_posterior_are_the_classical_ones() -> None:
     levels = 0.3 * rng.standard_normal((n, 1)) + 0.1 * rng.standard_normal(k)
     levels = levels + 0.15 * rng.standard_normal((n, k))
     squares, df = mean_squares(levels)
+    estimates = coefficients(of(*components(squares, (n, k)), k=k))
+    assert_allclose([estimates[name] for name in PINGOUIN], [*PINGOUIN.values()], atol=5e-7)
     drawn = [square * d / rng.chisquare(d, DRAWS) for square, d in zip(squares, df, strict=True)]
     found = coefficients(of(*components(np.array(drawn), (n, k)), k=k))
     ratio = squares[0] / squares[2] / stats.f.ppf([0.95, 0.05], df[0], df[2])
@@ -100,6 +106,38 @@ def test_what_the_chain_makes_counts_and_a_shared_error_stays() -> None:
             error = each.error(agreement=agreement) / k
             assert each.people / (each.people + each.shared + error) == pytest.approx(0.9)
     assert shared.repeats(0.75, agreement=False) == np.inf
+
+
+def test_intervals_hold_the_truth_of_studies_drawn_from_the_prior() -> None:
+    """Levels without a trace's error: 300 balanced studies, posterior by weighting draws of the prior.
+
+    By the mean squares, each its expectation times chi-squared over its degrees of freedom.
+    """
+    rng, n, k, studies, draws = np.random.default_rng(4), 12, 5, 300, 20_000
+    df = np.array([n - 1, k - 1, (n - 1) * (k - 1)])
+
+    def drawn(count: int) -> np.ndarray:
+        return (np.array([[0.3], [0.1], [0.1]]) * np.abs(rng.standard_normal((3, count)))) ** 2
+
+    def expected(v: np.ndarray) -> np.ndarray:
+        return np.stack([v[2] + k * v[0], v[2] + n * v[1], v[2]])
+
+    truth, prior = drawn(studies), drawn(draws)
+    squares = expected(truth) * rng.chisquare(df[:, None], (3, studies)) / df[:, None]
+    mean = expected(prior)[:, None]
+    logs = -(df[:, None, None] / 2 * (np.log(mean) + squares[..., None] / mean)).sum(axis=0)
+    weights = np.exp(logs - logs.max(axis=1, keepdims=True))
+    weights /= weights.sum(axis=1, keepdims=True)
+    of_truth, of_prior = (of(*each, k=k, measurement=0.02) for each in (truth, prior))
+    told = {name: (value, coefficients(of_prior)[name]) for name, value in coefficients(of_truth).items()}
+    for agreement in (False, True):
+        told[f"error {agreement}"] = of_truth.error(agreement=agreement), of_prior.error(agreement=agreement)
+        own, others = (each.repeats(0.9, agreement=agreement) for each in (of_truth, of_prior))
+        told[f"repeats {agreement}"] = own, others
+    for name, (own, others) in told.items():
+        below = (weights * (others < own[:, None])).sum(axis=1)
+        held = np.mean((below > 0.05) & (below < 0.95))
+        assert held == pytest.approx(0.9, abs=3 * np.sqrt(0.9 * 0.1 / studies)), name
 
 
 def posterior() -> tuple[xr.Dataset, Recorded]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tomllib
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,36 +32,12 @@ from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
+from campaigns import FOUR_BY_FOUR
 
 
 @pytest.fixture(scope="module")
 def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
-    conditions = [
-        {"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.4, 0.6, 0.9, 1.3)
-    ]
-    campaign = simulate(
-        Simulation.model_validate(
-            {
-                "name": "four by four",
-                "seed": 4,
-                "design": {"subjects": 4, "conditions": conditions},
-                "tissue": {
-                    "K_N_per_m": 3000.0,
-                    "C_N_s_per_m": 25.0,
-                    "sd_subject_K": 0.2,
-                    "sd_impact_K": 0.05,
-                    "sd_subject_C": 0.2,
-                    "sd_impact_C": 0.05,
-                },
-                "recording": {
-                    "sampling_rate_hz": 2000.0,
-                    "noise_relative_to_peak": 0.005,
-                    "relative_mass_sd": 0.002,
-                    "velocity_sd_m_s": 0.005,
-                },
-            }
-        )
-    )
+    campaign = simulate(Simulation.model_validate(tomllib.loads(FOUR_BY_FOUR)))
     ends = np.cumsum(campaign.n_samples)
     traces = [
         Trace(campaign.time[end - n : end], campaign.value[end - n : end].astype(float))

@@ -155,7 +155,8 @@ def parse(text: str) -> Node:
         place = len(text) if end else int(error.token.start_pos or 0)
         raise QuestionError(place, "the end" if end else str(error.token), _listed(error.expected)) from None
     except UnexpectedCharacters as error:
-        raise QuestionError(error.pos_in_stream, text[error.pos_in_stream], _listed(error.allowed)) from None
+        place = int(error.pos_in_stream or 0)
+        raise QuestionError(place, text[place], _listed(error.allowed)) from None
 
 
 def claims(node: Node) -> bool:
@@ -213,8 +214,8 @@ class _Maker:
         return Level(_unquoted(column), None if value is None else _unquoted(value), column.start_pos, place)
 
     def quantity(self, parts: list[Any]) -> Node:
-        name, *levels = parts
-        levels = tuple(level for level in levels if level is not None)
+        name, *given = parts
+        levels = tuple(level for level in given if level is not None)
         columns = [level.column for level in levels]
         twice = [level for place, level in enumerate(levels) if level.column in columns[:place]]
         if twice:
@@ -245,7 +246,7 @@ class _Maker:
 
     def compared(self, parts: list[Any]) -> Node:
         tokens, sides = parts[1::2], parts[::2]
-        each = [
+        each: list[Node] = [
             _made(_SAME.get(token, str(token)), list(pair), token.start_pos, claim=False)
             for token, pair in zip(tokens, pairwise(sides), strict=True)
         ]

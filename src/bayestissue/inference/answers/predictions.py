@@ -69,8 +69,7 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
     if finished.discrepancy:
         notes = [[*each, NO_LAW] for each in notes]
     else:
-        peaks = _peaks(finished.element, some, mass, velocity, diameter)
-        values |= {"depth": peaks.depth, "force": peaks.force, "time": peaks.time}
+        values |= _peaks(finished.element, some, mass, velocity, diameter)
         notes = [[*n, *([] if v > 0 else [NO_VELOCITY])] for n, v in zip(notes, velocity, strict=True)]
     return pd.DataFrame(
         [
@@ -125,8 +124,8 @@ def _peaks(
     mass: Float[np.ndarray, " condition"],
     velocity: Float[np.ndarray, " condition"],
     diameter: Float[np.ndarray, " condition"],
-) -> Peaks:
-    """Peaks of every draw in every condition, [draw, condition]; NaN where there is no velocity."""
+) -> dict[str, Float[np.ndarray, "draw condition"]]:
+    """Each of the peaks in every draw and condition; NaN where there is no velocity."""
     shape = parameters["K"].shape
     p = {**parameters, "diameter_m": np.broadcast_to(diameter, shape)}
     known = np.where(velocity > 0, velocity, 1.0)
@@ -136,8 +135,9 @@ def _peaks(
         # The last part is filled up with what stands in it already.
         *values, M, V = (jnp.asarray(np.resize(v[begin : begin + _AT_ONCE], _AT_ONCE)) for v in each)
         parts.append(peaks_of(element(which), dict(zip(p, values, strict=True)), M, V))
-    whole = (np.concatenate(column)[: each[0].size].reshape(shape) for column in zip(*parts, strict=True))
-    return Peaks(*(np.where(velocity > 0, values, np.nan) for values in whole))
+    columns = dict(zip(Peaks._fields, zip(*parts, strict=True), strict=True))
+    whole = {name: np.concatenate(column)[: each[0].size].reshape(shape) for name, column in columns.items()}
+    return {name: np.where(velocity > 0, found, np.nan) for name, found in whole.items()}
 
 
 def _summary(values: dict[str, Float[np.ndarray, " draw"]]) -> dict[str, float]:
@@ -145,8 +145,9 @@ def _summary(values: dict[str, Float[np.ndarray, " draw"]]) -> dict[str, float]:
     found = {f"{column}{end}": np.nan for column in QUANTITIES.values() for end in _QUANTILES}
     for name, draws in values.items():
         # Some draws of a strongly damped impact may have no peak: their time is infinite.
-        method = "linear" if np.isfinite(draws).all() else "inverted_cdf"
-        ends = np.quantile(draws, list(_QUANTILES.values()), method=method)
+        of = np.asarray(list(_QUANTILES.values()))
+        finite = np.isfinite(draws).all()
+        ends = np.quantile(draws, of) if finite else np.quantile(draws, of, method="inverted_cdf")
         found |= {f"{QUANTITIES[name]}{end}": float(v) for end, v in zip(_QUANTILES, ends, strict=True)}
     return found
 

@@ -218,7 +218,7 @@ def _short(value: float) -> str:
 
 def _interval(values: xr.DataArray) -> dict[str, float]:
     draws = values.transpose("chain", "draw").to_numpy()
-    low, median, high = np.quantile(draws, [0.05, 0.5, 0.95])
+    low, median, high = np.quantile(draws, np.array([0.05, 0.5, 0.95]))
     return {"median": median, "low": low, "high": high, "mcse": _error_of_median(draws)}
 
 
@@ -233,6 +233,6 @@ def _error_of_median(draws: np.ndarray) -> float:
     size = float(effective_size((draws <= np.median(draws)).astype(float)[None])[0])
     if not np.isfinite(size):
         return np.nan
-    low, high = beta.ppf([0.1586553, 0.8413447], size / 2 + 1, size / 2 + 1) * draws.size - 1
+    ends = np.asarray(beta.ppf([0.1586553, 0.8413447], size / 2 + 1, size / 2 + 1)) * draws.size - 1
     ordered = np.sort(draws, axis=None)
-    return float(ordered[int(np.ceil(high))] - ordered[int(max(low, 0))]) / 2
+    return float(ordered[int(np.ceil(ends[1]))] - ordered[int(max(ends[0], 0))]) / 2

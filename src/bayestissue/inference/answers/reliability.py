@@ -172,7 +172,7 @@ def reliability(found: Mapping[str, Variances], draws: xr.Dataset) -> tuple[pd.D
                 relative = np.expm1(factor * np.sqrt(np.maximum(variance, 0.0)))
                 told(q, measure, words, 100 * relative, _PERCENT, f"relative_{name}_{short}")
                 told(q, measure, words, relative * typical, _UNITS.get(q, "1"), f"{name}_{short}")
-        for letter, words in forms.items() if known else ():
+        for letter in forms if known else ():
             for target in TARGETS:
                 values = each.repeats(target, agreement=letter == "A")
                 form = f"ICC({letter},k) of {target:g}"

@@ -16,7 +16,7 @@ _ON_FIRST_SCREEN = 2
 MOST_ROWS = 300
 _MASSES = (
     "Here conditions stand for masses, so that the mass exponent compares them; their effects are what the "
-    "mass leaves over. Conditions of the same mass, where there are any, stand in the table."
+    "mass leaves over."
 )
 
 
@@ -62,7 +62,8 @@ def conditions_words(run: FitRun) -> str:
     """Why conditions are not compared; empty where they are, or where the model has none."""
     masses = run.has("mass_exponent_K") or run.has("mass_exponent_C")
     conditions = run.has("trial_effect_K") or run.has("trial_effect_C")
-    return _MASSES if masses and conditions else ""
+    compared = run.contrasts is not None and bool((run.contrasts["factor"] == "trial").any())
+    return _MASSES if masses and conditions and not compared else ""
 
 
 def contrasts_table(run: FitRun) -> Table | None:
