@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -16,7 +17,7 @@ from bayestissue.elements import element, impact
 from bayestissue.elements.element import Element
 from bayestissue.likelihood import autoregressive
 from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord, columns
+from bayestissue.likelihood.element.response import ElementRecord, Response, columns, response
 
 MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])
@@ -49,6 +50,15 @@ def _log_prob(
     return MeasuredImpact(which, parameters, log_sigma, record, atanh_correlation=a).log_prob(record.d)
 
 
+@partial(jax.jit, static_argnums=0)
+def _response(*given: Any) -> Response:
+    return response(*given)
+
+
+def response_of(given: MeasuredImpact) -> Response:
+    return _response(given.element, given.parameters, given.record)
+
+
 def log_prob(name: str, a: jax.Array | None = A) -> jax.Array:
     given = measured(name)
     return _log_prob(given.element, given.parameters, LOG_SIGMA, given.record, a)
@@ -68,7 +78,7 @@ def error_sd(row: int) -> np.ndarray:
 
 def dense(given: MeasuredImpact, row: int) -> tuple[np.ndarray, np.ndarray]:
     """Residual and covariance of a trace, the errors' columns in it."""
-    n, found = COUNT[row], given.response()
+    n, found = COUNT[row], response_of(given)
     each = np.stack([np.asarray(column)[row, :n] for column in columns(found, given.record)], axis=1)
     each = each * error_sd(row)
     return np.asarray(given.record.d - found.d)[row, :n], noise_covariance(row) + each @ each.T
@@ -146,7 +156,7 @@ def test_slopes_agree_with_differences_and_with_the_path_through_any_value() -> 
 def test_samples_have_the_covariance_of_noise_and_chain() -> None:
     given, number = measured("kelvin_voigt"), 4000
     sample = jax.jit(lambda key: given.sample(key, (number,)))
-    drawn = np.asarray(sample(jax.random.PRNGKey(0))) - np.asarray(given.response().d)
+    drawn = np.asarray(sample(jax.random.PRNGKey(0))) - np.asarray(response_of(given).d)
     for row, n in enumerate(COUNT):
         assert not drawn[:, row, n:].any()
         _, covariance = dense(given, row)
@@ -175,7 +185,7 @@ def test_errors_given_a_trace_are_those_of_the_joint_normal() -> None:
     drawn = np.asarray(jax.jit(jax.vmap(given.draw_errors))(jax.random.split(jax.random.PRNGKey(2), number)))
     for row, n in enumerate(COUNT):
         residual, covariance = dense(given, row)
-        each = np.stack([np.asarray(c)[row, :n] for c in columns(given.response(), given.record)], axis=1)
+        each = np.stack([np.asarray(c)[row, :n] for c in columns(response_of(given), given.record)], axis=1)
         across = error_sd(row)[:, None] ** 2 * each.T
         weights = np.linalg.solve(covariance, across.T).T
         spread = np.diag(error_sd(row) ** 2) - weights @ across.T
