@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +14,7 @@ from bayestissue.elements import element, impact
 from bayestissue.elements.element import Element
 from bayestissue.likelihood.element import discrepancy
 from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import ElementRecord, columns
+from bayestissue.likelihood.element.response import ElementRecord, Response, columns, response
 
 MASS, VELOCITY = np.array([0.5, 1.2]), np.array([1.5, 1.0])
 DT, FIRST = np.array([4e-4, 5e-4]), np.array([1e-4, 4e-4])
@@ -54,6 +55,11 @@ def _log_prob(
     return MeasuredImpact(which, parameters, LOG_SIGMA, record, log_s).log_prob(record.d)
 
 
+@partial(jax.jit, static_argnums=0)
+def _response(*given: Any) -> Response:
+    return response(*given)
+
+
 def log_prob(given: MeasuredImpact) -> np.ndarray:
     """Log densities of its own traces."""
     return np.asarray(_log_prob(given.element, given.parameters, given.record, given.log_discrepancy))
@@ -61,7 +67,7 @@ def log_prob(given: MeasuredImpact) -> np.ndarray:
 
 def dense(given: MeasuredImpact, row: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Residual, scaled error columns and the covariance of discrepancy and noise of a trace."""
-    n, found = COUNT[row], given.response()
+    n, found = COUNT[row], _response(given.element, given.parameters, given.record)
     each = np.stack([np.asarray(column)[row, :n] for column in columns(found, given.record)], axis=1)
     own = np.exp(2 * LOG_S[row]) * kernel(n)
     return np.asarray(given.record.d - found.d)[row, :n], each * SD[row], own
@@ -182,7 +188,8 @@ def test_draws_given_a_trace_are_those_of_the_joint_normal() -> None:
 
 def test_samples_have_the_discrepancy_in_them() -> None:
     given, number = measured("kelvin_voigt"), 4000
-    traces, delta = given.sample_with_discrepancy(jax.random.PRNGKey(0), (number,))
+    sampled = jax.jit(lambda key: given.sample_with_discrepancy(key, (number,)))
+    traces, delta = sampled(jax.random.PRNGKey(0))
     drawn = np.asarray(traces)
     for row in range(2):
         n = COUNT[row]

@@ -122,9 +122,10 @@ def test_samples_have_the_mean_and_spread_of_the_chain() -> None:
     traces = record("stiffening", uniform=True)
     given = MeasuredImpact(element("stiffening"), parameters("stiffening"), LOG_SIGMA, traces)
     number = 4000
-    drawn = np.asarray(given.sample(jax.random.PRNGKey(0), (number,)))
+    sampled = jax.jit(lambda key: (given.sample(key, (number,)), given.response()))
+    traces_drawn, found = sampled(jax.random.PRNGKey(0))
+    drawn = np.asarray(traces_drawn)
     assert not drawn[:, 0, COUNT[0] :].any()
-    found = given.response()
     columns = np.stack([found.by_velocity, found.d, np.ones_like(found.d), found.jerk])
     variance = (columns**2 * SD.T[..., None] ** 2).sum(0) + np.exp(2 * LOG_SIGMA)[:, None]
     inside = np.asarray(traces.inside())
@@ -140,12 +141,11 @@ def test_errors_of_the_chain_are_found_again() -> None:
     name = "hunt_crossley"
     given = MeasuredImpact(element(name), parameters(name), jnp.log(jnp.full(2, 1e-3)), record(name))
     sd = jnp.array([[0.02, 0.0, 0.5, 0.0], [0.02, 0.0, 0.5, 0.0]])
-    found = given.response()
+    found = jax.jit(given.response)()
     seen = found.d + 0.01 * found.by_velocity - 0.2
     made = given.record._replace(error_sd=sd, d=jnp.where(given.record.inside(), seen, 0.0))
-    errors = MeasuredImpact(element(name), parameters(name), given.log_sigma, made).draw_errors(
-        jax.random.PRNGKey(1)
-    )
+    same = MeasuredImpact(element(name), parameters(name), given.log_sigma, made)
+    errors = jax.jit(same.draw_errors)(jax.random.PRNGKey(1))
     # Noise of 1e-3 over some forty samples that change by about 100 and 1 per unit.
     np.testing.assert_allclose(errors[:, 0], 0.01, atol=1e-4)
     np.testing.assert_allclose(errors[:, 2], -0.2, atol=3e-3)
@@ -153,7 +153,7 @@ def test_errors_of_the_chain_are_found_again() -> None:
 
 def test_motion_is_the_simulated_one() -> None:
     traces = record("wall")
-    found = motion(element("wall"), parameters("wall"), traces, traces.velocity)
+    found = jax.jit(lambda: motion(element("wall"), parameters("wall"), traces, traces.velocity))()
     expected = impact("wall", values("wall"), MASS, VELOCITY, traces.time())
     for own, other, atol in ((found.x, expected.x, 1e-8), (found.v, expected.v, 1e-6)):
         np.testing.assert_allclose(np.where(traces.inside(), own - other, 0.0), 0.0, atol=atol)
