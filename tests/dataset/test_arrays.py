@@ -7,10 +7,10 @@ import inspect
 import numpy as np
 import pandas as pd
 import pytest
-from dataset_bench import SETTINGS, Lab, tables
 
 import bayestissue as bt
 from bayestissue.dataset import Dataset
+from dataset_bench import SETTINGS, Lab, tables
 
 SIGNAL = {"quantity": SETTINGS["signal"]["quantity"], "unit": SETTINGS["signal"]["unit"]}
 GIVEN = SIGNAL | {name: SETTINGS[name] for name in ("name", "description", "uncertainty")}
