@@ -5,10 +5,10 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from dataset_bench import SETTINGS, Lab, Outcome, tables
 
 from bayestissue import cli
 from bayestissue.dataset import write_dataset
+from dataset_bench import SETTINGS, Lab, Outcome, tables
 
 
 @pytest.fixture

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dataset_bench import NAMES, SETTINGS, Lab, tables
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from test_recorders import FORMATS, files_instead
@@ -20,6 +19,7 @@ from test_recorders import FORMATS, files_instead
 from bayestissue import cli
 from bayestissue.dataset import Dataset, read_dataset, write_dataset
 from bayestissue.errors import InputError
+from dataset_bench import NAMES, SETTINGS, Lab, tables
 
 SLIPS = st.one_of(
     st.tuples(st.just("flip"), st.floats(0, 1), st.integers(1, 255)),

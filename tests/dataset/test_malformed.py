@@ -12,10 +12,10 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from dataset_bench import SAMPLES, Lab, Outcome
 
 from bayestissue.dataset import read_dataset
 from bayestissue.errors import has_control_characters
+from dataset_bench import SAMPLES, Lab, Outcome
 
 Spoil = Callable[[Lab], object]
 

@@ -8,11 +8,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from dataset_bench import NAMES, SETTINGS, Lab, Outcome, deceleration, tables
 
 import bayestissue as bt
 from bayestissue.dataset import read_dataset, write_dataset
 from bayestissue.errors import InputError
+from dataset_bench import NAMES, SETTINGS, Lab, Outcome, deceleration, tables
 
 
 @pytest.mark.parametrize("trace_file", ["traces.csv", "traces.csv.gz", "traces.parquet"])

@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from dataset_bench import Lab
 
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import Problem
 from bayestissue.outline import as_html, as_text, span
+from dataset_bench import Lab
 
 
 @pytest.fixture

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pandas as pd
 import pytest
-from dataset_bench import Lab
 
 from bayestissue.dataset import read_dataset
+from dataset_bench import Lab
 
 
 def warned(lab: Lab) -> list[str]:
