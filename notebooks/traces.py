@@ -91,12 +91,12 @@ for method, table in estimates.items():
 # One recording at a time needs no dataset: two arrays, the mass and the velocity give K and C with their intervals.
 
 # %%
-first = impacts.iloc[0]
+shown = impacts.iloc[0]
 one = bt.impact(
     dataset.traces[0].time_s,
     dataset.traces[0].value,
-    mass_kg=first["mass_kg"],
-    velocity_m_s=first["velocity_m_s"],
+    mass_kg=shown["mass_kg"],
+    velocity_m_s=shown["velocity_m_s"],
     uncertainty=dataset.uncertainty,
 )
 one

@@ -75,7 +75,7 @@ def test_check_names_the_impacts_the_effect_and_the_remedy(folder, tmp_path, cap
 def test_estimate_flags_these_impacts_alone_and_says_the_methods_part_once(
     folder, tmp_path, capsys, monkeypatch
 ):
-    said = run(capsys, monkeypatch, "estimate", folder, "--out", tmp_path / "out")
+    said = run(capsys, monkeypatch, "estimate", folder, "--method", "exact", "--out", tmp_path / "out")
     assert "14 impacts, 2 flagged" in said
     assert said.count("theta1 at its limit in ") == 1
     assert "K and C hold; their standard errors and intervals here are too small" in said

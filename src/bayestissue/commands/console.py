@@ -22,9 +22,9 @@ from rich.text import Text
 from bayestissue.errors import printable
 
 
-def echo(text: str) -> None:
-    """Print lines that may hold names of any origin: the terminal obeys none of them."""
-    typer.echo(printable(text, lines=True))
+def echo(text: str, *, err: bool = False) -> None:
+    """Print lines that may hold names of any origin: the terminal obeys none of them; ``err`` as of typer."""
+    typer.echo(printable(text, lines=True), err=err)
 
 
 def plain(text: str, style: str = "") -> Text:

@@ -72,15 +72,14 @@ def _at_a_terminal() -> bool:
 
 
 def _asked(intake: Intake) -> Intake:
-    typer.echo(printable("\n".join(intake.listed()), lines=True), err=True)
+    echo("\n".join(intake.listed()), err=True)
     options = []
     while intake.questions:
         question = intake.questions[0]
         text = _answer(question)
         intake = intake.answered(question, text)
         options.append(Question(question.option, "", (), text).line)
-    told = printable(" ".join(options), lines=True)
-    typer.echo(f"The same without questions: {told}", err=True)
+    echo(f"The same without questions: {' '.join(options)}", err=True)
     return intake
 
 
@@ -91,4 +90,4 @@ def _answer(question: Question) -> str:
         text = str(typer.prompt(printable(words), err=True)).strip()
         if text and (not question.answers or text in question.answers):
             return text
-        typer.echo(printable(f"expected one of: {', '.join(question.answers)}"), err=True)
+        echo(f"expected one of: {', '.join(question.answers)}", err=True)

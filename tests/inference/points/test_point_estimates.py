@@ -137,7 +137,7 @@ def test_what_every_sound_impact_shows_is_a_note_and_no_flag() -> None:
     said = said_once(table["notes"])
     assert len(said) == 1
     assert "theta1 at its limit in 3 of 3 impacts" in said[0]
-    assert "fit models/impact.toml" in said[0]
+    assert 'method "impact"' in said[0]
     centred = bt.estimate(recorded(K, C, mass, 1e4, noise=0.005), method="dds")
     assert centred["flags"][1] == ""
     assert "K and C imply another peak displacement than recorded" in centred["notes"][1]
