@@ -43,7 +43,7 @@ class Stages:
 
     def __init__(self, *, quiet: bool) -> None:
         self._quiet = quiet
-        self._stage = ""
+        self._stage, self._done = "", 0
         self._task: TaskID | None = None
         self._began = self._spoke = time.monotonic()
         console = Console(stderr=True)
@@ -76,8 +76,9 @@ class Stages:
         """Tell that ``done`` of ``total`` parts of ``stage`` are done."""
         if self._quiet:
             return
-        new = stage != self._stage
-        self._stage = stage
+        # Sites are made in several passes over all impacts: each has a time of its own.
+        new = stage != self._stage or done < self._done
+        self._stage, self._done = stage, done
         if self._bars is not None:
             if new:
                 self._finish_bar()

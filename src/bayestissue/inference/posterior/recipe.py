@@ -53,9 +53,11 @@ CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
 PROPOSAL_LIMIT, _LEAST_EFFECTIVE = 0.5, 0.5
 # A matrix of each impact under each of so many draws takes little memory.
 _DRAWS_AT_ONCE = 500
-# Sites are fitted so often about so many draws to second order, before any chain; and about so many corrected
-# draws of chains, as often as that raises the effective number by half.
+# Sites are fitted so often about so many draws to second order, before any chain, fewer of them the more
+# impacts there are; and about so many corrected draws of chains, as often as that raises the effective number
+# by half.
 _PASSES_BEFORE, _DRAWS_BEFORE, _DRAWS_ABOUT = 2, 128, 512
+_FEWEST_BEFORE, _ALL_BEFORE = 16, 128_000
 _MOST_PASSES, _GAIN = 4, 1.5
 # Of log weights: with more next to no draw is effective.
 _MOST_SCATTER = 2.0
@@ -166,8 +168,9 @@ def placed(
     progress: Progress = silent,
 ) -> Approximation:
     """Sites fitted about draws of the population to second order, and expanded where these need it."""
+    about = int(np.clip(_ALL_BEFORE // len(prepared.impacts), _FEWEST_BEFORE, _DRAWS_BEFORE))
     for number in range(_PASSES_BEFORE if sites.profile is None else 0):
-        draws = to_second_order(prepared, sites, _DRAWS_BEFORE, rng)
+        draws = to_second_order(prepared, sites, about, rng)
         sites = refitted(prepared, sites, draws, seed + number, progress)
     return with_expansion(prepared, sites, seed, _limit(prepared, settings), progress)
 
