@@ -34,6 +34,7 @@ from bayestissue.dataset import Dataset
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, assemble, prepare
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
+from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.recipe import Correction, corrected_draws
 from bayestissue.inference.posterior.scores import LikelihoodApproximation
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
@@ -96,10 +97,13 @@ def campaign(seed: int) -> Simulation:
 
 
 class Fits:
-    """The fits of one model file to data sets of one design."""
+    """The fits of one model file to data sets of one design, through the summary path.
 
-    def __init__(self, specification: ModelSpecification, dataset: Dataset) -> None:
-        self._specification = specification
+    With ``exact`` through the exact one where the correction can't be trusted, as `bayestissue fit` goes on.
+    """
+
+    def __init__(self, specification: ModelSpecification, dataset: Dataset, *, exact: bool = False) -> None:
+        self._specification, self._exact = specification, exact
         self._design = prepare(dataset, specification, source="the model file").design
 
     def prepared(self, dataset: Dataset) -> Prepared:
@@ -110,8 +114,11 @@ class Fits:
     def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
         """Draws of everything, and how they were corrected."""
         summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
-        told = LikelihoodApproximation(summarised, correction.of_impacts)
         key = jax.random.PRNGKey(seed)
+        if self._exact and not correction.trusted:
+            draws = exact_draws(prepared, summarised, SAMPLER, seed, processes=False)
+            return constrained_draws(prepared, summarised, draws, key), correction
+        told = LikelihoodApproximation(summarised, correction.of_impacts)
         return constrained_draws(prepared, summarised, draws, key, told=told), correction
 
 

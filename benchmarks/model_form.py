@@ -15,11 +15,10 @@ import argparse
 import time
 from pathlib import Path
 
-import jax
 import numpy as np
 import pandas as pd
 from coverage_elements import campaign_of
-from coverage_fit import SAMPLER, Fits, kept_with
+from coverage_fit import Fits, kept_with
 from documents import HERE, README, between_marks, paragraph
 from documents import table as markdown
 from jaxtyping import Float
@@ -28,9 +27,6 @@ from bayestissue import runtime
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.checking.model_form import LIMIT, pooled_score
-from bayestissue.inference.posterior.constrained_draws import constrained_draws
-from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.recipe import Correction, corrected_draws
 from bayestissue.inference.results.tree import predicted
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.simulation import simulate
@@ -60,22 +56,11 @@ def rows_of(values: Float[np.ndarray, "chain draw impact"], true: np.ndarray) ->
     return pd.DataFrame({"held": held, "width": (high - low) / true, "off": np.abs(middle / true - 1)})
 
 
-class AsTheProgram(Fits):
-    """Fits by the summary path, and by the exact one where its correction can't be trusted."""
-
-    def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
-        """Draws of everything, and how those of the summary path were corrected."""
-        summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
-        if not correction.trusted:
-            draws = exact_draws(prepared, summarised, SAMPLER, seed, processes=False)
-        return constrained_draws(prepared, summarised, draws, jax.random.PRNGKey(seed)), correction
-
-
 def measured(name: str, specification: ModelSpecification, campaigns: int) -> pd.DataFrame:
     """One row an impact and fit."""
     first = simulate(campaign_of(name, FIRST_SEED)).dataset("first")
     always = specification.model_copy(update={"discrepancy": "always"})
-    plain, wide = (AsTheProgram(each, first) for each in (specification, always))
+    plain, wide = (Fits(each, first, exact=True) for each in (specification, always))
     begun, rows = time.perf_counter(), []
     for number in range(FIRST_SEED, FIRST_SEED + campaigns):
         made = campaign_of(name, number)

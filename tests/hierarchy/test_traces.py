@@ -140,6 +140,26 @@ def test_both_models_are_one_density_in_two_coordinates(kind: Kind | Literal["ar
         assert float(below) == pytest.approx(float(above) + log_jacobian, rel=1e-9)
 
 
+def test_an_element_has_slopes_where_places_are_filled_up() -> None:
+    """As the exact path asks for them: backwards, the last place being no impact."""
+    model, data, summaries = made_with_arm()
+    sites, z_b, z_u = point(model)
+    present = jnp.arange(NUMBER) < NUMBER - 1
+    summaries = jax.tree.map(lambda leaf: leaf.at[-1].set(0.0), summaries)  # noqa: PD008 - of jax
+
+    @jax.jit
+    @jax.value_and_grad
+    def density(z_u: jax.Array) -> jax.Array:
+        values = {**sites, "standard_locations": z_b, "standard_impacts": z_u}
+        return log_density(sampled_model, (model, data, summaries, None, present), {}, values)[0]
+
+    along, step = jnp.asarray(RNG.normal(size=z_u.shape)), 1e-5
+    slope = float((density(z_u)[1] * along).sum())
+    above, below = (float(density(z_u + side * step * along)[0]) for side in (1, -1))
+    # Differences of a density of some thousands, each known to some 1e-13 of that, and their third order.
+    assert (above - below) / (2 * step) == pytest.approx(slope, rel=1e-5)
+
+
 @pytest.mark.parametrize("last", [False, True])
 def test_warped_coordinates_have_the_same_density_of_the_unconstrained_ones(last: bool) -> None:
     """Of one likelihood: what is warped is the same for all."""

@@ -152,8 +152,10 @@ def with_expansion(
             break
         found = replace(sites, expansion=expand(prepared, sites, draws, progress=progress))
         near = {name: values[0] for name, values in draws.raw.items()}
-        sites = replace(found, spreads=spreads_of_summaries(prepared, found, near))
-        if not np.isfinite(sites.spreads.covariance).all():
+        try:
+            sites = replace(found, spreads=spreads_of_summaries(prepared, found, near))
+        except FloatingPointError:
+            # Weights of few points leave an expansion that is none.
             break
     return best
 

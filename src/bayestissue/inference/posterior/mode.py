@@ -57,10 +57,15 @@ def covariance_about(
     """The inverse of a function's curvature at a place, from differences of its slope.
 
     A direction that is flat there, as the log of a small spread is, gets unit scale.
+
+    Raises:
+        FloatingPointError: the function has no finite slopes there.
     """
     steps = _STEP * np.eye(len(place))
-    slopes = [[slope(place + side * step) for step in steps] for side in (1, -1)]
-    curvature, axes = np.linalg.eigh(np.subtract(*map(np.array, slopes)) / (2 * _STEP))
+    slopes = np.array([[slope(place + side * step) for step in steps] for side in (1, -1)])
+    if not np.isfinite(slopes).all():
+        raise FloatingPointError("the marginal density has no finite slope about its mode")
+    curvature, axes = np.linalg.eigh((slopes[0] - slopes[1]) / (2 * _STEP))
     return (axes / np.maximum(curvature, 1.0)) @ axes.T
 
 
