@@ -326,8 +326,8 @@ def sampled_model(
         # Slopes of what is left out must be numbers too.
         u = [jnp.where(present, values, values[:1]) for values in u]
     # No observed site: a mask hands on a copy of the traces, at which an element's likelihood has no slopes.
-    found = log_likelihood(model, data, u)
-    numpyro.factor("traces", (found if present is None else jnp.where(present, found, 0.0)).sum())
+    of_traces = log_likelihood(model, data, u)
+    numpyro.factor("traces", (of_traces if present is None else jnp.where(present, of_traces, 0.0)).sum())
 
 
 def warped(z_b: Float[Array, "*batch location"], warp: SinhArcsinh) -> Float[Array, "*batch location"]:
