@@ -94,9 +94,10 @@ def corrected_draws(
     """Sites, draws of the approximate marginal posterior made with them, and their correction.
 
     Where the correction can't be trusted the sites are fitted anew about the corrected draws, as long as that
-    helps: see `_attempts`. A weakly identified last parameter then has the other kind of site, a grid or a
-    normal. Where all that is wrong is that too few draws are effective, longer chains follow. The best of
-    these is returned, trusted or not; `Correction.attempts` lists them all.
+    helps: see `_attempts`. A last parameter that has a grid then gets a normal site; never the other way, since
+    what traces tell so well that a normal was taken falls between the places of a grid, which then looks
+    trusted and is wrong. Where all that is wrong is that too few draws are effective, longer chains follow.
+    The best of these is returned, trusted or not; `Correction.attempts` lists them all.
 
     Args:
         prepared: model and data.
@@ -118,8 +119,8 @@ def corrected_draws(
         )
 
     made = attempts(sites)
-    if prepared.model.may_have_grid and not _best(made).correction.trusted:
-        made += attempts(approximate(prepared, normal=sites.profile is not None, say=done))
+    if sites.profile is not None and not _best(made).correction.trusted:
+        made += attempts(approximate(prepared, normal=True, say=done))
     best = _best(made)
     if best.correction.lacks_only_draws:
         longer = int(np.ceil(1.2 * best.correction.needed / best.correction.effective))
