@@ -75,20 +75,26 @@ def test_needed_draws_keep_the_greatest_of_dozens_of_r_hats_below_its_limit() ->
 class _Tried:
     """`corrected_draws` with sites that are mere names, whose corrections are given."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch, found: dict[str, Correction], **model: bool) -> None:
+    def __init__(
+        self,
+        monkeypatch: pytest.MonkeyPatch,
+        found: dict[str, Correction],
+        profile: Any = None,
+        **model: bool,
+    ) -> None:
         self.prepared: Any = SimpleNamespace(
             model=SimpleNamespace(
                 **{"discrepancy": False, "weakly_identified": False, "may_have_grid": False} | model
             ),
             impacts=range(3),
         )
-        self.first, self.sampled, self.settings = self._sites("first"), [], []
+        self.first, self.sampled, self.settings = self._sites("first", profile), [], []
         self._found, self.placed = found, []
         monkeypatch.setattr(recipe, "population_attempt", self._draws)
         monkeypatch.setattr(recipe, "refitted", self._about)
         monkeypatch.setattr(recipe, "placed", self._placed)
         monkeypatch.setattr(recipe, "with_expansion", lambda prepared, sites, *_: sites)
-        monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._sites("grid", object()))
+        monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._sites("normal"))
         monkeypatch.setattr(recipe, "with_impacts", lambda prepared, found, *_: found.sites.name)
 
     def _sites(self, name: str, profile: Any = None) -> Any:
@@ -135,12 +141,12 @@ def test_a_correction_that_holds_at_once_is_the_only_one(monkeypatch) -> None:
 
 
 def test_where_no_site_helps_the_best_is_returned_and_the_exact_path_follows(monkeypatch) -> None:
-    given = {"first": correction(0.02), "again 1": correction(0.025), "grid": correction(0.4, k=1.1)}
-    tried = _Tried(monkeypatch, given, weakly_identified=True, may_have_grid=True)
+    given = {"first": correction(0.02), "again 1": correction(0.025), "normal": correction(0.4, k=1.1)}
+    tried = _Tried(monkeypatch, given, object(), weakly_identified=True, may_have_grid=True)
     sites, _, found = tried.run()
     # No longer chains either: 54 times as many draws cost more than the exact path.
-    assert tried.sampled == ["first", "again 1", "grid"]
-    assert sites.name == "grid"
+    assert tried.sampled == ["first", "again 1", "normal"]
+    assert sites.name == "normal"
     assert not found.trusted
     route = Route("automatic", found)
     assert route.exact
@@ -148,6 +154,15 @@ def test_where_no_site_helps_the_best_is_returned_and_the_exact_path_follows(mon
     assert "Pareto k of the correction" in route.words
     assert route.record()["path"] == "exact"
     assert route.checks() == ()
+
+
+def test_no_grid_takes_the_place_of_a_normal_that_the_traces_suggested(monkeypatch) -> None:
+    """It would have its places further apart than what the traces tell is wide, and pass for right."""
+    given = {"first": correction(0.02, k=20.0), "again 1": correction(0.02, k=14.0)}
+    tried = _Tried(monkeypatch, given, weakly_identified=True, may_have_grid=True)
+    _, _, found = tried.run()
+    assert tried.sampled == ["first", "again 1"]
+    assert Route("automatic", found).exact
 
 
 def test_where_only_draws_are_lacking_chains_are_longer(monkeypatch) -> None:

@@ -94,7 +94,7 @@ def corrected_draws(
     """Sites, draws of the approximate marginal posterior made with them, and their correction.
 
     Where the correction can't be trusted the sites are fitted anew about the corrected draws, as long as that
-    helps: see `_attempts`. A last parameter that has a grid then gets a normal site; never the other way, since
+    helps: see `_attempts`. A last parameter that has a grid then gets a normal site; never the other way:
     what traces tell so well that a normal was taken falls between the places of a grid, which then looks
     trusted and is wrong. Where all that is wrong is that too few draws are effective, longer chains follow.
     The best of these is returned, trusted or not; `Correction.attempts` lists them all.
