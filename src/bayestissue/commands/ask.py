@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from bayestissue import results, runtime
+from bayestissue.commands.answers import answer
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -24,30 +23,18 @@ def run(
         InputError: ``run`` is no finished fit, questions can't be read or answered (all of them are told), or
             ``out`` is not free.
     """
-    if out is None:
-        _answered(run, questions, None, quiet=quiet, as_json=as_json)
-        return
-    with results.claim(out, overwrite=overwrite, command="ask", inputs=(run,)) as place:
-        _answered(run, questions, place, quiet=quiet, as_json=as_json)
-
-
-def _answered(
-    run: Path, questions: list[str], place: results.Place | None, *, quiet: bool, as_json: bool
-) -> None:
-    runtime.configure()
-    from bayestissue.commands.console import echo
-    from bayestissue.finished import read_run
-
-    table = read_run(run).ask(*questions)
-    if place is not None:
-        with place.folder() as folder:
-            table.to_csv(folder / "questions.csv", index=False)
-    if as_json:
-        echo(json.dumps({"questions": json.loads(table.to_json(orient="records"))}, ensure_ascii=False))
-    elif not quiet:
-        print_answers(table)
-        if place is not None:
-            echo(f"wrote {place.path / 'questions.csv'}")
+    answer(
+        run,
+        lambda finished: finished.ask(*questions),
+        print_answers,
+        command="ask",
+        name="questions",
+        inputs=(run,),
+        out=out,
+        overwrite=overwrite,
+        quiet=quiet,
+        as_json=as_json,
+    )
 
 
 def print_answers(table: pd.DataFrame) -> None:

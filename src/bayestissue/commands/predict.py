@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Hashable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bayestissue import results, runtime
+from bayestissue.commands.answers import answer
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -28,28 +27,18 @@ def run(run: Path, *, at: Path, out: Path | None, overwrite: bool, quiet: bool, 
     Raises:
         InputError: ``run`` is no finished fit, the table is wrong (all that is), or ``out`` is not free.
     """
-    if out is None:
-        _predicted(run, at, None, quiet=quiet, as_json=as_json)
-        return
-    with results.claim(out, overwrite=overwrite, command="predict", inputs=(run, at)) as place:
-        _predicted(run, at, place, quiet=quiet, as_json=as_json)
-
-
-def _predicted(run: Path, at: Path, place: results.Place | None, *, quiet: bool, as_json: bool) -> None:
-    runtime.configure()
-    from bayestissue.commands.console import echo
-    from bayestissue.finished import read_run
-
-    table = read_run(run).predict(at)
-    if place is not None:
-        with place.folder() as folder:
-            table.to_csv(folder / "predictions.csv", index=False)
-    if as_json:
-        echo(json.dumps({"predictions": json.loads(table.to_json(orient="records"))}, ensure_ascii=False))
-    elif not quiet:
-        _print(table)
-        if place is not None:
-            echo(f"wrote {place.path / 'predictions.csv'}")
+    answer(
+        run,
+        lambda finished: finished.predict(at),
+        _print,
+        command="predict",
+        name="predictions",
+        inputs=(run, at),
+        out=out,
+        overwrite=overwrite,
+        quiet=quiet,
+        as_json=as_json,
+    )
 
 
 def _print(table: pd.DataFrame) -> None:

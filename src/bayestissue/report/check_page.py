@@ -4,16 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from markupsafe import Markup
 
 from bayestissue.dataset import Dataset
 from bayestissue.errors import Problem
-from bayestissue.report.page import figure, render_page
-from bayestissue.report.style import FAINT, MUTED, PALETTE, new_figure, shown, style
+from bayestissue.report.page import render_page
+from bayestissue.report.sheets import sheets
+from bayestissue.report.style import FAINT, MUTED, PALETTE
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.signal import Displacements
 
@@ -81,7 +82,6 @@ def check_page(
     """
     order = quality.sort_values(["warnings", "noise_to_peak"], ascending=False, kind="stable").index
     shown = np.sort(order[:MOST_PANELS].to_numpy())
-    size = _ROWS * _COLUMNS
     return render_page(
         "check.html",
         title=f"{dataset.name}: {verdict}",
@@ -90,7 +90,16 @@ def check_page(
         quantity=dataset.quantity,
         total=len(quality),
         shown=len(shown),
-        sheets=[_sheet(dataset, signal, shown[at : at + size]) for at in range(0, len(shown), size)],
+        sheets=sheets(
+            list(dataset.impacts["impact"]),
+            shown,
+            partial(_panel, dataset=dataset, signal=signal),
+            rows=_ROWS,
+            columns=_COLUMNS,
+            size=(9.6, 0.5),
+            alt="Recording, velocity and displacement over time",
+            time="time since contact, ms",
+        ),
         problems=Table(
             columns("severity", "impacts", "what", words=("impacts", "what")),
             [*_problems("left out", dataset.left_out), *_problems("warning", warnings)],
@@ -100,26 +109,7 @@ def check_page(
     )
 
 
-def _sheet(dataset: Dataset, signal: Displacements, which: np.ndarray) -> Markup:
-    rows = -(-len(which) // _COLUMNS)
-    names = dataset.impacts["impact"]
-    with style():
-        fig, axes = new_figure((9.6, 0.5 + 1.75 * rows), rows, _COLUMNS, squeeze=False)
-        for ax, index in zip(axes.flat, which, strict=False):
-            _panel(ax, dataset, signal, int(index))
-            ax.set_title(shown(names[index]), fontsize=8)
-        for ax in axes.flat[len(which) :]:
-            ax.remove()
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        fig.legend(handles, labels, loc="outside upper right", ncols=4)
-        fig.supxlabel("time since contact, ms", fontsize=9)
-        listed = ", ".join(str(names[index]) for index in which)
-        return figure(
-            fig, f"Recording, velocity and displacement over time for the impacts {listed}.", raster=True
-        )
-
-
-def _panel(ax: Any, dataset: Dataset, signal: Displacements, index: int) -> None:
+def _panel(ax: Any, index: int, *, dataset: Dataset, signal: Displacements) -> None:
     trace, n = dataset.traces[index], int(signal.n_samples[index])
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
     raw = sign * trace.value - signal.offset[index]

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
-from markupsafe import Markup
 
 from bayestissue.dataset import Dataset
 from bayestissue.errors import Problem
-from bayestissue.report.page import figure, render_page
-from bayestissue.report.style import FAINT, MUTED, PALETTE, new_figure, shown, style
+from bayestissue.report.page import render_page
+from bayestissue.report.sheets import sheets
+from bayestissue.report.style import FAINT, MUTED, PALETTE
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.signal import Displacements, displacements
 
@@ -37,7 +38,6 @@ def init_page(
     total = len(dataset.impacts)
     which = np.arange(min(total, MOST_PANELS))
     signal = displacements(dataset)
-    size = _ROWS * _COLUMNS
     return render_page(
         "init.html",
         title=f"{dataset.name}: {total} impact{'s' if total > 1 else ''} from recorder files",
@@ -49,31 +49,22 @@ def init_page(
         left_out=[str(problem) for problem in left_out],
         shown=len(which),
         total=total,
-        sheets=[_sheet(dataset, signal, which[at : at + size]) for at in range(0, len(which), size)],
+        sheets=sheets(
+            list(dataset.impacts["impact"]),
+            which,
+            partial(_panel, dataset=dataset, signal=signal),
+            rows=_ROWS,
+            columns=_COLUMNS,
+            size=(7.2, 0.7),
+            alt="Recording with contact and peak",
+            time="time on the recorder's clock, ms",
+            value="displacement, mm" if dataset.quantity == "displacement" else "deceleration, m/s²",
+        ),
         impacts=_impacts(dataset),
     )
 
 
-def _sheet(dataset: Dataset, signal: Displacements, which: np.ndarray) -> Markup:
-    rows = -(-len(which) // _COLUMNS)
-    names = dataset.impacts["impact"]
-    unit = "mm" if dataset.quantity == "displacement" else "m/s²"
-    with style():
-        fig, axes = new_figure((7.2, 0.7 + 1.75 * rows), rows, _COLUMNS, squeeze=False)
-        for ax, index in zip(axes.flat, which, strict=False):
-            _panel(ax, dataset, signal, int(index))
-            ax.set_title(shown(names[index]), fontsize=8)
-        for ax in axes.flat[len(which) :]:
-            ax.remove()
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        fig.legend(handles, labels, loc="outside upper right", ncols=3)
-        fig.supxlabel("time on the recorder's clock, ms", fontsize=9)
-        fig.supylabel(f"{'displacement' if unit == 'mm' else 'deceleration'}, {unit}", fontsize=9)
-        listed = ", ".join(str(names[index]) for index in which)
-        return figure(fig, f"Recording with contact and peak for the impacts {listed}.", raster=True)
-
-
-def _panel(ax: Any, dataset: Dataset, signal: Displacements, index: int) -> None:
+def _panel(ax: Any, index: int, *, dataset: Dataset, signal: Displacements) -> None:
     trace = dataset.traces[index]
     factor = {"acceleration": -1.0, "displacement": 1e3}.get(dataset.quantity, 1.0)
     time, value = 1e3 * trace.time_s, factor * trace.value

@@ -1,0 +1,66 @@
+"""What commands that ask a finished run have in common: a table printed, and with ``out`` a file of it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from bayestissue import results, runtime
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bayestissue.finished import Run
+
+
+def answer(
+    run: Path,
+    of: Callable[[Run], pd.DataFrame],
+    show: Callable[[pd.DataFrame], None],
+    *,
+    command: str,
+    name: str,
+    inputs: tuple[Path, ...],
+    out: Path | None,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
+    """Make a table of a finished run, print it, and write it into the folder ``out`` if there is one.
+
+    Args:
+        run: the run's folder.
+        of: makes the table.
+        show: prints it.
+        command: what the folder says wrote it.
+        name: of the table: that of its file, and its key in JSON.
+        inputs: files and folders that are read and must not be overwritten.
+        out: where to write; nowhere unless given.
+        overwrite: whether an older result there may be replaced.
+        quiet: print nothing.
+        as_json: print JSON instead.
+
+    Raises:
+        InputError: ``run`` is no finished fit, ``of`` finds something wrong, or ``out`` is not free.
+    """
+    claimed: AbstractContextManager[results.Place | None] = nullcontext()
+    if out is not None:
+        claimed = results.claim(out, overwrite=overwrite, command=command, inputs=inputs)
+    with claimed as place:
+        runtime.configure()
+        from bayestissue.commands.console import echo
+        from bayestissue.finished import read_run
+
+        table = of(read_run(run))
+        if place is not None:
+            with place.folder() as folder:
+                table.to_csv(folder / f"{name}.csv", index=False)
+        if as_json:
+            echo(json.dumps({name: json.loads(table.to_json(orient="records"))}, ensure_ascii=False))
+        elif not quiet:
+            show(table)
+            if place is not None:
+                echo(f"wrote {place.path / f'{name}.csv'}")
