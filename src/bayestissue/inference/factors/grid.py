@@ -85,8 +85,8 @@ _NONE = -1e6
 _GRID = np.linspace(-8.0, 8.0, 161)
 # Where only the place is asked for, every so many points of the grid are enough.
 _ROUGHLY = 4
-# At most 1.6 of a likelihood's standard deviations apart where that is a fourth of its population's or more: the
-# integral's relative error is below 1e-3 then.
+# At most 1.6 of a likelihood's standard deviations apart where that is a fourth of its population's or more:
+# the integral's relative error is below 1e-3 then.
 _HERMITE_POINTS, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
 
 
