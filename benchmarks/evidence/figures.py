@@ -61,9 +61,10 @@ def read(name: str) -> pd.DataFrame:
     return pd.read_csv(BENCHMARKS / name)
 
 
-def table(rows: pd.DataFrame) -> str:
-    """As Markdown: the first column to the left, the others to the right; empty where a cell is missing."""
-    head = [" | ".join(map(str, rows.columns)), " | ".join(["---", *["---:"] * (rows.shape[1] - 1)])]
+def table(rows: pd.DataFrame, *, words: bool = False) -> str:
+    """As Markdown: the first column to the left, or all of ``words``; empty where a cell is missing."""
+    aligned = ["---", *["---" if words else "---:"] * (rows.shape[1] - 1)]
+    head = [" | ".join(map(str, rows.columns)), " | ".join(aligned)]
     cells = rows.astype(object).where(rows.notna(), "").astype(str)
     return "\n".join(f"| {line} |" for line in [*head, *(" | ".join(row) for row in cells.to_numpy())])
 
@@ -269,8 +270,8 @@ def compare_elements() -> Named:
     text = (
         f"with people left out instead of impacts {by_person['differ']:.0f} differ and "
         f"{by_person['right']:.0f} of them are right. Refused corrections, of {every['campaigns']} fits by "
-        f"each element: {', '.join(f'{name} {n}' for name, n in zip(elements, refused, strict=True))}; of the "
-        f"element that made the data {own}"
+        f"each element: {', '.join(f'{name} {n}' for name, n in zip(elements, refused, strict=True))}; of "
+        f"the element that made the data {own}"
     )
     yield "refused", Figure(text, names("compare_elements"))
     text = (
@@ -383,7 +384,9 @@ def spoilt_impacts() -> Named:
     off, caught = spoilt["off"].sum(), spoilt["off_and_flagged"].sum()
     yield "found", Figure(percent(caught / off), own)
     least = spoilt[spoilt["off"] >= 20].assign(share=lambda t: t["off_and_flagged"] / t["off"])
-    weakest = ", ".join(f"{row.kind} {row.share:.0%}" for row in least.nsmallest(3, "share").itertuples())
+    weakest = ", ".join(
+        f"{row.kind} {percent(row.share, 0)}" for row in least.nsmallest(3, "share").itertuples()
+    )
     text = (
         f"of {spoilt['impacts'].sum()} impacts spoilt in {len(spoilt)} ways, K or C of {off} is off by more "
         f"than 5 %, and {percent(caught / off)} of these are flagged or refused (the least of the kinds: "

@@ -31,21 +31,21 @@ _NUMBER = re.compile(
 )
 _CLAIM = re.compile(
     r"\b(?:held|hold the truth|measured|took|takes|taken|faster|slower|fewer|as long as|"
-    r"effective samples|flagged|found in|coverage|simulated (?:campaigns|impacts|sets|people)|alarms?|in simulations)\b",
+    r"effective samples|flagged|found in|coverage|alarms?|in simulations|"
+    r"simulated (?:campaigns|impacts|sets|people))\b",
     re.I,
 )
 # A level of probability that an interval is asked for is no measurement.
 _LEVEL = re.compile(
     r"\d[\d.]* ?% (?:(?:credible |equal-tailed |posterior |prediction )?(?:interval|limit|level|band))"
+    r"|(?:interval|limit|level|band)s? of \d[\d.]* ?%|\(\d[\d.]* ?%\)"
 )
 
 
 def pages() -> list[Path]:
     """The README and the pages of the manual that are written by hand."""
-    return [
-        ROOT / "README.md",
-        *sorted(path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts),
-    ]
+    manual = (path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
+    return [ROOT / "README.md", *sorted(manual)]
 
 
 def fill() -> list[str]:

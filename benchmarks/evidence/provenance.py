@@ -84,6 +84,10 @@ def recorded(name: str, command: str = "") -> Iterator[Record]:
             write()
         raise
     write()
+    # The pages need all of this package, and this module is a part of them.
+    from evidence import pages
+
+    pages.fill()
 
 
 def read(piece: Piece) -> dict[str, Any] | None:
@@ -150,7 +154,7 @@ def machine() -> str:
     lines = info.read_text(encoding="utf-8").splitlines() if info.is_file() else []
     models = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    return f"{models[0] if models else platform.machine()}, {usable} cores"
+    return f"{models[0] if models else platform.machine()}, {usable} core{'s' * (usable != 1)}"
 
 
 def without(arguments: list[str], options: tuple[str, ...] = OF_ONE_CALL) -> list[str]:

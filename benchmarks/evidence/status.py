@@ -10,6 +10,7 @@ from evidence.provenance import digest, read, without
 from evidence.registry import ROOT, Piece
 
 EARLIER = "measured on an earlier version"
+BEFORE = "measured before provenance was kept"
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,7 @@ def state_of(piece: Piece) -> State:
     if about is None:
         if rows.empty:
             return State("missing", "not measured")
-        return State("stale", "measured before provenance was kept")
+        return State("stale", BEFORE)
     if about["left"]:
         return State("unfinished", f"unfinished: {about['left']}")
     if rows.empty:

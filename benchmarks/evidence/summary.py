@@ -9,7 +9,7 @@ import pandas as pd
 from evidence.figures import Figure, figures, table
 from evidence.provenance import read
 from evidence.registry import Piece, content, of_family
-from evidence.status import EARLIER, State, state_of
+from evidence.status import BEFORE, EARLIER, State, state_of
 
 NOT_MEASURED = "not measured yet"
 _MINUTE, _HOUR = 60, 3600
@@ -39,8 +39,8 @@ def figure(name: str) -> Figure:
 
 def in_words(state: State) -> str:
     """As pages say it, without what has changed."""
-    if state.why.startswith("measured"):
-        return state.why if "before" in state.why else EARLIER
+    if state.why == BEFORE:
+        return f"{EARLIER}, before provenance was kept"
     return _IN_SHORT.get(state.kind, state.why)
 
 
@@ -48,7 +48,8 @@ def _summary() -> str:
     rows = []
     for family, declared in content()["pieces"].items():
         own = of_family(family)
-        said = declared["says"]
+        measured = any(not piece.rows().empty for piece in own)
+        said = declared["says"] if measured else NOT_MEASURED
         for name in re.findall(r"\{(\w+)\}", said):
             # The row says for all of its figures whether they are stale.
             said = said.replace(f"{{{name}}}", figure(f"{family}.{name}").text)
@@ -61,7 +62,7 @@ def _summary() -> str:
                 "state": _together([state_of(piece) for piece in own]),
             }
         )
-    return table(pd.DataFrame(rows))
+    return table(pd.DataFrame(rows), words=True)
 
 
 def _together(states: list[State]) -> str:
@@ -87,7 +88,7 @@ def _provenance(own: list[Piece]) -> str:
                 "state": in_words(state_of(piece)),
             }
         )
-    return table(pd.DataFrame(rows))
+    return table(pd.DataFrame(rows), words=True)
 
 
 def _commit(piece: Piece) -> str:
