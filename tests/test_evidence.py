@@ -109,9 +109,17 @@ def piece(tmp_path, monkeypatch) -> Piece:
         monkeypatch.setattr(module, "BENCHMARKS", tmp_path)
     monkeypatch.setattr(provenance, "RESULTS", tmp_path / "results")
     made = Piece(
-        name="piece", family="piece", promise="", asks="", command=("benchmarks/script.py", "a"), result="table.csv",
-        where={"kind": "a"}, resumes="table.csv", speaks_of=("part.py",), minutes=1,
-    )  # fmt: skip
+        name="piece",
+        family="piece",
+        promise="",
+        asks="",
+        command=("benchmarks/script.py", "a"),
+        result="table.csv",
+        where={"kind": "a"},
+        resumes="table.csv",
+        speaks_of=("part.py",),
+        minutes=1,
+    )
     monkeypatch.setattr(provenance, "pieces", lambda: {"piece": made})
     monkeypatch.setattr(pages, "fill", list)
     return made
