@@ -1,7 +1,8 @@
 """The recordings of the tutorial, made anew: `python data/tutorial/make_recordings.py FOLDER`.
 
-Simulated: a mass swings from a height of 12 cm against the calf of six people, both sides of each, once with 0.5 kg and
-once with 1 kg. The operated side is a fourth stiffer than the sound one; the mass changes neither K nor C.
+Simulated: a mass swings from a height of 12 cm against the calf of six people, both sides of each, once with
+0.5 kg and once with 1 kg. The operated side is a fourth stiffer than the sound one; the mass changes neither
+K nor C.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ SEED = 12
 PEOPLE, SIDES, MASSES = ("p1", "p2", "p3", "p4", "p5", "p6"), ("sound", "operated"), (0.5, 1.0)
 STIFFER = {"sound": 1.0, "operated": 1.25}
 K, C = 2400.0, 22.0  # N/m, N s/m of the sound side of a typical person
-SD_PERSON, SD_SIDE, SD_IMPACT = 0.2, 0.04, 0.03
+SD_PERSON, SD_IMPACT = 0.2, 0.04
 GRAVITY, HEIGHT = 9.80665, 0.12
 RATE, BEFORE, SAMPLES = 5000.0, 0.012, 400
 RELATIVE_MASS_SD, VELOCITY_SD, RELATIVE_GAIN_SD = 0.002, 0.01, 0.005
@@ -63,10 +64,9 @@ def main(folder: Path) -> None:
     rng = np.random.default_rng(SEED)
     folder.mkdir(parents=True, exist_ok=True)
     own = {person: np.exp(SD_PERSON * rng.standard_normal(2)) for person in PEOPLE}
-    of_side = {each: np.exp(SD_SIDE * rng.standard_normal(2)) for each in product(PEOPLE, SIDES)}
     for person, side, mass in product(PEOPLE, SIDES, MASSES):
         of_impact = np.exp(SD_IMPACT * rng.standard_normal(2))
-        stiffness, damping = np.array([K * STIFFER[side], C]) * own[person] * of_side[person, side] * of_impact
+        stiffness, damping = np.array([K * STIFFER[side], C]) * own[person] * of_impact
         velocity = np.sqrt(2 * GRAVITY * HEIGHT) + VELOCITY_SD * rng.standard_normal()
         true_mass = mass * (1 + RELATIVE_MASS_SD * rng.standard_normal())
         time = np.arange(SAMPLES) / RATE

@@ -1,9 +1,9 @@
-"""Pages of the manual as programs: their files are written, their commands and Python run, their outputs compared.
+"""Pages of the manual as programs: files are written, commands and Python run, their outputs compared.
 
 A page is Markdown. What the runner takes from it:
 
-- a `console` block: a line that begins with `$ ` is a command (with `\\` at its end it goes on in the next line), the
-  lines after it are what the command prints;
+- a `console` block: a line that begins with `$ ` is a command (with `\\` at its end it goes on in the next
+  line), the lines after it are what the command prints;
 - a `python` block, and a `text` block right after it: what it prints;
 - a `{code-block}` with a `:caption:`: the file of that name, or with "(add at the end)" what is added to one;
 - HTML comments, on a line of their own, for the block or picture that follows:
@@ -33,10 +33,14 @@ import matplotlib as mpl
 import typer
 
 from bayestissue import cli
+from bayestissue.dataset import read_dataset
+from bayestissue.fitting import require_answerable, resolve
+from bayestissue.hierarchy.trace_data import prepare
 from command_line import bayestissue
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
+NOTEBOOKS = {"notebook.ipynb": ROOT / "notebooks" / "traces.py"}
 WIDTH = "96"
 SHARED = ("data", "models")
 RUN = ("console", "python")
@@ -120,10 +124,10 @@ def run(page: Path, folder: Path, preparations: object = None, told: Callable | 
         for block in blocks(page.read_text(encoding="utf-8")):
             if "prepare" in block.notes:
                 getattr(preparations, block.notes["prepare"])(folder)
-            if "not run" in block.notes:
-                _parse(block)
-            elif block.caption:
+            if block.caption:
                 _write(block)
+            elif "not run" in block.notes:
+                _parse(block)
             elif block.language == "console":
                 _console(block, told)
             elif block.language == "python":
@@ -164,7 +168,7 @@ def _execute(words: str) -> tuple[int, str]:
 
 
 def _parse(block: Block) -> None:
-    """Options of commands that are not run: a name that the program does not know is an error."""
+    """Of commands that are not run: an unknown option, or a fit that would be refused, is an error."""
     group = typer.main.get_command(cli.app)
     for command in commands(block.text) if block.language == "console" else ():
         words = shlex.split(command.words, comments=True)
@@ -175,6 +179,9 @@ def _parse(block: Block) -> None:
             options = {name for parameter in known.params for name in parameter.opts}
             unknown = [word for word in words if word.startswith("--") and word not in options]
             assert not unknown, f"line {block.line}: {unknown}"
+            if words[0] == "fit" and "--model" in words and Path(words[1]).is_dir():
+                specification, source = resolve(words[words.index("--model") + 1])
+                require_answerable(prepare(read_dataset(words[1]), specification), specification, source)
 
 
 def compare(page: Path, block: Block, command: Command | None, out: str) -> None:
