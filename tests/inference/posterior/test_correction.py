@@ -179,6 +179,15 @@ def test_where_only_draws_are_lacking_chains_are_longer(monkeypatch) -> None:
     assert len(found.attempts) == 3
 
 
+def test_chains_are_no_longer_where_some_draws_judge_all(monkeypatch) -> None:
+    """However long they are, as many draws get a weight, and as few of these are effective."""
+    given = {"first": correction(0.15), "again 1": correction(0.16)}
+    tried = _Tried(monkeypatch, given)
+    tried.prepared.impacts = range(10_000)
+    tried.run()
+    assert tried.sampled == ["first", "again 1"]
+
+
 def test_a_fit_that_leaves_the_short_way_tells_why_and_how_long_it_takes(monkeypatch) -> None:
     spent = replace(correction(0.02, k=0.41), attempts=(correction(0.02).row(),))
     clock = iter([100.0, 130.0])

@@ -18,12 +18,12 @@ from jax.scipy.stats import norm
 from jaxtyping import Float
 from numpy.polynomial import chebyshev
 
-from bayestissue.inference.factors.grid import LikelihoodGrid
+from bayestissue.inference.factors.grid import LEAST_SD, LikelihoodGrid
 
 DEGREES = (31, 23)
 BLOCK = 2048
-# Spreads of artanh theta1 below the least act like none at all: no trace tells theta1 that well.
-_LEAST_SD, _GREATEST_SD = 0.025, 4.0
+# Spreads of artanh theta1 below `LEAST_SD` act like none at all: no trace tells theta1 that well.
+_GREATEST_SD = 4.0
 # Grid steps that a standard deviation must span for sums over the grid to be integrals.
 _STEPS = 2.0
 # From the mode down and up, as far as posterior standard deviations, or else as these.
@@ -120,7 +120,7 @@ def grid_sum_around(
 
 
 def _rectangle(mode: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    mode = np.array([mode[0], np.clip(mode[1], np.log(_LEAST_SD) + 0.1, np.log(_GREATEST_SD) - 0.1)])
+    mode = np.array([mode[0], np.clip(mode[1], np.log(LEAST_SD) + 0.1, np.log(_GREATEST_SD) - 0.1)])
     low, high = (mode + side * np.minimum(_REACH * sd, _WIDEST[:, i]) for i, side in enumerate((-1, 1)))
-    low[1], high[1] = max(low[1], np.log(_LEAST_SD)), min(high[1], np.log(_GREATEST_SD))
+    low[1], high[1] = max(low[1], np.log(LEAST_SD)), min(high[1], np.log(_GREATEST_SD))
     return low, high

@@ -215,7 +215,8 @@ def approximate(
         prepared: model and data.
         expansions: what `expanded` found, if it was asked before.
         normal: whether a last parameter that traces may leave open is part of the normal summaries, or has a
-            profile of its own; as the traces suggest, unless given.
+            profile of its own; as the traces suggest, unless given. A profile that the places of its grid
+            can't resolve gives way to normals in any case.
         say: told how many of these passes are done, and of how many.
     """
     model, data = prepared.model, prepared.data
@@ -257,6 +258,8 @@ def approximate(
         profile = _grid(model, data, summaries, anchor, silent)
         finder.tabulate(profile, summaries, mode)
         mode = finder.mode(summaries, mode)
+    if not profile.resolved:
+        return approximate(prepared, expansions=expansions, normal=True, say=say)
     return Approximation(summaries, finder.coordinates(summaries, mode), profile, finder.grid)
 
 

@@ -124,8 +124,9 @@ def corrected_draws(
     best = _best(made)
     if best.correction.lacks_only_draws:
         longer = int(np.ceil(1.2 * best.correction.needed / best.correction.effective))
-        if longer <= _LONGEST:
-            made.append(sample(best.sites, _lengthened(settings, longer)))
+        lengthened = _lengthened(settings, longer)
+        if longer <= _LONGEST and _all_weighed(prepared, lengthened):
+            made.append(sample(best.sites, lengthened))
             best = _best(made)
     rows = tuple(attempt.correction.row() for attempt in made)
     draws = with_impacts(prepared, best, settings, seed, partial(say, "drawing each impact"))
@@ -178,8 +179,12 @@ def placed(
 
 def _limit(prepared: Prepared, settings: Sampler) -> float:
     """The scatter of log weights that is left to the weights: none where these only judge."""
-    whole = all_fit(settings.chains * settings.transitions, len(prepared.impacts))
-    return _MOST_SCATTER if whole else 0.0
+    return _MOST_SCATTER if _all_weighed(prepared, settings) else 0.0
+
+
+def _all_weighed(prepared: Prepared, settings: Sampler) -> bool:
+    """Whether every draw gets a weight: of many impacts some do, and judge all."""
+    return all_fit(settings.chains * settings.transitions, len(prepared.impacts))
 
 
 def _lengthened(settings: Sampler, times: int) -> Sampler:
@@ -200,7 +205,7 @@ def population_attempt(
     y = chains.sites[COORDINATES].reshape(shape[0] * shape[1], -1)
     standard = rng.standard_normal((len(y), prepared.model.locations.size))
     every, z_b = draws_at(prepared, sites, y, standard)
-    whole = all_fit(len(y), len(prepared.impacts))
+    whole = _all_weighed(prepared, settings)
     checked = every if whole else every.some(CHECKS)
     found = importance_weights(prepared, sites, checked, every)
     log_weight = found.log_weight.reshape(shape if whole else (1, -1))
