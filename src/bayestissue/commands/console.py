@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterable
 from types import TracebackType
 
 import typer
@@ -19,7 +20,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from bayestissue.errors import printable
+from bayestissue.errors import more, printable
+from bayestissue.remedies import Code
 
 
 def echo(text: str, *, err: bool = False) -> None:
@@ -30,6 +32,12 @@ def echo(text: str, *, err: bool = False) -> None:
 def plain(text: str, style: str = "") -> Text:
     """The same for a table or a line that rich prints, which then reads no markup in it either."""
     return Text(printable(text, lines=True), style=style)
+
+
+def explained(codes: Iterable[Code]) -> None:
+    """Print the command that says more of the warnings of ``codes``; nothing where there are none."""
+    if words := more(codes):
+        echo(words)
 
 
 class Stages:
