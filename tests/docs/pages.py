@@ -184,7 +184,8 @@ def parse(block: Block) -> None:
             assert not unknown, f"line {block.line}: {unknown}"
             if words[0] == "fit" and "--model" in words and Path(words[1]).is_dir():
                 specification, source = resolve(words[words.index("--model") + 1])
-                require_answerable(prepare(read_dataset(words[1]), specification), specification, source)
+                prepared = prepare(read_dataset(words[1]), specification, source=source)
+                require_answerable(prepared, specification, source)
 
 
 def compare(page: Path, block: Block, command: Command | None, out: str) -> None:
