@@ -109,13 +109,13 @@ class Fits:
 
     def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
         """Draws of everything, and how they were corrected."""
-        summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
+        approximation, draws, correction = corrected_draws(prepared, SAMPLER, seed)
         key = jax.random.PRNGKey(seed)
         if self._exact and not correction.trusted:
-            draws = exact_draws(prepared, summarised, SAMPLER, seed, processes=False)
-            return constrained_draws(prepared, summarised, draws, key), correction
-        told = LikelihoodApproximation(summarised, correction.of_impacts)
-        return constrained_draws(prepared, summarised, draws, key, told=told), correction
+            draws = exact_draws(prepared, approximation, SAMPLER, seed, processes=False)
+            return constrained_draws(prepared, approximation, draws, key), correction
+        likelihood = LikelihoodApproximation(approximation, correction.of_impacts)
+        return constrained_draws(prepared, approximation, draws, key, likelihood=likelihood), correction
 
 
 @lru_cache
