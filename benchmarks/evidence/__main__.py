@@ -7,7 +7,6 @@ import sys
 
 from evidence.figures import figures
 from evidence.pages import fill
-from evidence.provenance import adopt
 from evidence.registry import Piece, pieces
 from evidence.running import left, run_pieces
 from evidence.status import state_of
@@ -22,11 +21,6 @@ def main() -> None:
     run.add_argument("--again", action="store_true", help="run fresh ones too")
     commands.add_parser("pages", help="write the figures into the README and the manual")
     commands.add_parser("figures", help="list the names of all figures, and what they are now")
-    kept = commands.add_parser(
-        "adopt", help="keep provenance of results that a script made without writing it"
-    )
-    kept.add_argument("commit", help="at which they were made")
-    kept.add_argument("names", nargs="+")
     asked = parser.parse_args()
     if asked.command == "run":
         sys.exit(run_pieces(chosen(asked.names), again=asked.again))
@@ -36,8 +30,6 @@ def main() -> None:
         for name, figure in figures().items():
             print(f"{name}: {'(table)' if figure.block else figure.printed()}")
     else:
-        for piece in chosen(asked.names) if asked.command == "adopt" else ():
-            adopt(piece, asked.commit)
         print("\n".join(fill()) or "nothing to change")
 
 

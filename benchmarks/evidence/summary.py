@@ -95,9 +95,7 @@ def _commit(piece: Piece) -> str:
     about = read(piece)
     if about is None:
         return "unknown"
-    words = about["commit"]
-    words += " with changes" if about["dirty"] else ""
-    return words + (" (recorded afterwards)" if about.get("recorded_afterwards") else "")
+    return about["commit"] + (" with changes" if about["dirty"] else "")
 
 
 def _took(seconds: float | None) -> str:
