@@ -13,10 +13,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from evidence.figures import Figure, figures
+from evidence.figures import figures
 from evidence.registry import ROOT, content, of_family
 from evidence.status import state_of
 from evidence.summary import figure, in_words
+from evidence.texts import Figure
 
 MARKED = re.compile(
     r"(?P<indent>^[ ]*)?<!-- evidence: (?P<name>\S+) -->(?P<text>.*?)<!-- end -->", re.M | re.S
