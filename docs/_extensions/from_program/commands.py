@@ -50,7 +50,11 @@ def _option(name: str) -> str:
 def _default(parameter: Any) -> str:
     if parameter.required:
         return "required"
-    return "" if parameter.is_flag or parameter.default in (None, "") else code(parameter.default)
+    return (
+        ""
+        if getattr(parameter, "is_flag", False) or parameter.default in (None, "")
+        else code(parameter.default)
+    )
 
 
 def _words(parameter: Any) -> Iterator[str]:

@@ -43,6 +43,7 @@ _MEANING = {
     "file": "the file that it is in",
     "expected": "what was expected",
     "remedy": "what to do",
+    "code": "its entry in the manual's page of warnings and errors, and of `bayestissue explain`",
 }
 
 
@@ -93,7 +94,7 @@ _OF_ESTIMATES = _OF_ERRORS | {
     "noise_sd_m_s2": "standard deviation of the recorder's noise; of the method impact alone",
     "pareto_k": "of the importance weights; of the method impact alone",
 }
-_PROBLEM = "file row column impact value expected remedy"
+_PROBLEM = "file row column impact value expected remedy code"
 _SCORES = "elpd se elpd_difference se_difference p_effective weight warning"
 _OF_SCORES = {
     "model": "name of the run or of the explanation",
