@@ -88,3 +88,14 @@ def arrays(folder: Path) -> None:
         time, value = deceleration(mass, SPEED)
         table = pd.DataFrame({"time_s": time, "deceleration": value})
         table.to_csv(folder / f"{name}.csv", index=False)
+
+
+def one_table(folder: Path) -> None:
+    """All samples of three drops in one long table, ms and g."""
+    parts = []
+    for number, (_, _, mass) in enumerate(DROPS, start=1):
+        time, value = deceleration(mass * (1 + 0.001 * number), SPEED)
+        columns = {"time_s": (1e3 * time).round(4), "value": (value / 9.80665).round(4)}
+        parts.append(pd.DataFrame({"impact": f"d{number}", **columns}))
+    (folder / "drops").mkdir()
+    pd.concat(parts).to_csv(folder / "drops" / "traces.csv", index=False)
