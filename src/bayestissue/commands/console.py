@@ -54,6 +54,7 @@ class Stages:
         self._stage, self._done = "", 0
         self._task: TaskID | None = None
         self._began = self._spoke = time.monotonic()
+        self._done_before = 0
         console = Console(stderr=True)
         self._bars = (
             Progress(
@@ -95,17 +96,19 @@ class Stages:
                 self._bars.update(self._task, completed=done, total=total)
             return
         now = time.monotonic()
-        if new:
-            self._began = now
+        # The first part of a stage has what is compiled in it: the time left is told from the others.
+        if new or not self._done_before:
+            self._began, self._done_before = now, done
         if new or now - self._spoke > self.interval_s:
             self._spoke = now
             count = f": {done} of {total}{self._remaining(now, done, total)}" if total > 1 else ""
             print(f"{stage}{count}", file=sys.stderr, flush=True)  # noqa: T201
 
     def _remaining(self, now: float, done: int, total: int) -> str:
-        if not done:
+        since = done - self._done_before
+        if not self._done_before or since <= 0:
             return ""
-        return f", about {(now - self._began) / done * (total - done):.0f} s left"
+        return f", about {(now - self._began) / since * (total - done):.0f} s left"
 
     def _finish_bar(self) -> None:
         if self._bars is not None and self._task is not None:
