@@ -90,11 +90,11 @@ _ROUGHLY = 4
 _HERMITE_POINTS, _HERMITE_WEIGHTS = np.polynomial.hermite_e.hermegauss(64)
 
 
-def cleared_of_last(summaries: Sites) -> Sites:
+def cleared_of_last(sites: Sites) -> Sites:
     """Sites that say nothing of the last parameter."""
-    slope, precision = np.array(summaries.slope), np.array(summaries.precision)
+    slope, precision = np.array(sites.slope), np.array(sites.precision)
     slope[:, -1], precision[:, -1], precision[:, :, -1] = 0.0, 0.0, 0.0
-    return summaries._replace(precision=precision, slope=slope)
+    return sites._replace(precision=precision, slope=slope)
 
 
 def integrated_likelihood_grid(
@@ -106,7 +106,7 @@ def integrated_likelihood_grid(
     *,
     roughly: bool = False,
 ) -> LikelihoodGrid:
-    """Tabulate the last parameter's likelihood, of which the summaries are cleared.
+    """Tabulate the last parameter's likelihood, of which the sites are cleared.
 
     ``roughly`` is enough to tell where it is greatest, at a quarter of the cost.
     """
