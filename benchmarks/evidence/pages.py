@@ -31,9 +31,9 @@ _NUMBER = re.compile(
     r"\d[\d.,]* ?(?:%|µs\b|ms\b|s\b|seconds?\b|min\b|minutes?\b|h\b|hours?\b|[GM]iB\b|times\b)|\d[\d,]* of \d"
 )
 _CLAIM = re.compile(
-    r"\b(?:held|hold the truth|measured|took|takes|faster|slower|fewer|as long as|"
-    r"effective samples|flagged|found in|coverage|alarms?|in simulations|"
-    r"simulated (?:campaigns|impacts|sets|people))\b",
+    r"\b(?:held|hold the truth|measured|took|takes|as long as|effective samples|flagged|found in|coverage|"
+    r"alarms?|in simulations|simulated (?:campaigns|impacts|sets|people))\b"
+    r"|\d times (?:faster|slower|fewer|less)",
     re.I,
 )
 # A level of probability that an interval is asked for is no measurement.
