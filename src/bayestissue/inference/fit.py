@@ -180,6 +180,9 @@ def analyse(
     budget = uncertainty_budget(prepared, unfolded)
     repeatable, further = reliability(_variances(prepared, posterior, recorded, budget), posterior)
     tree["posterior"] = xr.DataTree(posterior := posterior.merge(further))
+    prior = tree["prior"].dataset
+    of_prior = reliability(_variances(prepared, prior, recorded, budget), prior)[1]
+    tree["prior"] = xr.DataTree(prior.merge(of_prior))
     summary = summary_table(posterior)
     # Functions of standard deviations that are checked themselves.
     checked = summary[~summary["variable"].isin(list(further))]
