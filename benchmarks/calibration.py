@@ -165,8 +165,8 @@ def ranks_of_one(
     if not correction.trusted:
         draws = exact_draws(prepared, summarised, EXACT, number, processes=False)
     found = constrained_draws(prepared, summarised, draws, jax.random.PRNGKey(number))
-    truth = {name: drawn[name] for name in model.spreads}
-    posterior = {name: found.sites[name] for name in model.spreads}
+    truth = {name: drawn[name] for name in model.hyperparameters}
+    posterior = {name: found.sites[name] for name in model.hyperparameters}
     for name in ("intercept_K", "intercept_C", "mass_exponent_K", "mass_exponent_C", *groups):
         truth[name] = drawn["locations"][model.locations.parts[name]][0]
         posterior[name] = found.sites[name][..., 0] if name in groups else found.sites[name]

@@ -113,13 +113,13 @@ class Fits:
 
     def fit(self, prepared: Prepared, seed: int) -> tuple[ConstrainedDraws, Correction]:
         """Draws of everything, and how they were corrected."""
-        summarised, draws, correction = corrected_draws(prepared, SAMPLER, seed)
+        approximation, draws, correction = corrected_draws(prepared, SAMPLER, seed)
         key = jax.random.PRNGKey(seed)
         if self._exact and not correction.trusted:
-            draws = exact_draws(prepared, summarised, SAMPLER, seed, processes=False)
-            return constrained_draws(prepared, summarised, draws, key), correction
-        told = LikelihoodApproximation(summarised, correction.of_impacts)
-        return constrained_draws(prepared, summarised, draws, key, told=told), correction
+            draws = exact_draws(prepared, approximation, SAMPLER, seed, processes=False)
+            return constrained_draws(prepared, approximation, draws, key), correction
+        told = LikelihoodApproximation(approximation, correction.of_impacts)
+        return constrained_draws(prepared, approximation, draws, key, told=told), correction
 
 
 @lru_cache
@@ -182,7 +182,7 @@ def measured(kind: str, campaigns: int, seconds: float) -> tuple[pd.DataFrame, l
     return pd.DataFrame(rows), pareto
 
 
-def summarised(kind: str, rows: pd.DataFrame, pareto: list[float], command: str) -> pd.DataFrame:
+def approximation(kind: str, rows: pd.DataFrame, pareto: list[float], command: str) -> pd.DataFrame:
     """One line per quantity and level."""
     lines = []
     for (quantity, level), part in rows.groupby(["quantity", "level"], sort=False):
@@ -252,7 +252,7 @@ def main() -> None:
     command = f"benchmarks/coverage_fit.py {asked.likelihood}"
     if len(pareto) != CAMPAIGNS:
         command += f" --campaigns {len(pareto)}"
-    lines = summarised(asked.likelihood, rows, pareto, command)
+    lines = approximation(asked.likelihood, rows, pareto, command)
     every = kept_with(TABLE, lines, "likelihood")
     every[COLUMNS].to_csv(SHOWN, index=False)
     document(every)
