@@ -58,7 +58,16 @@ from bayestissue.inference.answers.levels import Recorded
 from bayestissue.inference.answers.people import people_compared
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
 from bayestissue.inference.answers.questions import ask, numbered
-from bayestissue.inference.answers.reliability import ICC, MDC, REPEATS, SEM, reliability, variances
+from bayestissue.inference.answers.reliability import (
+    ICC,
+    MDC,
+    REPEATS,
+    SEM,
+    as_variables,
+    coefficients,
+    reliability,
+    variances,
+)
 from bayestissue.inference.factors.conditional_prior import population_draws
 from bayestissue.inference.posterior.approximate import marginal_model
 from bayestissue.inference.results.labels import design_dimensions, labelled
@@ -223,7 +232,7 @@ def world_of(base: Prepared, drawn: Mapping[str, np.ndarray], random: np.random.
             effects[group, q] = dict(zip(grouping.levels, own.tolist(), strict=False))
         fixed[q], miss, *_ = np.linalg.lstsq(columns, left)
         assert miss.sum() < 1e-12
-    sd = {name: float(drawn[name]) for name in model.spreads}
+    sd = {name: float(drawn[name]) for name in model.hyperparameters}
     measurement = {q: MEASUREMENT_SD[q] ** 2 for q in "KC"}
     operators = float(rows.groupby("subject")["operator"].nunique().median())
     return World(fixed, effects, sd, measurement, operators, random)
@@ -372,7 +381,7 @@ class Studies:
         return jax.lax.scan(step, state, None, WARMUP + DRAWS)[1][WARMUP:]
 
     def _raw(self, drawn: Mapping[str, np.ndarray]) -> list[float]:
-        support = {name: self._base.model.prior_of(name).support for name in self._base.model.spreads}
+        support = {name: self._base.model.prior_of(name).support for name in self._base.model.hyperparameters}
         return [float(biject_to(support[name]).inv(drawn[name])) for name in support]
 
     @cached_property
@@ -392,7 +401,7 @@ class Studies:
     def _posterior(self, raw: np.ndarray, data: Data, random: np.random.Generator) -> xr.Dataset:
         model = self._base.model
         standard = random.standard_normal((len(raw), model.locations.size))
-        drawn = population_draws(model, data, dict(zip(model.spreads, raw.T, strict=True)), standard)
+        drawn = population_draws(model, data, dict(zip(model.hyperparameters, raw.T, strict=True)), standard)
         # Halves of the chain as two.
         two = {name: values.reshape(2, -1) for name, values in drawn.sites.items()}
         return self._labelled(two, drawn.b.reshape(2, -1, drawn.b.shape[-1]), random)
@@ -408,13 +417,13 @@ class Studies:
         return labelled(arrays, design_dimensions(design), levels)
 
     def _asked(self, posterior: xr.Dataset, world: World) -> dict[str, float]:
-        tables, groups = [], []
+        every, groups = [], []
         for draws in (posterior, self._prior):
             of = partial(variances, draws, self._recorded)
-            found = reliability({q: of(q, measurement_sd=MEASUREMENT_SD[q]) for q in RESPONSES}, draws)
-            tables.append(found[0])
-            groups.append(draws.merge(found[1]))
-        lines = lines_of(Finished(*groups, self._recorded), tables[0], world)
+            each = {q: of(q, measurement_sd=MEASUREMENT_SD[q]) for q in RESPONSES}
+            every.append(coefficients(each, draws))
+            groups.append(draws.merge(as_variables(every[-1])))
+        lines = lines_of(Finished(*groups, self._recorded), reliability(*every), world)
         return {f"{name}|{what}": float(value) for name, what, value in lines}
 
 
