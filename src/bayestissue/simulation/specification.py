@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from bayestissue.dataset.settings import RecorderSettings
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.settings import checked, read_toml
@@ -213,6 +214,11 @@ class Simulation(_Table):
     design: Design = Design()
     tissue: Tissue
     recording: Recording = Recording()
+    recorder: RecorderSettings | None = Field(
+        default=None,
+        description="a table [recorder] as in dataset.toml: a low-pass between the sensor and the recorder's "
+        "noise",
+    )
     output: Output = Output()
 
     @model_validator(mode="after")
