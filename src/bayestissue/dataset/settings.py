@@ -110,7 +110,7 @@ class RecorderSettings(_Table):
     )
     sae_class: SaeClass | None = Field(
         default=None,
-        description="a channel frequency class of SAE J211-1, 60, 180, 600 or 1000, instead of the other keys",
+        description="a channel frequency class of SAE J211-1, 60, 180, 600 or 1000, instead of the others",
     )
 
     @model_validator(mode="after")
@@ -145,6 +145,14 @@ class Settings(_Table):
     recorder: RecorderSettings | None = Field(
         default=None, description="a table [recorder] with low_pass_hz, or with sae_class"
     )
+
+    @model_validator(mode="after")
+    def _of_decelerations(self) -> Self:
+        if self.recorder is not None and self.signal.quantity == "displacement":
+            raise ValueError(
+                "no table [recorder] beside displacements, whose likelihoods have no place for a low-pass"
+            )
+        return self
 
 
 def read_settings(path: Path) -> Settings:

@@ -26,7 +26,8 @@ from bayestissue.likelihood.element.recorder import LowPass
 from bayestissue.likelihood.element.response import ElementRecord
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES, RecordedImpacts
-from bayestissue.signal.filters import delay, modes as filter_modes
+from bayestissue.signal.filters import delay
+from bayestissue.signal.filters import modes as filter_modes
 
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
@@ -181,6 +182,18 @@ def unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source
                 "Use models/arma.toml: the impact likelihood reads recorded decelerations.",
                 column="likelihood",
                 value="impact",
+            )
+        )
+    if specification.likelihood != "impact" and specification.likelihood in KINDS and dataset.recorder:
+        problems.append(
+            Problem(
+                source,
+                f'"impact", since dataset.toml declares a low-pass ({dataset.recorder}), which an ARMA model '
+                "of the displacement has no place for",
+                "Use models/impact.toml. Without the table [recorder] this model would run, with K and C too "
+                "small: `check` says by how much.",
+                column="likelihood",
+                value=specification.likelihood,
             )
         )
     if specification.likelihood == "impact" and specification.signal.filter != "none":

@@ -76,7 +76,7 @@ def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.
     Of two complex conjugate poles one is there, with twice its weight. Run forwards and backwards, the
     answer is Re sum_k c_k e^(p_k |t|) with c_k H(-p_k) for c_k, H being the transfer function.
     """
-    zeros, poles, gain = _design(recorder, analog=True, output="zpk")
+    _, poles, gain = _design(recorder, analog=True, output="zpk")
     # Alike but for rounding in pairs: the upper one, and those on the real axis.
     own = poles[poles.imag >= -1e-9 * np.abs(poles)]
     others = [poles[np.argsort(np.abs(poles - pole))[1:]] for pole in own]

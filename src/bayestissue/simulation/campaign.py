@@ -11,13 +11,13 @@ from jaxtyping import Float, Int
 
 from bayestissue.dataset.model import Dataset, Recorder, Trace, Uncertainty
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
-from bayestissue.simulation.contact import deceleration, leaves, what_is_met
 from bayestissue.signal.filters import modes, on_even_grid
+from bayestissue.simulation.contact import deceleration, leaves, what_is_met
 from bayestissue.simulation.specification import Recording, Simulation, Tissue
 
 _BLOCK = 1_000_000
-# Motion between two samples of a recorder with a low-pass, or in a period of its corner, and time constants of
-# the filter's slowest pole until it rests.
+# Steps of the motion between two samples of a recorder with a low-pass, or in a period of its corner, and
+# time constants of the filter's slowest pole until it rests.
 _FINER, _AT_REST = 64, 25.0
 
 

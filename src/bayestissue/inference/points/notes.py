@@ -11,6 +11,7 @@ from bayestissue.signal.displacement import NO_OFFSET
 THETA1 = "theta1 at its limit"
 NOT_WHITE = "residuals are not white"
 ARCCOS = "theta1 asks for another value of arccos"
+NOT_FILTERED = "the declared low-pass is not in this method"
 NOISELESS = "no noise beyond rounding: no standard errors"
 ANOTHER_PEAK = "K and C imply another peak displacement than recorded"
 # Flags of the method "impact": its intervals then promise nothing.
@@ -35,6 +36,8 @@ _MEANING = {
     NOT_WHITE: _INTEGRATED,
     ARCCOS: "theta1 is then not that of a sampled A(2). K and C are those of the main value, the only one "
     "possible before the impactor turns back.",
+    NOT_FILTERED: "The ARMA(2,1) of a displacement has no place for a low-pass: K and above all C come out "
+    'too small. Method "impact" applies it.',
     NOISELESS: "K and C hold, and have no standard errors.",
     NO_ANSWER: "White noise of a position sensor is not the noise that an ARMA(2,1) assumes, and drives its "
     "fit to where no tissue is. K and C of these impacts are no estimates: leave them out.",

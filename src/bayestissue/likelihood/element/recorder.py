@@ -103,7 +103,8 @@ def low_passed(
 def _passed(low_pass: LowPass, flow: Flow, start: Complex[Array, "mode impact"]) -> Array:
     """z_k on the grid, [mode, impact, sample], from what it is at the first."""
     step = low_pass.pole[:, None] * flow.dt
-    parts = (flow.d[:, :-1], flow.d[:, 1:], flow.dt[:, None] * flow.jerk[:, :-1], flow.dt[:, None] * flow.jerk[:, 1:])
+    change = flow.dt[:, None] * flow.jerk
+    parts = (flow.d[:, :-1], flow.d[:, 1:], change[:, :-1], change[:, 1:])
     each = _integrals(step)
     added = flow.dt[:, None] * sum(own[..., None] * part for own, part in zip(each, parts, strict=True))
     state = jnp.concatenate([start[..., None], added], axis=-1)
@@ -117,7 +118,7 @@ def _passed(low_pass: LowPass, flow: Flow, start: Complex[Array, "mode impact"])
 
 
 def _integrals(step: Complex[Array, "mode impact"]) -> tuple[Array, Array, Array, Array]:
-    """Of e^(q (1 - s)) times the cubic that is 1 in a value or slope at 0 or 1 and 0 in the others, over s."""
+    """Of e^(q (1 - s)) times the cubic that is 1 in a value or slope at 0 or 1 and 0 in the others."""
     nodes, weights = np.polynomial.legendre.leggauss(_NODES)
     s, weights = (nodes + 1) / 2, weights / 2
     cubics = ((1 + 2 * s) * (1 - s) ** 2, s**2 * (3 - 2 * s), s * (1 - s) ** 2, -(s**2) * (1 - s))

@@ -70,7 +70,8 @@ class ElementRecord(NamedTuple):
         Without the modes there is no discrepancy.
         """
         given = {name: jax.tree.map(jnp.asarray, part) for name, part in named.items()}
-        made = cls(*(jnp.asarray(array) for array in arrays), **given)
+        every: Any = [jnp.asarray(array) for array in arrays]
+        made = cls(*every, **given)
         return made._replace(d=jnp.where(made.inside(), made.d, 0.0))
 
     @property
@@ -170,9 +171,7 @@ def motion(
     x, v, d = (jnp.take_along_axis(part, jnp.maximum(place, 0), axis=1) for part in found)
     since = jnp.minimum(record.first_time[:, None] + place * record.dt[:, None], 0.0)
     flies, speed = place < 0, velocity[:, None]
-    return Motion(
-        jnp.where(flies, speed * since, x), jnp.where(flies, speed, v), jnp.where(flies, 0.0, d)
-    )
+    return Motion(jnp.where(flies, speed * since, x), jnp.where(flies, speed, v), jnp.where(flies, 0.0, d))
 
 
 def response(
@@ -236,7 +235,8 @@ def _recorded(
     def flow(first: Array, dt: Array, count: int) -> Flow:
         y = grid(element, named, record.mass, velocity, first, dt, count)
         rates = rates_of_motion(element, p, mass, y)
-        return Flow(*jax.jvp(lambda y: deceleration_of(element, p, mass, y), (y,), (rates,)), dt)
+        d, jerk = jax.jvp(lambda y: deceleration_of(element, p, mass, y), (y,), (rates,))
+        return Flow(d, jerk, dt)
 
     finer = low_pass.phase.shape[0]
     step, ahead, count = record.dt / finer, low_pass.lead * finer, record.d.shape[1] * finer
