@@ -124,7 +124,7 @@ def saturation(d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column
 
 
 def best_left(d: Rows, used: Mask, dt: Column, x: Column, v: Column, weight: Rows) -> Column:
-    """What the law that comes nearest leaves of each impact: its sum of squares, each sample's weight counted."""
+    """The least sum of squares that any of the laws leaves of each impact."""
     xs, vs = motion(d, dt, x, v)
     squares = [
         (left_over(law * weight[..., None], d * weight, used) ** 2).sum(axis=1)
