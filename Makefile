@@ -1,6 +1,6 @@
-# Two commands: `make report` runs the main job, `make test` passes the tests.
-# Both set up what they need in .venv first, and reuse it afterwards: requirements.lock is what a run needs,
-# requirements-dev.lock that and what the tests need besides.
+# Two commands: `make report` runs the main job, `make test` passes the tests; `make docs` builds the manual.
+# All set up what they need in .venv first, and reuse it afterwards: requirements.lock is what a run needs,
+# requirements-docs.lock that and what the manual is made with, requirements-dev.lock all that the tests need.
 
 PYTHON ?= $(shell for p in python3 python3.12 python3.13 python3.14 python; do \
 	command -v $$p >/dev/null 2>&1 && $$p -c 'import sys; sys.exit(sys.version_info < (3, 12))' >/dev/null 2>&1 \
@@ -8,15 +8,16 @@ PYTHON ?= $(shell for p in python3 python3.12 python3.13 python3.14 python; do \
 VENV := .venv
 BIN := $(VENV)/bin
 READY := $(VENV)/.ready
+READY_FOR_DOCS := $(VENV)/.ready-for-docs
 READY_FOR_TESTS := $(VENV)/.ready-for-tests
 HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestissue --help
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup shell report report-example report-published test check-code test-long benchmark benchmark-fit lock clean
+.PHONY: help setup shell report report-example report-published test check-code docs test-long evidence evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: $(READY)  ## create the environment in .venv
 	@echo "$(HOW)"
@@ -30,6 +31,10 @@ $(READY): requirements.lock pyproject.toml
 	@echo "setting up $(VENV) with $$($(PYTHON) --version), some minutes the first time ..."
 	@$(PYTHON) -m venv $(VENV)
 	@$(PYTHON) tools/install.py $(VENV) requirements.lock
+	@touch $@
+
+$(READY_FOR_DOCS): $(READY) requirements-docs.lock
+	@$(PYTHON) tools/install.py $(VENV) requirements-docs.lock
 	@touch $@
 
 $(READY_FOR_TESTS): $(READY) requirements-dev.lock
@@ -62,22 +67,37 @@ check-code: $(READY_FOR_TESTS)
 	@echo "import order ..."
 	@$(BIN)/lint-imports
 
+# A warning, such as of a broken link, is an error.
+DOCS := $(BIN)/python -m sphinx --fail-on-warning --nitpicky --keep-going --quiet
+
+docs: $(READY_FOR_DOCS)  ## the manual, in docs/_build/html
+	@echo "building the manual, half a minute or so ..."
+	@$(DOCS) docs docs/_build/html
+	@echo "open docs/_build/html/index.html"
+
 test-long: $(READY_FOR_TESTS)  ## the checks that take minutes to hours
 	@$(BIN)/python -m pytest -m long -n 0
 
-benchmark: $(READY_FOR_TESTS)  ## time the likelihood beside its peers (installs them first)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.lock
-	@$(BIN)/python benchmarks/likelihood.py
+EVIDENCE = PYTHONPATH=benchmarks $(BIN)/python -m evidence
 
-benchmark-fit: $(READY_FOR_TESTS)  ## time a fit beside its peers: half an hour and more
+evidence: $(READY_FOR_TESTS)  ## measure what is stale: a day of computing, or NAME=coverage_fit for some
+	@$(EVIDENCE) run $(NAME)
+
+evidence-status: $(READY)  ## which evidence is of this version, and what has changed since
+	@$(EVIDENCE) status
+
+evidence-pages: $(READY)  ## write the figures into the README and the manual
+	@$(EVIDENCE) pages
+
+evidence-peers: $(READY_FOR_TESTS)  ## install the other programs that evidence of speed is measured beside
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.lock
-	@$(BIN)/python benchmarks/fit_efficiency.py
 
 LOCK := uv pip compile pyproject.toml --universal --python-version 3.12 --no-emit-index-url --no-header --upgrade
 
 lock:  ## resolve the pinned versions anew (needs uv)
 	$(LOCK) --group dev --output-file requirements-dev.lock
+	$(LOCK) --group docs --constraints requirements-dev.lock --output-file requirements-docs.lock
 	$(LOCK) --group build --constraints requirements-dev.lock --output-file requirements.lock
 
 clean:  ## remove the environment and caches
-	rm -rf $(VENV) .pytest_cache .ruff_cache .mypy_cache .hypothesis
+	rm -rf $(VENV) docs/_build .pytest_cache .ruff_cache .mypy_cache .hypothesis

@@ -23,6 +23,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
+from evidence import recorded
+from evidence.provenance import machine
 from jax.flatten_util import ravel_pytree
 from numpyro.distributions import biject_to
 from numpyro.infer import NUTS
@@ -48,7 +50,6 @@ from bayestissue.inference.posterior.recipe import placed, population_attempt, w
 from bayestissue.inference.samplers.nuts import run_chains
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.resources import shared
-from likelihood import machine
 
 HERE = Path(__file__).parent
 SEED, CHAINS = 1, 4
@@ -97,25 +98,25 @@ class Bench:
     prepared: Prepared
     specification: ModelSpecification
     budget: float
-    summarised: Approximation = field(init=False)
+    approximation: Approximation = field(init=False)
     whitening: Approximation = field(init=False)
     summarising: Time = field(init=False)
     summarising_cold: Time = field(init=False)
 
     def __post_init__(self) -> None:
         _, self.summarising_cold = timed(self._sites)
-        self.summarised, self.summarising = timed(self._sites)
+        self.approximation, self.summarising = timed(self._sites)
 
     def _sites(self) -> Approximation:
         self.whitening = approximate(self.prepared)
         settings = self.specification.sampler
         return placed(self.prepared, self.whitening, settings, SEED, np.random.default_rng(SEED))
 
-    def quantities(self, draws: Draws, summarised: Approximation) -> Arrays:
+    def quantities(self, draws: Draws, approximation: Approximation) -> Arrays:
         """What is reported of draws of the fit's standard normals, which these summaries make."""
-        found = constrained_draws(self.prepared, summarised, draws, jax.random.PRNGKey(SEED))
+        found = constrained_draws(self.prepared, approximation, draws, jax.random.PRNGKey(SEED))
         model = self.prepared.model
-        parts = {name: found.sites[name] for name in (*model.spreads, *model.locations.parts)}
+        parts = {name: found.sites[name] for name in (*model.hyperparameters, *model.locations.parts)}
         return parts | {name: np.log(found.impacts[name]) for name in ("K", "C")}
 
 
@@ -129,9 +130,9 @@ def summary_path(bench: Bench) -> Outcome:
 
     def whole() -> tuple[Draws, Arrays]:
         prepared, settings = bench.prepared, bench.specification.sampler
-        made = population_attempt(prepared, bench.summarised, settings, SEED)
+        made = population_attempt(prepared, bench.approximation, settings, SEED)
         draws = with_impacts(prepared, made, settings, SEED)
-        return draws, bench.quantities(draws, bench.summarised)
+        return draws, bench.quantities(draws, bench.approximation)
 
     _, cold = timed(whole)
     (draws, quantities), warm = timed(whole)
@@ -166,8 +167,8 @@ def gradients(draws: Draws) -> float:
 
 def exact_density(bench: Bench) -> tuple[Callable[..., None], tuple[Any, ...]]:
     """The numpyro model of the exact path, and its arguments."""
-    summarised = bench.whitening
-    arguments = (bench.prepared.data, summarised.summaries, summarised.spreads.warp)
+    approximation = bench.whitening
+    arguments = (bench.prepared.data, approximation.sites, approximation.coordinates.warp)
     return partial(sampled_model, bench.prepared.model), arguments
 
 
@@ -270,9 +271,9 @@ def nutpie_exact(bench: Bench, adaptation: str) -> Outcome:
 def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
     """A point of the plain model where its posterior is: the middle of our summary, errors drawn given it."""
     model, data = bench.prepared.model, bench.prepared.data
-    raw = {name: jnp.asarray(bench.summarised.spreads.middle[name]) for name in model.spreads}
+    raw = {name: jnp.asarray(bench.approximation.coordinates.middle[name]) for name in model.hyperparameters}
     sites = constrained(model, raw)
-    summaries = bench.summarised.summaries
+    summaries = bench.approximation.sites
     middle = jnp.zeros(model.locations.size), jnp.zeros(summaries.centre.shape)
     found = from_standard(model, data, summaries, sites, *middle)
     spread = population(model, sites)
@@ -302,13 +303,13 @@ def plain_quantities(bench: Bench, found: Arrays) -> Arrays:
         from numpyro.handlers import seed, substitute, trace
 
         values = {
-            name: biject_to(model.prior_of(name).support)(value) if name in model.spreads else value
+            name: biject_to(model.prior_of(name).support)(value) if name in model.hyperparameters else value
             for name, value in raw.items()
         }
         sites = trace(substitute(seed(partial(plain, model), 0), values)).get_trace(data)
         b = sites["locations"]["value"]
         parts = {name: b[part] for name, part in model.locations.parts.items()}
-        spreads = {name: values[name] for name in model.spreads}
+        spreads = {name: values[name] for name in model.hyperparameters}
         return spreads | parts | {"K": sites["log_K"]["value"], "C": sites["log_C"]["value"]}
 
     made = jax.lax.map(one, {name: jnp.asarray(v.reshape(-1, *v.shape[2:])) for name, v in found.items()})
@@ -457,13 +458,22 @@ def main() -> None:
     parser.add_argument("--out", type=Path, help="where the table goes")
     chosen = parser.parse_args()
     runtime.configure(one_core=True)
+    if chosen.only or chosen.out or chosen.model.stem != "arma":
+        measure(chosen)
+        return
+    with recorded("fit_efficiency"):
+        measure(chosen)
+
+
+def measure(chosen: argparse.Namespace) -> None:
+    """Let the contenders sample one after the other; the table is written after each."""
     specification = read_specification(chosen.model)
     dataset = read_dataset(shared("data", "example"))
     prepared = prepare(dataset, specification, source=chosen.model.name)
     print(f"Machine: {machine()}, of which one is used.")
     print(", ".join(f"{name} {version(name)}" for name in ("jax", "numpyro", "nutpie")))
     bench = Bench(prepared, specification, 60 * chosen.minutes)
-    centre = bench.summarised.summaries.centre
+    centre = bench.approximation.sites.centre
     check_density(prepared.model, prepared.data, [centre[:, a] for a in range(centre.shape[1])])
     rows: list[dict[str, Any]] = []
     reference: Arrays | None = None

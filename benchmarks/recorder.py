@@ -1,6 +1,6 @@
 """Impacts behind a recorder's low-pass: how often 90 % intervals hold K and C, the filter declared and not.
 
-    .venv/bin/python benchmarks/recorder.py [impacts]
+    .venv/bin/python benchmarks/recorder.py
 
 Each line is 160 simulated impacts, sixteen people at two masses, that peak within 4 to 8 ms, sampled at
 10 kHz with white noise of 0.5 % of the peak behind the filter, by `estimate --method impact`. A coverage of
@@ -11,13 +11,13 @@ impacts as short as those above on each of them. Lines that are in recorder.csv 
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from documents import HERE, README, between_marks, table
+from evidence import recorded
 
 from bayestissue import runtime
 from bayestissue.dataset import Dataset
@@ -30,10 +30,10 @@ from bayestissue.simulation.sound import impacts as different
 from bayestissue.simulation.spoilt import sound_ones
 
 IMPACTS = 160
-_SOUND_ONES = 2000
+SOUND_ONES = 2000
 NOISES = (0.001, 0.005, 0.02)
 SOUND, SHORT = "sound recordings", "short impacts on six elements"
-FILE = HERE / "recorder.csv"
+TABLE = Path(__file__).with_suffix(".csv")
 SLOW = {"low_pass_hz": 500.0}
 CASES: dict[str, dict[str, Any] | None] = {
     "none": None,
@@ -105,31 +105,25 @@ def _suspected(name: str, data: Dataset) -> dict[str, Any]:
     return {"filter": name, "declared": False, "impacts": len(data.impacts), "suspected": count}
 
 
-def main(impacts: int) -> None:
+def measure() -> None:
+    """Write the table, each line as soon as it is measured."""
+    lines = pd.read_csv(TABLE).to_dict("records") if TABLE.exists() else []
+    done = {(each["filter"], bool(each["declared"])) for each in lines}
+    cases = [(name, declared) for name in CASES for declared in (True, False) if CASES[name] or not declared]
+    for name, declared in [*cases, (SOUND, False), (SHORT, False)]:
+        if (name, declared) in done:
+            continue
+        others = {SOUND: sound, SHORT: short}
+        lines.append(others[name](SOUND_ONES) if name in others else line(name, declared=declared))
+        print(lines[-1], flush=True)
+        pd.DataFrame(lines).to_csv(TABLE, index=False)
+
+
+def main() -> None:
     runtime.configure()
-    lines = pd.read_csv(FILE).to_dict("records") if FILE.exists() else []
-    done = {(each["filter"], each["declared"], each["impacts"]) for each in lines}
-    for case, recorder in CASES.items():
-        for declared in (True, False) if recorder else (False,):
-            if (case, declared, impacts) in done:
-                continue
-            lines.append(line(case, declared=declared, impacts=impacts))
-            print(lines[-1], flush=True)
-            pd.DataFrame(lines).to_csv(FILE, index=False)
-    for name, count_of in ((SOUND, sound), (SHORT, short)):
-        if name not in {each["filter"] for each in lines}:
-            lines.append(count_of(_SOUND_ONES))
-            print(lines[-1], flush=True)
-            pd.DataFrame(lines).to_csv(FILE, index=False)
-    shown = pd.DataFrame(lines)
-    shown = shown[shown["impacts"].eq(impacts) | shown["filter"].isin([SOUND, SHORT])]
-    counts = ["K held", "C held", "suspected"]
-    shown = shown.assign(
-        declared=shown["declared"].map({True: "yes", False: "no"}),
-        **{name: shown[name].astype("Int64") for name in counts},
-    )
-    between_marks(README, "recorder.py", table(shown))
+    with recorded("recorder"):
+        measure()
 
 
 if __name__ == "__main__":
-    main(int(sys.argv[1]) if len(sys.argv) > 1 else IMPACTS)
+    main()

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from bayestissue.errors import Problem
+from bayestissue.errors import Coded, Problem
 from bayestissue.inference.points.notes import said_once
 from bayestissue.outline import Rows, as_html, as_text, short, span
 from bayestissue.report.check_page import check_page, kinds, quality_table
@@ -20,7 +20,7 @@ from bayestissue.signal.quality.low_pass import suspected
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
 
-_COLUMNS = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy"]
+_COLUMNS = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy", "code"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +74,8 @@ class Check:
         """What is not wrong, but should be known."""
         impacts = self.dataset.impacts
         one_mass = impacts["mass_kg"].min() == impacts["mass_kg"].max()
-        masses = ["the mass never varies: these data have no mass exponent"] if one_mass else []
+        words = Coded("the mass never varies: these data have no mass exponent", "one-mass")
+        masses = [words] if one_mass else []
         return [*masses, *said_once("; ".join(notes) for notes in self.signal.notes)]
 
     @property
@@ -107,12 +108,25 @@ def _raised(data: Dataset, signal: Displacements) -> list[Problem]:
     """What the signal chain and the detectors of spoilt recordings say: the flags of `estimate`."""
     names = data.impacts["impact"]
     chain = [
-        Problem("recording", "a recording that the default signal chain can use", f"{flag}.", impact=impact)
+        Problem(
+            "recording",
+            "a recording that the default signal chain can use",
+            f"{flag}.",
+            impact=impact,
+            code=flag.code,
+        )
         for impact, flags in zip(names, signal.flags, strict=True)
         for flag in flags
     ]
     spoilt = [
-        Problem("recording", finding.kind.expected, finding.advice, value=said, impact=impact)
+        Problem(
+            "recording",
+            finding.kind.expected,
+            finding.kind.advice,
+            value=said,
+            impact=impact,
+            code=finding.kind.flag.code,
+        )
         for finding in inspect(data)
         for impact, said in zip(names, finding.said, strict=True)
         if said
@@ -147,6 +161,7 @@ def _undeclared(data: Dataset, signal: Displacements) -> list[Problem]:
             remedy,
             value=f"a rise as behind a second-order low-pass of {found.corner_hz[row]:.2g} Hz",
             impact=data.impacts["impact"].iloc[row],
+            code="undeclared-low-pass",
         )
         for row in rows
     ]

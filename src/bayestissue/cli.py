@@ -12,7 +12,7 @@ from typing import Annotated, Literal, NoReturn
 import typer
 
 from bayestissue import runtime, stopping
-from bayestissue.errors import InputError, PartialResultError, printable
+from bayestissue.errors import InputError, PartialResultError, Problem, more, printable
 
 app = typer.Typer(
     name="bayestissue",
@@ -67,6 +67,9 @@ FinishedFit = Annotated[
     Path, typer.Argument(help="Folder of a finished run of `bayestissue fit`.", metavar="RUN")
 ]
 Seed = Annotated[int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0)]
+
+
+_FAILED = more(["machine-failed"])
 
 
 @app.command()
@@ -482,6 +485,20 @@ def causes(
     )
 
 
+@app.command()
+def explain(
+    codes: Annotated[
+        list[str] | None,
+        typer.Argument(help="As messages end with; all are listed unless given.", metavar="[CODE]..."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """What a warning or an error means, what it does to K and C, and what to do."""
+    from bayestissue.commands import explain
+
+    explain.run(codes or [], as_json=as_json)
+
+
 @app.callback(invoke_without_command=True)
 def _options(
     context: typer.Context,
@@ -505,15 +522,16 @@ def main() -> None:
     except InputError as error:
         _leave(2, _problems(error), *getattr(error, "__notes__", ()))
     except PartialResultError as error:
-        _leave(4, str(error))
+        _leave(4, str(error), more([error.code]))
     except BrokenPipeError:
         # Whoever read the output has seen enough.
         _leave(1)
     except OSError as error:
         where = error.filename or "standard output"
-        _leave(5, f"could not go on: {where}: {error.strerror or error}", *getattr(error, "__notes__", ()))
+        said = f"could not go on: {where}: {error.strerror or error}"
+        _leave(5, said, *getattr(error, "__notes__", ()), _FAILED)
     except MemoryError as error:
-        _leave(5, "could not go on: there is not enough memory", *getattr(error, "__notes__", ()))
+        _leave(5, "could not go on: there is not enough memory", *getattr(error, "__notes__", ()), _FAILED)
     except KeyboardInterrupt as error:
         _leave(stopping.INTERRUPTED, "; ".join(["interrupted", *getattr(error, "__notes__", ())]))
 
@@ -541,7 +559,14 @@ def _problems(error: InputError) -> str:
         return json.dumps({"problems": [p.as_dict() for p in error.problems]}, default=str)
     count = len(error.problems)
     heading = f"{count} problem{'s' if count > 1 else ''}; nothing was written."
-    return "\n".join([heading, *(f"  {problem}" for problem in error.problems)])
+    codes = more(problem.code for problem in error.problems)
+    return "\n".join([heading, *(f"  {_with_code(problem)}" for problem in error.problems), codes])
+
+
+def _with_code(problem: Problem) -> str:
+    """The message with its code at the end of its first line: under that of a question stands its place."""
+    first, *rest = str(problem).split("\n")
+    return "\n".join([f"{first} [{problem.code}]", *rest])
 
 
 if __name__ == "__main__":

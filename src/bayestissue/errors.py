@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
+from typing import Self
+
+from bayestissue.remedies.codes import Code
 
 # Control characters, and those that force a direction of writing: a terminal would obey them.
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
@@ -14,7 +17,8 @@ _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028-\u202e\u2066-\u2069]")
 class Problem:
     """One thing that is wrong: where it stands, what was found, what was expected, what to do.
 
-    ``row`` counts as a spreadsheet does: the header is row 1, so the first record is row 2.
+    ``row`` counts as a spreadsheet does: the header is row 1, so the first record is row 2. ``code`` names
+    the entry of `bayestissue.remedies` that says more.
     """
 
     file: str
@@ -24,6 +28,7 @@ class Problem:
     column: str | None = None
     value: object = None
     impact: str | None = None
+    code: Code = field(kw_only=True)
 
     def __str__(self) -> str:
         place = [printable(self.file)]
@@ -52,6 +57,32 @@ class InputError(ValueError):
 
 class PartialResultError(RuntimeError):
     """The results are written, but not all is as it was asked for; the message says what. Exit status 4."""
+
+    def __init__(self, message: str, *, code: Code) -> None:
+        super().__init__(message)
+        self.code: Code = code
+
+
+class Coded(str):
+    """Words of a table or page that warn, with the ``code`` of their entry in `bayestissue.remedies`."""
+
+    __slots__ = ("code",)
+    code: Code
+
+    def __new__(cls, words: str, code: Code) -> Self:
+        """The words, with the code of their entry."""
+        coded = super().__new__(cls, words)
+        coded.code = code
+        return coded
+
+    def __getnewargs__(self) -> tuple[str, Code]:  # type: ignore[override]
+        return str(self), self.code
+
+
+def more(codes: Iterable[Code]) -> str:
+    """The command that prints the entries of ``codes``, each once; empty where there are none."""
+    named = " ".join(dict.fromkeys(codes))
+    return f"More: bayestissue explain {named}" if named else ""
 
 
 def has_control_characters(text: str) -> bool:

@@ -80,7 +80,9 @@ def read_run(path: str | Path) -> Run:
     folder = Path(path)
     about = read_about(folder)
     if about["kind"] != "fit" or not isinstance(about.get("model"), dict):
-        problem = Problem(str(folder / "run.json"), '"fit"', _AGAIN, column="kind", value=about["kind"])
+        problem = Problem(
+            str(folder / "run.json"), '"fit"', _AGAIN, column="kind", value=about["kind"], code="not-a-fit"
+        )
         raise InputError(problem)
     require_files(folder, ["posterior.nc"])
     return Run(folder, about, _read_tree(folder / "posterior.nc"))
@@ -91,9 +93,11 @@ def _read_tree(path: Path) -> xr.DataTree:
         tree = xr.open_datatree(path, engine="h5netcdf")
     except (OSError, KeyError, ValueError) as error:
         raise InputError(
-            Problem(str(path), "a DataTree as a fit writes it", _AGAIN, value=str(error))
+            Problem(str(path), "a DataTree as a fit writes it", _AGAIN, value=str(error), code="damaged-run")
         ) from error
     # An earlier version wrote no draws of the prior.
     if lacking := [name for name in GROUPS if name not in tree.children and name != "prior"]:
-        raise InputError(Problem(str(path), f"the groups {', '.join(lacking)}", _AGAIN, value="none"))
+        raise InputError(
+            Problem(str(path), f"the groups {', '.join(lacking)}", _AGAIN, value="none", code="damaged-run")
+        )
     return tree

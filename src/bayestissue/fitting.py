@@ -227,7 +227,12 @@ class Fit:
     def _page(self, path: Path, overwrite: bool) -> Path:
         if path.exists() and not overwrite:
             raise InputError(
-                Problem(str(path), "a name not yet taken", "Choose another, or pass overwrite=True.")
+                Problem(
+                    str(path),
+                    "a name not yet taken",
+                    "Choose another, or pass overwrite=True.",
+                    code="out-taken",
+                )
             )
         from bayestissue.report import write_report
 

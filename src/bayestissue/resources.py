@@ -57,7 +57,13 @@ def model_file(model: str | Path, serves: Serves) -> Path:
     if path.stem in names:
         remedy = f"Write {path.stem} for the one that comes with the program, or check the path."
     raise InputError(
-        Problem(str(model), f"a model file, or a model of the program: {listed}", remedy, value=found)
+        Problem(
+            str(model),
+            f"a model file, or a model of the program: {listed}",
+            remedy,
+            value=found,
+            code="no-model",
+        )
     )
 
 

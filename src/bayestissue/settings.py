@@ -37,16 +37,22 @@ def read_text(path: Path, file: str) -> str:
     try:
         if path.exists() and not (path.is_file() and path.stat().st_size < _LARGEST):
             expected, found = f"a file of settings below {_LARGEST / 1e6:g} MB", "a folder, a device or more"
-            raise InputError(Problem(file, expected, "Check the path.", value=found))
+            raise InputError(Problem(file, expected, "Check the path.", value=found, code="no-file"))
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         problem = Problem(
-            file, "a readable file", "Check the path.", value=error.strerror or "an unreadable file"
+            file,
+            "a readable file",
+            "Check the path.",
+            value=error.strerror or "an unreadable file",
+            code="unreadable-file",
         )
     except UnicodeDecodeError as error:
         row = error.object[: error.start].count(b"\n") + 1
         wrong = error.object[error.start : error.start + 1]
-        problem = Problem(file, "text in UTF-8", "Save the file as UTF-8.", row=row, value=wrong)
+        problem = Problem(
+            file, "text in UTF-8", "Save the file as UTF-8.", row=row, value=wrong, code="not-text"
+        )
     raise InputError(problem)
 
 
@@ -62,7 +68,9 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
         found = re.search(r"at line (\d+)", str(error))
         row = int(found[1]) if found else None
         remedy = "Mend the syntax; text stands in quotes, tables in [brackets]."
-        raise InputError(Problem(file, "valid TOML", remedy, row=row, value=str(error))) from None
+        raise InputError(
+            Problem(file, "valid TOML", remedy, row=row, value=str(error), code="not-toml")
+        ) from None
 
 
 def row_of(text: str, key: Sequence[str]) -> int | None:
@@ -98,10 +106,22 @@ def checked[Schema: BaseModel](
     try:
         return schema.model_validate(dict(content))
     except ValidationError as error:
-        problems = _merged([_problem(detail, schema, file, tuple(within)) for detail in error.errors()])
+        details = _causes(error.errors())
+        problems = _merged([_problem(detail, schema, file, tuple(within)) for detail in details])
         raise InputError(
             replace(problem, row=row_of(text, (problem.column or "").split("."))) for problem in problems
         ) from error
+
+
+def _causes(details: Sequence[Any]) -> list[Any]:
+    """Without what only follows: a list whose tables are all wrong counts as one that is too short."""
+    places = [detail["loc"] for detail in details]
+    return [
+        detail
+        for detail, place in zip(details, places, strict=True)
+        if detail["type"] != "too_short"
+        or not any(len(other) > len(place) and other[: len(place)] == place for other in places)
+    ]
 
 
 def _merged(problems: list[Problem]) -> list[Problem]:
@@ -126,13 +146,16 @@ def _problem(detail: Any, schema: type[BaseModel], file: str, within: tuple[str,
             f"Rename or remove the key {key}.",
             column=key,
             value=detail["input"],
+            code="unknown-key",
         )
     if detail["type"] == "missing":
-        return Problem(file, "a value", f"Add the key {key}.", column=key)
+        return Problem(file, "a value", f"Add the key {key}.", column=key, code="missing-key")
     message = detail["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
     remedy = f"Change the key {key}." if key else "Change one of them."
     shown = None if isinstance(detail["input"], Mapping) else detail["input"]
-    return Problem(file, message[:1].lower() + message[1:], remedy, column=key or None, value=shown)
+    return Problem(
+        file, message[:1].lower() + message[1:], remedy, column=key or None, value=shown, code="key-value"
+    )
 
 
 def allowed_keys(schema: type[BaseModel], location: Sequence[str | int] = ()) -> tuple[str, ...]:

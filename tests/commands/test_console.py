@@ -40,7 +40,7 @@ def test_control_characters_are_shown_as_json_has_them() -> None:
 
 
 def test_a_problem_shows_every_part_of_it(capsys: pytest.CaptureFixture[str], monkeypatch) -> None:
-    problem = Problem(BAD, BAD, BAD, row=2, column=BAD, value=BAD, impact=BAD)
+    problem = Problem(BAD, BAD, BAD, row=2, column=BAD, value=BAD, impact=BAD, code="no-file")
     assert str(problem).count(SHOWN) == 6
     assert tame(str(InputError([problem, problem])))
     for argv in (["bayestissue"], ["bayestissue", "--json"]):
@@ -70,7 +70,7 @@ def test_the_tables_of_all_commands_are_tame(capsys: pytest.CaptureFixture[str])
     people = people.assign(eti90_low=1.0, eti90_high=1.0)
     implied = people.assign(scheme=BAD, data=BAD, label="")
     compared.print_comparison(pd.concat([names, names.assign(data="x")]), people, implied)
-    data = SimpleNamespace(name=BAD, left_out=(Problem(BAD, BAD, BAD, impact=BAD),))
+    data = SimpleNamespace(name=BAD, left_out=(Problem(BAD, BAD, BAD, impact=BAD, code="no-file"),))
     table = pd.DataFrame({"K_N_per_m": [1.0], "C_N_s_per_m": 1.0, "zeta": 1.0, "flags": BAD, "notes": BAD})
     varied = pd.DataFrame({"choice": ["window"], "value": ["peak"], "note": [BAD]})
     estimate._print(data, table, varied, Path(BAD.replace("\0", "")))

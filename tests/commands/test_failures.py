@@ -18,6 +18,7 @@ from bayestissue.report import comparison_page
 from bayestissue.results import write_tree
 from make_scored_run import make_scored_run
 
+MORE = "More: bayestissue explain"
 ROOT = Path(__file__).resolve().parents[2]
 
 pytestmark = pytest.mark.usefixtures("undrawn")
@@ -67,7 +68,7 @@ def test_a_page_that_fails_leaves_the_results_and_can_be_drawn_again(
     assert status == 4
     assert said == (
         f"the results are in {out}, but their page could not be drawn (ValueError: ParseFatalException: "
-        f"$x_{{1$ ^); `bayestissue report {out}` draws the page\n"
+        f"$x_{{1$ ^); `bayestissue report {out}` draws the page\n{MORE} page-not-drawn\n"
     )
     assert {path.name for path in out.iterdir()} >= {"comparison.csv", "posteriors.csv", "run.json"}
     assert not (out / "report.html").exists()
@@ -86,7 +87,7 @@ def test_a_full_disk_is_one_line_and_leaves_nothing(
     monkeypatch.setattr(pd.DataFrame, "to_csv", full)
     assert bayestissue("compare", *runs, "--out", out) == (
         5,
-        f"could not go on: {out}: No space left on device\n",
+        f"could not go on: {out}: No space left on device\n{MORE} machine-failed\n",
     )
     assert list(tmp_path.iterdir()) == []
 
@@ -120,7 +121,7 @@ def test_an_output_that_takes_nothing_is_one_line(tmp_path: Path) -> None:
         )
     assert (ended.returncode, ended.stderr) == (
         5,
-        "could not go on: standard output: No space left on device\n",
+        f"could not go on: standard output: No space left on device\n{MORE} machine-failed\n",
     )
 
 
@@ -159,7 +160,7 @@ def test_half_a_posterior_is_named(bayestissue, runs, tmp_path: Path) -> None:
         status, said = bayestissue(*command)
         assert status == 2
         assert str(spoilt / "posterior.nc") in said
-        assert len(said.splitlines()) == 2
+        assert len(said.splitlines()) == 3
 
 
 def test_a_cache_that_cannot_be_made_is_done_without(tmp_path: Path) -> None:

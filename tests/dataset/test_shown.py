@@ -33,7 +33,7 @@ def test_a_dataset_in_a_few_lines(dataset: Dataset) -> None:
 
 
 def test_what_was_left_out_and_what_looks_odd_is_counted(dataset: Dataset) -> None:
-    odd = Problem("f", "e", "r", impact="x")
+    odd = Problem("f", "e", "r", impact="x", code="no-file")
     left_out = (odd, replace(odd, column="c"), replace(odd, impact="y"))
     told = repr(replace(dataset, warnings=(odd,), left_out=left_out))
     assert told.endswith("\n  look at   1 warning, 2 impacts left out")

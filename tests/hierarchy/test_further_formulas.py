@@ -122,8 +122,8 @@ def test_a_grid_stands_for_a_parameter_that_all_impacts_share_a_mean_of(
     model = TraceModel("impact", effects, priors, correlated=True, log_mass_sd=0.0, element="wall")
     assert model.weakly_identified
     assert model.may_have_grid == grid
-    assert ("sd_subject_thickness_m" in model.spreads) == (not grid)
-    assert model.prior_of(model.spreads[-1]).scale == 0.2
+    assert ("sd_subject_thickness_m" in model.hyperparameters) == (not grid)
+    assert model.prior_of(model.hyperparameters[-1]).scale == 0.2
 
 
 def test_results_are_named_as_those_of_k_and_c() -> None:

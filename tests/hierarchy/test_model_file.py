@@ -126,3 +126,9 @@ def test_autoregressive_noise_is_the_impact_likelihood_s_and_has_no_discrepancy_
     with pytest.raises(InputError) as refused:
         read_specification(path)
     assert {problem.column for problem in refused.value.problems} == {"noise", "discrepancy", "key"}
+
+
+def test_a_model_file_without_a_name_has_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "calves.toml"
+    path.write_text('likelihood = "impact"\n', encoding="utf-8")
+    assert read_specification(path).name == "calves"

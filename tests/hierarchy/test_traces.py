@@ -100,7 +100,7 @@ def sites_about(middle: np.ndarray) -> Sites:
 
 
 def point(model: TraceModel) -> tuple[dict[str, jax.Array], jax.Array, jax.Array]:
-    sites = {name: jnp.asarray(RNG.uniform(0.2, 0.6)) for name in model.spreads}
+    sites = {name: jnp.asarray(RNG.uniform(0.2, 0.6)) for name in model.hyperparameters}
     z_b = jnp.asarray(RNG.normal(size=model.locations.size))
     return sites, z_b, jnp.asarray(RNG.normal(size=(NUMBER, 2 + len(model.nuisance))))
 
@@ -165,10 +165,10 @@ def test_warped_coordinates_have_the_same_density_of_the_unconstrained_ones(last
     """Of one likelihood: what is warped is the same for all."""
     model, data, summaries = made("a2")
     _, z_b, z_u = point(model)
-    size = len(model.spreads) + last
+    size = len(model.hyperparameters) + last
     warp = SinhArcsinh(RNG.normal(size=size), RNG.uniform(0.5, 1.5, size), RNG.uniform(-0.4, 0.4, size))
-    y, y_last = RNG.normal(size=len(model.spreads)), float(z_b[-1])
-    raw = dict(zip(model.spreads, warp.part(slice(len(y)))(y), strict=True))
+    y, y_last = RNG.normal(size=len(model.hyperparameters)), float(z_b[-1])
+    raw = dict(zip(model.hyperparameters, warp.part(slice(len(y)))(y), strict=True))
     z_last = float(warp.part(-1)(y_last)) if last else y_last
     own = {"standard_locations": jnp.append(z_b[:-1], z_last), "standard_impacts": z_u}
     sampled = {COORDINATES: y, "standard_locations": z_b, "standard_impacts": z_u}
@@ -219,6 +219,6 @@ def test_spreads_are_the_groups_the_impacts_and_the_nuisance() -> None:
     model, _, _ = made("arma")
     groups = ["sd_subject_C", "sd_subject_K", "sd_trial_C", "sd_trial_K"]
     own = ["sd_impact_K", "sd_impact_C", "residual_correlation", "sd_noise", "sd_atanh_theta1"]
-    assert list(model.spreads) == [*groups, *own]
-    for name in model.spreads:
+    assert list(model.hyperparameters) == [*groups, *own]
+    for name in model.hyperparameters:
         assert model.prior_of(name).event_shape == ()

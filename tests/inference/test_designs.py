@@ -89,9 +89,9 @@ def test_a_fit_gives_back_what_a_campaign_was_made_with() -> None:
     )
     prepared = prepare(made.dataset("designs"), model, source="the model file")
     settings = Sampler(chains=2, warmup=200, draws=300)
-    summarised, draws, correction = corrected_draws(prepared, settings, 1)
+    approximation, draws, correction = corrected_draws(prepared, settings, 1)
     assert correction.trusted
-    found = constrained_draws(prepared, summarised, draws, jax.random.PRNGKey(1))
+    found = constrained_draws(prepared, approximation, draws, jax.random.PRNGKey(1))
     reported = derived.reported_sites(prepared.design, found.sites)
     truth = made.truth.assign(subject=made.impacts["subject"])
     for q in "KC":

@@ -89,7 +89,7 @@ def truths(name: str, made: Campaign) -> dict[str, np.ndarray]:
 def test_summaries_of_traces_lie_about_the_truth(name: str) -> None:
     made = campaign(name)
     given, _ = prepared(name, made)
-    summaries = approximate(given).summaries
+    summaries = approximate(given).sites
     names = ["K", "C", *given.model.nuisance]
     covariance = np.linalg.inv(np.asarray(summaries.precision))
     for parameter, true in truths(name, made).items():
@@ -161,11 +161,11 @@ def test_a_tissue_without_what_the_element_has_more_leaves_that_open(name: str) 
     """Of a spring and damper K is found all the same, and the element's own parameter is only bounded."""
     made = campaign("kelvin_voigt")
     given, specification = prepared(name, made)
-    summarised, draws, correction = corrected_draws(given, specification.sampler, 0)
-    assert summarised.profile is not None
+    approximation, draws, correction = corrected_draws(given, specification.sampler, 0)
+    assert approximation.grid is not None
     assert correction.trusted
     assert not draws.statistics["diverging"].any()
-    found = constrained_draws(given, summarised, draws, jax.random.PRNGKey(0))
+    found = constrained_draws(given, approximation, draws, jax.random.PRNGKey(0))
     low, high = np.quantile(found.impacts["K"].reshape(-1, len(made.truth)), [0.05, 0.95], axis=0)
     true = made.truth["K_N_per_m"].to_numpy()
     # Twelve independent impacts: fewer than eight held has a probability of 0.004.

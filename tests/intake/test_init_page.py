@@ -16,7 +16,9 @@ def test_the_page_shows_every_impact_and_what_was_understood(tmp_path: Path) -> 
     page = init_page(
         read_dataset(tmp_path),
         understood=[("values", "deceleration, channel <A&B>, in g")],
-        left_out=[Problem("e.lvm", "a whole .lvm file", "Copy it anew.", value="<nothing>")],
+        left_out=[
+            Problem("e.lvm", "a whole .lvm file", "Copy it anew.", value="<nothing>", code="damaged-file")
+        ],
         notes=["a note"],
     )
     assert f"Recording with contact and peak for the impacts {', '.join(NAMES)}." in page

@@ -7,7 +7,8 @@ import jinja2
 import matplotlib as mpl
 import pytest
 
-from bayestissue.report.page import figure, render_page
+from bayestissue.remedies import entries
+from bayestissue.report.page import figure, prose, render_page
 from bayestissue.report.style import new_figure, style
 
 pytestmark = pytest.mark.usefixtures("drawn")
@@ -72,3 +73,12 @@ def test_the_look_leaves_no_trace():
     before = dict(mpl.rcParams)
     line()
     assert dict(mpl.rcParams) == before
+
+
+def test_a_page_carries_the_entries_of_its_warnings() -> None:
+    html = render_page("base.html", title="A page", codes=["clipped", "hum", "clipped"])
+    assert html.count('<details id="explain-clipped">') == 1
+    text = " ".join(html.split())
+    assert all(str(prose(words)) in text for code in ("clipped", "hum") for _, words in entries()[code].parts)
+    assert 'id="warnings"' not in render_page("base.html", title="A page")
+    assert prose("<b> `a < b`") == "&lt;b&gt; <code>a &lt; b</code>"

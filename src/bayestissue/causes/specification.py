@@ -158,7 +158,14 @@ def chosen(specification: CausesSpecification, names: tuple[str, ...], file: str
     if unknown:
         known = ", ".join(specification.causes)
         raise InputError(
-            Problem(file, f"one of {known}", "Name causes of the file.", column="causes", value=name)
+            Problem(
+                file,
+                f"one of {known}",
+                "Name causes of the file.",
+                column="causes",
+                value=name,
+                code="option-value",
+            )
             for name in unknown
         )
     kept = {name: specification.causes[name] for name in names}
@@ -170,5 +177,12 @@ def require_several(specification: CausesSpecification, file: str) -> None:
     if len(specification.causes) < 2:
         named = ", ".join(specification.causes) or "none"
         raise InputError(
-            Problem(file, "at least two causes to compare", "Name one more.", column="causes", value=named)
+            Problem(
+                file,
+                "at least two causes to compare",
+                "Name one more.",
+                column="causes",
+                value=named,
+                code="option-value",
+            )
         )

@@ -149,6 +149,7 @@ def _require_masses(dataset: Dataset, source: str) -> None:
                 "The causes are simulated as decelerations; a dataset of displacements can't be compared.",
                 column="signal.quantity",
                 value=dataset.quantity,
+                code="wrong-quantity",
             )
         )
     masses = dataset.impacts.groupby("trial")["mass_kg"].mean().round(9).nunique()
@@ -160,5 +161,6 @@ def _require_masses(dataset: Dataset, source: str) -> None:
                 "Where the mass does not vary there is no dependence on it to explain.",
                 column="mass_kg",
                 value=masses,
+                code="one-mass",
             )
         )

@@ -43,7 +43,8 @@ def print_answers(table: pd.DataFrame) -> None:
     from rich.console import Console
     from rich.table import Column, Table
 
-    from bayestissue.commands.console import plain
+    from bayestissue.commands.console import explained, plain
+    from bayestissue.remedies import codes_in
 
     console = Console(highlight=False)
     numbers = table["median"].notna()
@@ -71,6 +72,7 @@ def print_answers(table: pd.DataFrame) -> None:
     for row in table[table["note"] != ""].to_dict("records"):
         console.print(plain(f"  {row['question']}: {row['note']}"), soft_wrap=True)
     console.print(plain(f"  {_counts(table)}"), soft_wrap=True)
+    explained(codes_in("; ".join(table["note"])))
 
 
 def _counts(table: pd.DataFrame) -> str:

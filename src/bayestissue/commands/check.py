@@ -11,9 +11,10 @@ from rich.console import Console
 from rich.table import Table
 
 from bayestissue.checking import Check, check
-from bayestissue.commands.console import echo, plain
+from bayestissue.commands.console import echo, explained, plain
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import Problem
+from bayestissue.remedies import codes_in
 from bayestissue.report.check_page import kinds
 from bayestissue.report.writing import after_results
 from bayestissue.results import Place, claim, whole_file
@@ -83,7 +84,8 @@ def _print(found: Check) -> None:
             console.print(plain(f"{heading}:", style="bold"))
             for some in kinds(problems):
                 more = f" The same in {_names(some[1:])}." if len(some) > 1 else ""
-                console.print(plain(f"  {some[0]}{more}"), soft_wrap=True)
+                console.print(plain(f"  {some[0]}{more} [{some[0].code}]"), soft_wrap=True)
+    explained([*(each.code for each in (*data.left_out, *warnings)), *codes_in("; ".join(found.notes))])
 
 
 def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:

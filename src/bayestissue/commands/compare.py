@@ -108,7 +108,13 @@ def _told(run: FinishedRun, path: Path, about: dict[str, Any]) -> dict[str, Any]
 def _require_distinct(runs: list[Path]) -> None:
     if len(runs) < 2:
         raise InputError(
-            Problem("compare", "at least two folders", _AGAIN, value=", ".join(map(str, runs)) or "none")
+            Problem(
+                "compare",
+                "at least two folders",
+                _AGAIN,
+                value=", ".join(map(str, runs)) or "none",
+                code="runs-to-compare",
+            )
         )
     seen: dict[Path, Path] = {}
     problems = []
@@ -116,7 +122,13 @@ def _require_distinct(runs: list[Path]) -> None:
         earlier = seen.setdefault(path.resolve(), path)
         if earlier is not path:
             problems.append(
-                Problem(str(path), f"another run than {earlier}", "Name each run once.", value="the same run")
+                Problem(
+                    str(path),
+                    f"another run than {earlier}",
+                    "Name each run once.",
+                    value="the same run",
+                    code="runs-to-compare",
+                )
             )
     if problems:
         raise InputError(problems)
@@ -133,12 +145,25 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
             about = read_about(path)
             if about["kind"] != "fit":
                 raise InputError(
-                    Problem(str(path / "run.json"), '"fit"', _AGAIN, column="kind", value=about["kind"])
+                    Problem(
+                        str(path / "run.json"),
+                        '"fit"',
+                        _AGAIN,
+                        column="kind",
+                        value=about["kind"],
+                        code="not-a-fit",
+                    )
                 )
             lacking = [key for key in ("input_hash", "model") if not about.get(key)]
             if lacking:
                 raise InputError(
-                    Problem(str(path / "run.json"), "what every fit writes", _AGAIN, column=lacking[0])
+                    Problem(
+                        str(path / "run.json"),
+                        "what every fit writes",
+                        _AGAIN,
+                        column=lacking[0],
+                        code="damaged-run",
+                    )
                 )
             require_files(path, ["posterior.nc"])
             abouts.append(about)
@@ -153,6 +178,7 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
                     "Compare runs of the same recordings; fit the one dataset again with each model.",
                     column="input_hash",
                     value=f"{about['input_hash'][:16]}… (dataset “{about.get('dataset')}”)",
+                    code="other-data",
                 )
             )
     if problems:
@@ -199,7 +225,12 @@ def _read_tree(path: Path) -> xr.DataTree:
             ]
             if lacking:
                 raise InputError(
-                    Problem(str(path), f"the parts {', '.join(lacking)}", "Fit again with this version.")
+                    Problem(
+                        str(path),
+                        f"the parts {', '.join(lacking)}",
+                        "Fit again with this version.",
+                        code="damaged-run",
+                    )
                 )
             groups = {group: tree[group].to_dataset() for group in _GROUPS}
             posterior = groups["posterior"]
@@ -210,7 +241,7 @@ def _read_tree(path: Path) -> xr.DataTree:
         if isinstance(error, InputError):
             raise
         raise InputError(
-            Problem(str(path), "a DataTree as a fit writes it", _AGAIN, value=str(error))
+            Problem(str(path), "a DataTree as a fit writes it", _AGAIN, value=str(error), code="damaged-run")
         ) from error
 
 

@@ -8,8 +8,9 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from bayestissue.commands.console import plain
+from bayestissue.commands.console import explained, plain
 from bayestissue.inference.results.meanings import told
+from bayestissue.remedies import codes_in
 
 _DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
 _HEADINGS = {"elpd_difference": "off the best", "se_difference": "its se"}
@@ -29,6 +30,7 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
         console.print(table)
         for row in rows[rows["warning"] != ""].to_dict("records"):
             console.print(plain(f"  {row['model']}: {row['warning']}"), soft_wrap=True)
+    explained(codes_in("; ".join(comparison["warning"])))
     people = posteriors[posteriors["label"] != ""]
     few = people["label"].nunique() <= _PEOPLE
     shown = posteriors if few else posteriors[posteriors["label"] == ""]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterable
 from types import TracebackType
 
 import typer
@@ -19,7 +20,8 @@ from rich.progress import (
 )
 from rich.text import Text
 
-from bayestissue.errors import printable
+from bayestissue.errors import more, printable
+from bayestissue.remedies import Code
 
 
 def echo(text: str, *, err: bool = False) -> None:
@@ -30,6 +32,12 @@ def echo(text: str, *, err: bool = False) -> None:
 def plain(text: str, style: str = "") -> Text:
     """The same for a table or a line that rich prints, which then reads no markup in it either."""
     return Text(printable(text, lines=True), style=style)
+
+
+def explained(codes: Iterable[Code]) -> None:
+    """Print the command that says more of the warnings of ``codes``; nothing where there are none."""
+    if words := more(codes):
+        echo(words)
 
 
 class Stages:
@@ -46,6 +54,7 @@ class Stages:
         self._stage, self._done = "", 0
         self._task: TaskID | None = None
         self._began = self._spoke = time.monotonic()
+        self._done_before = 0
         console = Console(stderr=True)
         self._bars = (
             Progress(
@@ -87,17 +96,19 @@ class Stages:
                 self._bars.update(self._task, completed=done, total=total)
             return
         now = time.monotonic()
-        if new:
-            self._began = now
+        # The first part of a stage has what is compiled in it: the time left is told from the others.
+        if new or not self._done_before:
+            self._began, self._done_before = now, done
         if new or now - self._spoke > self.interval_s:
             self._spoke = now
             count = f": {done} of {total}{self._remaining(now, done, total)}" if total > 1 else ""
             print(f"{stage}{count}", file=sys.stderr, flush=True)  # noqa: T201
 
     def _remaining(self, now: float, done: int, total: int) -> str:
-        if not done:
+        since = done - self._done_before
+        if not self._done_before or since <= 0:
             return ""
-        return f", about {(now - self._began) / done * (total - done):.0f} s left"
+        return f", about {(now - self._began) / since * (total - done):.0f} s left"
 
     def _finish_bar(self) -> None:
         if self._bars is not None and self._task is not None:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from bayestissue.inference.single.estimates import Method
     from bayestissue.signal import SignalOptions
 
-PROBLEM_COLUMNS = ["file", "row", "column", "impact", "value", "expected", "remedy"]
+PROBLEM_COLUMNS = ["file", "row", "column", "impact", "value", "expected", "remedy", "code"]
 
 
 def run(
@@ -147,8 +147,9 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
     from rich.console import Console
     from rich.table import Table
 
-    from bayestissue.commands.console import plain
+    from bayestissue.commands.console import explained, plain
     from bayestissue.inference.points.notes import said_once
+    from bayestissue.remedies import codes_in
 
     console = Console(highlight=False)
     flagged = int((table["flags"] != "").sum())
@@ -166,6 +167,8 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
     if data.left_out:
         count = len({problem.impact for problem in data.left_out})
         console.print(f"{count} impacts left out: see left_out.csv")
+    said = "; ".join([*table["flags"], *table["notes"]])
+    explained([*codes_in(said), *(problem.code for problem in data.left_out)])
     console.print(plain(f"wrote {out / 'estimates.csv'} and {out / 'report.html'}"), soft_wrap=True)
 
 

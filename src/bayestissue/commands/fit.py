@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.hierarchy.specification import ModelSpecification
     from bayestissue.hierarchy.trace_data import Prepared
+    from bayestissue.remedies import Code
 
 
 def run(
@@ -37,12 +38,12 @@ def run(
     runtime.configure(one_core=True)
     with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as place:
         from bayestissue.commands.ask import print_answers
-        from bayestissue.commands.console import Stages, echo
+        from bayestissue.commands.console import Stages, echo, explained
         from bayestissue.dataset import read_dataset
         from bayestissue.fitting import fit_prepared, require_answerable, resolve, write_run
         from bayestissue.hierarchy.trace_data import prepare
         from bayestissue.inference.execution.workers import on_cluster
-        from bayestissue.inference.samplers.diagnostics import headline
+        from bayestissue.inference.samplers.diagnostics import headline, warned_codes
         from bayestissue.report import draw_page
 
         specification, source = resolve("arma" if model is None else model)
@@ -51,8 +52,7 @@ def run(
             data = _without_short(data, specification, source)
         prepared = prepare(data, specification, source=source)
         require_answerable(prepared, specification, source)
-        if not quiet:
-            _say_what_is_told(prepared)
+        told = [] if quiet else _say_what_is_told(prepared)
         job = _fingerprint(data, specification, seed)
         with Stages(quiet=quiet) as say:
             with on_cluster(scheduler), place.unfinished(job) as kept:
@@ -64,7 +64,9 @@ def run(
         if not quiet:
             if specification.questions:
                 print_answers(fit.questions)
-            echo(f"{headline(fit.diagnostics)} {fit.verdict}\nwrote {place.path / 'report.html'}")
+            echo(f"{headline(fit.diagnostics)} {fit.verdict}")
+            explained([*told, *warned_codes(fit.diagnostics)])
+            echo(f"wrote {place.path / 'report.html'}")
         return bool(fit.diagnostics["passed"])
 
 
@@ -88,16 +90,17 @@ def _without_short(data: Dataset, specification: ModelSpecification, source: str
     )
 
 
-def _say_what_is_told(prepared: Prepared) -> None:
-    """What these data can't tell, before the work begins."""
+def _say_what_is_told(prepared: Prepared) -> list[Code]:
+    """What these data can't tell, before the work begins; the codes of what was said."""
     from bayestissue.commands.console import echo
     from bayestissue.hierarchy.formulas.formula import left_out_words
     from bayestissue.inference.results.meanings import ONE_IMPACT
+    from bayestissue.remedies import codes_in
 
-    if words := left_out_words(prepared.design.terms_left_out()):
-        echo(words)
-    if len(prepared.impacts) == 1:
-        echo(ONE_IMPACT)
+    words = [left_out_words(prepared.design.terms_left_out()), *[ONE_IMPACT] * (len(prepared.impacts) == 1)]
+    for said in filter(None, words):
+        echo(said)
+    return codes_in(" ".join(words))
 
 
 def _fingerprint(data: Dataset, specification: ModelSpecification, seed: int) -> str:

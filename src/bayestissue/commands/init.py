@@ -7,7 +7,7 @@ from pathlib import Path
 
 import typer
 
-from bayestissue.commands.console import echo
+from bayestissue.commands.console import echo, explained
 from bayestissue.errors import InputError, Problem, printable
 from bayestissue.intake import Choices, Cutting, Intake, Question, prepare, write
 
@@ -38,7 +38,8 @@ def run(
     path = built.dataset.folder or out
     if not quiet and not as_json:
         for problem in built.left_out:
-            echo(f"left out: {problem}")
+            echo(f"left out: {problem} [{problem.code}]")
+        explained(problem.code for problem in built.left_out)
         for note in built.notes:
             echo(note)
         echo(f"wrote {path}; look at {path / 'init.html'}")
@@ -60,7 +61,9 @@ def given(facts: list[str]) -> dict[str, str]:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value) or name in found:
             expected = "NAME=VALUE, each name once"
-            problems.append(Problem("--set", expected, "Write, say, --set mass_kg=2.1.", value=text))
+            problems.append(
+                Problem("--set", expected, "Write, say, --set mass_kg=2.1.", value=text, code="option-value")
+            )
         found[name] = value
     if problems:
         raise InputError(problems)

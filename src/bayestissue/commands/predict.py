@@ -47,7 +47,8 @@ def _print(table: pd.DataFrame) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from bayestissue.commands.console import plain
+    from bayestissue.commands.console import explained, plain
+    from bayestissue.remedies import codes_in
 
     console = Console(highlight=False)
     shown = Table("row", title="a new impact: median and 90 % interval", title_justify="left")
@@ -63,6 +64,7 @@ def _print(table: pd.DataFrame) -> None:
         said = [", ".join(f"{k} {_text(v)}" for k, v in values.items())]
         said += [f"new: {row['new']}"] * bool(row["new"]) + [row["note"]] * bool(row["note"])
         console.print(plain(f"  row {number}: {'; '.join(said)}"), soft_wrap=True)
+    explained(codes_in("; ".join(table["note"])))
 
 
 def _text(value: object) -> str:

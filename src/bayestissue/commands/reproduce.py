@@ -32,12 +32,12 @@ def run(
     inputs = (model, published)
     with results.claim(out, overwrite=overwrite, command="reproduce", inputs=inputs) as place:
         runtime.configure()
-        from bayestissue.commands.console import Stages, echo
+        from bayestissue.commands.console import Stages, echo, explained
         from bayestissue.dataset.published import read_published
         from bayestissue.hierarchy.published import published_design, published_observations
         from bayestissue.hierarchy.specification import read_specification
         from bayestissue.inference.published.analysis import analyse, competing_designs
-        from bayestissue.inference.samplers.diagnostics import verdict_in_words
+        from bayestissue.inference.samplers.diagnostics import verdict_in_words, warned_codes
         from bayestissue.report import draw_page
         from bayestissue.reproduction import reproduce_published
         from bayestissue.reproduction.audit import audit_published
@@ -83,7 +83,9 @@ def run(
             results.write_json(provenance, folder / "run.json")
         draw_page(place.path)
         if not quiet:
-            echo(f"{words}\nwrote {place.path / 'report.html'}")
+            echo(words)
+            explained(warned_codes(analysis.diagnostics))
+            echo(f"wrote {place.path / 'report.html'}")
         return bool(analysis.diagnostics["passed"])
 
 

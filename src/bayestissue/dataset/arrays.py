@@ -155,7 +155,9 @@ def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
         table = pd.DataFrame(impacts).drop(columns="trace", errors="ignore")
     except (TypeError, ValueError) as error:
         remedy = "Pass a pandas table, columns of equal length by name, or one dictionary per impact."
-        raise InputError(Problem(IMPACTS, "a table of impacts", remedy, value=str(error))) from None
+        raise InputError(
+            Problem(IMPACTS, "a table of impacts", remedy, value=str(error), code="array-shape")
+        ) from None
     columns = [[_text(value) for value in table.iloc[:, place]] for place in range(table.shape[1])]
     body = [list(record) for record in zip(*columns, strict=True)]
     return [str(name).strip() for name in table.columns], body
@@ -195,7 +197,9 @@ def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Sample
         labels = Labels(np.array([place[text] for text in texts], int)[codes], distinct)
         times, readings = (_numbers(traces[name], _LONG, name, None) for name in columns)
         if not len(codes):
-            raise InputError(Problem(_LONG, "one row per sample", "Add the samples.", value="no rows"))
+            raise InputError(
+                Problem(_LONG, "one row per sample", "Add the samples.", value="no rows", code="no-rows")
+            )
         return _Samples(_LONG, times, readings, labels, np.arange(len(codes)) + _FIRST_ROW)
     if isinstance(traces, Mapping):
         named = [(_text(name), trace) for name, trace in traces.items()]
@@ -204,7 +208,9 @@ def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Sample
     else:
         found = f"{len(traces)} recordings" if isinstance(traces, Sequence) else type(traces).__name__
         remedy = "Pass a long table, recordings by impact, or one for each impact in their order."
-        raise InputError(Problem(_SINGLE, f"recordings of {len(impacts)} impacts", remedy, value=found))
+        raise InputError(
+            Problem(_SINGLE, f"recordings of {len(impacts)} impacts", remedy, value=found, code="array-shape")
+        )
     return _joined(named, columns)
 
 
@@ -234,7 +240,9 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[Numbers, N
         trace = trace[columns[0]], trace[columns[1]]
     if not isinstance(trace, tuple | list) or len(trace) != len(columns):
         remedy = f"Pass (time, value), or a table with {columns[0]} and {columns[1]}."
-        problem = Problem(_SINGLE, "a pair of arrays", remedy, value=type(trace).__name__, impact=impact)
+        problem = Problem(
+            _SINGLE, "a pair of arrays", remedy, value=type(trace).__name__, impact=impact, code="array-shape"
+        )
         raise InputError(problem)
     times, readings = (
         _numbers(each, _SINGLE, name, impact) for each, name in zip(trace, columns, strict=True)
@@ -247,6 +255,7 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[Numbers, N
                 "Pass the two arrays of one recording.",
                 value=f"{len(times.array)} times and {len(readings.array)} values",
                 impact=impact,
+                code="array-shape",
             )
         )
     return times, readings
@@ -264,7 +273,9 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Number
     found = f"an array of shape {np.shape(values)} of {getattr(values, 'dtype', type(values).__name__)}"
     expected = "one number for each sample, times counted in time_unit"
     remedy = "Pass a one-dimensional array of numbers."
-    raise InputError(Problem(label, expected, remedy, column=column, value=found, impact=impact))
+    raise InputError(
+        Problem(label, expected, remedy, column=column, value=found, impact=impact, code="array-shape")
+    )
 
 
 def _end_to_end(parts: list[Numbers]) -> Numbers:

@@ -67,7 +67,13 @@ def _not_numbers(recordings: Recordings) -> Iterator[Problem]:
             found = samples.text.get(int(at), str(values[at])) or "an empty cell"
             more = f" {times - 1} more samples of this impact are like this." if times > 1 else ""
             yield recordings.problem(
-                which, "a finite number", f"Correct the cell.{more}", value=found, at=at, column=column
+                which,
+                "a finite number",
+                f"Correct the cell.{more}",
+                value=found,
+                at=at,
+                column=column,
+                code="not-a-number",
             )
 
 
@@ -79,6 +85,7 @@ def _few(recordings: Recordings) -> Iterator[Problem]:
             f"at least {MIN_SAMPLES} samples",
             "Export the whole recording, or take the impact out.",
             value=f"{samples.count[which]} samples",
+            code="too-few-samples",
         )
 
 
@@ -98,6 +105,7 @@ def _time(recordings: Recordings) -> Iterator[Problem]:
             value=f"{samples.time[at + 1]:.9g} s",
             at=at + 1,
             column=samples.time_column,
+            code="times-disorder",
         )
     mean = (samples.time[end - 1] - samples.time[begin]) / (samples.count - 1)
     owner = samples.owner
@@ -113,6 +121,7 @@ def _time(recordings: Recordings) -> Iterator[Problem]:
             value=f"a step of {steps[at]:.6g} s where most are {np.median(steps):.6g} s",
             at=begin[which] + at + 1,
             column=samples.time_column,
+            code="uneven-times",
         )
 
 
@@ -128,4 +137,5 @@ def _rate(recordings: Recordings) -> Iterator[Problem]:
             "Correct signal.time_unit, the times, or sampling_rate_hz.",
             value=f"{found[which]:g} Hz",
             column=samples.time_column,
+            code="sampling-rate",
         )

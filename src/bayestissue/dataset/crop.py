@@ -57,6 +57,7 @@ class Windows:
             f"Correct signal.crop in dataset.toml, or {' and '.join(COLUMNS)} in impacts.csv.",
             value=f"times from {time.min():.6g} to {time.max():.6g} s" if time.size else "no samples",
             impact=impact or None,
+            code="crop",
         )
 
 

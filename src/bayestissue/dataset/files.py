@@ -31,7 +31,15 @@ def largest() -> float:
     except ValueError:
         megabytes = float("nan")
     if not megabytes > 0:
-        raise InputError(Problem(LIMIT, "a number of megabytes above 0", "Correct or unset it.", value=said))
+        raise InputError(
+            Problem(
+                LIMIT,
+                "a number of megabytes above 0",
+                "Correct or unset it.",
+                value=said,
+                code="file-too-large",
+            )
+        )
     return megabytes * 1e6
 
 
@@ -54,6 +62,7 @@ def require_small(size: float, label: str, *, share: float = 1.0, known: bool = 
                 f"at most {limit / 1e6:.6g} MB once unpacked",
                 f"If the file is what it should be, set the environment variable {LIMIT} to more.",
                 value=f"{'' if known else 'more than '}{size / 1e6:.4g} MB",
+                code="file-too-large",
             )
         )
 
@@ -74,23 +83,41 @@ def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> by
         about = path.stat()
         if not stat.S_ISREG(about.st_mode):
             found = "a folder" if stat.S_ISDIR(about.st_mode) else "a device, a pipe or the like"
-            raise InputError(Problem(label, "a readable, regular file", remedy, value=found))
+            raise InputError(
+                Problem(label, "a readable, regular file", remedy, value=found, code="unreadable-file")
+            )
         require_small(about.st_size, label, share=share)
         data = _unpacked(path, label) if path.suffix == ".gz" and about.st_size else path.read_bytes()
     except InputError:
         raise
     except FileNotFoundError:
-        raise InputError(Problem(label, "a file", remedy, value="no such file")) from None
+        raise InputError(Problem(label, "a file", remedy, value="no such file", code="no-file")) from None
     except (gzip.BadGzipFile, EOFError, zlib.error) as error:
         raise InputError(
-            Problem(label, "a whole gzip file", "Pack the file anew or copy it again.", value=str(error))
+            Problem(
+                label,
+                "a whole gzip file",
+                "Pack the file anew or copy it again.",
+                value=str(error),
+                code="damaged-file",
+            )
         ) from None
     except (OSError, ValueError) as error:
         raise InputError(
-            Problem(label, "a readable file", "Check its name and permissions.", value=str(error))
+            Problem(
+                label,
+                "a readable file",
+                "Check its name and permissions.",
+                value=str(error),
+                code="unreadable-file",
+            )
         ) from None
     if not data or data.isspace():
-        raise InputError(Problem(label, "a header and data", "Export the file anew.", value="an empty file"))
+        raise InputError(
+            Problem(
+                label, "a header and data", "Export the file anew.", value="an empty file", code="no-rows"
+            )
+        )
     return data
 
 
@@ -141,6 +168,7 @@ def first_line(data: bytes, label: str) -> bytes:
                 "Export the file anew, as text with line ends.",
                 row=1,
                 value=line[:60].decode("utf-8", "replace"),
+                code="not-text",
             )
         )
     return line
@@ -160,6 +188,7 @@ def require_utf8(data: bytes, label: str) -> None:
                 'Save the file as "CSV UTF-8", or export it anew.',
                 row=data.count(b"\n", 0, zero) + 1,
                 value="a byte that is 0",
+                code="not-text",
             )
         )
     if data.isascii():
@@ -174,5 +203,6 @@ def require_utf8(data: bytes, label: str) -> None:
                 'Save the file as "CSV UTF-8".',
                 row=data[: error.start].count(b"\n") + 1,
                 value=data[error.start : error.start + 1],
+                code="not-text",
             )
         ) from None

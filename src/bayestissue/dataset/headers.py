@@ -29,7 +29,14 @@ def column_problems(label: str, names: Sequence[str], wanted: Sequence[str]) -> 
         if len(names) == 1 and ";" in names[0]:
             hint = "Save the file with commas between the cells and points in the numbers."
         problems.append(
-            Problem(label, f'a column "{name}"', hint, row=1, value=", ".join(names) or "no column names")
+            Problem(
+                label,
+                f'a column "{name}"',
+                hint,
+                row=1,
+                value=", ".join(names) or "no column names",
+                code="missing-column",
+            )
         )
     twice = [name for name, count in Counter(names).items() if count > 1 and (name in wanted or not wanted)]
     problems += [
@@ -40,6 +47,7 @@ def column_problems(label: str, names: Sequence[str], wanted: Sequence[str]) -> 
             row=1,
             column=name,
             value=name,
+            code="column-names",
         )
         for name in twice
     ]

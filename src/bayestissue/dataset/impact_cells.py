@@ -55,6 +55,7 @@ def read_cells(
                 "Mend the quotes in this row.",
                 reader.line_num,
                 value=str(error),
+                code="cells-in-a-row",
             )
         ) from None
     names, *body = records
@@ -85,7 +86,9 @@ def cells_of(
     problems += [p for p in column_problems(label, names, ()) if p.column not in wanted]
     if any(has_control_characters(name) for name in names):
         expected = "names of columns on one line and without control characters"
-        problems.append(Problem(label, expected, "Rename the column.", row=1, value=", ".join(names)))
+        problems.append(
+            Problem(label, expected, "Rename the column.", row=1, value=", ".join(names), code="column-names")
+        )
     if "" in names:
         problems.append(
             Problem(
@@ -94,6 +97,7 @@ def cells_of(
                 "Name the column or remove it.",
                 row=1,
                 value=", ".join(names),
+                code="column-names",
             )
         )
     problems += [
@@ -103,13 +107,20 @@ def cells_of(
             "Put one cell under every column name; decimals need a point, not a comma.",
             row=line,
             value=f"{len(cells)} cells: {','.join(cells)}",
+            code="cells-in-a-row",
         )
         for line, cells in zip(lines, body, strict=True)
         if len(cells) != len(names)
     ]
     if not body:
         problems.append(
-            Problem(label, "one row per impact", "Add the impacts.", value="no rows below the header")
+            Problem(
+                label,
+                "one row per impact",
+                "Add the impacts.",
+                value="no rows below the header",
+                code="no-rows",
+            )
         )
     if problems:
         raise InputError(problems)
@@ -127,6 +138,7 @@ def control_characters(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
             column=name,
             value=text,
             impact=impact or None,
+            code="control-characters",
         )
         for name in cells.columns
         for text, row, impact in zip(cells[name], rows, cells["impact"], strict=True)

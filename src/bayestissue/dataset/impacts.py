@@ -113,6 +113,7 @@ def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
             column=name,
             value="an empty cell",
             impact=impact or None,
+            code="empty-cell",
         )
         for name in _TEXT
         for text, row, impact in zip(cells[name], rows, cells["impact"], strict=True)
@@ -131,6 +132,7 @@ def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
                     column="impact",
                     value=impact,
                     impact=impact,
+                    code="impact-twice",
                 )
             )
         seen.setdefault(impact, int(row))
@@ -147,6 +149,7 @@ def _too_large(name: str, texts: list[str], rows: np.ndarray, impacts: pd.Series
             column=name,
             value=texts[index],
             impact=impacts[index] or None,
+            code="impossible-value",
         )
         for index in np.flatnonzero(np.abs(_numbers(texts)) >= _LARGEST_COVARIATE)
     ]
@@ -172,6 +175,7 @@ def _positive(
             column=name,
             value=texts[index] or "an empty cell",
             impact=impacts[index] or None,
+            code="impossible-value",
         )
         for index in np.flatnonzero(~good)
         if texts[index] or not optional
@@ -192,6 +196,7 @@ def _times(
             column=name,
             value=texts[index],
             impact=impacts[index] or None,
+            code="crop",
         )
         for index in np.flatnonzero(~np.isfinite(values))
         if texts[index]
@@ -215,6 +220,7 @@ def _reversed(table: pd.DataFrame, rows: np.ndarray) -> Iterator[Problem]:
             column=CROP[1],
             value=float(stop[index]),
             impact=table["impact"].iloc[index] or None,
+            code="crop",
         )
 
 
@@ -244,6 +250,7 @@ def _covariate(
                 column=name,
                 value=texts[odd[0]] or "an empty cell",
                 impact=impacts[odd[0]] or None,
+                code="unusual-value",
             )
         ]
         if odd.size
@@ -283,6 +290,7 @@ def _unlikely(table: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
             column=name,
             value=float(table[name].iloc[first]),
             impact=str(table["impact"].iloc[first]) or None,
+            code="unusual-value",
         )
         for name, where, expected, question in odd
         if where.any()

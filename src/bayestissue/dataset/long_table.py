@@ -100,6 +100,7 @@ def _the_one(folder: Path) -> Path:
             "one table of all samples, or a column trace in impacts.csv that names a file per impact",
             "Remove the others." if found else f"Add one of {', '.join(LONG_TABLES)}.",
             value=", ".join(path.name for path in found) or "no table of samples",
+            code="which-recordings",
         )
     )
 
@@ -130,6 +131,7 @@ def _strangers(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -
             column="impact",
             value=labels.names[name] or "an empty cell",
             impact=labels.names[name] or None,
+            code="impacts-and-recordings",
         )
         for name, index in zip(names, first, strict=True)
     ]
@@ -144,6 +146,7 @@ def _absent(file: str, impacts: list[str], place: dict[str, int], count: np.ndar
             column="impact",
             value="no samples",
             impact=impacts[index],
+            code="impacts-and-recordings",
         )
         for index in np.flatnonzero(count == 0)
         # A name that stands there twice has been reported as such.

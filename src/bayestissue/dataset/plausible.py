@@ -35,6 +35,7 @@ def clock_problems(recordings: Recordings) -> Iterator[Problem]:
             remedy,
             value=f"one every {step[which]:.4g} s",
             column=samples.time_column,
+            code="unit",
         )
     for which in np.flatnonzero((lasts > 0) & (lasts < SHORTEST_S)):
         yield recordings.problem(
@@ -43,6 +44,7 @@ def clock_problems(recordings: Recordings) -> Iterator[Problem]:
             remedy,
             value=f"one of {lasts[which]:.4g} s",
             column=samples.time_column,
+            code="unit",
         )
 
 
@@ -79,6 +81,7 @@ def _dead(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             "a signal that changes",
             "Check which channel was exported.",
             value=f"{moving.high[which]:g} in every sample",
+            code="constant-signal",
         )
 
 
@@ -89,6 +92,7 @@ def _coarse(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             f"at least {MIN_SAMPLES} samples above a tenth of the greatest deceleration",
             "Record at a higher rate, or check that this is an impact.",
             value=f"{moving.pulse[which]} samples",
+            code="narrow-peak",
         )
 
 
@@ -101,6 +105,7 @@ def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             "Record again with a wider range, or take the impact out: what lies above the limit is lost.",
             value=f"{count} samples at {top:g}",
             at=at,
+            code="clipped",
         )
 
 
@@ -111,6 +116,7 @@ def _wrong_way(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             "a displacement that grows as the impactor goes into the tissue",
             "Write a negative signal.scale in dataset.toml if the recorder counts the other way.",
             value=f"{moving.extreme[which]:g} m from the first sample",
+            code="sign",
         )
 
 
@@ -122,6 +128,7 @@ def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             f"a displacement below {DEEPEST_M:g} m",
             "Check signal.unit and signal.scale in dataset.toml.",
             value=f"{moving.extreme[which]:.4g} m",
+            code="unit",
         )
     for which in np.flatnonzero((moving.extreme > 0) & (moving.extreme <= DEEPEST_M) & (velocity > 0)):
         mine = slice(samples.start[which], moving.peak[which] + 1)
@@ -136,6 +143,7 @@ def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
                 f"a displacement that grows at a speed like the {velocity[which]:.4g} m/s at contact",
                 "Check signal.unit, signal.time_unit and signal.scale, and the velocity in impacts.csv.",
                 value=f"{speed:.4g} m/s on average",
+                code="velocity-off",
             )
 
 
@@ -146,6 +154,7 @@ def _still_sinking(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             "a recording that goes on past the greatest displacement",
             "Zero velocity may lie beyond the end of the recording.",
             value="the greatest displacement at the end",
+            code="ends-early",
         )
 
 
@@ -164,6 +173,7 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             "an impactor that slows down",
             'Is signal.quantity right? An "acceleration" is the negative of a "deceleration".',
             value=f"a speed that grows by {moving.gain[which]:.4g} m/s",
+            code="sign",
         )
     for which in np.flatnonzero(short):
         yield recordings.problem(
@@ -171,6 +181,7 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             f"a recording until zero velocity: the speed must fall by {velocity[which]:.4g} m/s",
             "Export a longer recording; check signal.unit, time_unit, scale and the velocity too.",
             value=f"a speed that falls by {moving.loss[which]:.4g} m/s",
+            code="ends-early",
         )
     for which in np.flatnonzero(absurd):
         yield recordings.problem(
@@ -178,6 +189,7 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             f"a speed that falls by no more than twice the {velocity[which]:.4g} m/s at contact",
             "Check signal.unit, time_unit and scale, and the velocity in impacts.csv.",
             value=f"a speed that falls by {moving.pulse_loss[which]:.4g} m/s",
+            code="velocity-off",
         )
 
 
@@ -190,4 +202,5 @@ def _fast(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             f"a speed that falls by no more than twice the {velocity[which]:.4g} m/s at contact",
             "Has the recorder an offset? Check signal.offset, signal.unit and the velocity.",
             value=f"a speed that falls by {moving.loss[which]:.4g} m/s",
+            code="velocity-off",
         )

@@ -126,19 +126,34 @@ def _read_table(path: Path, name: str, problems: list[Problem]) -> pd.DataFrame:
         table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8").fillna("")
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         problems.append(
-            Problem(str(path), expected="a readable CSV table", remedy=_MEND, value=type(error).__name__)
+            Problem(
+                str(path),
+                expected="a readable CSV table",
+                remedy=_MEND,
+                value=type(error).__name__,
+                code="published-table",
+            )
         )
         return pd.DataFrame()
     # pandas takes the first cells of rows that are longer than the header for row names.
     if not isinstance(table.index, pd.RangeIndex):
-        problems.append(Problem(str(path), expected="as many cells in a row as in the header", remedy=_MEND))
+        problems.append(
+            Problem(
+                str(path),
+                expected="as many cells in a row as in the header",
+                remedy=_MEND,
+                code="published-table",
+            )
+        )
         return table
     missing = [column for column in layout.columns if column not in table]
     if missing or table.empty:
         problems += [
-            Problem(str(path), expected="this column", remedy=_MEND, row=1, column=column)
+            Problem(
+                str(path), expected="this column", remedy=_MEND, row=1, column=column, code="published-table"
+            )
             for column in missing
-        ] or [Problem(str(path), expected="at least one row", remedy=_MEND)]
+        ] or [Problem(str(path), expected="at least one row", remedy=_MEND, code="published-table")]
         return table
     found = _wrong_labels(table, path, name)
     for column in layout.integers + layout.printed:
@@ -168,7 +183,13 @@ def _read_column(table: pd.DataFrame, column: str, layout: _Layout, path: Path) 
     table[column] = values if column in layout.printed or bad.any() else values.astype("int64")
     return [
         Problem(
-            str(path), expected=expected, remedy=_MEND, row=_line(index), column=column, value=text[index]
+            str(path),
+            expected=expected,
+            remedy=_MEND,
+            row=_line(index),
+            column=column,
+            value=text[index],
+            code="published-table",
         )
         for index in table.index[bad]
     ]
@@ -191,6 +212,7 @@ def _wrong_labels(table: pd.DataFrame, path: Path, name: str) -> list[Problem]:
                 row=_line(index),
                 column=column,
                 value=table.loc[index, column],
+                code="published-table",
             )
             for index in table.index[wrong]
         ]
@@ -207,6 +229,7 @@ def _rows_that_stand_twice(table: pd.DataFrame, layout: _Layout, path: Path) -> 
             row=_line(index),
             column=keys[-1],
             value=", ".join(str(value) for value in table.loc[index, keys]),
+            code="published-table",
         )
         for index in table.index[table.duplicated(keys)]
     ]
@@ -231,6 +254,7 @@ def _conditions_that_disagree(
                     row=_line(index),
                     column=column,
                     value=table.loc[index, column],
+                    code="published-table",
                 )
                 for index in table.index[table[column] != expected]
             ]

@@ -43,6 +43,7 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
                 "a folder with dataset.toml, impacts.csv and the recordings",
                 "Check the path.",
                 value="a file" if folder.exists() else "no such folder",
+                code="no-dataset",
             )
         )
     settings, table = _tables(folder)
@@ -135,6 +136,7 @@ def _files(folder: Path, table: ImpactTable, settings: Settings) -> Reading:
                     "either one table of all samples or a file per impact",
                     "Remove the table, or the column trace from impacts.csv.",
                     value=f"{found[0].name} beside a column trace in impacts.csv",
+                    code="which-recordings",
                 ),
             ]
         )
@@ -158,7 +160,11 @@ def _refuse(problems: list[Problem], skip_bad: bool, table: ImpactTable) -> None
             [
                 *problems,
                 Problem(
-                    IMPACTS, "at least one impact with nothing wrong", "Mend the above.", value="none left"
+                    IMPACTS,
+                    "at least one impact with nothing wrong",
+                    "Mend the above.",
+                    value="none left",
+                    code="none-left",
                 ),
             ]
         )

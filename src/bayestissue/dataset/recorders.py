@@ -87,6 +87,7 @@ def _contents(path: Path, label: str) -> Contents:
                 f"a file ending in {', '.join(SUFFIXES)}",
                 "Export the recording in one of these formats.",
                 value=path.name,
+                code="recorder-format",
             )
         )
     data = read_bytes(path, label, REMEDY, share=FORMATS[suffix].share)
@@ -95,14 +96,22 @@ def _contents(path: Path, label: str) -> Contents:
             warnings.simplefilter("ignore")
             return FORMATS[suffix].read(data, label)
     except UnfitError as error:
-        raise InputError(Problem(label, error.expected, error.remedy, value=error.found)) from None
+        raise InputError(
+            Problem(label, error.expected, error.remedy, value=error.found, code="recorder-file")
+        ) from None
     except InputError:
         raise
     except Exception as error:
         # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
         found = (str(error).splitlines() or [""])[0] or type(error).__name__
         raise InputError(
-            Problem(label, f"a whole {suffix} file", "Copy or export the recording anew.", value=found)
+            Problem(
+                label,
+                f"a whole {suffix} file",
+                "Copy or export the recording anew.",
+                value=found,
+                code="damaged-file",
+            )
         ) from error
 
 
@@ -136,6 +145,7 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
                     f"Name one of the channels as signal.{key} in dataset.toml.",
                     column=wanted,
                     value=", ".join(channels) or "no channels of numbers",
+                    code="no-channel",
                 )
             )
     if problems:
@@ -149,6 +159,7 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
                 "Export both channels over the same span.",
                 column=signal.time_column,
                 value=time.values.size,
+                code="clock-and-channel",
             )
         )
     return Recording(

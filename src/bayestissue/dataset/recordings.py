@@ -11,6 +11,7 @@ from jaxtyping import Float64, Shaped
 from bayestissue.dataset.model import Quantity, Uncertainty
 from bayestissue.dataset.samples import Samples
 from bayestissue.errors import Problem
+from bayestissue.remedies import Code
 
 
 @dataclass(frozen=True, eq=False)
@@ -70,6 +71,7 @@ class Recordings:
         value: object,
         at: int | np.integer | None = None,
         column: str | None = None,
+        code: Code,
     ) -> Problem:
         """What is wrong with recording ``which``, at the sample ``at`` if it is one sample's fault."""
         return Problem(
@@ -80,4 +82,5 @@ class Recordings:
             column=column or self.samples.value_column,
             value=value,
             impact=str(self.name[which]) or None,
+            code=code,
         )

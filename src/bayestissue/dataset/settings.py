@@ -163,7 +163,11 @@ def read_settings(path: Path) -> Settings:
     """
     if not path.exists():
         remedy = 'Write one with name = "…" and a table [signal] with quantity and unit; see data/README.md.'
-        raise InputError(Problem(FILE, "a dataset.toml in the folder", remedy, value="no file of that name"))
+        raise InputError(
+            Problem(
+                FILE, "a dataset.toml in the folder", remedy, value="no file of that name", code="no-dataset"
+            )
+        )
     text = read_text(path, FILE)
     return parse_settings(parse_toml(text, FILE), text)
 
@@ -214,6 +218,7 @@ def _unit_problems(raw: dict[str, Any], text: str) -> list[Problem]:
                     row=row_of(text, ("signal", key)),
                     column=f"signal.{key}",
                     value=unit,
+                    code="unit",
                 )
             )
     return problems

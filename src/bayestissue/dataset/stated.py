@@ -32,6 +32,7 @@ def stated_problems(recordings: Recordings) -> Iterator[Problem]:
             "Write it in m/s: 5 mm/s is 0.005, and 1 % of 1.5 m/s is 0.015.",
             column="uncertainty.velocity_sd_m_s",
             value=stated.velocity_sd_m_s,
+            code="stated-error-too-large",
         )
     moving = motion(recordings.samples, recordings.quantity)
     reach = float(np.median(np.maximum(np.abs(moving.high), np.abs(moving.low))))
@@ -43,4 +44,5 @@ def stated_problems(recordings: Recordings) -> Iterator[Problem]:
             f"Write it in {unit}, whatever signal.unit is.",
             column="uncertainty.offset_sd",
             value=stated.offset_sd,
+            code="stated-error-too-large",
         )

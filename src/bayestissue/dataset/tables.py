@@ -69,7 +69,12 @@ def read_table(
         if unfit := [name for name in numbers if not _numeric(table[name].type)]:
             raise InputError(
                 Problem(
-                    label, "numbers", "Store the column as numbers.", column=name, value=str(table[name].type)
+                    label,
+                    "numbers",
+                    "Store the column as numbers.",
+                    column=name,
+                    value=str(table[name].type),
+                    code="column-type",
                 )
                 for name in unfit
             )
@@ -77,7 +82,9 @@ def read_table(
     else:
         table, columns = _csv(data, label, numbers, labels)
     if not table.num_rows:
-        raise InputError(Problem(label, "rows below the header", "Export the file anew.", value="no rows"))
+        raise InputError(
+            Problem(label, "rows below the header", "Export the file anew.", value="no rows", code="no-rows")
+        )
     return columns, {name: _labels(table[name]) for name in labels}
 
 
@@ -132,7 +139,9 @@ def _as_text(data: bytes, label: str, names: list[str], types: dict[str, pa.Data
         return _parse(data, label, names, types)
     except pa.ArrowInvalid as error:
         remedy = "Export the file anew."
-        raise InputError(Problem(label, "a header and rows of cells", remedy, value=_words(error))) from error
+        raise InputError(
+            Problem(label, "a header and rows of cells", remedy, value=_words(error), code="cells-in-a-row")
+        ) from error
 
 
 def _parse(data: bytes, label: str, names: list[str], types: dict[str, pa.DataType]) -> pa.Table:
@@ -147,6 +156,7 @@ def _parse(data: bytes, label: str, names: list[str], types: dict[str, pa.DataTy
                     "Put one cell under every column name; decimals need a point, not a comma.",
                     row=row.number,
                     value=f"{row.actual_columns} cells: {row.text}",
+                    code="cells-in-a-row",
                 )
             )
         return "skip"
@@ -210,7 +220,13 @@ def _schema(data: bytes, label: str) -> pa.Schema:
 def _damaged(label: str, error: Exception) -> InputError:
     # A damaged file can fail anywhere in the decoder, with whatever that part raises.
     return InputError(
-        Problem(label, "a whole Parquet file", "Copy or export the file anew.", value=_words(error))
+        Problem(
+            label,
+            "a whole Parquet file",
+            "Copy or export the file anew.",
+            value=_words(error),
+            code="damaged-file",
+        )
     )
 
 
@@ -223,7 +239,14 @@ def _no_names(label: str, schema: pa.Schema, labels: Sequence[str]) -> list[Prob
     found = {name: schema.field(name).type for name in labels if schema.names.count(name) == 1}
     kinds = {n: kind.value_type if pa.types.is_dictionary(kind) else kind for n, kind in found.items()}
     return [
-        Problem(label, "names, as text", "Store the column as text.", column=name, value=str(found[name]))
+        Problem(
+            label,
+            "names, as text",
+            "Store the column as text.",
+            column=name,
+            value=str(found[name]),
+            code="column-type",
+        )
         for name, kind in kinds.items()
         if not (_is_text(kind) or pa.types.is_integer(kind) or pa.types.is_null(kind))
     ]

@@ -125,6 +125,7 @@ def _require_apart(
                 f"{name}, from {windows.start[index]:.6g} to {windows.stop[index]:.6g} s"
                 if cropped
                 else name,
+                code="impacts-and-recordings",
             )
         )
 
@@ -143,7 +144,17 @@ def _inside(folder: Path, name: str, row: int) -> Path:
         expected = "a path inside the dataset's folder"
         remedy = "Put the recording into the folder and name it relative to dataset.toml."
     if expected:
-        raise InputError(Problem("impacts.csv", expected, remedy, row, "trace", name or "an empty cell"))
+        raise InputError(
+            Problem(
+                "impacts.csv",
+                expected,
+                remedy,
+                row,
+                "trace",
+                name or "an empty cell",
+                code="which-recordings",
+            )
+        )
     return path
 
 
@@ -161,5 +172,6 @@ def _time(recording: Recording, rate: float, file: str, signal: SignalSettings) 
             "Name the time column as signal.time_column in dataset.toml, or state the sampling rate.",
             column=signal.time_column,
             value="no times",
+            code="no-times",
         )
     )

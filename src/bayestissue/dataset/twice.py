@@ -44,6 +44,7 @@ def alike_names(table: pd.DataFrame, rows: np.ndarray, file: str) -> list[Proble
                     column=column,
                     value=text,
                     impact=str(table["impact"].iloc[at]) or None,
+                    code="two-spellings",
                 )
             )
     return warnings
@@ -67,6 +68,7 @@ def same_recordings(recordings: Recordings) -> list[Problem]:
                     "a recording of its own",
                     "Export the right recording, or take one of the two impacts out.",
                     value=f"the same samples as impact {recordings.name[earlier]}",
+                    code="recording-twice",
                 )
             )
     return warnings

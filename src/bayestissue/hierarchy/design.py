@@ -167,7 +167,7 @@ def _refusal(judged: Judged, formula: str, key: str, source: str) -> Problem:
     expected = "; ".join(dict.fromkeys(fault.expected for fault in faults))
     wrong = "; ".join(f"{fault.term}: {fault.reason}" if fault.term else fault.reason for fault in faults)
     remedy = f'What is wrong: {wrong}. Write "{judged.terms}" instead, or leave {key} out.'
-    return Problem(source, expected, remedy, column=key, value=formula)
+    return Problem(source, expected, remedy, column=key, value=formula, code="formula")
 
 
 def _response(parameter: str, judged: Judged) -> ResponseDesign:

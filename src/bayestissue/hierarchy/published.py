@@ -95,6 +95,7 @@ def _require_positive(published: PublishedTables) -> None:
             row=int(position) + 2,
             column=column,
             value=float(frame[column].iloc[position]),
+            code="published-table",
         )
         for name, frame, columns in (
             ("estimates", published.estimates, ("mass_kg", "K", "C")),

@@ -258,7 +258,7 @@ class ModelSpecification(_Table):
 
 
 def read_specification(path: Path) -> ModelSpecification:
-    """Read and check a model file.
+    """Read and check a model file; one without ``name`` has the file's.
 
     Raises:
         InputError: the file is missing, is not TOML, or holds a key or value that is not allowed; every
@@ -266,5 +266,6 @@ def read_specification(path: Path) -> ModelSpecification:
     """
     name = str(path)
     text = read_text(Path(path), name)
-    found = checked(parse_toml(text, name), ModelSpecification, file=name, text=text)
+    given = {"name": Path(path).stem} | parse_toml(text, name)
+    found = checked(given, ModelSpecification, file=name, text=text)
     return found.model_copy(update={"priors": found.complete_priors()})

@@ -113,6 +113,7 @@ def too_short(dataset: RecordedImpacts, signal: Displacements, source: str) -> l
             column="signal.window",
             impact=str(dataset.impacts["impact"].iloc[i]),
             value=int(signal.n_samples[i]),
+            code="too-few-samples",
         )
         for i in np.flatnonzero(signal.n_samples < FEWEST_SAMPLES)
     ]
@@ -172,6 +173,7 @@ def unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source
                 "`bayestissue reproduce`.",
                 column="likelihood",
                 value=specification.likelihood,
+                code="unsuited-likelihood",
             )
         )
     if specification.likelihood == "impact" and dataset.quantity == "displacement":
@@ -182,6 +184,7 @@ def unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source
                 "Use models/arma.toml: the impact likelihood reads recorded decelerations.",
                 column="likelihood",
                 value="impact",
+                code="unsuited-likelihood",
             )
         )
     if specification.likelihood != "impact" and specification.likelihood in KINDS and dataset.recorder:
@@ -194,6 +197,7 @@ def unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source
                 "small: `check` says by how much.",
                 column="likelihood",
                 value=specification.likelihood,
+                code="low-pass-not-applied",
             )
         )
     if specification.likelihood == "impact" and specification.signal.filter != "none":
@@ -204,6 +208,7 @@ def unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source
                 "Take signal.filter out: the likelihood itself tells impact from noise.",
                 column="signal.filter",
                 value=specification.signal.filter,
+                code="unsuited-likelihood",
             )
         )
     return problems
@@ -226,6 +231,7 @@ def _without_people(design: Design, source: str) -> list[Problem]:
                 remedy,
                 column=f"formula.{response}",
                 value=getattr(design.formulas, response),
+                code="unsuited-likelihood",
             )
         )
     return problems

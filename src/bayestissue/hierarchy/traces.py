@@ -44,7 +44,7 @@ NUISANCE: dict[str, tuple[str, ...]] = {
 }
 Record = DisplacementRecord | DecelerationRecord | ElementRecord
 LOG_2 = 0.6931471805599453
-# The site that holds the coordinates of all spreads where they are warped.
+# The site that holds the coordinates of all hyperparameters where they are warped.
 COORDINATES = "coordinates"
 _SHAPE_OF_MODEL = [
     *("kind", "locations", "priors", "correlated"),
@@ -84,14 +84,14 @@ class Hyperparameters:
         return ()
 
     @property
-    def spreads(self) -> tuple[str, ...]:
+    def hyperparameters(self) -> tuple[str, ...]:
         """Names of the standard deviations and correlations: all that is sampled but standard normals."""
         groups = sorted({name for name in self.locations.spread if name})
         own = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
         return (*groups, *own, *(f"sd_{name}" for name in self.nuisance))
 
     def prior_of(self, name: str) -> dist.Distribution:
-        """The prior of one of `spreads`."""
+        """The prior of one of `hyperparameters`."""
         prior = self.priors.by_name()[name]
         return HalfNormalSpread(prior.scale) if isinstance(prior, HalfNormal) else prior.numpyro()
 
@@ -139,8 +139,8 @@ class TraceModel(Hyperparameters):
     def may_have_grid(self) -> bool:
         """Whether a grid may stand for what traces say of that parameter: one that has no formula of its own.
 
-        All impacts then share its mean, the last element of b, which is sampled beside the spreads. Effects
-        of people and covariates on it are integrated out in closed form, which takes a Gaussian site.
+        All impacts then share its mean, the last element of b, which is sampled beside the hyperparameters.
+        Effects of people and covariates on it are integrated out in closed form, which takes a Gaussian site.
         """
         return self.weakly_identified and self.locations.each[-1].name == intercept(self.nuisance[-1])
 
@@ -217,7 +217,7 @@ def with_normal_errors(data: TraceData) -> TraceData:
 
 def sample_hyperparameters(model: Hyperparameters) -> dict[str, Array]:
     """Sample all standard deviations and the correlation from their priors."""
-    return {name: numpyro.sample(name, model.prior_of(name)) for name in model.spreads}
+    return {name: numpyro.sample(name, model.prior_of(name)) for name in model.hyperparameters}
 
 
 def sample_warped(
@@ -225,8 +225,8 @@ def sample_warped(
 ) -> tuple[dict[str, Array], Float[Array, " rest"]]:
     """The same on coordinates of one site, `COORDINATES`, in which the posterior is nearly normal.
 
-    ``warp`` maps them to the unconstrained ones in the order of `TraceModel.spreads`, and to any others that
-    the caller has a density for: those are returned as well.
+    ``warp`` maps them to the unconstrained ones in the order of `TraceModel.hyperparameters`, and to any
+    others that the caller has a density for: those are returned as well.
     """
     anything = dist.ImproperUniform(dist.constraints.real_vector, (), warp.location.shape)
     y = numpyro.sample(COORDINATES, anything)
@@ -235,18 +235,18 @@ def sample_warped(
     density = jnp.log(warp.slope(y)).sum()
     # Alike priors in one call: dozens of operations on single numbers take long to compile.
     for prior, names in _grouped(model):
-        values = raw[jnp.array([model.spreads.index(name) for name in names])]
+        values = raw[jnp.array([model.hyperparameters.index(name) for name in names])]
         transform = biject_to(prior.support)
         own = transform(values)
         density += (prior.log_prob(own) + transform.log_abs_det_jacobian(values, own)).sum()
         sites |= dict(zip(names, own, strict=True))
-    numpyro.factor("spreads", density)
-    return sites, raw[len(model.spreads) :]
+    numpyro.factor("hyperparameters", density)
+    return sites, raw[len(model.hyperparameters) :]
 
 
 def _grouped(model: Hyperparameters) -> list[tuple[dist.Distribution, list[str]]]:
-    """The spreads' priors, all half-normal ones as one of a vector."""
-    priors = {name: model.prior_of(name) for name in model.spreads}
+    """The hyperparameters' priors, all half-normal ones as one of a vector."""
+    priors = {name: model.prior_of(name) for name in model.hyperparameters}
     alike = [name for name, prior in priors.items() if isinstance(prior, HalfNormalSpread)]
     scales = jnp.array([priors[name].scale for name in alike])
     together = [(HalfNormalSpread(scales), alike)] if alike else []
@@ -255,7 +255,7 @@ def _grouped(model: Hyperparameters) -> list[tuple[dist.Distribution, list[str]]
 
 def constrained(model: Hyperparameters, raw: Mapping[str, Array]) -> dict[str, Array]:
     """The standard deviations and the correlation from their unconstrained coordinates, of any shape."""
-    return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.spreads}
+    return {name: biject_to(model.prior_of(name).support)(raw[name]) for name in model.hyperparameters}
 
 
 def population(model: TraceModel, sites: dict[str, Array]) -> Covariances:
@@ -273,15 +273,15 @@ def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True)
 
 def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
     """The same without the traces; returns each impact's parameters."""
-    spread = population(model, sample_hyperparameters(model))
-    b = numpyro.sample("locations", dist.Normal(data.location_mean, spread.locations).to_event(1))
+    covariances = population(model, sample_hyperparameters(model))
+    b = numpyro.sample("locations", dist.Normal(data.location_mean, covariances.locations).to_event(1))
     about = expected(data.design, b)
-    if spread.shared is not None:
+    if covariances.shared is not None:
         # K of a heavier person than recorded looks smaller, by as much in every impact.
-        person = dist.Normal(0.0, model.log_mass_sd).expand([len(spread.shared.effect_on_K)]).to_event(1)
-        error = of_impacts(data.design, spread, numpyro.sample("log_mass_error", person))
+        person = dist.Normal(0.0, model.log_mass_sd).expand([len(covariances.shared.effect_on_K)]).to_event(1)
+        error = of_impacts(data.design, covariances, numpyro.sample("log_mass_error", person))
         about = about.at[:2].add(-error)
-    kk, kc, cc = spread.own
+    kk, kc, cc = covariances.own
     own = jnp.stack([jnp.stack([kk, kc]), jnp.stack([kc, cc])])
     with numpyro.plate("impacts", data.log_mass.shape[0]):
         # Its check would be compiled in twenty pieces, even within a compiled function.
@@ -289,7 +289,7 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
         logs = numpyro.sample("log_K_and_C", pair)
         rest = [
             numpyro.sample(name, dist.Normal(mean, sd))
-            for name, mean, sd in zip(model.nuisance, about[2:], spread.nuisance, strict=True)
+            for name, mean, sd in zip(model.nuisance, about[2:], covariances.nuisance, strict=True)
         ]
     return [logs[..., 0], logs[..., 1], *rest]
 
@@ -297,29 +297,29 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
 def sampled_model(
     model: TraceModel,
     data: TraceData,
-    summaries: Sites,
+    sites: Sites,
     warp: SinhArcsinh | None = None,
     present: Bool[Array, " impact"] | None = None,
 ) -> None:
     """The same density over standard normals; `from_standard` gives b and u back.
 
     The factor is log p(b, u) + log |d(b, u) / d(standard normals)| less the standard normals' own density.
-    ``warp`` is the map from the coordinates that are sampled to the spreads' unconstrained ones, and to the
-    last location's standard normal if that is far from normal in the posterior: see `sample_warped`.
+    ``warp`` is the map from the coordinates that are sampled to the hyperparameters' unconstrained ones, and
+    to the last location's standard normal if that is far from normal in the posterior: see `sample_warped`.
     Of the traces those that are not ``present`` are left out, whose sites must be zero.
     """
-    count = len(model.spreads)
-    sites = (
+    count = len(model.hyperparameters)
+    sampled = (
         sample_hyperparameters(model) if warp is None else sample_warped(model, warp.part(slice(count)))[0]
     )
-    number, size = summaries.centre.shape
+    number, size = sites.centre.shape
     z_b = numpyro.sample("standard_locations", _standard(model.locations.size))
     z_u = numpyro.sample("standard_impacts", _standard(number, size))
     if warp is not None and warp.location.shape[0] > count:
         y, z_b = z_b[-1], warped(z_b, warp)
         numpyro.factor("warp", jnp.log(warp.part(-1).slope(y)) + (y**2 - z_b[-1] ** 2) / 2)
-    found = from_standard(model, data, summaries, sites, z_b, z_u)
-    density = found.conditional.log_marginal - summaries.log_density(jnp.stack(found.u, axis=-1)).sum()
+    found = from_standard(model, data, sites, sampled, z_b, z_u)
+    density = found.conditional.log_marginal - sites.log_density(jnp.stack(found.u, axis=-1)).sum()
     numpyro.factor("change_of_variables", density)
     u = found.u
     if present is not None:
@@ -356,13 +356,13 @@ class Drawn(NamedTuple):
 def from_standard(
     model: TraceModel,
     data: TraceData,
-    summaries: Sites,
-    sites: dict[str, Array],
+    sites: Sites,
+    sampled: dict[str, Array],
     z_b: Float[Array, " location"],
     z_u: Float[Array, "impact parameter"],
 ) -> Drawn:
     """The affine maps of `bayestissue.hierarchy.gaussian.conditional`, the standard deviations given."""
-    conditional = integrate_out(gaussian(data, summaries), population(model, sites))
+    conditional = integrate_out(gaussian(data, sites), population(model, sampled))
     b = conditional.draw_effects(z_b)
-    u = conditional.draw_impacts(summaries, b, z_u)
+    u = conditional.draw_impacts(sites, b, z_u)
     return Drawn(b, list(u), expected(data.design, b), conditional)

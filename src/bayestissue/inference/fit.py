@@ -93,12 +93,12 @@ def fit_traces(
     if wrong is not None:
         return wrong
     first = approximate(prepared, expansions=expansions, say=done)
-    sites, draws, correction = corrected_draws(prepared, settings, seed, summarised=first, say=say)
+    approximation, draws, correction = corrected_draws(prepared, settings, seed, approximation=first, say=say)
     route = Route(settings.path, correction)
     if route.exact:
-        return _exactly(prepared, specification, seed, say, checkpoints, route, sites)
-    told = LikelihoodApproximation(sites, correction.of_impacts)
-    return label(prepared, specification, sites, draws, seed, say, told, route)
+        return _exactly(prepared, specification, seed, say, checkpoints, route, approximation)
+    likelihood = LikelihoodApproximation(approximation, correction.of_impacts)
+    return label(prepared, specification, approximation, draws, seed, say, likelihood, route)
 
 
 def _plainly_wrong(prepared: Prepared, expansions: Sites, seed: int) -> dict[str, Any] | None:
@@ -119,12 +119,12 @@ def _exactly(
     scored: Approximation | None = None,
 ) -> TraceAnalysis:
     say(f"sampling by the exact path, {route.why}", 0, 1)
-    summarised = approximate(prepared, say=partial(say, "summarising each trace"))
+    approximation = approximate(prepared, say=partial(say, "summarising each trace"))
     settings, sampling = specification.sampler, _with_estimate(say)
-    draws = exact_draws(prepared, summarised, settings, seed, progress=sampling, checkpoints=checkpoints)
+    draws = exact_draws(prepared, approximation, settings, seed, progress=sampling, checkpoints=checkpoints)
     # Scores ask for sites that stand for the traces; those of the chains only whiten.
-    told = LikelihoodApproximation(scored or summarised)
-    return label(prepared, specification, summarised, draws, seed, say, told, route)
+    likelihood = LikelihoodApproximation(scored or approximation)
+    return label(prepared, specification, approximation, draws, seed, say, likelihood, route)
 
 
 def _with_estimate(say: Say) -> Progress:
@@ -143,31 +143,33 @@ def _with_estimate(say: Say) -> Progress:
 def label(
     prepared: Prepared,
     specification: ModelSpecification,
-    sites: Approximation,
+    approximation: Approximation,
     draws: Draws,
     seed: int,
     say: Say,
-    told: LikelihoodApproximation,
+    likelihood: LikelihoodApproximation,
     route: Route,
 ) -> TraceAnalysis:
-    """Everything that follows from the draws, which are in these sites' coordinates."""
+    """Everything that follows from the draws, which are in this approximation's coordinates."""
     say("predicting", 0, 1)
     key = jax.random.PRNGKey(seed)
-    unfolded = of_secant(prepared, constrained_draws(prepared, sites, draws, key, told=told))
-    return analyse(prepared, specification, unfolded, draws, seed, say, route)
+    constrained = of_secant(
+        prepared, constrained_draws(prepared, approximation, draws, key, likelihood=likelihood)
+    )
+    return analyse(prepared, specification, constrained, draws, seed, say, route)
 
 
 def analyse(
     prepared: Prepared,
     specification: ModelSpecification,
-    unfolded: ConstrainedDraws,
+    constrained: ConstrainedDraws,
     draws: Draws,
     seed: int,
     say: Say,
     route: Route,
 ) -> TraceAnalysis:
     """Labels, tables, checks and scores of draws of everything."""
-    tree = posterior_tree(prepared, specification, draws, unfolded, seed)
+    tree = posterior_tree(prepared, specification, draws, constrained, seed)
     posterior = tree["posterior"].dataset
     exponents = {
         q: posterior[f"mass_exponent_{q}"].to_numpy()
@@ -177,7 +179,7 @@ def analyse(
     say("checking and scoring", 0, 1)
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
     recorded = Recorded.of_run(tree["constant_data"].dataset, prepared.design.resolved())
-    budget = uncertainty_budget(prepared, unfolded)
+    budget = uncertainty_budget(prepared, constrained)
     repeatable, further = reliability(_variances(prepared, posterior, recorded, budget), posterior)
     tree["posterior"] = xr.DataTree(posterior := posterior.merge(further))
     summary = summary_table(posterior)

@@ -111,7 +111,9 @@ class Question:
         try:
             return replace(choices, rate_hz=float(text))
         except ValueError:
-            problem = Problem(self.option, "a number of Hz", "Write, say, 10000.", value=text)
+            problem = Problem(
+                self.option, "a number of Hz", "Write, say, 10000.", value=text, code="option-value"
+            )
             raise InputError(problem) from None
 
 
@@ -175,7 +177,9 @@ def _dimensions(quantity: str | None) -> list[Dimension]:
 
 
 def _no_channel(option: str, name: str, every: Iterable[str]) -> Problem:
-    return Problem(option, "a channel of the files", f"They have: {', '.join(every)}.", value=name)
+    return Problem(
+        option, "a channel of the files", f"They have: {', '.join(every)}.", value=name, code="no-channel"
+    )
 
 
 def _unit(channels: Sequence[About], dimensions: Sequence[Dimension]) -> str | None:

@@ -65,7 +65,9 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
         value = float(plain) if _PLAIN.fullmatch(plain) else math.nan
         if not 0 < value < math.inf:
             remedy = f"Correct {name} in the name of the file, in the table or in --set."
-            problems.append(Problem(file, "a number above 0", remedy, column=name, value=text))
+            problems.append(
+                Problem(file, "a number above 0", remedy, column=name, value=text, code="impossible-value")
+            )
             continue
         column, fill = _FILLS.get(name, (name, partial(_times, 1.0)))
         # Twelve digits are more than anybody measured, and fewer than show how 0.07 is kept.

@@ -87,12 +87,21 @@ def _once(sources: dict[str, tuple[str, ...]]) -> None:
             "Leave out all but one.",
             column=column,
             value=" and ".join(said),
+            code="facts-of-recordings",
         )
         for column, said in by_column.items()
         if len(said) > 1
     ]
     if "trace" in by_column:
-        problems.append(Problem("init", "no fact of that name", "Rename it: init fills it.", column="trace"))
+        problems.append(
+            Problem(
+                "init",
+                "no fact of that name",
+                "Rename it: init fills it.",
+                column="trace",
+                code="facts-of-recordings",
+            )
+        )
     if problems:
         raise InputError(problems)
 
@@ -121,6 +130,7 @@ class _Table:
                     "Add a row, or move the file out of the folder.",
                     column=FILE,
                     value="none",
+                    code="facts-of-recordings",
                 )
             )
         found: dict[int | None, dict[str, str]] = {}
@@ -129,7 +139,9 @@ class _Table:
             if number in found:
                 expected = f"one row for {file.name}" + (f", number {number}" if number else "")
                 remedy = "Remove one of the two, or tell several impacts apart by a column number (1, 2 ...)."
-                raise InputError(Problem(self.label, expected, remedy, line, FILE, row[FILE]))
+                raise InputError(
+                    Problem(self.label, expected, remedy, line, FILE, row[FILE], code="facts-of-recordings")
+                )
             found[number] = {name: row[name] for name in self.facts if row[name]}
         return found
 
@@ -140,7 +152,9 @@ class _Table:
             if len(own) != 1:
                 expected = "the name of one recording in the folder, with its folders where names repeat"
                 value = f"{row[FILE]}: {', '.join(own) or 'no such file'}"
-                yield Problem(self.label, expected, "Correct the cell.", line, FILE, value)
+                yield Problem(
+                    self.label, expected, "Correct the cell.", line, FILE, value, code="facts-of-recordings"
+                )
 
     def _number(self, line: int, row: dict[str, str]) -> int | None:
         text = row.get(NUMBER, "")
@@ -148,7 +162,11 @@ class _Table:
             return None
         if not text.isdecimal() or int(text) < 1:
             expected = "the number of the impact in its recording, from 1 on"
-            raise InputError(Problem(self.label, expected, "Correct the cell.", line, NUMBER, text))
+            raise InputError(
+                Problem(
+                    self.label, expected, "Correct the cell.", line, NUMBER, text, code="facts-of-recordings"
+                )
+            )
         return int(text)
 
 

@@ -91,7 +91,15 @@ def look(folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = ()) -
     root = Path(folder)
     if not root.is_dir():
         found = "a file" if root.exists() else "no such folder"
-        raise InputError(Problem(str(folder), "a folder of recorder files", "Check the path.", value=found))
+        raise InputError(
+            Problem(
+                str(folder),
+                "a folder of recorder files",
+                "Check the path.",
+                value=found,
+                code="no-recordings",
+            )
+        )
     skipped = {path.resolve() for path in ignore}
     paths = [path for path in _files(root) if path.resolve() not in skipped]
     wanted = [path for path in paths if suffix_of(path) in ((suffix,) if suffix else SUFFIXES)]
@@ -103,6 +111,7 @@ def look(folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = ()) -
                 f"files ending in {suffix or ', '.join(SUFFIXES)}",
                 "Export the recordings in one of these formats.",
                 value=f"files ending in {ends}" if paths else "no files",
+                code="no-recordings",
             )
         )
     files: list[File] = []

@@ -65,6 +65,7 @@ class Intake:
                 question.what + (f": {' or '.join(question.answers)}" if question.answers else ""),
                 f"Add, say, {question.line}",
                 value="none",
+                code="not-told",
             )
             for question in self.questions
         ]

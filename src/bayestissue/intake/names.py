@@ -80,6 +80,7 @@ class Pattern:
                     f'a name like "{self.text}"',
                     f"Rename a copy of the file, correct {OPTION}, or move the file out of the folder.",
                     value=name,
+                    code="file-names",
                 )
             )
         if shortest.groupdict() != longest.groupdict():
@@ -90,6 +91,7 @@ class Pattern:
                     f'one way to read "{self.text}"',
                     "Put other text between the fields, or give the facts as a table with --table.",
                     value=" or ".join(readings),
+                    code="file-names",
                 )
             )
         return shortest.groupdict()
@@ -115,5 +117,6 @@ def _unfit(text: str, found: str) -> InputError:
             f"the names in file names, each once in braces, such as {_EXAMPLE}",
             "Write {} for what does not matter, and {{ for a brace.",
             value=f"{text}: {found}",
+            code="file-names",
         )
     )

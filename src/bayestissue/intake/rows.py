@@ -75,7 +75,11 @@ def _pieces(
         remedy = "Correct the recording, or read a stretch of it with --crop."
         raise InputError(
             Problem(
-                file.name, "finite numbers", remedy, value=f"no number at {bad} of {trace.value.size} samples"
+                file.name,
+                "finite numbers",
+                remedy,
+                value=f"no number at {bad} of {trace.value.size} samples",
+                code="not-a-number",
             )
         )
     first, last = _ends(signal)
@@ -92,6 +96,7 @@ def _pieces(
                 told,
                 "Change --threshold or --separation-s, or correct the table.",
                 value=f"{len(stretches)} impacts",
+                code="several-impacts",
             )
         )
     common = facts.of_file[file.name]
@@ -120,6 +125,7 @@ def _require_unit(file: File, usual: dict[str, str]) -> None:
             "Export it in that unit, or make a dataset of its own of such files.",
             column=name,
             value=file.channels[name].unit or "no unit",
+            code="mixed-units",
         )
         for name, unit in usual.items()
         if name in file.channels and file.channels[name].unit != unit
@@ -133,7 +139,9 @@ def _require_one(file: File, facts: Facts) -> None:
     if len(numbers) > 1:
         remedy = "Add --several, so that the recording is cut apart."
         found = f"{len(numbers)} rows of the table"
-        raise InputError(Problem(file.name, "one impact in the recording", remedy, value=found))
+        raise InputError(
+            Problem(file.name, "one impact in the recording", remedy, value=found, code="several-impacts")
+        )
 
 
 def stated_rate(cells: Cells, choices: Choices) -> float:

@@ -104,6 +104,7 @@ def check_page(
             columns("severity", "impacts", "what", words=("impacts", "what")),
             [*_problems("left out", dataset.left_out), *_problems("warning", warnings)],
         ),
+        codes=[problem.code for problem in (*dataset.left_out, *warnings)],
         quality=_quality(quality.loc[shown]),
         input_hash=dataset.input_hash,
     )

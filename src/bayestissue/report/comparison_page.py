@@ -8,6 +8,7 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.errors import InputError, Problem
+from bayestissue.remedies import codes_in
 from bayestissue.report.comparison_figures import MOST_PEOPLE, comparison_figure, side_by_side_figure
 from bayestissue.report.comparison_weights import (
     OF_IMPACTS,
@@ -60,7 +61,9 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
     if not isinstance(runs, list) or not all(
         isinstance(r, dict) and {"name", "model"} <= set(r) for r in runs
     ):
-        raise InputError(Problem(str(folder / "run.json"), "the runs compared", _AGAIN, column="runs"))
+        raise InputError(
+            Problem(str(folder / "run.json"), "the runs compared", _AGAIN, column="runs", code="damaged-run")
+        )
     require_files(folder, [f"{layout.name}.csv" for layout in _TABLES])
     tables = read_tables(folder, _TABLES)
     comparison, posteriors, implied = (tables[name] for name in ("comparison", "posteriors", "implied"))
@@ -83,6 +86,7 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
         best=best_of_each_data(comparison),
         unsure=unsure_words(comparison),
         apart=apart_words(comparison),
+        codes=codes_in("; ".join(comparison["warning"])),
         at_depth=bool((posteriors["variable"] == "mass_exponent_K_common_depth").any()),
         exponents={q: exponent_rows(posteriors, names, q) for q in ("K", "C")},
         alike=alike,

@@ -10,6 +10,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from bayestissue.inference.points.notes import said_once
+from bayestissue.remedies import codes_in
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.run_folder import TableFile, read_tables, require_files
 from bayestissue.report.settings import settings_table
@@ -98,6 +99,7 @@ def estimates_page(folder: Path, about: dict[str, Any]) -> str:
         levels=[_level(table, name) for name in _QUANTITIES],
         flagged=int((table["flags"] != "").sum()),
         flags=flag_counts(table),
+        codes=codes_in("; ".join([*table["flags"], *table.get("notes", [])])),
         by_posterior=_by_posterior(table),
         notes=said_once(table["notes"]) if "notes" in table else [],
         total=len(table),

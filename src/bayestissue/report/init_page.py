@@ -47,6 +47,7 @@ def init_page(
         ),
         notes=notes,
         left_out=[str(problem) for problem in left_out],
+        codes=[problem.code for problem in left_out],
         shown=len(which),
         total=total,
         sheets=sheets(

@@ -6,26 +6,29 @@ import base64
 import hashlib
 import io
 import re
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
 import jinja2
-from markupsafe import Markup
+from markupsafe import Markup, escape
 from matplotlib.figure import Figure
 
+from bayestissue.remedies import Code, entries
 from bayestissue.report.style import style
 
 _PIXELS_PER_INCH = 96
 
 
-def render_page(template: str, **context: Any) -> str:
+def render_page(template: str, *, codes: Iterable[Code] = (), **context: Any) -> str:
     """The HTML of ``template`` (a name in `report/templates`), filled from ``context``.
 
     Values are escaped unless they are `Markup`; a name that the template wants and ``context`` lacks is
     an error. Templates extend ``base.html``, which takes ``title`` and, if wanted, ``subtitle`` and
-    ``contents``, a sequence of pairs (anchor, words) for the table of contents.
+    ``contents``, a sequence of pairs (anchor, words) for the table of contents. ``codes`` are of the warnings
+    that the page holds: their entries stand at its foot, where links of the macro ``explained`` lead.
     """
-    return _environment().get_template(template).render(**context)
+    return _environment().get_template(template).render(codes=list(dict.fromkeys(codes)), **context)
 
 
 def figure(fig: Figure, alt: str, *, raster: bool = False) -> Markup:
@@ -75,12 +78,20 @@ def _svg(fig: Figure, alt: str, width: int) -> Markup:
     )
 
 
+def prose(text: str) -> Markup:
+    """Text of an entry of `bayestissue.remedies`: what stands between ` is code."""
+    return Markup(re.sub("`([^`]*)`", r"<code>\1</code>", str(escape(text))))  # noqa: S704 - escaped before
+
+
 @cache
 def _environment() -> jinja2.Environment:
-    return jinja2.Environment(
+    environment = jinja2.Environment(
         loader=jinja2.PackageLoader("bayestissue.report", "templates"),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
         lstrip_blocks=True,
     )
+    environment.filters["prose"] = prose
+    environment.globals["remedies"] = entries()
+    return environment

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 import pandas as pd
 
+from bayestissue.errors import Coded
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.comparing.stacking import decides
 from bayestissue.report.posterior import QUANTITIES, PosteriorRun
@@ -65,4 +66,4 @@ def prior_remark(sensitivity: pd.DataFrame) -> str:
     if told.empty:
         return f"No posterior is sensitive to its prior; looked at: {len(sensitivity)}."
     named = [f"{row['variable']} ({row['diagnosis']})" for row in told.to_dict("records")]
-    return f"Worth a look, of {len(sensitivity)} posteriors: {listed(named)}."
+    return Coded(f"Worth a look, of {len(sensitivity)} posteriors: {listed(named)}.", "prior-sensitive")

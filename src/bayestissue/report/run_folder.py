@@ -43,6 +43,7 @@ def read_about(folder: Path) -> dict[str, Any]:
                 expected="a file that every finished run holds",
                 remedy=_AGAIN,
                 value="no such file",
+                code="not-a-run",
             )
         )
     if problems := [
@@ -51,6 +52,7 @@ def read_about(folder: Path) -> dict[str, Any]:
             expected=f"{size} bytes, as they were written",
             remedy=_AGAIN,
             value=f"{found} bytes",
+            code="damaged-run",
         )
         for name, (size, found) in damaged(folder).items()
     ]:
@@ -58,7 +60,13 @@ def read_about(folder: Path) -> dict[str, Any]:
     about = read_json(path)
     if not isinstance(about.get("kind"), str):
         raise InputError(
-            Problem(str(path), expected='the key "kind"', remedy=_AGAIN, value=", ".join(about) or "no keys")
+            Problem(
+                str(path),
+                expected='the key "kind"',
+                remedy=_AGAIN,
+                value=", ".join(about) or "no keys",
+                code="not-a-run",
+            )
         )
     return about
 
@@ -71,6 +79,7 @@ def require_files(folder: Path, names: list[str]) -> None:
             expected="a file that a finished run holds",
             remedy=_AGAIN,
             value="no such file",
+            code="damaged-run",
         )
         for name in names
         if not (folder / name).is_file()
@@ -89,11 +98,23 @@ def read_json(path: Path) -> dict[str, Any]:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
         raise InputError(
-            Problem(str(path), expected="JSON as a run writes it", remedy=_AGAIN, value=str(error))
+            Problem(
+                str(path),
+                expected="JSON as a run writes it",
+                remedy=_AGAIN,
+                value=str(error),
+                code="damaged-run",
+            )
         ) from error
     if not isinstance(content, dict):
         raise InputError(
-            Problem(str(path), expected="a JSON object", remedy=_AGAIN, value=type(content).__name__)
+            Problem(
+                str(path),
+                expected="a JSON object",
+                remedy=_AGAIN,
+                value=type(content).__name__,
+                code="damaged-run",
+            )
         )
     return content
 
@@ -117,13 +138,18 @@ def _read_table(path: Path, layout: TableFile, problems: list[Problem]) -> pd.Da
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         problems.append(
             Problem(
-                str(path), expected="a table as a run writes it", remedy=_AGAIN, value=type(error).__name__
+                str(path),
+                expected="a table as a run writes it",
+                remedy=_AGAIN,
+                value=type(error).__name__,
+                code="damaged-run",
             )
         )
         return pd.DataFrame()
     missing = [column for column in (*layout.text, *layout.numbers) if column not in table]
     problems += [
-        Problem(str(path), row=1, column=column, expected="this column", remedy=_AGAIN) for column in missing
+        Problem(str(path), row=1, column=column, expected="this column", remedy=_AGAIN, code="damaged-run")
+        for column in missing
     ]
     for column in (*layout.numbers, *layout.further):
         if column in table:
@@ -136,6 +162,7 @@ def _read_table(path: Path, layout: TableFile, problems: list[Problem]) -> pd.Da
                     value=table.loc[index, column],
                     expected="a number or nothing",
                     remedy=_AGAIN,
+                    code="damaged-run",
                 )
                 for index in table.index[values.isna() & ~table[column].str.lower().isin(["", "nan"])]
             ]

@@ -53,7 +53,8 @@ def after_results(folder: Path, again: str) -> Iterator[None]:
         except Exception as error:
             what = " ".join(f"{type(error).__name__}: {error}".split())
             raise PartialResultError(
-                f"the results are in {folder}, but their page could not be drawn ({_short(what)}); {again}"
+                f"the results are in {folder}, but their page could not be drawn ({_short(what)}); {again}",
+                code="page-not-drawn",
             ) from error
 
 
@@ -89,5 +90,6 @@ def _page(run_dir: Path, about: dict) -> str:
             value=about["kind"],
             expected='"published", "estimates", "fit", "comparison" or "causes"',
             remedy="Make the run anew with this version of the program.",
+            code="not-a-run",
         )
     )

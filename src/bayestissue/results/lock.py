@@ -94,6 +94,7 @@ def _in_use(out: Path, path: Path) -> Problem:
         expected="a folder that no other command is writing",
         remedy="Wait for that one to end, or choose another --out.",
         value=f"a folder in use by {words or 'another command'}",
+        code="out-in-use",
     )
 
 
@@ -110,8 +111,12 @@ def _said_of(out: Path) -> Iterator[None]:
 def _no_place(out: Path, why: str) -> Problem:
     file, remedy = _file_above(out), "Choose another --out."
     if file is not None:
-        return Problem(str(out), f"a folder at {file}", remedy, value="a file above it")
-    return Problem(str(out), "a folder that can be made and written", remedy, value=why)
+        return Problem(
+            str(out), f"a folder at {file}", remedy, value="a file above it", code="out-unwritable"
+        )
+    return Problem(
+        str(out), "a folder that can be made and written", remedy, value=why, code="out-unwritable"
+    )
 
 
 def _file_above(out: Path) -> Path | None:

@@ -115,7 +115,7 @@ def claim(
         place = Place(given, out, command, overwrite=overwrite)
         yield place
     if place.remark:
-        raise PartialResultError(place.remark)
+        raise PartialResultError(place.remark, code="results-elsewhere")
 
 
 def _replace(staging: Path, out: Path) -> None:

@@ -27,11 +27,19 @@ def require_place(out: Path, inputs: Sequence[str | Path | None] = ()) -> Path:
         wrong = _wrong_place(resolved, inputs)
     except (OSError, RuntimeError, ValueError) as error:
         raise InputError(
-            Problem(str(out), "a folder that can be made and written", _ANOTHER, value=str(error))
+            Problem(
+                str(out),
+                "a folder that can be made and written",
+                _ANOTHER,
+                value=str(error),
+                code="out-unwritable",
+            )
         ) from error
     if wrong is not None:
         value, expected, remedy = wrong
-        raise InputError(Problem(f"--out {str(out)!r}", expected=expected, remedy=remedy, value=value))
+        raise InputError(
+            Problem(f"--out {str(out)!r}", expected=expected, remedy=remedy, value=value, code="out-taken")
+        )
     return resolved
 
 
@@ -44,7 +52,13 @@ def require_free(out: Path, *, overwrite: bool) -> None:
     """
     if out.exists() and not out.is_dir():
         raise InputError(
-            Problem(str(out), expected="a folder or a name not yet taken", remedy=_ANOTHER, value="a file")
+            Problem(
+                str(out),
+                expected="a folder or a name not yet taken",
+                remedy=_ANOTHER,
+                value="a file",
+                code="out-taken",
+            )
         )
     if not out.is_dir() or not any(out.iterdir()):
         return
@@ -59,6 +73,7 @@ def require_free(out: Path, *, overwrite: bool) -> None:
                 expected="an empty folder or a name not yet taken",
                 remedy=remedy,
                 value="a folder that is not empty",
+                code="out-taken",
             )
         )
     if others:
@@ -70,6 +85,7 @@ def require_free(out: Path, *, overwrite: bool) -> None:
                 "--overwrite replaces",
                 remedy="Choose another --out, or move what is in it elsewhere.",
                 value=f"{', '.join(others[:_NAMED])}{more}",
+                code="out-taken",
             )
         )
 

@@ -9,6 +9,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import pandas as pd
 
+from bayestissue.errors import Coded
 from bayestissue.signal.contact import Onset, find_onset
 from bayestissue.signal.filters import low_pass
 from bayestissue.signal.integration import cumulative
@@ -32,7 +33,7 @@ from bayestissue.signal.window import Stop, samples_in, zero_velocity
 # Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
 _BLOCK = 1_000_000
 FEWEST_SAMPLES = 8
-NO_OFFSET = "no quiet part before contact: no offset was removed"
+NO_OFFSET = Coded("no quiet part before contact: no offset was removed", "no-quiet-part")
 # Samples before contact that are kept, at the most.
 BEFORE = 60
 
@@ -109,8 +110,8 @@ class Displacements:
     before: Rows
     n_before: Index
     reach_s: Column
-    flags: list[list[str]]
-    notes: list[list[str]]
+    flags: list[list[Coded]]
+    notes: list[list[Coded]]
 
 
 def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None) -> Displacements:
@@ -185,8 +186,10 @@ def _integrated(
     stop = zero_velocity(d, v, x, inside, dt)
     notes = {NO_OFFSET: options.remove_offset & ~onset.quiet}
     flags = {
-        "velocity does not reach zero": ~stop.reached,
-        "contact as chosen is more than 1 ms from where the trace shows it": onset.doubtful,
+        Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
+        Coded(
+            "contact as chosen is more than 1 ms from where the trace shows it", "contact-doubtful"
+        ): onset.doubtful,
     }
     return _windowed(
         part, x, v, d, stop, flags, notes, mass, velocity, start, offset, offset_sd, onset.noise_sd,
@@ -227,7 +230,8 @@ def _recorded(
     velocity = np.where(np.isfinite(velocity), velocity, v[:, 0])
     x = part.value - at_contact[:, None]
     stop = slowest(v, x, part.inside, part.dt, velocity)
-    flags = {"velocity does not reach zero: the window ends where it is least": ~stop.reached}
+    slowest_words = "velocity does not reach zero: the window ends where it is least"
+    flags = {Coded(slowest_words, "no-zero-velocity"): ~stop.reached}
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
     start = Start(since_contact, sd, since_contact, sd, np.zeros(len(sd), bool), x[:, 0], v[:, 0])
     return _windowed(
@@ -242,8 +246,8 @@ def _windowed(
     v: Rows,
     deceleration: Rows,
     stop: Stop,
-    flags: dict[str, Mask],
-    notes: dict[str, Mask],
+    flags: dict[Coded, Mask],
+    notes: dict[Coded, Mask],
     mass: Column,
     velocity: Column,
     start: Start,
@@ -260,7 +264,8 @@ def _windowed(
     if options.equilibrium == "sample-mean":
         equilibrium = x.sum(axis=1) / np.maximum(n, 1)
         x = np.where(used, x - equilibrium[:, None], 0)
-    flags = {**flags, f"fewer than {FEWEST_SAMPLES} samples in the window": n < FEWEST_SAMPLES}
+    too_few = Coded(f"fewer than {FEWEST_SAMPLES} samples in the window", "too-few-samples")
+    flags = {**flags, too_few: n < FEWEST_SAMPLES}
     return Displacements(
         x=x,
         v=v,
@@ -289,7 +294,7 @@ def _windowed(
     )
 
 
-def _raised(words: dict[str, Mask], count: int) -> list[list[str]]:
+def _raised(words: dict[Coded, Mask], count: int) -> list[list[Coded]]:
     return [[text for text, up in words.items() if up[row]] for row in range(count)]
 
 

@@ -43,6 +43,7 @@ def low_pass(values: Rows, dt: Column, frequency_class: int) -> Rows:
                 'Choose a lower class, or filter = "none".',
                 column="signal.filter",
                 value=f"{rates[too_slow].min():g} Hz",
+                code="filter-too-slow",
             )
         )
     filtered = np.empty_like(values)

@@ -65,7 +65,14 @@ def read_signal_options(path: Path) -> SignalOptions:
     table = read_toml(path).get("signal", {})
     if not isinstance(table, dict):
         raise InputError(
-            Problem(str(path), "a table", "Write [signal] on its own line.", column="signal", value=table)
+            Problem(
+                str(path),
+                "a table",
+                "Write [signal] on its own line.",
+                column="signal",
+                value=table,
+                code="key-value",
+            )
         )
     return checked(table, SignalOptions, file=str(path), within=("signal",))
 
@@ -85,6 +92,12 @@ def alternatives(choice: str, options: SignalOptions) -> tuple[SignalOptions, ..
     }
     if choice not in values:
         raise InputError(
-            Problem("--vary", f"one of {', '.join(values)}", "Name one of these choices.", value=choice)
+            Problem(
+                "--vary",
+                f"one of {', '.join(values)}",
+                "Name one of these choices.",
+                value=choice,
+                code="option-value",
+            )
         )
     return tuple(options.model_copy(update={choice: value}) for value in values[choice])

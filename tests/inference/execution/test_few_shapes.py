@@ -132,13 +132,13 @@ def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
     model, data, sites = prepared.model, prepared.data, sites_of(prepared)
     assert plain.model.locations.size < model.locations.size
     own, other = gaussian(data, sites), gaussian(plain.data, sites)
-    y = np.random.default_rng(3).normal(size=len(model.spreads)) - 1
+    y = np.random.default_rng(3).normal(size=len(model.hyperparameters)) - 1
     warp = straight(len(y))
     found = _value_and_slope(model, y, own, None, warp)
     wanted = _value_and_slope.jitted(plain.model, y, other, None, warp)
     for values in zip(found, wanted, strict=True):
         assert_allclose(*values, rtol=ROUNDING)
-    raw = {name: np.full(DRAWS, value) for name, value in zip(model.spreads, y, strict=True)}
+    raw = {name: np.full(DRAWS, value) for name, value in zip(model.hyperparameters, y, strict=True)}
     found = population_draws(model, own, raw, np.zeros((DRAWS, model.locations.size)))
     at_mean = np.zeros((DRAWS, plain.model.locations.size))
     wanted = PopulationDraws(raw, *population_draws_of.jitted(plain.model, other, raw, at_mean, DRAWS))
@@ -172,10 +172,10 @@ def test_the_exact_path_leaves_out_what_was_added(
     # Where nobody is, standard normals may be anything.
     z_u[number:] = 30.0
     point = {
-        COORDINATES: rng.normal(size=len(model.spreads)) - 1,
+        COORDINATES: rng.normal(size=len(model.hyperparameters)) - 1,
         "standard_locations": rng.normal(size=model.locations.size),
     }
-    warp = straight(len(model.spreads))
+    warp = straight(len(model.hyperparameters))
 
     def potential(arguments, z_u):
         return potential_energy(sampled_model, arguments, {}, point | {"standard_impacts": z_u})
@@ -195,8 +195,8 @@ def test_another_dataset_of_about_that_size_compiles_nothing(
 
     def fitted(dataset: Dataset) -> None:
         prepared = prepare(dataset, specification, source="model")
-        summarised, draws, _ = corrected_draws(prepared, specification.sampler, 1)
-        found = constrained_draws(prepared, summarised, draws, jax.random.PRNGKey(0))
+        approximation, draws, _ = corrected_draws(prepared, specification.sampler, 1)
+        found = constrained_draws(prepared, approximation, draws, jax.random.PRNGKey(0))
         impacts, people = len(prepared.impacts), len(prepared.design.subjects)
         assert draws.sites["standard_impacts"].shape[2] == impacts
         assert {each.shape[2] for each in found.impacts.values()} == {impacts}

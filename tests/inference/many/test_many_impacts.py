@@ -173,7 +173,7 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     narrow = np.broadcast_to(1e6 * np.eye(size), (number, size, size))
     sites = Approximation(Sites(centre, np.zeros(centre.shape), narrow, np.zeros(number)), None, None)  # type: ignore[arg-type]
     rng = np.random.default_rng(2)
-    raw = {name: rng.normal(-1, 0.1, (2, 40)) for name in model.spreads}
+    raw = {name: rng.normal(-1, 0.1, (2, 40)) for name in model.hyperparameters}
     normal = {
         "standard_locations": rng.normal(size=(2, 40, model.locations.size)),
         "standard_impacts": rng.normal(size=(2, 40, number, size)),

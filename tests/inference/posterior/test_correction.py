@@ -79,7 +79,7 @@ class _Tried:
         self,
         monkeypatch: pytest.MonkeyPatch,
         found: dict[str, Correction],
-        profile: Any = None,
+        grid: Any = None,
         **model: bool,
     ) -> None:
         self.prepared: Any = SimpleNamespace(
@@ -88,46 +88,46 @@ class _Tried:
             ),
             impacts=range(3),
         )
-        self.first, self.sampled, self.settings = self._sites("first", profile), [], []
+        self.first, self.sampled, self.settings = self._approximation("first", grid), [], []
         self._found, self.placed = found, []
         monkeypatch.setattr(recipe, "population_attempt", self._draws)
         monkeypatch.setattr(recipe, "refitted", self._about)
         monkeypatch.setattr(recipe, "placed", self._placed)
-        monkeypatch.setattr(recipe, "with_expansion", lambda prepared, sites, *_: sites)
-        monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._sites("normal"))
-        monkeypatch.setattr(recipe, "with_impacts", lambda prepared, found, *_: found.sites.name)
+        monkeypatch.setattr(recipe, "with_expansion", lambda prepared, approximation, *_: approximation)
+        monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._approximation("normal"))
+        monkeypatch.setattr(recipe, "with_impacts", lambda prepared, found, *_: found.approximation.name)
 
-    def _sites(self, name: str, profile: Any = None) -> Any:
-        return SimpleNamespace(name=name, profile=profile, spreads=None)
+    def _approximation(self, name: str, grid: Any = None) -> Any:
+        return SimpleNamespace(name=name, grid=grid, coordinates=None)
 
-    def _draws(self, prepared: Any, sites: Any, settings: Sampler, seed: int, progress: Any) -> Any:
-        self.sampled.append(sites.name)
+    def _draws(self, prepared: Any, approximation: Any, settings: Sampler, seed: int, progress: Any) -> Any:
+        self.sampled.append(approximation.name)
         self.settings.append(settings)
-        name = sites.name if settings.thinning == 1 else f"{sites.name}, longer"
+        name = approximation.name if settings.thinning == 1 else f"{approximation.name}, longer"
         none = np.zeros((4000, 2))
         draws = PopulationDraws({"sd": none[:, 0]}, {}, none, none[:, :, None])
-        return Attempt(sites, None, draws, none, self._found[name])  # type: ignore[arg-type]
+        return Attempt(approximation, None, draws, none, self._found[name])  # type: ignore[arg-type]
 
-    def _about(self, prepared: Any, sites: Any, draws: Any, seed: int) -> Any:
+    def _about(self, prepared: Any, approximation: Any, draws: Any, seed: int) -> Any:
         assert len(draws.b) == 512
-        number = int(sites.name.removeprefix("again ")) + 1 if "again" in sites.name else 1
-        return self._sites(f"again {number}")
+        number = int(approximation.name.removeprefix("again ")) + 1 if "again" in approximation.name else 1
+        return self._approximation(f"again {number}")
 
-    def _placed(self, prepared: Any, sites: Any, *_: Any) -> Any:
-        self.placed.append(sites.name)
-        return sites
+    def _placed(self, prepared: Any, approximation: Any, *_: Any) -> Any:
+        self.placed.append(approximation.name)
+        return approximation
 
     def run(self) -> tuple[Any, Any, Correction]:
-        return corrected_draws(self.prepared, SETTINGS, 0, summarised=self.first)
+        return corrected_draws(self.prepared, SETTINGS, 0, approximation=self.first)
 
 
 def test_sites_are_fitted_about_the_corrected_draws_until_the_correction_holds(monkeypatch) -> None:
     tried = _Tried(
         monkeypatch, {"first": correction(0.02), "again 1": correction(0.2), "again 2": correction(0.8)}
     )
-    sites, draws, found = tried.run()
+    approximation, draws, found = tried.run()
     assert tried.sampled == ["first", "again 1", "again 2"]
-    assert sites.name == draws == "again 2"
+    assert approximation.name == draws == "again 2"
     assert found.trusted
     assert [row["effective_draws"] for row in found.attempts] == [80, 800, 3200]
     assert not Route("automatic", found).exact
@@ -143,10 +143,10 @@ def test_a_correction_that_holds_at_once_is_the_only_one(monkeypatch) -> None:
 def test_where_no_site_helps_the_best_is_returned_and_the_exact_path_follows(monkeypatch) -> None:
     given = {"first": correction(0.02), "again 1": correction(0.025), "normal": correction(0.4, k=1.1)}
     tried = _Tried(monkeypatch, given, object(), weakly_identified=True, may_have_grid=True)
-    sites, _, found = tried.run()
+    approximation, _, found = tried.run()
     # No longer chains either: 54 times as many draws cost more than the exact path.
     assert tried.sampled == ["first", "normal", "again 1"]
-    assert sites.name == "normal"
+    assert approximation.name == "normal"
     assert not found.trusted
     route = Route("automatic", found)
     assert route.exact
@@ -179,16 +179,25 @@ def test_where_only_draws_are_lacking_chains_are_longer(monkeypatch) -> None:
     assert len(found.attempts) == 3
 
 
+def test_chains_are_no_longer_where_some_draws_judge_all(monkeypatch) -> None:
+    """However long they are, as many draws get a weight, and as few of these are effective."""
+    given = {"first": correction(0.15), "again 1": correction(0.16)}
+    tried = _Tried(monkeypatch, given)
+    tried.prepared.impacts = range(10_000)
+    tried.run()
+    assert tried.sampled == ["first", "again 1"]
+
+
 def test_a_fit_that_leaves_the_short_way_tells_why_and_how_long_it_takes(monkeypatch) -> None:
     spent = replace(correction(0.02, k=0.41), attempts=(correction(0.02).row(),))
     clock = iter([100.0, 130.0])
     monkeypatch.setattr(fitting.time, "monotonic", lambda: next(clock))
     for name in ("expanded", "approximate"):
-        monkeypatch.setattr(fitting, name, lambda *_, **__: SimpleNamespace(summaries=None, profile=None))
+        monkeypatch.setattr(fitting, name, lambda *_, **__: SimpleNamespace(sites=None, grid=None))
     monkeypatch.setattr(
         fitting,
         "corrected_draws",
-        lambda *_, **__: (SimpleNamespace(summaries=None, profile=None), None, spent),
+        lambda *_, **__: (SimpleNamespace(sites=None, grid=None), None, spent),
     )
 
     def exact_draws(*_: Any, progress: Any, **__: Any) -> Draws:

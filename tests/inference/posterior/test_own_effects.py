@@ -10,6 +10,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.inference.posterior import own_effects as own_effects_module
 from bayestissue.inference.posterior.own_effects import gained, own_effects
 from designs import EVERYTHING, design_of
 
@@ -18,9 +19,13 @@ NUISANCE = ("noise", "log_thickness_m")
 PRIORS = ModelSpecification(name="m", likelihood="impact", element="wall").complete_priors()
 
 
+@pytest.mark.parametrize("most_written_out", [0, 99])
 @pytest.mark.parametrize("mass_error", ["impact", "subject"])
 @pytest.mark.parametrize("name", ["subject", "subject:side", "session", "trial"])
-def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_error: str) -> None:
+def test_integrating_a_levels_own_effects_is_the_dense_normal(
+    name: str, mass_error: str, most_written_out: int, monkeypatch
+) -> None:
+    monkeypatch.setattr(own_effects_module, "_MOST_WRITTEN_OUT", most_written_out)
     design = design_of(EVERYTHING, FORMULA_C, thickness_m="(1|subject) + (1|session)")
     effects, _ = population_design(design, PRIORS, NUISANCE)
     model = SimpleNamespace(locations=effects, mass_error=mass_error, log_mass_sd=0.3, nuisance=NUISANCE)
@@ -37,7 +42,7 @@ def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_er
     first = np.moveaxis(W, 0, -1)
     found = gained(model, slots, own, sites, first, pull.T, lambda values: values @ member)
     if name == "trial":
-        assert not slots.spread
+        assert not slots.sd_names
         return
     # Each level by itself, over those columns of X that no other level's impacts have.
     part = design.groupings[name].code

@@ -101,9 +101,9 @@ def test_summaries_stand_for_the_traces(
     sites, draws, correction = summary_route
     assert correction.trusted
     assert correction.relative > 0.5
-    unfolded = constrained_draws(prepared, sites, draws, jax.random.PRNGKey(1))
-    assert unfolded.impacts["K"].shape == (2, 500, 16)
-    assert np.isfinite(unfolded.log_likelihood["trace"]).all()
+    constrained = constrained_draws(prepared, sites, draws, jax.random.PRNGKey(1))
+    assert constrained.impacts["K"].shape == (2, 500, 16)
+    assert np.isfinite(constrained.log_likelihood["trace"]).all()
 
 
 def test_corrections_are_what_many_points_of_each_population_say(dataset: Dataset) -> None:
@@ -111,11 +111,13 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     prepared = prepare(dataset, ModelSpecification(name="impact", likelihood="impact"), source="model")
     assert np.asarray(prepared.data.record.uniform).all()
     rng = np.random.default_rng(3)
-    summarised = placed(prepared, approximate(prepared), SETTINGS, 3, rng)
-    model, data, summaries = prepared.model, prepared.data, summarised.summaries
+    approximation = placed(prepared, approximate(prepared), SETTINGS, 3, rng)
+    model, data, summaries = prepared.model, prepared.data, approximation.sites
     # Populations as the posterior has them, one with hardly any spread of the noise among them.
-    size = len(summarised.spreads.names)
-    raw = summarised.spreads.raw(rng.multivariate_normal(np.zeros(size), summarised.spreads.covariance, 64))
+    size = len(approximation.coordinates.names)
+    raw = approximation.coordinates.raw(
+        rng.multivariate_normal(np.zeros(size), approximation.coordinates.covariance, 64)
+    )
     raw["sd_noise"][:2] = -7.0
     z_b = np.zeros((64, model.locations.size))
     drawn = population_draws(model, gaussian(data, summaries), raw, z_b)
@@ -154,8 +156,8 @@ def quantities(prepared: Prepared, sites: Approximation, draws: Draws) -> np.nda
     z_b, z_u = flat.pop("standard_locations"), flat.pop("standard_impacts")
     every = population_draws(prepared.model, sites.data(prepared.data), flat, z_b)
     design = prepared.data.design
-    u = normals(sites.summaries, of_cells(every.priors(design), np.asarray(design.cell))).at(z_u)
-    columns = [np.stack([flat[name] for name in prepared.model.spreads], axis=1), every.b]
+    u = normals(sites.sites, of_cells(every.priors(design), np.asarray(design.cell))).at(z_u)
+    columns = [np.stack([flat[name] for name in prepared.model.hyperparameters], axis=1), every.b]
     columns += [u[..., :2].reshape(len(u), -1)]
     return np.concatenate(columns, axis=1).reshape(SETTINGS.chains, SETTINGS.draws, -1)
 

@@ -123,7 +123,7 @@ def test_the_recipe_agrees_with_trajectories_over_the_plain_model(campaign, prob
     chains.run(jax.random.key(0), model, data)
     referee = chains.get_samples(group_by_chain=True)
     ours = found.draws.sites | {"b": found.b[..., [0, 1]]}
-    theirs = {name: np.asarray(referee[name]) for name in model.spreads}
+    theirs = {name: np.asarray(referee[name]) for name in model.hyperparameters}
     theirs["b"] = np.asarray(referee["locations"])[..., [0, 1]]
     for name, values in ours.items():
         own, other = (az.convert_to_dataset({"x": each[name]})["x"] for each in (ours, theirs))

@@ -46,7 +46,7 @@ def prepared(groups: tuple[str, ...] = ("subject", "trial"), *, discrepancy: boo
     return SimpleNamespace(design=design, model=model)
 
 
-def unfolded(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) -> ConstrainedDraws:
+def constrained(at: Any, K: np.ndarray, common: np.ndarray, secant: np.ndarray) -> ConstrainedDraws:
     """Draws with these logs of the impacts' stiffnesses, of conditions whose exponent is drawn about 0.3."""
     exponent = 0.3 + 0.1 * np.random.default_rng(5).standard_normal(SHAPE)
     sites = {
@@ -109,8 +109,8 @@ def test_without_a_discrepancy_the_law_s_slope_is_added_to_the_exponent_of_k() -
     at = prepared()
     log_mass = at.design.responses["K"].log_mass
     own = 7 + 0.3 * log_mass
-    found = mass_exponents_of_secants(at, unfolded(at, own, own + 1.0, own + 0.2 * log_mass), 0)
-    exponent = unfolded(at, own, own, own).sites["mass_exponent_K"]
+    found = mass_exponents_of_secants(at, constrained(at, own, own + 1.0, own + 0.2 * log_mass), 0)
+    exponent = constrained(at, own, own, own).sites["mass_exponent_K"]
     np.testing.assert_allclose(found["mass_exponent_K_common_depth"], exponent, rtol=0, atol=200 * EPSILON)
     np.testing.assert_allclose(found["mass_exponent_K_secant"], exponent + 0.2, rtol=0, atol=200 * EPSILON)
 
@@ -120,7 +120,7 @@ def test_with_a_discrepancy_the_scatter_of_conditions_is_that_at_the_common_dept
     effects = np.random.default_rng(3).normal(0, 0.1, CONDITIONS)
     trial, log_mass = at.design.trial, at.design.responses["K"].log_mass
     own = 7 + effects[trial] / 2 + 0.3 * log_mass
-    made = unfolded(at, own, 7 + effects[trial], own)
+    made = constrained(at, own, 7 + effects[trial], own)
     found = mass_exponents_of_secants(at, made, 0)
     assert_distributed(found["mass_exponent_K_common_depth"], 7 + effects)
     np.testing.assert_allclose(
@@ -130,7 +130,7 @@ def test_with_a_discrepancy_the_scatter_of_conditions_is_that_at_the_common_dept
 
 def test_stiffness_that_a_draw_has_below_nothing_has_no_exponent() -> None:
     at = prepared(discrepancy=True)
-    made = unfolded(at, *np.zeros((3, PEOPLE * CONDITIONS)))
+    made = constrained(at, *np.zeros((3, PEOPLE * CONDITIONS)))
     made.impacts["K_common_depth"] = made.impacts["K_common_depth"].copy()
     made.impacts["K_common_depth"][0, 0, 0] = -1.0
     assert list(mass_exponents_of_secants(at, made, 0)) == ["mass_exponent_K_secant"]
@@ -139,7 +139,7 @@ def test_stiffness_that_a_draw_has_below_nothing_has_no_exponent() -> None:
 def test_units_are_what_mass_varies_between() -> None:
     logs = np.random.default_rng(6).normal(size=(*SHAPE, PEOPLE * CONDITIONS))
     at = prepared()
-    sites = unfolded(at, logs, logs, logs).sites
+    sites = constrained(at, logs, logs, logs).sites
     sites["subject_effect_K"] = np.broadcast_to(np.arange(PEOPLE) * 1.0, (*SHAPE, PEOPLE))
     found = units_of(at.design, sites, logs + at.design.subject)
     np.testing.assert_allclose(found.log_mass, LOG_MASS, atol=4 * EPSILON)
@@ -152,6 +152,6 @@ def test_units_are_what_mass_varies_between() -> None:
 
 def test_impacts_of_linear_elements_have_no_exponent_of_the_kind() -> None:
     at = prepared()
-    made = unfolded(at, *np.zeros((3, PEOPLE * CONDITIONS)))
+    made = constrained(at, *np.zeros((3, PEOPLE * CONDITIONS)))
     del made.impacts["K_common_depth"]
     assert mass_exponents_of_secants(at, made, 0) == {}

@@ -142,7 +142,7 @@ def drawn(given: Prepared, u: np.ndarray) -> ConstrainedDraws:
     """A posterior that knows the spreads."""
     rng = np.random.default_rng(1)
     shape = (2, 50)
-    sites = {name: np.full(shape, 0.3) for name in given.model.spreads}
+    sites = {name: np.full(shape, 0.3) for name in given.model.hyperparameters}
     for q in "KC":
         sites |= {f"{stem}_{q}": np.full(shape, sd) for stem, sd in SPREADS.items()}
         sites[f"intercept_{q}"] = rng.standard_normal(shape)

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float
 
+from bayestissue.errors import Coded
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, GroupTerm, written
 from bayestissue.hierarchy.formulas.identifiability import (
     PRECISION,
@@ -135,7 +136,7 @@ def left_out_words(terms: Sequence[Mapping[str, Any]]) -> str:
         f"{each['term']}{'' if len(each['of']) > 1 else ' of log ' + each['of'][0]}, since {each['reason']}"
         for each in terms
     ]
-    return f"Left out of the formula: {'; '.join(told)}."
+    return Coded(f"Left out of the formula: {'; '.join(told)}.", "left-out-of-formula")
 
 
 def _read(formula: str) -> tuple[Terms, list[Fault]]:

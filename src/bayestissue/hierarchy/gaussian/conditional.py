@@ -41,13 +41,13 @@ class Expansion(NamedTuple):
 
     Attributes:
         about: X b where it was made.
-        spreads: the rest of v where it was made.
+        covariances: the rest of v where it was made.
         slope: first derivatives, summed over a place's impacts.
         bend: second derivatives.
     """
 
     about: Float[Array, "parameter place"]
-    spreads: Float[Array, " spread"]
+    covariances: Float[Array, " entry"]
     slope: Float[Array, "v place"]
     bend: Float[Array, "v v place"]
 
@@ -67,13 +67,13 @@ class Expansion(NamedTuple):
         return jnp.stack(blocks.times(self.bend, away))
 
     def _away(self, about: Array, covariances: Covariances) -> Array:
-        moved = flat_spreads(covariances) - self.spreads
+        moved = flat_covariances(covariances) - self.covariances
         common = jnp.broadcast_to(moved[:, None], (len(moved), about.shape[1]))
         return jnp.concatenate([about - self.about, common])
 
 
-def flat_spreads(covariances: Covariances) -> Float[Array, "*draw spread"]:
-    """The spreads as `Expansion` has them."""
+def flat_covariances(covariances: Covariances) -> Float[Array, "*draw entry"]:
+    """The entries as `Expansion` has them."""
     return jnp.stack([*covariances.own, *(sd**2 for sd in covariances.nuisance)], axis=-1)
 
 

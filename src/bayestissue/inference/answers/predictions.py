@@ -18,6 +18,7 @@ from jaxtyping import Float
 
 from bayestissue.elements import REFERENCE_DIAMETER_M, element
 from bayestissue.elements.peaks import Peaks, peaks_of
+from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.inference.answers.finished import Finished
@@ -31,8 +32,8 @@ QUANTITIES = {
     "force": "peak_force_N",
     "time": "time_to_peak_s",
 }
-NO_LAW = "no peaks: beside a discrepancy there is no law to simulate by"
-NO_VELOCITY = "no peaks: no velocity_m_s, and the run has none"
+NO_LAW = Coded("no peaks: beside a discrepancy there is no law to simulate by", "not-simulated")
+NO_VELOCITY = Coded("no peaks: no velocity_m_s, and the run has none", "not-simulated")
 _QUANTILES = {"": 0.5, "_low": 0.05, "_high": 0.95}
 # Simulated at once, by code that is compiled for this size alone.
 _AT_ONCE = 4096
@@ -164,12 +165,13 @@ def _new(recorded: Recorded, condition: Condition) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def _beyond(recorded: Recorded, condition: Condition) -> list[str]:
+def _beyond(recorded: Recorded, condition: Condition) -> list[Coded]:
     """Numbers beyond those that were measured: the formula is then drawn out, and the element's law too."""
     found = []
     for name, value in condition.items():
         if name in recorded.rows and recorded.is_number(name) and isinstance(value, float):
             low, high = recorded.rows[name].min(), recorded.rows[name].max()
             if not low <= value <= high:
-                found.append(f"{name} beyond those measured, {low:.4g} to {high:.4g}")
+                words = f"{name} beyond those measured, {low:.4g} to {high:.4g}"
+                found.append(Coded(words, "beyond-measured"))
     return found

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.errors import InputError, Problem, printable
+from bayestissue.errors import Coded, InputError, Problem, printable
 from bayestissue.inference.answers.draws import draws_of
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
@@ -136,7 +136,9 @@ def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Pr
     text = printable(question.text[begin : slip.place + _SHOWN])
     before = printable(question.text[begin : slip.place])
     remedy = f"{slip.remedy or otherwise}\n    {text}\n    {' ' * len(before)}^"
-    return Problem(question.place, slip.expected, remedy, column=f"{slip.place + 1}", value=slip.found)
+    return Problem(
+        question.place, slip.expected, remedy, column=f"{slip.place + 1}", value=slip.found, code="question"
+    )
 
 
 def _answer(finished: Finished, question: Question) -> dict[str, Any]:
@@ -169,15 +171,16 @@ def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
     if not claims(node):
         return None, ""
     if finished.prior is None:
-        return None, "no prior: this run has no draws of it"
+        return None, Coded("no prior: this run has no draws of it", "no-prior")
     try:
         return draws_of(node, finished.prior, finished.recorded), ""
     except KeyError:
         known = {str(name) for name in finished.prior.data_vars}
         lacking = [q.name for q in quantities(node) if q.name not in (*known, *finished.recorded.formulas)]
-        return None, f"no prior: this run has no prior draws of {', '.join(dict.fromkeys(lacking)) or 'it'}"
+        which = ", ".join(dict.fromkeys(lacking)) or "it"
+        return None, Coded(f"no prior: this run has no prior draws of {which}", "no-prior")
     except QuestionError as slip:
-        return None, f"no prior: {slip.found} of the prior"
+        return None, Coded(f"no prior: {slip.found} of the prior", "no-prior")
 
 
 def _probability(claim: xr.DataArray) -> tuple[float, float, float]:
@@ -198,16 +201,15 @@ def _probability(claim: xr.DataArray) -> tuple[float, float, float]:
 def _bayes_factor(p: float, size: float, p_0: float, size_0: float) -> tuple[float, str]:
     """Posterior over prior odds, or nothing and why."""
     if min(p_0, 1 - p_0) * size_0 < FEWEST:
-        return (
-            np.nan,
-            f"no Bayes factor: the prior has it {'true' if p_0 > 0.5 else 'false'} in nearly every draw",
-        )
+        words = f"no Bayes factor: the prior has it {'true' if p_0 > 0.5 else 'false'} in nearly every draw"
+        return np.nan, Coded(words, "too-few-draws")
     odds_0 = p_0 / (1 - p_0)
     few = FEWEST / size
     if min(p, 1 - p) < few:
         bound = (1 - few) / few
         words = f"above {_short(bound / odds_0)}" if p > 0.5 else f"below {_short(1 / bound / odds_0)}"
-        return np.nan, f"Bayes factor {words}: too few posterior draws say otherwise for a number"
+        words = f"Bayes factor {words}: too few posterior draws say otherwise for a number"
+        return np.nan, Coded(words, "too-few-draws")
     return p / (1 - p) / odds_0, ""
 
 

@@ -78,13 +78,25 @@ def _columns(cells: pd.DataFrame, recorded: Recorded, label: str) -> Iterator[Pr
             near = difflib.get_close_matches(name, usable, n=1)
             remedy = f'Is it "{near[0]}"?' if near else "Rename or remove the column."
             yield Problem(
-                label, f"columns of the run: {', '.join(usable)}", remedy, row=1, column=name, value=name
+                label,
+                f"columns of the run: {', '.join(usable)}",
+                remedy,
+                row=1,
+                column=name,
+                value=name,
+                code="prediction-table",
             )
 
 
 def _lacking(recorded: Recorded, label: str) -> Iterator[Problem]:
     for name in recorded.lacking:
-        yield Problem(label, "a run that keeps this column", "Fit again with this version.", column=name)
+        yield Problem(
+            label,
+            "a run that keeps this column",
+            "Fit again with this version.",
+            column=name,
+            code="damaged-run",
+        )
 
 
 def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str) -> Iterator[Problem]:
@@ -104,7 +116,9 @@ def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str
                 near = difflib.get_close_matches(text, known, n=1)
                 remedy = f'Is it "{near[0]}"? {remedy}' if near else remedy
             if expected:
-                yield Problem(label, expected, remedy, row=int(row), column=name, value=text)
+                yield Problem(
+                    label, expected, remedy, row=int(row), column=name, value=text, code="prediction-table"
+                )
 
 
 def _no_number(name: str, text: str) -> str:

@@ -162,9 +162,9 @@ def freed(prepared: Prepared, name: str, given: Sites | None = None) -> Freed:
     data = data._replace(record=data.record._replace(error_sd=jnp.asarray(wide)))
     start = first_guess(prepared)
     anchor = weak_prior(start)
-    summaries = laplace_sites(prepared.model, data, start, anchor)
-    centre = np.asarray(summaries.centre)
-    root = np.linalg.cholesky(np.linalg.inv(np.asarray(summaries.precision) + anchor.precision))
+    sites = laplace_sites(prepared.model, data, start, anchor)
+    centre = np.asarray(sites.centre)
+    root = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision) + anchor.precision))
     z = np.random.default_rng(0).standard_normal((_DRAWS, *centre.shape))
     u = centre + np.einsum("iab,dib->dia", root, z)
     keys = jax.random.split(jax.random.PRNGKey(0), _DRAWS)
@@ -175,7 +175,7 @@ def freed(prepared: Prepared, name: str, given: Sites | None = None) -> Freed:
     # With an error so wide a normal likelihood is z^2 / 2 - log(wide / expected sd) above that as declared.
     occam = np.log(_WIDE[name] * unit / np.hypot(spread, declared))
     before = np.asarray((given or expanded(prepared)).log_likelihood)
-    gain = np.asarray(summaries.log_likelihood) + occam - before
+    gain = np.asarray(sites.log_likelihood) + occam - before
     return Freed(error, spread, declared, unit, centre, gain)
 
 

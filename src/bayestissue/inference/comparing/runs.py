@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 import pandas as pd
 
+from bayestissue.errors import Coded
 from bayestissue.inference.comparing.finished import FinishedRun
 from bayestissue.inference.comparing.implied import UNITS, comparable_draws
 from bayestissue.inference.comparing.stacking import COLUMNS as SCORES
@@ -59,12 +60,17 @@ def compare_runs(runs: Sequence[FinishedRun]) -> pd.DataFrame:
                 table[["elpd_difference", "se_difference", "weight"]] = np.nan
             others = [run.name for run in runs if run not in group]
             if others:
-                apart = f"densities of other numbers than those of {', '.join(others)}: not comparable"
+                apart = _apart(others)
                 table["warning"] = [f"{said}; {apart}" if said else apart for said in table["warning"]]
             parts.append(table)
     if not parts:
         return pd.DataFrame(columns=COMPARISON_COLUMNS)
     return pd.concat(parts, ignore_index=True)[COMPARISON_COLUMNS]
+
+
+def _apart(others: Sequence[str]) -> Coded:
+    words = f"densities of other numbers than those of {', '.join(others)}: not comparable"
+    return Coded(words, "other-numbers")
 
 
 def of_same_numbers(runs: Sequence[FinishedRun]) -> list[list[FinishedRun]]:

@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.errors import Coded
 from bayestissue.inference.results.leave_one_out import above, leave_one_out
 from bayestissue.inference.samplers.psis import k_threshold
 
@@ -101,7 +102,9 @@ def _high(score: Any, elements: str) -> str:
 
 
 def _few(count: int, elements: str) -> str:
-    return f"{count} {elements} only: the standard errors are rough" if count < FEW else ""
+    if count >= FEW:
+        return ""
+    return Coded(f"{count} {elements} only: the standard errors are rough", "few-levels")
 
 
 def by_trial(pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:

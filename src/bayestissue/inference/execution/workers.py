@@ -124,6 +124,7 @@ def _client(address: str) -> Any:
                 "Dask beside this program",
                 'Install it with pip install "bayestissue[dask]", or leave --scheduler out.',
                 value="not installed",
+                code="scheduler",
             )
         ) from error
     try:
@@ -136,5 +137,6 @@ def _client(address: str) -> Any:
                 "Start one with `dask scheduler` and workers with `dask worker ADDRESS`, or leave "
                 "--scheduler out.",
                 value=address,
+                code="scheduler",
             )
         ) from error

@@ -82,36 +82,36 @@ class Normals(NamedTuple):
         return np.stack(self.given.draw(self.about, np.moveaxis(z, -1, 0)), axis=-1)
 
 
-def normals(summaries: Sites, anchor: ConditionalPrior) -> Normals:
+def normals(sites: Sites, anchor: ConditionalPrior) -> Normals:
     """See `Normals`; of the sites and a conditional prior N(a, D^-1) of one or more draws."""
-    return Normals(conditional_of(summaries, anchor), np.moveaxis(anchor.mean, -1, 0))
+    return Normals(conditional_of(sites, anchor), np.moveaxis(anchor.mean, -1, 0))
 
 
-def conditional_of(summaries: Sites, anchor: ConditionalPrior) -> ImpactConditional:
+def conditional_of(sites: Sites, anchor: ConditionalPrior) -> ImpactConditional:
     """The conditional of impacts' parameters under the precision of one or more draws of the population."""
     prior = ImpactPrior(
         np.moveaxis(anchor.precision, (-2, -1), (0, 1)),
         np.linalg.slogdet(anchor.precision)[1],
     )
-    return ImpactConditional.of(prior, parameters_first(Sites(*map(np.asarray, summaries))))
+    return ImpactConditional.of(prior, parameters_first(Sites(*map(np.asarray, sites))))
 
 
 def points_of(
-    summaries: Sites, anchor: ConditionalPrior, standard: Float[np.ndarray, "point parameter"]
+    sites: Sites, anchor: ConditionalPrior, standard: Float[np.ndarray, "point parameter"]
 ) -> Float[np.ndarray, "point impact parameter"]:
     """The same standard normals of every impact taken there."""
-    return normals(summaries, anchor).at(standard[:, None])
+    return normals(sites, anchor).at(standard[:, None])
 
 
-def log_evidence(summaries: Sites, anchor: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
+def log_evidence(sites: Sites, anchor: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
     """Log of the integral of each site over a conditional prior, of one or more draws of the population."""
-    given, about = normals(summaries, anchor)
+    given, about = normals(sites, anchor)
     return given.log_density(about)
 
 
 def log_site(
-    summaries: Sites, u: Float[np.ndarray, "*point impact parameter"]
+    sites: Sites, u: Float[np.ndarray, "*point impact parameter"]
 ) -> Float[np.ndarray, "*point impact"]:
     """`Sites.log_density` as a numpy array."""
-    held = Sites._make(map(np.asarray, summaries))
+    held = Sites._make(map(np.asarray, sites))
     return np.asarray(held.log_density(u))

@@ -66,7 +66,7 @@ def population_draws(
         raw: the hyperparameters, unconstrained, [draw].
         z_b: standard effects: with 0 b has its conditional mean.
     """
-    rows = ({name: np.asarray(raw[name]) for name in model.spreads}, z_b)
+    rows = ({name: np.asarray(raw[name]) for name in model.hyperparameters}, z_b)
     return PopulationDraws(rows[0], *in_calls(partial(population_draws_of, model, data), rows, DRAWS))
 
 

@@ -1,4 +1,4 @@
-"""What all traces together say of the mean and spread of a parameter that has a profile, as one polynomial.
+"""What all traces together say of the mean and spread of a parameter that has a grid, as one polynomial.
 
 Every trace's evidence for theta1 is an integral over a normal with the population's mean and standard
 deviation: two numbers, whatever the number of traces. Their sum over all traces is therefore tabulated once.
@@ -18,12 +18,12 @@ from jax.scipy.stats import norm
 from jaxtyping import Float
 from numpy.polynomial import chebyshev
 
-from bayestissue.inference.factors.grid import LikelihoodGrid
+from bayestissue.inference.factors.grid import LEAST_SD, LikelihoodGrid
 
 DEGREES = (31, 23)
 BLOCK = 2048
-# Spreads of artanh theta1 below the least act like none at all: no trace tells theta1 that well.
-_LEAST_SD, _GREATEST_SD = 0.025, 4.0
+# Spreads of artanh theta1 below `LEAST_SD` act like none at all: no trace tells theta1 that well.
+_GREATEST_SD = 4.0
 # Grid steps that a standard deviation must span for sums over the grid to be integrals.
 _STEPS = 2.0
 # From the mode down and up, as far as posterior standard deviations, or else as these.
@@ -64,17 +64,17 @@ def _powers(x: Array, degree: int) -> Array:
     return jax.lax.scan(step, (jnp.ones_like(x), x), None, length=degree + 1)[1]
 
 
-def surface_of(profile: LikelihoodGrid, low: np.ndarray, high: np.ndarray) -> GridSum:
+def surface_of(grid: LikelihoodGrid, low: np.ndarray, high: np.ndarray) -> GridSum:
     """Tabulate over the rectangle from ``low`` to ``high`` of (mean, log sd)."""
     middle, reach = (low + high) / 2, (high - low) / 2
     nodes = [chebyshev.chebpts1(degree + 1) for degree in DEGREES]
     means, log_sds = (middle[i] + reach[i] * nodes[i] for i in range(2))
-    count = profile.log_likelihood.shape[1]
+    count = grid.log_likelihood.shape[1]
     table = np.zeros((len(means), len(log_sds)))
     for begin in range(0, count, BLOCK):
-        part = profile._replace(log_likelihood=jnp.asarray(profile.log_likelihood[:, begin : begin + BLOCK]))
+        part = grid._replace(log_likelihood=jnp.asarray(grid.log_likelihood[:, begin : begin + BLOCK]))
         for column, sd in enumerate(np.exp(log_sds)):
-            finer = int(2 ** np.ceil(np.log2(max(1.0, _STEPS * float(profile.step) / sd))))
+            finer = int(2 ** np.ceil(np.log2(max(1.0, _STEPS * float(grid.step) / sd))))
             table[:, column] += np.asarray(_evidence(part, jnp.asarray(means), jnp.asarray(sd), finer))
     by_mean, by_sd = (
         np.linalg.inv(chebyshev.chebvander(each, degree)) for each, degree in zip(nodes, DEGREES, strict=True)
@@ -83,44 +83,44 @@ def surface_of(profile: LikelihoodGrid, low: np.ndarray, high: np.ndarray) -> Gr
 
 
 @partial(jax.jit, static_argnames="finer")
-def _evidence(profile: LikelihoodGrid, means: Array, sd: Array, finer: int) -> Array:
+def _evidence(grid: LikelihoodGrid, means: Array, sd: Array, finer: int) -> Array:
     """Log evidence of all impacts for each mean: a sum over the grid, refined so that sd spans its steps."""
-    number = (profile.log_likelihood.shape[0] - 1) * finer + 1
-    grid = profile.first + profile.step / finer * jnp.arange(number)
-    width = (profile.log_likelihood.shape[1],)
-    likelihood = jax.lax.map(lambda value: profile.at(jnp.full(width, value)), grid)
+    number = (grid.log_likelihood.shape[0] - 1) * finer + 1
+    places = grid.first + grid.step / finer * jnp.arange(number)
+    width = (grid.log_likelihood.shape[1],)
+    likelihood = jax.lax.map(lambda value: grid.at(jnp.full(width, value)), places)
     greatest = likelihood.max(axis=0)
-    weight = jnp.exp(-(((grid - means[:, None]) / sd) ** 2) / 2)
-    # A mean near the end of the grid has the rest of its normal beyond, where the profile is level.
-    edges = norm.cdf(-(means - grid[0]) / sd), norm.cdf((means - grid[-1]) / sd)
+    weight = jnp.exp(-(((places - means[:, None]) / sd) ** 2) / 2)
+    # A mean near the end of the grid has the rest of its normal beyond, where the grid is level.
+    edges = norm.cdf(-(means - places[0]) / sd), norm.cdf((means - places[-1]) / sd)
     inside = weight * (1 - edges[0] - edges[1])[:, None] / weight.sum(axis=1, keepdims=True)
     whole = inside.at[:, 0].add(edges[0]).at[:, -1].add(edges[1])
     return (jnp.log(whole @ jnp.exp(likelihood - greatest)) + greatest).sum(axis=1)
 
 
 def grid_sum_around(
-    profile: LikelihoodGrid, posterior: Callable[[GridSum], tuple[np.ndarray, np.ndarray]], start: np.ndarray
+    grid: LikelihoodGrid, posterior: Callable[[GridSum], tuple[np.ndarray, np.ndarray]], start: np.ndarray
 ) -> GridSum:
     """A surface that reaches many standard deviations about the posterior's mode.
 
     Some of the impacts, weighted up, tell first where that is.
 
     Args:
-        profile: of all impacts.
+        grid: of all impacts.
         posterior: from a surface to the posterior's mode and standard deviations of (mean, log sd) under it.
         start: a first guess of the mode.
     """
-    count = profile.log_likelihood.shape[1]
+    count = grid.log_likelihood.shape[1]
     rows = np.unique(np.linspace(0, count - 1, min(count, BLOCK)).astype(int))
-    some = profile._replace(log_likelihood=jnp.asarray(profile.log_likelihood)[:, rows])
+    some = grid._replace(log_likelihood=jnp.asarray(grid.log_likelihood)[:, rows])
     weight = count / len(rows)
     rough = surface_of(some, *_rectangle(start, np.full(2, np.inf)))
     mode, sd = posterior(rough._replace(coefficients=rough.coefficients * weight))
-    return surface_of(profile, *_rectangle(mode, sd * np.sqrt(weight)))
+    return surface_of(grid, *_rectangle(mode, sd * np.sqrt(weight)))
 
 
 def _rectangle(mode: np.ndarray, sd: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    mode = np.array([mode[0], np.clip(mode[1], np.log(_LEAST_SD) + 0.1, np.log(_GREATEST_SD) - 0.1)])
+    mode = np.array([mode[0], np.clip(mode[1], np.log(LEAST_SD) + 0.1, np.log(_GREATEST_SD) - 0.1)])
     low, high = (mode + side * np.minimum(_REACH * sd, _WIDEST[:, i]) for i, side in enumerate((-1, 1)))
-    low[1], high[1] = max(low[1], np.log(_LEAST_SD)), min(high[1], np.log(_GREATEST_SD))
+    low[1], high[1] = max(low[1], np.log(LEAST_SD)), min(high[1], np.log(_GREATEST_SD))
     return low, high

@@ -1,4 +1,4 @@
-"""Likelihood over summary wherever the posterior lets an impact's parameters be, for any population.
+"""Likelihood over site wherever the posterior lets an impact's parameters be, for any population.
 
 Each draw of the population asks for the mean of that ratio under its own normal conditional of an impact's
 parameters. Some parameters move further from draw to draw than their conditional is wide, or have a
@@ -54,7 +54,7 @@ class TabulatedRatio(NamedTuple):
     """The log ratio along one parameter over that at the reference, what comes before it integrated out.
 
     Attributes:
-        reference: where the others' tables and the points have this parameter, less the summary's centre.
+        reference: where the others' tables and the points have this parameter, less the site's centre.
         reach: of the table, on either side of the reference.
         coefficients: of Chebyshev polynomials.
     """
@@ -64,7 +64,7 @@ class TabulatedRatio(NamedTuple):
     coefficients: Float[Array, "power impact"]
 
     def log_mean(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
-        """Log of the mean of the ratio under a normal parameter, its mean less the summary's centre."""
+        """Log of the mean of the ratio under a normal parameter, its mean less the site's centre."""
         away = mean - self.reference + sd * jnp.asarray(_NORMAL_POINTS)[:, None]
         x = jnp.clip(away / self.reach, -1.0, 1.0)
         before, now = jnp.ones_like(x), x
@@ -76,18 +76,18 @@ class TabulatedRatio(NamedTuple):
 
 
 class ImportanceRatios(NamedTuple):
-    """Likelihood over summary of each impact.
+    """Likelihood over site of each impact.
 
-    The noise, theta1 and an element's further parameters are tabulated, where they are part of the summary:
+    The noise, theta1 and an element's further parameters are tabulated, where they are part of the site:
     their spread between impacts may be next to nothing, and theta1 has a long tail towards 1. The points lie
-    at the references of these. A last parameter that has a profile is no part of it: what is compared is the
+    at the references of these. A last parameter that has a grid is no part of it: what is compared is the
     rest, whatever that parameter is.
 
     Attributes:
         u: points, [point, impact, parameter].
         log_density: log density of the parameters without a table there, given those with one, up to a
             constant.
-        log_ratio: log of likelihood over summary there.
+        log_ratio: log of likelihood over site there.
         tables: of the parameters that have one.
     """
 
@@ -100,10 +100,10 @@ class ImportanceRatios(NamedTuple):
 def importance_ratios(
     model: TraceModel,
     data: TraceData,
-    summaries: Sites,
+    sites: Sites,
     anchors: ConditionalPrior,
     standard: Float[np.ndarray, "point parameter"],
-    profile: LikelihoodGrid | None = None,
+    grid: LikelihoodGrid | None = None,
 ) -> ImportanceRatios:
     """Compare at one point from each of several draws of the population.
 
@@ -113,21 +113,21 @@ def importance_ratios(
     Args:
         model: the model.
         data: the dataset.
-        summaries: of its traces.
+        sites: of its traces.
         anchors: what as many draws of the population as there are points expect of every impact.
         standard: standard normals of each point.
-        profile: of the last parameter, if it has one; it is then drawn from the population.
+        grid: of the last parameter, if it has one; it is then drawn from the population.
     """
-    known, tables = _known_and_tabulated(model, profile is not None)
+    known, tables = _known_and_tabulated(model, grid is not None)
     order, free = _order(known, tables), known - tables
-    normals = _Ordered.of(Sites(*map(np.asarray, summaries)), anchors, known, tables)
+    normals = _Ordered.of(Sites(*map(np.asarray, sites)), anchors, known, tables)
     means, sds = map(np.stack, normals.of_tabulated())
     references = means.mean(1)
     reaches = np.abs(means - references[:, None]).max(1) + 4 * sds.max(1)
     lasts = anchors.mean[..., -1] + anchors.precision[..., -1, -1] ** -0.5 * standard[:, -1:]
-    of_last = np.zeros(lasts.shape) if profile is None else np.asarray(_of_profile(profile, lasts))
+    of_last = np.zeros(lasts.shape) if grid is None else np.asarray(_of_grid(grid, lasts))
     back = np.argsort(order)
-    centre = np.asarray(summaries.centre)[:, :known]
+    centre = np.asarray(sites.centre)[:, :known]
 
     def ratio(away: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
         """With the tabulated parameters so far from the centre, the others from their conditional."""
@@ -135,12 +135,12 @@ def importance_ratios(
         whole = np.broadcast_to(away[:, None], (tables, *given.shift[0].shape))
         moved = np.concatenate([given.given(whole, standard[some, :free].T[..., None]), whole])
         u = centre + np.moveaxis(moved, 0, -1)[..., back]
-        complete = u if profile is None else np.concatenate([u, lasts[some, :, None]], axis=-1)
+        complete = u if grid is None else np.concatenate([u, lasts[some, :, None]], axis=-1)
         density = log_likelihoods(model, data, complete)
-        summary = log_site(summaries, complete) + of_last[some]
-        # Neither infinity less another, where the summary fails as well, is a ratio.
-        has = np.isfinite(density) & np.isfinite(summary)
-        return u, np.where(has, density - np.where(has, summary, 0.0), -np.inf)
+        of_site = log_site(sites, complete) + of_last[some]
+        # Neither infinity less another, where the site fails as well, is a ratio.
+        has = np.isfinite(density) & np.isfinite(of_site)
+        return u, np.where(has, density - np.where(has, of_site, 0.0), -np.inf)
 
     u, log_ratio = ratio(references, slice(None))
     log_density = np.full(u.shape[:2], -np.inf)
@@ -167,14 +167,14 @@ def importance_ratios(
 def ratios_among(
     model: TraceModel,
     data: TraceData,
-    summaries: Sites,
+    sites: Sites,
     anchors: ConditionalPrior,
-    profile: LikelihoodGrid | None = None,
+    grid: LikelihoodGrid | None = None,
 ) -> ImportanceRatios:
     """`importance_ratios` at evenly spaced ones of any number of draws, which ``anchors`` has."""
     some = ConditionalPrior(*(part[evenly_spaced(len(anchors.mean))] for part in anchors))
-    standard = standard_points(summaries.centre.shape[1])
-    return importance_ratios(model, data, summaries, some, standard, profile)
+    standard = standard_points(sites.centre.shape[1])
+    return importance_ratios(model, data, sites, some, standard, grid)
 
 
 def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:
@@ -183,7 +183,7 @@ def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:
     return known, sum(name not in _WITHOUT_TABLE for name in model.nuisance[: known - _NOISE])
 
 
-_of_profile = compiled_quickly()(LikelihoodGrid.at)
+_of_grid = compiled_quickly()(LikelihoodGrid.at)
 
 
 class _Ordered(NamedTuple):
@@ -253,15 +253,15 @@ def _chebyshev() -> np.ndarray:
 
 
 def log_evidence_corrections(
-    summaries: Sites, ratios: ImportanceRatios, anchors: ConditionalPrior
+    sites: Sites, ratios: ImportanceRatios, anchors: ConditionalPrior
 ) -> Float[np.ndarray, "draw impact"]:
     """`log_corrections` of what each of any number of draws of the population expects."""
-    return in_calls(partial(corrections_of, summaries, ratios), tuple(anchors), DRAWS)
+    return in_calls(partial(corrections_of, sites, ratios), tuple(anchors), DRAWS)
 
 
 @compiled_sooner()
 def corrections_of(
-    summaries: Sites,
+    sites: Sites,
     ratios: ImportanceRatios,
     mean: Float[Array, "draw impact parameter"],
     precision: Array,
@@ -270,23 +270,23 @@ def corrections_of(
     """What is compiled of `log_evidence_corrections`: the first so many of `DRAWS` draws."""
 
     def one(place: Any) -> Array:
-        return log_corrections(ratios, summaries, ConditionalPrior(mean[place], precision[place]))
+        return log_corrections(ratios, sites, ConditionalPrior(mean[place], precision[place]))
 
     return first_rows(one, DRAWS, number)
 
 
 def log_corrections(
-    ratios: ImportanceRatios, summaries: Sites, prior: ConditionalPrior
+    ratios: ImportanceRatios, sites: Sites, prior: ConditionalPrior
 ) -> Float[Array, " impact"]:
-    """Log of each trace's true evidence over its summary's, given X b and D.
+    """Log of each trace's true evidence over its site's, given X b and D.
 
-    The mean of likelihood over summary under the normal conditional of u: those of the tables, times that of
-    the points, reweighted, over the other parameters. A last parameter that has a profile is left out: its
+    The mean of likelihood over site under the normal conditional of u: those of the tables, times that of
+    the points, reweighted, over the other parameters. A last parameter that has a grid is left out: its
     evidence is another factor.
     """
     size, tables = ratios.u.shape[-1], len(ratios.tables)
-    given = _Ordered.of(summaries, prior, size, tables)
-    moved = jnp.moveaxis((ratios.u - summaries.centre[:, :size])[..., jnp.array(_order(size, tables))], -1, 0)
+    given = _Ordered.of(sites, prior, size, tables)
+    moved = jnp.moveaxis((ratios.u - sites.centre[:, :size])[..., jnp.array(_order(size, tables))], -1, 0)
     log_weight = given.at(None).log_density(moved) - ratios.log_density
     weighted, weight = (jax.nn.logsumexp(w, axis=0) for w in (log_weight + ratios.log_ratio, log_weight))
     places = zip(*given.of_tabulated(), strict=True)

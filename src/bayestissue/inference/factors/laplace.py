@@ -38,7 +38,7 @@ def laplace_sites(
     """Expand each log likelihood to second order where it, times the anchor, is greatest.
 
     Levenberg-Marquardt steps on every impact by itself, from differences of the likelihood's values: exact
-    enough, since a summary only whitens.
+    enough, since a site only whitens.
 
     Args:
         model: the model.

@@ -36,13 +36,13 @@ _RIDGE = 1e-6
 def regression_sites(
     model: TraceModel,
     data: TraceData,
-    summaries: Sites,
+    sites: Sites,
     priors: ConditionalPrior,
     rng: np.random.Generator,
 ) -> Sites:
     """The parabola nearest to each log likelihood over the posterior.
 
-    Points are drawn by the old summaries and weighted by likelihood over summary, those of one draw of the
+    Points are drawn by the old sites and weighted by likelihood over site, those of one draw of the
     population among themselves. Along an axis where the parabola would open upwards it is made level,
     but for the curvature that its slope needs (`least_curvature`). Where too few points are effective for a
     trace its old site stays.
@@ -50,15 +50,15 @@ def regression_sites(
     Args:
         model: the model.
         data: the dataset.
-        summaries: the old ones.
+        sites: the old ones.
         priors: of some hundred draws of the population.
         rng: for the points.
     """
-    u, value, weight = _points(model, data, summaries, priors, rng)
+    u, value, weight = _points(model, data, sites, priors, rng)
     weight = np.where(value > value.max(0) - _DEEPEST, weight, 0.0)
     size = u.shape[-1]
     fitted = effective_size(weight) > _POINTS_A_TERM * (1 + size) * (2 + size) / 2
-    made = [np.array(part) for part in summaries]
+    made = [np.array(part) for part in sites]
     for whole, part in zip(made, _nearest(u[:, fitted], value[:, fitted], weight[:, fitted]), strict=True):
         whole[fitted] = part
     return Sites(*(jnp.asarray(part) for part in made))
@@ -107,15 +107,15 @@ def _parabola(
 def _points(
     model: TraceModel,
     data: TraceData,
-    summaries: Sites,
+    sites: Sites,
     priors: ConditionalPrior,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points, the log likelihood there, and their weights, each [point, impact, ...]."""
-    u = normals(summaries, priors).at(rng.standard_normal((_EACH, *priors.mean.shape)))
+    u = normals(sites, priors).at(rng.standard_normal((_EACH, *priors.mean.shape)))
     flat = u.reshape(-1, *u.shape[2:])
     value = log_likelihoods(model, data, flat)
-    ratio = (value - log_site(summaries, flat)).reshape(u.shape[:3])
+    ratio = (value - log_site(sites, flat)).reshape(u.shape[:3])
     with np.errstate(invalid="ignore"):
         weight = softmax(ratio, axis=0)
     return flat, value, weight.reshape(value.shape)

@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from scipy.special import stdtrit
 
+from bayestissue.errors import Coded
 from bayestissue.inference.points.fit import Column, Method, PointFit, fit_points
 from bayestissue.inference.points.notes import (
     ANOTHER_PEAK,
@@ -97,8 +98,8 @@ def table_of(
     signal: Displacements,
     whole: PointFit,
     ends: Mapping[str, tuple[Column, Column]],
-    flags: list[list[str]],
-    notes: list[list[str]],
+    flags: Sequence[Sequence[str]],
+    notes: Sequence[Sequence[str]],
 ) -> pd.DataFrame:
     """The columns of `estimates.csv`.
 
@@ -170,7 +171,7 @@ def flagged(
     fit: PointFit,
     found: Sequence[Finding],
     method: Method | Literal["impact"],
-) -> tuple[list[list[str]], list[list[str]]]:
+) -> tuple[list[list[Coded]], list[list[Coded]]]:
     """What is wrong with each impact, and what is only the method's or the recording's way."""
     with np.errstate(invalid="ignore", divide="ignore"):
         implied = fit.unit_peak * signal.velocity
@@ -180,7 +181,7 @@ def flagged(
             NOT_POSITIVE: (fit.K <= 0) | (fit.C <= 0),
             AT_A_LIMIT: (fit.zeta < ZETA_LIMITS[0]) | (fit.zeta > ZETA_LIMITS[1]),
         }
-        wrong = {"deeper than the tissue is thick": _too_deep(dataset, signal)}
+        wrong = {Coded("deeper than the tissue is thick", "too-deep"): _too_deep(dataset, signal)}
         noted = {
             THETA1: fit.theta1_at_limit & ~fit.noiseless,
             ARCCOS: (fit.branch > 0) & ~fit.noiseless,
@@ -209,7 +210,7 @@ def flagged(
     return flags, notes
 
 
-def _by_row(words: dict[str, np.ndarray]) -> list[list[str]]:
+def _by_row(words: Mapping[Coded, np.ndarray]) -> list[list[Coded]]:
     rows = zip(*(column.astype(bool).tolist() for column in words.values()), strict=True)
     return [[text for text, up in zip(words, row, strict=True) if up] for row in rows]
 

@@ -6,46 +6,33 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from typing import Any
 
+from bayestissue.errors import Coded
+from bayestissue.remedies import entries
 from bayestissue.signal.displacement import NO_OFFSET
 
-THETA1 = "theta1 at its limit"
-NOT_WHITE = "residuals are not white"
-ARCCOS = "theta1 asks for another value of arccos"
-NOT_FILTERED = "the declared low-pass is not in this method"
-NOISELESS = "no noise beyond rounding: no standard errors"
-ANOTHER_PEAK = "K and C imply another peak displacement than recorded"
+THETA1 = Coded("theta1 at its limit", "integrated-noise")
+NOT_WHITE = Coded("residuals are not white", "integrated-noise")
+ARCCOS = Coded("theta1 asks for another value of arccos", "theta1-branch")
+NOT_FILTERED = Coded("the declared low-pass is not in this method", "low-pass-not-applied")
+NOISELESS = Coded("no noise beyond rounding: no standard errors", "noiseless")
+ANOTHER_PEAK = Coded("K and C imply another peak displacement than recorded", "peak-disagrees")
 # Flags of the method "impact": its intervals then promise nothing.
-STRUCTURED = "residuals are not the white noise of a spring and damper's impact: its interval may miss"
-UNCORRECTED = "importance weights are not to be trusted: its interval may miss"
+STRUCTURED = Coded(
+    "residuals are not the white noise of a spring and damper's impact: its interval may miss",
+    "structured-residuals",
+)
+UNCORRECTED = Coded("importance weights are not to be trusted: its interval may miss", "pareto-k")
 # Flags that say that the fit came to no answer, whether or not the recording is sound.
-NO_OSCILLATOR = "no oscillator has these coefficients"
-NOT_POSITIVE = "K or C is not positive"
-AT_A_LIMIT = "zeta at a limit"
+NO_OSCILLATOR = Coded("no oscillator has these coefficients", "no-answer")
+NOT_POSITIVE = Coded("K or C is not positive", "no-answer")
+AT_A_LIMIT = Coded("zeta at a limit", "no-answer")
 FAILED = (NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, ANOTHER_PEAK)
 # The same of a displacement, where sound recordings come to it too.
-NO_ANSWER = "the fit came to no answer"
+NO_ANSWER = Coded("the fit came to no answer", "sensor-noise")
 
 _NAMED = 5
-_INTEGRATED = (
-    "White noise of an accelerometer, integrated twice, is not the noise that an ARMA(2,1) assumes: so it is "
-    "at any high sampling rate. K and C hold; their standard errors and intervals here are too small. "
-    'Intervals that hold are those of method "impact".'
-)
-_MEANING = {
-    THETA1: _INTEGRATED,
-    NOT_WHITE: _INTEGRATED,
-    ARCCOS: "theta1 is then not that of a sampled A(2). K and C are those of the main value, the only one "
-    "possible before the impactor turns back.",
-    NOT_FILTERED: "The ARMA(2,1) of a displacement has no place for a low-pass: K and above all C come out "
-    'too small. Method "impact" applies it.',
-    NOISELESS: "K and C hold, and have no standard errors.",
-    NO_ANSWER: "White noise of a position sensor is not the noise that an ARMA(2,1) assumes, and drives its "
-    "fit to where no tissue is. K and C of these impacts are no estimates: leave them out.",
-    ANOTHER_PEAK: "Deviations from the sample mean make K and C too large by their nature: see centring.csv. "
-    'method "exact" measures from the rest position.',
-    NO_OFFSET: "K and C carry the recorder's offset: 1 % of the peak changes K by some 3 %. Record some "
-    "milliseconds before contact, or state uncertainty.offset_sd and fit.",
-}
+# What `said_once` may meet in the column ``notes``.
+_NOTES = (THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, NO_OFFSET)
 
 
 def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str, Any]:
@@ -83,7 +70,9 @@ def said_once(notes: Iterable[str]) -> list[str]:
     """
     rows = [[note for note in text.split("; ") if note] for text in notes]
     counts = Counter(note for row in rows for note in row)
+    code = {str(note): note.code for note in _NOTES}
     meanings: dict[str, list[str]] = {}
     for note, count in counts.most_common():
-        meanings.setdefault(_MEANING.get(note, ""), []).append(f"{note} in {count} of {len(rows)} impacts")
+        meaning = entries()[code[note]].advice if note in code else ""
+        meanings.setdefault(meaning, []).append(f"{note} in {count} of {len(rows)} impacts")
     return [f"{', '.join(said)}. {meaning}".strip() for meaning, said in meanings.items()]

@@ -1,4 +1,4 @@
-"""What a fit of traces needs before its chains: first guesses, summaries, and the spreads' posterior mode."""
+"""What a fit of traces needs before its chains: first guesses, sites, the hyperparameters' posterior mode."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ from bayestissue.inference.posterior.mode import covariance_about, find_mode
 from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
 from bayestissue.signal import Displacements
 
-# A profile integrates the other parameters over so many points: few where impacts are many.
+# A grid integrates the other parameters over so many points: few where impacts are many.
 PROFILE_POINTS, FEW = 32, 4
 # Points of all impacts together that a grid is integrated over.
 _GRID_POINTS = 160_000
@@ -62,22 +62,22 @@ _HELD = 1e8
 
 
 def marginal_model(
-    model: TraceModel, data: Data, profile: LikelihoodGrid | GridSum | None, warp: SinhArcsinh
+    model: TraceModel, data: Data, grid: LikelihoodGrid | GridSum | None, warp: SinhArcsinh
 ) -> None:
     """The numpyro model of the standard deviations alone, everything else integrated out.
 
-    With a profile of the last parameter, its mean is sampled too, since only a normal integrates in closed
+    With a grid of the last parameter, its mean is sampled too, since only a normal integrates in closed
     form. That mean is the last element of b, and so depends on the last standard normal alone, which is the
     last of the coordinates that ``warp`` is the map from.
     """
     sites, rest = sample_warped(model, warp)
-    spread = population(model, sites)
-    numpyro.factor("summaries", log_marginal(data, spread))
-    if profile is not None:
+    covariances = population(model, sites)
+    numpyro.factor("sites", log_marginal(data, covariances))
+    if grid is not None:
         (z,) = rest
-        # The summaries are cleared of the last parameter, and leave its mean as its prior has it.
-        mean = data.mean[-1] + spread.locations[-1] * z
-        numpyro.factor("profile", profile.total(mean, spread.nuisance[-1]) - z**2 / 2)
+        # The sites are cleared of the last parameter, and leave its mean as its prior has it.
+        mean = data.mean[-1] + covariances.locations[-1] * z
+        numpyro.factor("grid", grid.total(mean, covariances.nuisance[-1]) - z**2 / 2)
 
 
 def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
@@ -130,29 +130,28 @@ class Approximation:
     """All that the sampler needs to know of the traces beforehand.
 
     Attributes:
-        summaries: of the traces.
-        spreads: coordinates of the standard deviations, and behind them, where there is a profile, of the
-            last location's standard normal: traces whose theta1 is at -1 leave it a wall on one side and
-            nothing but its prior on the other.
-        profile: what the traces say of a last parameter that they leave open; see
-            `TraceModel.may_have_grid`.
-        grid: the same as the marginal density asks for it: of many impacts tabulated together.
-        expansion: of what the summaries leave out, where that is part of the marginal density.
+        sites: of the traces.
+        coordinates: of the hyperparameters, and behind them, where there is a grid, of the last location's
+            standard normal: traces whose theta1 is at -1 leave it a wall on one side and nothing but its
+            prior on the other.
+        grid: what the traces say of a last parameter that they leave open; see `TraceModel.may_have_grid`.
+        marginal_grid: the same as the marginal density asks for it: of many impacts tabulated together.
+        expansion: of what the sites leave out, where that is part of the marginal density.
     """
 
-    summaries: Sites
-    spreads: Coordinates
-    profile: LikelihoodGrid | None
-    grid: LikelihoodGrid | GridSum | None = None
+    sites: Sites
+    coordinates: Coordinates
+    grid: LikelihoodGrid | None
+    marginal_grid: LikelihoodGrid | GridSum | None = None
     expansion: Expansion | None = None
 
     def data(self, data: TraceData) -> Data:
         """What the marginal density asks of the dataset."""
-        return gaussian(data, self.summaries)._replace(expansion=self.expansion)
+        return gaussian(data, self.sites)._replace(expansion=self.expansion)
 
     def of_rows(self, rows: np.ndarray) -> tuple[Sites, LikelihoodGrid | None]:
         """Some impacts' sites, and their grid of the last parameter if there is one."""
-        sites, grid = rows_of(self.summaries, rows), self.profile
+        sites, grid = rows_of(self.sites, rows), self.grid
         if grid is not None:
             grid = grid._replace(log_likelihood=jnp.asarray(np.asarray(grid.log_likelihood)[:, rows]))
         return sites, grid
@@ -214,8 +213,9 @@ def approximate(
     Args:
         prepared: model and data.
         expansions: what `expanded` found, if it was asked before.
-        normal: whether a last parameter that traces may leave open is part of the normal summaries, or has a
-            profile of its own; as the traces suggest, unless given.
+        normal: whether a last parameter that traces may leave open is part of the normal sites, or has a
+            grid of its own; as the traces suggest, unless given. A grid that the places of its grid
+            can't resolve gives way to normals in any case.
         say: told how many of these passes are done, and of how many.
     """
     model, data = prepared.model, prepared.data
@@ -225,61 +225,63 @@ def approximate(
         return lambda done, total: say(number * total + done, passes * total)
 
     smooth = with_normal_errors(data)
-    summaries = expansions or expanded(prepared, told(0))
-    impacts = len(summaries.centre)
+    sites = expansions or expanded(prepared, told(0))
+    impacts = len(sites.centre)
     say(1, passes)
     # One flat grid stands for those of however many impacts.
-    profile = flat_grid(impacts if impacts <= BLOCK else 1) if model.may_have_grid else None
-    finder = _SpreadsFinder(model, data, profile)
-    mode = finder.mode(summaries, None)
-    anchor = finder.conditional_prior(summaries, mode)
-    summaries = _laplace(model, smooth, np.asarray(summaries.centre), anchor, told(1))
-    mode = finder.mode(summaries, mode)
+    grid = flat_grid(impacts if impacts <= BLOCK else 1) if model.may_have_grid else None
+    finder = _ModeFinder(model, data, grid)
+    mode = finder.mode(sites, None)
+    anchor = finder.conditional_prior(sites, mode)
+    sites = _laplace(model, smooth, np.asarray(sites.centre), anchor, told(1))
+    mode = finder.mode(sites, mode)
     if not model.may_have_grid:
-        return Approximation(summaries, finder.coordinates(summaries, mode), None)
-    normal = last_is_normal(prepared, summaries) if normal is None else normal
+        return Approximation(sites, finder.coordinates(sites, mode), None)
+    normal = last_is_normal(prepared, sites) if normal is None else normal
     if normal:
         finder.grid = None
-        return Approximation(summaries, finder.coordinates(summaries, mode[:-1]), None)
-    summaries = cleared_of_last(summaries)
-    anchor = finder.conditional_prior(summaries, mode)
+        return Approximation(sites, finder.coordinates(sites, mode[:-1]), None)
+    sites = cleared_of_last(sites)
+    anchor = finder.conditional_prior(sites, mode)
     once = model.kind == "arma"
-    profile = _grid(model, data, summaries, anchor, told(passes - 1), roughly=not once)
-    finder.tabulate(profile, summaries, mode)
+    grid = _grid(model, data, sites, anchor, told(passes - 1), roughly=not once)
+    finder.tabulate(grid, sites, mode)
     # A search that begins where the grids fall steeply would end far from their maximum.
-    mode = finder.mode(summaries, finder.at_best_last(summaries, mode))
+    mode = finder.mode(sites, finder.at_best_last(sites, mode))
     if not once:
-        # The first summaries were made where a search along the last parameter had stopped.
-        anchor = _anchored_at(finder.last_mean(mode), finder.conditional_prior(summaries, mode))
-        summaries = _laplace(model, smooth, anchor.mean, anchor, silent)
-        summaries = cleared_of_last(summaries)
-        anchor = finder.conditional_prior(summaries, mode)
-        profile = _grid(model, data, summaries, anchor, silent)
-        finder.tabulate(profile, summaries, mode)
-        mode = finder.mode(summaries, mode)
-    return Approximation(summaries, finder.coordinates(summaries, mode), profile, finder.grid)
+        # The first sites were made where a search along the last parameter had stopped.
+        anchor = _anchored_at(finder.last_mean(mode), finder.conditional_prior(sites, mode))
+        sites = _laplace(model, smooth, anchor.mean, anchor, silent)
+        sites = cleared_of_last(sites)
+        anchor = finder.conditional_prior(sites, mode)
+        grid = _grid(model, data, sites, anchor, silent)
+        finder.tabulate(grid, sites, mode)
+        mode = finder.mode(sites, mode)
+    if not grid.resolved:
+        return approximate(prepared, expansions=expansions, normal=True, say=say)
+    return Approximation(sites, finder.coordinates(sites, mode), grid, finder.grid)
 
 
-def last_is_normal(prepared: Prepared, summaries: Sites) -> bool:
+def last_is_normal(prepared: Prepared, sites: Sites) -> bool:
     """Whether the traces tell the last parameter well enough for its likelihood to be normal.
 
     N samples tell theta1 to ((1 - theta1^2) / N)^1/2, and so artanh theta1 to cosh(artanh theta1) / N^1/2;
-    an element's further parameter as well as the summaries say, unless the likelihood has another end.
+    an element's further parameter as well as the sites say, unless the likelihood has another end.
     """
     if prepared.model.kind != "arma":
-        covariance = np.linalg.inv(np.asarray(summaries.precision))
+        covariance = np.linalg.inv(np.asarray(sites.precision))
         narrow = np.sqrt(np.median(covariance[:, -1, -1])) < _WELL_TOLD
-        return bool(narrow) and not _has_another_end(prepared, summaries)
-    middle = np.median(np.asarray(summaries.centre)[:, -1])
+        return bool(narrow) and not _has_another_end(prepared, sites)
+    middle = np.median(np.asarray(sites.centre)[:, -1])
     return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
 
 
-def _has_another_end(prepared: Prepared, summaries: Sites) -> bool:
-    """Whether far from the summaries' centres, along the last parameter, traces are nearly as likely.
+def _has_another_end(prepared: Prepared, sites: Sites) -> bool:
+    """Whether far from the sites' centres, along the last parameter, traces are nearly as likely.
 
     A search may have stopped on a shelf, from which the likelihood rises slowly to where it is level.
     """
-    centre = np.asarray(summaries.centre)
+    centre = np.asarray(sites.centre)
     last = np.arange(centre.shape[1]) == centre.shape[1] - 1
 
     def densities(part: TraceData, middle: np.ndarray) -> np.ndarray:
@@ -299,19 +301,19 @@ def _value_and_slope(
     model: TraceModel,
     y: Array,
     data: Data,
-    profile: LikelihoodGrid | GridSum | None,
+    grid: LikelihoodGrid | GridSum | None,
     warp: SinhArcsinh,
 ) -> tuple[Array, Array]:
-    """Minus the log density of the spreads' coordinates, and its gradient."""
+    """Minus the log density of the hyperparameters' coordinates, and its gradient."""
     own = partial(marginal_model, model)
 
     def potential(y: Array) -> Array:
-        return potential_energy(own, (data, profile, warp), {}, {COORDINATES: y})
+        return potential_energy(own, (data, grid, warp), {}, {COORDINATES: y})
 
     return jax.value_and_grad(potential)(y)
 
 
-class _SpreadsFinder:
+class _ModeFinder:
     """Posterior mode of the standard deviations, and the coordinates that make it a normal's."""
 
     def __init__(
@@ -329,96 +331,94 @@ class _SpreadsFinder:
     def _names(self) -> tuple[str, ...]:
         return names_of(self._model, profiled=self.grid is not None)
 
-    def _of(self, summaries: Sites) -> Data:
+    def _of(self, sites: Sites) -> Data:
         """Laid out once for all that is asked of the same sites."""
-        if self._placed is None or self._placed[0] is not summaries:
-            found = gaussian(self.data, summaries)._replace(expansion=self._expansion)
-            self._placed = summaries, jax.tree.map(jnp.asarray, found)
+        if self._placed is None or self._placed[0] is not sites:
+            found = gaussian(self.data, sites)._replace(expansion=self._expansion)
+            self._placed = sites, jax.tree.map(jnp.asarray, found)
         return self._placed[1]
 
-    def at(
-        self, y: np.ndarray, summaries: Sites, warp: SinhArcsinh | None = None
-    ) -> tuple[float, np.ndarray]:
+    def at(self, y: np.ndarray, sites: Sites, warp: SinhArcsinh | None = None) -> tuple[float, np.ndarray]:
         warp = warp or straight(len(y))
-        value, slope = _value_and_slope(self._model, y, self._of(summaries), self.grid, warp)
+        value, slope = _value_and_slope(self._model, y, self._of(sites), self.grid, warp)
         return float(value), np.asarray(slope)
 
-    def tabulate(self, profile: LikelihoodGrid, summaries: Sites, mode: np.ndarray) -> None:
+    def tabulate(self, grid: LikelihoodGrid, sites: Sites, mode: np.ndarray) -> None:
         """Ask the last parameter's grid from now on; that of many impacts as one table."""
-        self.grid = profile
-        if profile.log_likelihood.shape[1] <= BLOCK:
-            return
-        spread = population(self._model, self._spreads(mode))
-        start = np.array([self.last_mean(mode), np.log(float(spread.nuisance[-1]))])
-        self.grid = grid_sum_around(profile, partial(self._of_last, summaries, mode), start)
-
-    def _of_last(self, summaries: Sites, start: np.ndarray, grid: GridSum) -> tuple[np.ndarray, np.ndarray]:
-        """Posterior mode and standard deviations of the last parameter's mean and log spread."""
         self.grid = grid
-        mode = self.mode(summaries, start)
-        error = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, summaries)[1], mode)))
-        last, places = self._model.spreads[-1], self._names
+        if grid.log_likelihood.shape[1] <= BLOCK:
+            return
+        covariances = population(self._model, self._hyperparameters(mode))
+        start = np.array([self.last_mean(mode), np.log(float(covariances.nuisance[-1]))])
+        self.grid = grid_sum_around(grid, partial(self._of_last, sites, mode), start)
+
+    def _of_last(self, sites: Sites, start: np.ndarray, grid: GridSum) -> tuple[np.ndarray, np.ndarray]:
+        """Posterior mode and standard deviations of the last parameter's mean and log covariances."""
+        self.grid = grid
+        mode = self.mode(sites, start)
+        error = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, sites)[1], mode)))
+        last, places = self._model.hyperparameters[-1], self._names
         of_last = np.array([places.index(LAST), places.index(last)])
-        log_sd = np.log(float(self._spreads(mode)[last]))
+        log_sd = np.log(float(self._hyperparameters(mode)[last]))
         # A standard deviation's unconstrained coordinate is nearly its log.
         scale = np.array([self._model.locations.sd[-1], 1.0])
         return np.array([self.last_mean(mode), log_sd]), scale * error[of_last]
 
-    def _spreads(self, flat: np.ndarray) -> dict[str, Array]:
+    def _hyperparameters(self, flat: np.ndarray) -> dict[str, Array]:
         return constrained(self._model, dict(zip(self._names, flat, strict=True)))
 
-    def mode(self, summaries: Sites, start: np.ndarray | None) -> np.ndarray:
-        return find_mode(self._model, self._names, lambda flat: self.at(flat, summaries), start)
+    def mode(self, sites: Sites, start: np.ndarray | None) -> np.ndarray:
+        return find_mode(self._model, self._names, lambda flat: self.at(flat, sites), start)
 
-    def at_best_last(self, summaries: Sites, flat: np.ndarray) -> np.ndarray:
+    def at_best_last(self, sites: Sites, flat: np.ndarray) -> np.ndarray:
         """The same place where the last location's standard normal is most likely."""
         places = np.repeat(flat[None], len(_PLACES), axis=0)
         places[:, -1] = _PLACES
-        return places[np.argmin([self.at(place, summaries)[0] for place in places])]
+        return places[np.argmin([self.at(place, sites)[0] for place in places])]
 
     def last_mean(self, flat: np.ndarray) -> float:
         """The mean of the last parameter there."""
         return float(self.data.location_mean[-1] + self._model.locations.sd[-1] * flat[-1])
 
-    def conditional_prior(self, summaries: Sites, flat: np.ndarray) -> ConditionalPrior:
+    def conditional_prior(self, sites: Sites, flat: np.ndarray) -> ConditionalPrior:
         """Of each impact there, b having its conditional mean."""
         raw, at_mean = np.reshape(flat, (-1, 1)), np.zeros((1, self._model.locations.size))
         named, design = dict(zip(self._names, raw, strict=True)), self.data.design
-        drawn = population_draws(self._model, self._of(summaries), named, at_mean)
+        drawn = population_draws(self._model, self._of(sites), named, at_mean)
         found = of_cells(drawn.priors(design), np.asarray(design.cell))
         return ConditionalPrior(found.mean[0], drawn.precision[0])
 
-    def coordinates(self, summaries: Sites, mode: np.ndarray) -> Coordinates:
-        scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, summaries)[1], mode)))
-        warp = warp_about(lambda each: np.array([-self.at(flat, summaries)[0] for flat in each]), mode, scale)
-        about = covariance_about(lambda y: self.at(y, summaries, warp)[1], np.zeros(len(mode)))
+    def coordinates(self, sites: Sites, mode: np.ndarray) -> Coordinates:
+        scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, sites)[1], mode)))
+        warp = warp_about(lambda each: np.array([-self.at(flat, sites)[0] for flat in each]), mode, scale)
+        about = covariance_about(lambda y: self.at(y, sites, warp)[1], np.zeros(len(mode)))
         return Coordinates(self._names, warp, about)
 
 
 def potential_at(
-    prepared: Prepared, summarised: Approximation, y: Float[np.ndarray, " coordinate"]
+    prepared: Prepared, approximation: Approximation, y: Float[np.ndarray, " coordinate"]
 ) -> tuple[float, Float[np.ndarray, " coordinate"]]:
-    """Minus the log density of the spreads' coordinates there, and its gradient; no trace is asked for."""
-    finder = _SpreadsFinder(prepared.model, prepared.data, summarised.grid, summarised.expansion)
-    return finder.at(y, summarised.summaries, summarised.spreads.warp)
+    """Minus the log density of the hyperparameters' coordinates, and its gradient; no trace is asked for."""
+    finder = _ModeFinder(prepared.model, prepared.data, approximation.marginal_grid, approximation.expansion)
+    return finder.at(y, approximation.sites, approximation.coordinates.warp)
 
 
 def names_of(model: TraceModel, *, profiled: bool) -> tuple[str, ...]:
-    """Of the coordinates that chains move in: the spreads', and with a profile the last location's."""
-    return (*model.spreads, LAST) if profiled else model.spreads
+    """Of the coordinates that chains move in: the hyperparameters', and with a grid the last location's."""
+    return (*model.hyperparameters, LAST) if profiled else model.hyperparameters
 
 
-def spreads_of_summaries(
+def coordinates_given_sites(
     prepared: Prepared, found: Approximation, near: Mapping[str, np.ndarray]
 ) -> Coordinates:
-    """The spreads' coordinates given other sites, their mode sought from ``near`` on, unconstrained."""
-    finder = _SpreadsFinder(prepared.model, prepared.data, found.grid, found.expansion)
+    """The hyperparameters' coordinates given other sites, their mode sought from ``near`` on."""
+    finder = _ModeFinder(prepared.model, prepared.data, found.marginal_grid, found.expansion)
     begin = np.array(
-        [near.get(name, 0.0) for name in names_of(prepared.model, profiled=found.grid is not None)]
+        [near.get(name, 0.0) for name in names_of(prepared.model, profiled=found.marginal_grid is not None)]
     )
-    if found.grid is not None:
-        begin = finder.at_best_last(found.summaries, begin)
-    return finder.coordinates(found.summaries, finder.mode(found.summaries, begin))
+    if found.marginal_grid is not None:
+        begin = finder.at_best_last(found.sites, begin)
+    return finder.coordinates(found.sites, finder.mode(found.sites, begin))
 
 
 def _anchored_at(last: float, prior: ConditionalPrior) -> ConditionalPrior:

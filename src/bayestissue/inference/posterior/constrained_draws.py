@@ -32,27 +32,27 @@ DRAWS = 256
 
 def constrained_draws(
     prepared: Prepared,
-    sites: Approximation,
+    approximation: Approximation,
     draws: Draws,
     key: Array,
     *,
-    told: LikelihoodApproximation | None = None,
+    likelihood: LikelihoodApproximation | None = None,
 ) -> ConstrainedDraws:
     """Map all draws back; of impacts those that `kept_draws` keeps.
 
     Args:
         prepared: the fit.
-        sites: in whose coordinates the draws are.
+        approximation: in whose coordinates the draws are.
         draws: of the sampler; those of impacts may be the kept ones already.
         key: of what is drawn besides.
-        told: of the traces' likelihoods, for the log densities; these sites unless given.
+        likelihood: of the traces' likelihoods, for the log densities; this approximation unless given.
     """
     model, design = prepared.model, prepared.data.design
     chains, number = next(iter(draws.sites.values())).shape[:2]
     shape, cell = (chains, number), np.asarray(design.cell)
     flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
     z_u = draws.sites["standard_impacts"]
-    every = population_draws(model, sites.data(prepared.data), flat, flat["standard_locations"])
+    every = population_draws(model, approximation.data(prepared.data), flat, flat["standard_locations"])
     keys = jax.random.split(jax.random.fold_in(key, 11), len(every.b))
     kept = kept_draws(*shape, len(cell))
     z_u = z_u if z_u.shape[1] == len(kept) else z_u[:, kept]
@@ -63,7 +63,7 @@ def constrained_draws(
 
     def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
         here = of_cells(priors, cell[rows])
-        u = normals(sites.of_rows(rows)[0], here).at(z_u[:, rows])
+        u = normals(approximation.of_rows(rows)[0], here).at(z_u[:, rows])
         of_block = jax.vmap(partial(jax.random.fold_in, data=rows[0]))(people)
         of_errors, of_mass = np.moveaxis(np.asarray(jax.vmap(jax.random.split)(of_block)), 1, 0)
         shared = people if model.mass_error == "subject" else of_mass
@@ -82,7 +82,7 @@ def constrained_draws(
         for name, v in made.items()
     }
     b = in_calls(partial(at_true_masses_of, model), (every.sites, every.b, keys), DRAWS)
-    scores = of_draws(prepared, told or LikelihoodApproximation(sites), every)
+    scores = of_draws(prepared, likelihood or LikelihoodApproximation(approximation), every)
     values, b, scores = jax.tree.map(
         lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (every.sites, b, scores)
     )
@@ -109,12 +109,12 @@ def constrain_rows(
 
     def one(place: Any) -> dict[str, Array]:
         own = {name: values[place] for name, values in sites.items()}
-        spread, columns, here = population(model, own), list(u[place].T), list(about[place].T)
-        _, shared = at_true_masses(spread, b[place], of_mass[place])
+        covariances, columns, here = population(model, own), list(u[place].T), list(about[place].T)
+        _, shared = at_true_masses(covariances, b[place], of_mass[place])
         if shared is None:
-            mass_error = impact_error(model, spread, columns, here, of_mass[place])
+            mass_error = impact_error(model, covariances, columns, here, of_mass[place])
         else:
-            mass_error = of_impacts(data.design, spread, shared)
+            mass_error = of_impacts(data.design, covariances, shared)
         return impact_quantities(model, data, columns, mass_error, of_errors[place])
 
     return first_rows(one, DRAWS, number)
@@ -164,24 +164,28 @@ def impact_quantities(
     return impacts
 
 
-def at_true_masses(spread: Covariances, b: Array, key: Array) -> tuple[Array, Float[Array, " person"] | None]:
+def at_true_masses(
+    covariances: Covariances, b: Array, key: Array
+) -> tuple[Array, Float[Array, " person"] | None]:
     """People's effects in b put at their true mass, and the errors that all impacts of a person share.
 
     Everything seen is log K - e and log C - e. Where e is an impact's own, Var(e) is part of the covariance
     of u; where it is a person's, of that of the person's effects, from which it is taken apart here. Either
     way e is normal given what is seen.
     """
-    if spread.shared is None:
+    if covariances.shared is None:
         return b, None
-    error = error_of_people(spread.locations, spread.shared, b, key)
-    return b.at[spread.shared.effect_on_K].add(error).at[spread.shared.effect_on_C].add(error), error
+    error = error_of_people(covariances.locations, covariances.shared, b, key)
+    return b.at[covariances.shared.effect_on_K].add(error).at[covariances.shared.effect_on_C].add(
+        error
+    ), error
 
 
 def impact_error(
-    model: TraceModel, spread: Covariances, u: list[Array], about: list[Array], key: Array
+    model: TraceModel, covariances: Covariances, u: list[Array], about: list[Array], key: Array
 ) -> Array:
     """The error of the log mass where it is each impact's own, given u and its expectation."""
-    kk, kc, cc = spread.own
+    kk, kc, cc = covariances.own
     variance = model.log_mass_sd**2
     determinant = kk * cc - kc**2
     pull_K, pull_C = variance * (cc - kc) / determinant, variance * (kk - kc) / determinant

@@ -129,6 +129,7 @@ class Correction:
             self.pareto_k < limit,
             "do the sites, normal approximations of the likelihoods, reach wherever the posterior is?",
             _EXACT,
+            "correction",
         )
         of_draws = Check(
             "effective number of draws after the correction",
@@ -137,6 +138,7 @@ class Correction:
             self.effective > self.needed,
             f"are enough draws left? The weights' relative effective sample size is {self.relative:.0%}",
             _EXACT,
+            "correction",
         )
         if self.varies is None:
             return of_tail, of_draws
@@ -147,5 +149,6 @@ class Correction:
             self.relative_of_points > _LEAST_OF_POINTS,
             "is each trace's likelihood anything like its site?",
             _EXACT,
+            "correction",
         )
         return of_tail, of_draws, of_points

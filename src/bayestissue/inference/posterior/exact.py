@@ -21,7 +21,7 @@ from bayestissue.padding import bucket
 
 def exact_draws(
     prepared: Prepared,
-    summarised: Approximation,
+    approximation: Approximation,
     settings: Sampler,
     seed: int,
     *,
@@ -29,44 +29,53 @@ def exact_draws(
     checkpoints: Path | None = None,
     processes: bool = True,
 ) -> Draws:
-    """Draws of the sites of `sampled_model`, whose coordinates the summaries make; see `run_chains`."""
+    """Draws of the sites of `sampled_model`, whose coordinates the sites make; see `run_chains`."""
     impacts = len(prepared.impacts)
     present = np.arange(bucket(impacts)) < impacts
     draws = run_chains(
         sampled_model,
-        (prepared.model, *filled_up((prepared.data, summarised.summaries)), summarised.spreads.warp, present),
-        start_of(prepared, summarised),
+        (
+            prepared.model,
+            *filled_up((prepared.data, approximation.sites)),
+            approximation.coordinates.warp,
+            present,
+        ),
+        start_of(prepared, approximation),
         settings,
         seed,
         progress=progress,
         checkpoints=checkpoints,
         processes=processes,
     ).thinned(settings.thinning)
-    sites = straightened(prepared.model, summarised, draws.sites)
+    sites = straightened(prepared.model, approximation, draws.sites)
     return replace(draws, sites=sites)
 
 
 def straightened(
-    model: TraceModel, summarised: Approximation, sites: dict[str, np.ndarray]
+    model: TraceModel, approximation: Approximation, sites: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Draws as if no coordinate had been warped: the spreads' unconstrained values, and standard normals."""
-    count, warp = len(model.spreads), summarised.spreads.warp
+    """Draws as if no coordinate had been warped: unconstrained hyperparameters, and standard normals."""
+    count, warp = len(model.hyperparameters), approximation.coordinates.warp
     raw = np.asarray(warp.part(slice(count))(sites[COORDINATES]))
     z_b = sites["standard_locations"]
-    if summarised.profile is not None:
+    if approximation.grid is not None:
         z_b = np.asarray(warped(jnp.asarray(z_b), warp))
     rest = {name: values for name, values in sites.items() if name != COORDINATES}
-    rest["standard_impacts"] = rest["standard_impacts"][:, :, : len(summarised.summaries.centre)]
-    return rest | {"standard_locations": z_b} | dict(zip(model.spreads, np.moveaxis(raw, -1, 0), strict=True))
+    rest["standard_impacts"] = rest["standard_impacts"][:, :, : len(approximation.sites.centre)]
+    return (
+        rest
+        | {"standard_locations": z_b}
+        | dict(zip(model.hyperparameters, np.moveaxis(raw, -1, 0), strict=True))
+    )
 
 
-def start_of(prepared: Prepared, summarised: Approximation) -> Start:
-    """Chains begin at the middle of the spreads given the summaries, and of all standard normals."""
-    impacts, size = summarised.summaries.centre.shape
+def start_of(prepared: Prepared, approximation: Approximation) -> Start:
+    """Chains begin at the middle of the hyperparameters given the sites, and of all standard normals."""
+    impacts, size = approximation.sites.centre.shape
     middle = {
         "standard_locations": np.zeros(prepared.model.locations.size),
         "standard_impacts": np.zeros((bucket(impacts), size)),
     }
-    count = len(prepared.model.spreads)
-    covariance = summarised.spreads.covariance[:count, :count]
+    count = len(prepared.model.hyperparameters)
+    covariance = approximation.coordinates.covariance[:count, :count]
     return Start({COORDINATES: np.zeros(count), **middle}, (COORDINATES,), covariance)

@@ -19,7 +19,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
-from bayestissue.hierarchy.gaussian.conditional import Expansion, flat_spreads
+from bayestissue.hierarchy.gaussian.conditional import Expansion, flat_covariances
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.trace_data import Prepared
@@ -35,7 +35,7 @@ from bayestissue.inference.factors.importance_ratios import (
     ratios_among,
 )
 from bayestissue.inference.factors.regression import regression_sites
-from bayestissue.inference.posterior.approximate import LAST, Approximation, spreads_of_summaries
+from bayestissue.inference.posterior.approximate import LAST, Approximation, coordinates_given_sites
 from bayestissue.inference.samplers.psis import relative_variance
 
 # Of weights that vary by a quarter, as those of 100,000 impacts did, 40 draws have a Pareto k above the
@@ -60,31 +60,31 @@ class Ratios(NamedTuple):
 
 def draws_at(
     prepared: Prepared,
-    sites: Approximation,
+    approximation: Approximation,
     y: Float[np.ndarray, "draw coordinate"],
     standard: Float[np.ndarray, "draw location"],
 ) -> tuple[PopulationDraws, Float[np.ndarray, "draw location"]]:
     """Draws of the population from coordinates and standard normals; and the standard effects they have."""
-    raw, z_b = sites.spreads.raw(y), np.array(standard)
-    if sites.profile is not None:
+    raw, z_b = approximation.coordinates.raw(y), np.array(standard)
+    if approximation.grid is not None:
         z_b[:, -1] = raw.pop(LAST)
-    return population_draws(prepared.model, sites.data(prepared.data), raw, z_b), z_b
+    return population_draws(prepared.model, approximation.data(prepared.data), raw, z_b), z_b
 
 
 def to_second_order(
-    prepared: Prepared, sites: Approximation, count: int, rng: np.random.Generator
+    prepared: Prepared, approximation: Approximation, count: int, rng: np.random.Generator
 ) -> PopulationDraws:
     """Draws of the population to second order, which cost no chain; of the first b has its mean."""
-    size = len(sites.spreads.names)
-    y = rng.multivariate_normal(np.zeros(size), sites.spreads.covariance, count)
+    size = len(approximation.coordinates.names)
+    y = rng.multivariate_normal(np.zeros(size), approximation.coordinates.covariance, count)
     z_b = rng.standard_normal((count, prepared.model.locations.size))
     y[0], z_b[0] = 0.0, 0.0
-    return draws_at(prepared, sites, y, z_b)[0]
+    return draws_at(prepared, approximation, y, z_b)[0]
 
 
 def importance_weights(
     prepared: Prepared,
-    sites: Approximation,
+    approximation: Approximation,
     draws: PopulationDraws,
     compared: PopulationDraws,
     progress: Progress = silent,
@@ -93,7 +93,7 @@ def importance_weights(
 
     Args:
         prepared: model and data.
-        sites: of the traces, with what they leave out expanded where that is part of the density.
+        approximation: of the traces, with what they leave out expanded where that is part of the density.
         draws: to be weighted.
         compared: others, of which some give the points at which traces and sites are compared.
         progress: told how many blocks of impacts are done.
@@ -103,57 +103,61 @@ def importance_weights(
     at, mixture = (each.priors(data.design) for each in (draws, compared.some(POINTS)))
 
     def one(part: TraceData, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        own, grid = sites.of_rows(rows)
+        own, grid = approximation.of_rows(rows)
         points = ratios_among(model, part, own, of_cells(mixture, cell[rows]), grid)
         found = log_evidence_corrections(own, points, of_cells(at, cell[rows]))
         return np.where(np.isfinite(found), found, -np.inf).T, relative_variance(points.log_ratio)
 
     each, varies = in_blocks(data, one, progress=progress)
     whole = each.sum(0)
-    if sites.expansion is not None:
-        whole = whole - np.asarray(_expanded(model, data.design, sites.expansion, draws))
+    if approximation.expansion is not None:
+        whole = whole - np.asarray(_expanded(model, data.design, approximation.expansion, draws))
     return Ratios(whole, each.T, varies)
 
 
 def refitted(
-    prepared: Prepared, sites: Approximation, draws: PopulationDraws, seed: int, progress: Progress = silent
+    prepared: Prepared,
+    approximation: Approximation,
+    draws: PopulationDraws,
+    seed: int,
+    progress: Progress = silent,
 ) -> Approximation:
     """Regression sites about draws of the population; a grid of the last parameter is not made anew."""
     cell, priors = np.asarray(prepared.data.design.cell), draws.priors(prepared.data.design)
 
     def one(part: TraceData, rows: np.ndarray) -> Sites:
         rng = np.random.default_rng([seed, 41, int(rows[0])])
-        own, _ = sites.of_rows(rows)
+        own, _ = approximation.of_rows(rows)
         return regression_sites(prepared.model, part, own, of_cells(priors, cell[rows]), rng)
 
-    found = replace(sites, summaries=in_blocks(prepared.data, one, progress=progress), expansion=None)
+    found = replace(approximation, sites=in_blocks(prepared.data, one, progress=progress), expansion=None)
     near = {name: np.asarray(values.mean()) for name, values in draws.raw.items()}
-    return replace(found, spreads=spreads_of_summaries(prepared, found, near))
+    return replace(found, coordinates=coordinates_given_sites(prepared, found, near))
 
 
 def with_expansion(
-    prepared: Prepared, sites: Approximation, seed: int, limit: float, progress: Progress = silent
+    prepared: Prepared, approximation: Approximation, seed: int, limit: float, progress: Progress = silent
 ) -> Approximation:
     """The approximation with what its sites leave out expanded.
 
     That is done where log weights scatter by more than ``limit``. Each expansion is made about the
     posterior's middle under the one before; one by which weights scatter more is left out.
     """
-    rng, best, least = np.random.default_rng([seed, 25]), sites, np.inf
+    rng, best, least = np.random.default_rng([seed, 25]), approximation, np.inf
     for number in range(1 + EXPANSIONS):
-        draws = to_second_order(prepared, sites, CHECKS, rng)
-        weight = importance_weights(prepared, sites, draws, draws, progress).log_weight
+        draws = to_second_order(prepared, approximation, CHECKS, rng)
+        weight = importance_weights(prepared, approximation, draws, draws, progress).log_weight
         weight = weight[np.isfinite(weight)]
         scatter = weight.std() if 2 * len(weight) > CHECKS else np.inf
         if number and not scatter < least:
             break
-        best, least = sites, scatter
+        best, least = approximation, scatter
         if scatter < limit or number == EXPANSIONS:
             break
-        found = replace(sites, expansion=expand(prepared, sites, draws, progress=progress))
+        found = replace(approximation, expansion=expand(prepared, approximation, draws, progress=progress))
         near = {name: values[0] for name, values in draws.raw.items()}
         try:
-            sites = replace(found, spreads=spreads_of_summaries(prepared, found, near))
+            approximation = replace(found, coordinates=coordinates_given_sites(prepared, found, near))
         except FloatingPointError:
             # Weights of few points leave an expansion that is none.
             break
@@ -161,13 +165,13 @@ def with_expansion(
 
 
 def expand(
-    prepared: Prepared, sites: Approximation, draws: PopulationDraws, *, progress: Progress = silent
+    prepared: Prepared, approximation: Approximation, draws: PopulationDraws, *, progress: Progress = silent
 ) -> Expansion:
     """The expansion about one population.
 
     Args:
         prepared: model and data.
-        sites: of the traces.
+        approximation: of the traces.
         draws: of the population: the first is the one about which to expand, and of all some give the
             points at which traces and sites are compared.
         progress: told how many blocks of impacts are done.
@@ -176,11 +180,11 @@ def expand(
     design, cell = data.design, np.asarray(data.design.cell)
     mixture, middle = (each.priors(design) for each in (draws.some(POINTS), draws.rows(slice(1))))
     about = middle.mean[0]
-    at = np.asarray(flat_spreads(population(model, {k: v[0] for k, v in draws.sites.items()})))
+    at = np.asarray(flat_covariances(population(model, {k: v[0] for k, v in draws.sites.items()})))
 
     def one(part: TraceData, rows: np.ndarray) -> tuple[Array, Array]:
         here = np.concatenate([about[cell[rows]], np.broadcast_to(at, (len(rows), len(at)))], axis=1)
-        own, grid = sites.of_rows(rows)
+        own, grid = approximation.of_rows(rows)
         return _expand(own, ratios_among(model, part, own, of_cells(mixture, cell[rows]), grid), here)
 
     slope, bend = in_blocks(data, one, progress=progress)
@@ -205,11 +209,9 @@ def _expanded(
 
 
 @jax.jit
-def _expand(
-    summaries: Sites, points: ImportanceRatios, middle: Float[Array, "impact v"]
-) -> tuple[Array, Array]:
+def _expand(sites: Sites, points: ImportanceRatios, middle: Float[Array, "impact v"]) -> tuple[Array, Array]:
     """Slopes and bends of each impact's correction at the middle."""
-    slope = jax.grad(lambda v: _correction(points, summaries, v).sum())
+    slope = jax.grad(lambda v: _correction(points, sites, v).sum())
 
     def bent(direction: Array) -> Array:
         return jax.jvp(slope, (middle,), (jnp.broadcast_to(direction, middle.shape),))[1]
@@ -217,10 +219,10 @@ def _expand(
     return slope(middle), jax.lax.map(bent, jnp.eye(middle.shape[1])).transpose(1, 2, 0)
 
 
-def _correction(points: ImportanceRatios, summaries: Sites, v: Array) -> Array:
+def _correction(points: ImportanceRatios, sites: Sites, v: Array) -> Array:
     """Each impact's correction, as a function of what the population says of it."""
-    size = summaries.centre.shape[1]
+    size = sites.centre.shape[1]
     kk, kc, cc = v[:, size : size + 3].T
     prior = Covariances((kk, kc, cc), tuple(jnp.sqrt(v[:, size + 3 :]).T), jnp.zeros(0)).of_impact()
     precision = jnp.moveaxis(prior.precision, -1, 0)
-    return log_corrections(points, summaries, ConditionalPrior(v[:, :size], precision))
+    return log_corrections(points, sites, ConditionalPrior(v[:, :size], precision))

@@ -11,7 +11,7 @@ from scipy.optimize import minimize
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.traces import Hyperparameters
 
-# Of the log of a spread over its prior's scale, and of any other unconstrained coordinate.
+# Of the log of a standard deviation over its prior's scale, and of any other unconstrained coordinate.
 _BOUNDS = (-9.0, 5.0)
 # Where a mode is looked for unless one is known: a fifth of the prior's scale.
 _BEGIN = -1.5
@@ -24,14 +24,14 @@ def find_mode(
     value_and_slope: Callable[[Float[np.ndarray, " site"]], tuple[float, Float[np.ndarray, " site"]]],
     start: Float[np.ndarray, " site"] | None = None,
 ) -> Float[np.ndarray, " site"]:
-    """Where a function of the unconstrained spreads is least.
+    """Where a function of the unconstrained hyperparameters is least.
 
-    The way there goes by logs: an expansion about a point that is no maximum says nothing of spreads far
-    beyond what it has seen, but has a minimum there, and on the coordinate y with spread = scale log(1 + e^y)
+    The way there goes by logs: an expansion about a point that is no maximum says nothing of values far
+    beyond what it has seen, but has a minimum there, and on the coordinate y with sd = scale log(1 + e^y)
     a first step is long enough to find it.
 
     Args:
-        model: whose spreads they are.
+        model: whose hyperparameters they are.
         names: of the sites, one coordinate each.
         value_and_slope: of the function, at unconstrained coordinates.
         start: where to begin.
@@ -39,9 +39,9 @@ def find_mode(
     by_log = np.array([_is_half_normal(model, name) for name in names])
 
     def at(place: np.ndarray) -> tuple[float, np.ndarray]:
-        spread = np.exp(np.where(by_log, place, 0.0))
+        sd = np.exp(np.where(by_log, place, 0.0))
         value, slope = value_and_slope(_unconstrained(place, by_log))
-        return value, np.where(by_log, spread / -np.expm1(-spread), 1.0) * slope
+        return value, np.where(by_log, sd / -np.expm1(-sd), 1.0) * slope
 
     begin = np.full(len(names), _BEGIN)
     if start is not None:
@@ -56,7 +56,7 @@ def covariance_about(
 ) -> Float[np.ndarray, "site site"]:
     """The inverse of a function's curvature at a place, from differences of its slope.
 
-    A direction that is flat there, as the log of a small spread is, gets unit scale.
+    A direction that is flat there, as the log of a small standard deviation is, gets unit scale.
 
     Raises:
         FloatingPointError: the function has no finite slopes there.
@@ -71,10 +71,10 @@ def covariance_about(
 
 def _unconstrained(place: np.ndarray, by_log: np.ndarray) -> np.ndarray:
     """Y of log(log(1 + e^y)), or the coordinate itself."""
-    spread = np.exp(np.where(by_log, place, 0.0))
+    sd = np.exp(np.where(by_log, place, 0.0))
     # log(e^s - 1), whose exponential must not overflow.
-    return np.where(by_log, spread + np.log(-np.expm1(-spread)), place)
+    return np.where(by_log, sd + np.log(-np.expm1(-sd)), place)
 
 
 def _is_half_normal(model: Hyperparameters, name: str) -> bool:
-    return name in model.spreads and isinstance(model.prior_of(name), HalfNormalSpread)
+    return name in model.hyperparameters and isinstance(model.prior_of(name), HalfNormalSpread)

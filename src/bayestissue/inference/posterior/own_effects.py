@@ -10,9 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
+import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 from jax import Array
+from jax.scipy.linalg import solve_triangular
 from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.design import Design
@@ -22,6 +24,9 @@ from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.effects import integrated_levels
 from bayestissue.hierarchy.traces import TraceModel
 
+# Effects of one level: of more the algebra is a library's, level by level, which compiles in seconds.
+_MOST_WRITTEN_OUT = 8
+
 
 @dataclass(frozen=True)
 class Slots:
@@ -29,12 +34,12 @@ class Slots:
 
     Attributes:
         parameter: of an impact, by its number, that the effect is on: 0 is log K, 1 log C.
-        spread: the names of their standard deviations.
+        sd_names: the names of their standard deviations.
         shared: pairs of slots whose effects a person's error of mass moves alike.
     """
 
     parameter: tuple[int, ...]
-    spread: tuple[str, ...]
+    sd_names: tuple[str, ...]
     shared: tuple[tuple[int, int], ...]
 
 
@@ -73,7 +78,7 @@ def _of(model: TraceModel, design: Design, grouping: Grouping) -> tuple[Slots, O
     elements: list[np.ndarray] = []
     values: list[np.ndarray] = []
     parameter: list[int] = []
-    spread: list[str] = []
+    sd_names: list[str] = []
     people: dict[int, list[int]] = {0: [], 1: []}
     parameters = (*RESPONSES, *model.nuisance)
     for q, part in design.responses.items():
@@ -95,11 +100,11 @@ def _of(model: TraceModel, design: Design, grouping: Grouping) -> tuple[Slots, O
                 elements.append(element)
                 values.append(np.where(rank[inner.code] == number, column.covariate, 0.0))
                 parameter.append(a)
-                spread.append(term.sd(q))
+                sd_names.append(term.sd(q))
     value = np.array(values).reshape(len(elements), impacts)
     slots = Slots(
         tuple(parameter),
-        tuple(spread),
+        tuple(sd_names),
         tuple(zip(people[0], people[1], strict=True)),
     )
     return slots, OwnEffects(grouping.code, np.array(elements, int).reshape(len(elements), levels), value)
@@ -125,8 +130,11 @@ def gained(
         pull: the slopes of its log evidence by X b, the level's own effects being 0.
         total: from values of impacts, along a last axis, to their sums over each level.
     """
-    if not slots.spread:
+    if not slots.sd_names:
         return 0.0
+    root = _root(model, slots, sites)
+    if len(slots.parameter) > _MOST_WRITTEN_OUT:
+        return _gained_by_arrays(slots, own, root, weight, pull, total)
     each = list(zip(slots.parameter, own.value, strict=True))
 
     def squares(s: int, t: int) -> Any:
@@ -134,12 +142,34 @@ def gained(
         return total(weight[a][b] * (one * other))
 
     pulled = [total(pull[a] * value) for a, value in each]
-    return integrated_levels(blocks.symmetric(len(each), squares), pulled, _root(model, slots, sites))
+    return integrated_levels(blocks.symmetric(len(each), squares), pulled, root)
+
+
+def _gained_by_arrays(
+    slots: Slots,
+    own: OwnEffects,
+    root: list[list[Any]],
+    weight: blocks.Matrix,
+    pull: blocks.Vector,
+    total: Callable[[Any], Any],
+) -> Array:
+    """`gained` of levels with dozens of effects: written out entry by entry it would compile for minutes."""
+    entries = jnp.array(root)[..., 0]
+    R = jnp.moveaxis(entries, (0, 1), (-2, -1))[..., None, :, :]
+    of, draws = np.array(slots.parameter), (1,) * (entries.ndim - 2)
+    value = jnp.reshape(own.value, (len(of), *draws, -1))
+    W = total(jnp.asarray(weight)[of[:, None], of] * (value[:, None] * value))
+    p = total(jnp.asarray(pull)[of] * value)
+    turned = jnp.swapaxes(R, -1, -2)
+    inner = turned @ jnp.moveaxis(W, (0, 1), (-2, -1)) @ R
+    factor = jnp.linalg.cholesky(inner + jnp.eye(len(of)))
+    half = solve_triangular(factor, turned @ jnp.moveaxis(p, 0, -1)[..., None], lower=True)[..., 0]
+    return (half**2).sum(-1) / 2 - jnp.log(jnp.diagonal(factor, axis1=-2, axis2=-1)).sum(-1)
 
 
 def _root(model: TraceModel, slots: Slots, sites: dict[str, Any]) -> list[list[Any]]:
     """The lower Cholesky factor of the prior covariance of a level's effects, entries [*draw, 1]."""
-    sd = [sites[name][..., None] for name in slots.spread]
+    sd = [sites[name][..., None] for name in slots.sd_names]
     xp, variance, count = sd[0].__array_namespace__(), model.log_mass_sd**2, range(len(sd))
     entries = {(slot, slot): value for slot, value in enumerate(sd)}
     for K, C in slots.shared:

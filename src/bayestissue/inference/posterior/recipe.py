@@ -69,14 +69,14 @@ class Attempt(NamedTuple):
     """Draws of the population made with some sites, and chosen by their weights.
 
     Attributes:
-        sites: of the traces.
+        approximation: of the traces, with which they were made.
         chains: as the sampler left them.
         draws: those chosen, one chain's after the other's.
         z_b: their standard effects.
         correction: their importance weights.
     """
 
-    sites: Approximation
+    approximation: Approximation
     chains: Draws
     draws: PopulationDraws
     z_b: Float[np.ndarray, "draw location"]
@@ -88,7 +88,7 @@ def corrected_draws(
     settings: Sampler,
     seed: int,
     *,
-    summarised: Approximation | None = None,
+    approximation: Approximation | None = None,
     say: Callable[[str, int, int], None] = lambda *_: None,
 ) -> tuple[Approximation, Draws, Correction]:
     """Sites, draws of the approximate marginal posterior made with them, and their correction.
@@ -103,33 +103,34 @@ def corrected_draws(
         prepared: model and data.
         settings: how many chains and draws.
         seed: of all of it.
-        summarised: what `approximate` found, if it was asked before.
+        approximation: what `approximate` found, if it was asked before.
         say: told the stage, how much of it is done, and its total; of every attempt anew.
     """
     rng = np.random.default_rng([seed, 22])
     done, sampling = partial(say, "summarising each trace"), partial(say, "sampling the population")
-    sites = summarised or approximate(prepared, say=done)
+    approximation = approximation or approximate(prepared, say=done)
 
-    def sample(sites: Approximation, settings: Sampler = settings) -> Attempt:
-        return population_attempt(prepared, sites, settings, seed, sampling)
+    def sample(approximation: Approximation, settings: Sampler = settings) -> Attempt:
+        return population_attempt(prepared, approximation, settings, seed, sampling)
 
-    def attempts(sites: Approximation) -> list[Attempt]:
+    def attempts(approximation: Approximation) -> list[Attempt]:
         return _attempts(
-            prepared, placed(prepared, sites, settings, seed, rng, done), sample, settings, seed, rng
+            prepared, placed(prepared, approximation, settings, seed, rng, done), sample, settings, seed, rng
         )
 
-    made = attempts(sites)
-    if sites.profile is not None and not _best(made).correction.trusted:
+    made = attempts(approximation)
+    if approximation.grid is not None and not _best(made).correction.trusted:
         made += attempts(approximate(prepared, normal=True, say=done))
     best = _best(made)
     if best.correction.lacks_only_draws:
         longer = int(np.ceil(1.2 * best.correction.needed / best.correction.effective))
-        if longer <= _LONGEST:
-            made.append(sample(best.sites, _lengthened(settings, longer)))
+        lengthened = _lengthened(settings, longer)
+        if longer <= _LONGEST and _all_weighed(prepared, lengthened):
+            made.append(sample(best.approximation, lengthened))
             best = _best(made)
     rows = tuple(attempt.correction.row() for attempt in made)
     draws = with_impacts(prepared, best, settings, seed, partial(say, "drawing each impact"))
-    return best.sites, draws, replace(best.correction, attempts=rows)
+    return best.approximation, draws, replace(best.correction, attempts=rows)
 
 
 def _best(made: list[Attempt]) -> Attempt:
@@ -138,7 +139,7 @@ def _best(made: list[Attempt]) -> Attempt:
 
 def _attempts(
     prepared: Prepared,
-    sites: Approximation,
+    approximation: Approximation,
     sample: Callable[[Approximation], Attempt],
     settings: Sampler,
     seed: int,
@@ -149,11 +150,13 @@ def _attempts(
     So on until a correction can be trusted or the effective number of draws is not half as large again. A
     grid of the last parameter is not fitted anew.
     """
-    made = [sample(sites)]
-    while not made[-1].correction.trusted and made[-1].sites.profile is None and len(made) < _MOST_PASSES:
+    made = [sample(approximation)]
+    while (
+        not made[-1].correction.trusted and made[-1].approximation.grid is None and len(made) < _MOST_PASSES
+    ):
         found = made[-1].draws
         some = found.rows(np.resize(rng.permutation(len(found.b)), _DRAWS_ABOUT))
-        fitted = refitted(prepared, made[-1].sites, some, seed + _MOST_PASSES + len(made))
+        fitted = refitted(prepared, made[-1].approximation, some, seed + _MOST_PASSES + len(made))
         made.append(sample(with_expansion(prepared, fitted, seed, _limit(prepared, settings))))
         if made[-1].correction.effective < _GAIN * made[-2].correction.effective:
             break
@@ -162,7 +165,7 @@ def _attempts(
 
 def placed(
     prepared: Prepared,
-    sites: Approximation,
+    approximation: Approximation,
     settings: Sampler,
     seed: int,
     rng: np.random.Generator,
@@ -170,16 +173,20 @@ def placed(
 ) -> Approximation:
     """Sites fitted about draws of the population to second order, and expanded where these need it."""
     about = int(np.clip(_ALL_BEFORE // len(prepared.impacts), _FEWEST_BEFORE, _DRAWS_BEFORE))
-    for number in range(_PASSES_BEFORE if sites.profile is None else 0):
-        draws = to_second_order(prepared, sites, about, rng)
-        sites = refitted(prepared, sites, draws, seed + number, progress)
-    return with_expansion(prepared, sites, seed, _limit(prepared, settings), progress)
+    for number in range(_PASSES_BEFORE if approximation.grid is None else 0):
+        draws = to_second_order(prepared, approximation, about, rng)
+        approximation = refitted(prepared, approximation, draws, seed + number, progress)
+    return with_expansion(prepared, approximation, seed, _limit(prepared, settings), progress)
 
 
 def _limit(prepared: Prepared, settings: Sampler) -> float:
     """The scatter of log weights that is left to the weights: none where these only judge."""
-    whole = all_fit(settings.chains * settings.transitions, len(prepared.impacts))
-    return _MOST_SCATTER if whole else 0.0
+    return _MOST_SCATTER if _all_weighed(prepared, settings) else 0.0
+
+
+def _all_weighed(prepared: Prepared, settings: Sampler) -> bool:
+    """Whether every draw gets a weight: of many impacts some do, and judge all."""
+    return all_fit(settings.chains * settings.transitions, len(prepared.impacts))
 
 
 def _lengthened(settings: Sampler, times: int) -> Sampler:
@@ -188,21 +195,25 @@ def _lengthened(settings: Sampler, times: int) -> Sampler:
 
 
 def population_attempt(
-    prepared: Prepared, sites: Approximation, settings: Sampler, seed: int, progress: Progress = silent
+    prepared: Prepared,
+    approximation: Approximation,
+    settings: Sampler,
+    seed: int,
+    progress: Progress = silent,
 ) -> Attempt:
     """Chains of the population and their correction.
 
     Where draws times impacts are more than fits, the weights are those of some draws, by which all are judged
     and none chosen.
     """
-    chains = sample_marginal(prepared, sites, settings, seed, progress)
+    chains = sample_marginal(prepared, approximation, settings, seed, progress)
     shape, rng = (settings.chains, settings.transitions), np.random.default_rng([seed, 21])
     y = chains.sites[COORDINATES].reshape(shape[0] * shape[1], -1)
     standard = rng.standard_normal((len(y), prepared.model.locations.size))
-    every, z_b = draws_at(prepared, sites, y, standard)
-    whole = all_fit(len(y), len(prepared.impacts))
+    every, z_b = draws_at(prepared, approximation, y, standard)
+    whole = _all_weighed(prepared, settings)
     checked = every if whole else every.some(CHECKS)
-    found = importance_weights(prepared, sites, checked, every)
+    found = importance_weights(prepared, approximation, checked, every)
     log_weight = found.log_weight.reshape(shape if whole else (1, -1))
     number = settings.chains * settings.draws if whole else CHECKS
     correction = Correction.of(log_weight, number, found.varies)
@@ -212,7 +223,7 @@ def population_attempt(
     chosen = np.ravel(places + shape[1] * np.arange(shape[0])[:, None])
     if whole:
         correction = replace(correction, of_impacts=found.of_impacts[chosen])
-    return Attempt(sites, chains, every.rows(chosen), z_b[chosen], correction)
+    return Attempt(approximation, chains, every.rows(chosen), z_b[chosen], correction)
 
 
 def with_impacts(
@@ -228,12 +239,12 @@ def with_impacts(
     some = found.draws.rows((np.arange(shape[0])[:, None] * shape[1] + kept).ravel())
     priors = some.priors(design)
     # What has a grid varies besides under the population of each draw.
-    measured = found.correction.varies if found.sites.profile is None else None
+    measured = found.correction.varies if found.approximation.grid is None else None
     varies = np.inf if measured is None else float(measured.mean())
 
     def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
         rng = np.random.default_rng([seed, 24, int(rows[0])])
-        own, here = found.sites.of_rows(rows)[0], of_cells(priors, cell[rows])
+        own, here = found.approximation.of_rows(rows)[0], of_cells(priors, cell[rows])
         choose = partial(sir_proposals, model, part, own, candidates_for(varies))
         seeds = rng.integers(2**32, size=len(some.b))
         return in_calls(choose, (here.mean, some.precision, seeds), _DRAWS_AT_ONCE).swapaxes(0, 1)
@@ -246,13 +257,17 @@ def with_impacts(
 
 
 def sample_marginal(
-    prepared: Prepared, summarised: Approximation, settings: Sampler, seed: int, progress: Progress
+    prepared: Prepared, approximation: Approximation, settings: Sampler, seed: int, progress: Progress
 ) -> Draws:
     """Draws of the marginal posterior's coordinates, by independent proposals where these serve, or NUTS."""
-    data = summarised.data(prepared.data)
-    arguments = (prepared.model, *filled_up((data, summarised.grid)), summarised.spreads.warp)
+    data = approximation.data(prepared.data)
+    arguments = (
+        prepared.model,
+        *filled_up((data, approximation.marginal_grid)),
+        approximation.coordinates.warp,
+    )
     progress(0, 1)
-    covariance = summarised.spreads.covariance
+    covariance = approximation.coordinates.covariance
     found = independence_chains(marginal_model, arguments, COORDINATES, covariance, settings, seed)
     if found.pareto_k < PROPOSAL_LIMIT and found.effective > _LEAST_EFFECTIVE:
         progress(1, 1)
@@ -260,7 +275,7 @@ def sample_marginal(
     return run_chains(
         marginal_model,
         arguments,
-        _begun(prepared, summarised, settings.chains, np.random.default_rng([seed, 23])),
+        _begun(prepared, approximation, settings.chains, np.random.default_rng([seed, 23])),
         settings,
         seed,
         progress=progress,
@@ -278,40 +293,40 @@ def candidates_for(varies: float) -> int:
     return int(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES))
 
 
-def _begun(prepared: Prepared, summarised: Approximation, chains: int, rng: np.random.Generator) -> Start:
+def _begun(prepared: Prepared, approximation: Approximation, chains: int, rng: np.random.Generator) -> Start:
     """Scattered by half a standard deviation, which lets R-hat see chains that did not forget it."""
-    root = np.linalg.cholesky(summarised.spreads.covariance)
+    root = np.linalg.cholesky(approximation.coordinates.covariance)
     points = 0.5 * rng.standard_normal((chains, len(root))) @ root.T
-    found = [potential_at(prepared, summarised, point) for point in points]
+    found = [potential_at(prepared, approximation, point) for point in points]
     potentials, slopes = (np.array(part) for part in zip(*found, strict=True))
     centre = {COORDINATES: np.zeros(len(root))}
     known = Known(points, potentials, slopes)
-    return Start(centre, (COORDINATES,), summarised.spreads.covariance, known)
+    return Start(centre, (COORDINATES,), approximation.coordinates.covariance, known)
 
 
 def sir_proposals(
     model: TraceModel,
     data: TraceData,
-    summaries: Sites,
+    sites: Sites,
     candidates: int,
     about: Float[np.ndarray, "draw impact parameter"],
     precision: Float[np.ndarray, "draw parameter parameter"],
     seeds: Int[np.ndarray, " draw"],
     number: int | None = None,
 ) -> Float[np.ndarray, "draw impact parameter"]:
-    """Standard normals of every impact, one of a few candidates each, chosen by likelihood over summary.
+    """Standard normals of every impact, one of a few candidates each, chosen by likelihood over site.
 
     Of the first ``number`` draws, all of them unless given.
     """
     about, precision, seeds = (values[:number] for values in (about, precision, seeds))
-    given = normals(summaries, ConditionalPrior(about, np.asarray(precision)[:, None]))
+    given = normals(sites, ConditionalPrior(about, np.asarray(precision)[:, None]))
     rng = np.random.default_rng(seeds)
     best, most = np.zeros(about.shape), np.full(about.shape[:2], -np.inf)
     for number in range(candidates):
         z = rng.standard_normal(about.shape)
         u = given.at(z)
-        ratio = log_likelihoods(model, data, u) - log_site(summaries, u)
-        # The greatest of these sums is a choice by likelihood over summary (Gumbel 1954).
+        ratio = log_likelihoods(model, data, u) - log_site(sites, u)
+        # The greatest of these sums is a choice by likelihood over site (Gumbel 1954).
         value = ratio + rng.gumbel(size=ratio.shape)
         better = (value > most) | (number == 0)
         best = np.where(better[..., None], z, best)

@@ -42,17 +42,17 @@ class LikelihoodApproximation(NamedTuple):
     """All that is known of the traces' likelihoods.
 
     Attributes:
-        sites: of the traces, with a grid of the last parameter or an expansion of what they leave out.
+        approximation: of the traces, with a grid of the last parameter or an expansion of what sites omit.
         corrections: log of each trace's evidence over its site's at the draws that are scored; found by
             `of_draws` unless given.
     """
 
-    sites: Approximation
+    approximation: Approximation
     corrections: Float[np.ndarray, "draw impact"] | None = None
 
 
 def of_draws(
-    prepared: Prepared, told: LikelihoodApproximation, draws: PopulationDraws
+    prepared: Prepared, likelihood: LikelihoodApproximation, draws: PopulationDraws
 ) -> dict[str, np.ndarray]:
     """Log densities under each draw of the population: "trace" [draw, impact], "traces_of_subject" and so on.
 
@@ -65,13 +65,13 @@ def of_draws(
     Where draws times impacts are more than fits, "trace" is of `some_impacts`, what groups have besides
     their sites is the expansion, and "traces" is of all traces together.
     """
-    data, sites, count = prepared.data, told.sites, len(prepared.impacts)
+    data, approximation, count = prepared.data, likelihood.approximation, len(prepared.impacts)
     whole = all_fit(len(draws.b), count)
-    groups = _of_groups(prepared, replace(sites, expansion=None) if whole else sites, draws)
+    groups = _of_groups(prepared, replace(approximation, expansion=None) if whole else approximation, draws)
     rows = np.arange(count) if whole else some_impacts(count)
-    part, (own, grid) = impacts_of(data, rows), sites.of_rows(rows)
+    part, (own, grid) = impacts_of(data, rows), approximation.of_rows(rows)
     priors = of_cells(draws.priors(data.design), np.asarray(data.design.cell)[rows])
-    besides = told.corrections
+    besides = likelihood.corrections
     if besides is None:
         ratios = ratios_among(prepared.model, part, own, priors, grid)
         besides = log_evidence_corrections(own, ratios, priors)
@@ -102,13 +102,13 @@ def _grid_evidence(
 
 
 def _of_groups(
-    prepared: Prepared, sites: Approximation, draws: PopulationDraws
+    prepared: Prepared, approximation: Approximation, draws: PopulationDraws
 ) -> dict[str, Float[np.ndarray, " draw ..."]]:
     """The same of groups by the sites, and that of all traces together."""
     found = own_effects(prepared.model, prepared.design)
     slots = tuple((name, each) for name, (each, _) in found.items())
     own = {name: _by_place(prepared, each) for name, (_, each) in found.items()}
-    scored = partial(_group_scores, prepared.model, slots, sites.data(prepared.data), own)
+    scored = partial(_group_scores, prepared.model, slots, approximation.data(prepared.data), own)
     made = in_calls(scored, (draws.sites, draws.b), _AT_ONCE)
     for name, grouping in prepared.design.groupings.items():
         stem = f"traces_of_{stem_of(name)}"
@@ -140,8 +140,8 @@ def _group_scores(
     """What is compiled of `_of_groups`: the first so many of the draws."""
 
     def one(place: Any) -> dict[str, Array]:
-        spreads, effects = {name: values[place] for name, values in sites.items()}, b[place]
-        sums = data.sums(population(model, spreads))
+        hyperparameters, effects = {name: values[place] for name, values in sites.items()}, b[place]
+        sums = data.sums(population(model, hyperparameters))
         moved = expected_by_cell(data.design, effects) - expected_by_cell(data.design, data.mean)
 
         def at(away: Array) -> tuple[Array, Array]:
@@ -153,11 +153,12 @@ def _group_scores(
             own = own_of[name]
 
             def total(values: Array, own: OwnEffects = own) -> Array:
-                return jax.ops.segment_sum(values, own.level, own.element.shape[1])
+                impact_first = jnp.moveaxis(values, -1, 0)
+                return jnp.moveaxis(jax.ops.segment_sum(impact_first, own.level, own.element.shape[1]), 0, -1)
 
             alone = [v - own.in_impacts(slots, effects, a) for a, v in enumerate(moved)]
             value, pull = at(jnp.stack(alone))
-            added = gained(model, slots, own, spreads, sums.weight, pull, total)
+            added = gained(model, slots, own, hyperparameters, sums.weight, pull, total)
             scores[f"traces_of_{stem_of(name)}"] = total(value) + added
         return scores
 

@@ -232,10 +232,10 @@ def _prior_groups(
     seed: int,
     rng: np.random.Generator,
 ) -> dict[str, xr.DataTree]:
-    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 2), len(model.spreads))
+    keys = jax.random.split(jax.random.fold_in(jax.random.key(seed), 2), len(model.hyperparameters))
     spreads = {
         name: np.asarray(model.prior_of(name).sample(key, (1, PRIOR_DRAWS)))
-        for name, key in zip(model.spreads, keys, strict=True)
+        for name, key in zip(model.hyperparameters, keys, strict=True)
     }
     effects = model.locations
     sd = [

@@ -194,7 +194,7 @@ def _by_chain(
     settings: Sampler,
 ) -> EstimatesPosterior:
     shape = (settings.chains, settings.draws)
-    sites = constrained(model, dict(zip(model.spreads, raw.T, strict=True)))
+    sites = constrained(model, dict(zip(model.hyperparameters, raw.T, strict=True)))
     draws = replace(sampled, sites={name: np.asarray(v).reshape(shape) for name, v in sites.items()})
     b, rows = (np.asarray(values).reshape(*shape, -1) for values in (drawn.b, drawn.rows))
     return EstimatesPosterior(draws, b, rows, None, data, coordinates, None)
@@ -219,7 +219,7 @@ def _draw_rows(
     number: Array,
 ) -> EffectsDraw:
     def one(place: Array) -> EffectsDraw:
-        sites = constrained(model, dict(zip(model.spreads, raw[place], strict=True)))
+        sites = constrained(model, dict(zip(model.hyperparameters, raw[place], strict=True)))
         return draw_effects(model, data, sites, z[place])
 
     return EffectsDraw(*first_rows(lambda place: tuple(one(place)), POINTS, number))
@@ -230,15 +230,15 @@ def leave_one_out_densities(
 ) -> Float[np.ndarray, "*draw row"]:
     """Log density of every row given all others, for each draw; see `leave_one_out`."""
     sites = found.draws.sites
-    flat = np.stack([sites[name].ravel() for name in model.spreads], axis=1)
+    flat = np.stack([sites[name].ravel() for name in model.hyperparameters], axis=1)
     rows = in_calls(partial(_left_out_rows, model, found.data), (flat,), POINTS)
-    return rows.reshape(*sites[model.spreads[0]].shape, -1)
+    return rows.reshape(*sites[model.hyperparameters[0]].shape, -1)
 
 
 @partial(jax.jit, static_argnums=0)
 def _left_out_rows(model: EstimatesModel, data: EstimatesData, values: Array, number: Array) -> Array:
     def one(place: Array) -> Array:
-        return leave_one_out(model, data, dict(zip(model.spreads, values[place], strict=True)))
+        return leave_one_out(model, data, dict(zip(model.hyperparameters, values[place], strict=True)))
 
     return first_rows(one, POINTS, number)
 
@@ -266,7 +266,7 @@ def approximated(model: EstimatesModel, data: EstimatesData, seed: int) -> tuple
     mode = None
     z = np.random.default_rng([seed, 24]).standard_normal((POINTS, model.locations.size))
     for _ in range(_ABOUT_MODE):
-        mode = find_mode(model, model.spreads, _Finder(model, data).at, mode)
+        mode = find_mode(model, model.hyperparameters, _Finder(model, data).at, mode)
         drawn = draw_all(model, data, np.repeat(mode[None], len(z), axis=0), z)
         data = data._replace(scatter=drawn.scatter.mean(0))
     return data, coordinates_about(model, data, mode)
@@ -277,8 +277,8 @@ def coordinates_about(
 ) -> Coordinates:
     """Coordinates about the posterior mode, which is sought from ``near`` on."""
     finder = _Finder(model, data)
-    mode = find_mode(model, model.spreads, finder.at, near)
+    mode = find_mode(model, model.hyperparameters, finder.at, near)
     scale = np.sqrt(np.diagonal(covariance_about(lambda y: finder.at(y)[1], mode)))
     warp = warp_about(finder.densities, mode, scale)
     about = covariance_about(lambda y: finder.at(y, warp)[1], np.zeros(len(mode)))
-    return Coordinates(model.spreads, warp, about)
+    return Coordinates(model.hyperparameters, warp, about)

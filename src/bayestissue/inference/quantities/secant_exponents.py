@@ -26,7 +26,7 @@ _SPREADS = np.geomspace(1e-4, 10.0, 500)
 
 
 def mass_exponents_of_secants(
-    prepared: Prepared, unfolded: ConstrainedDraws, seed: int
+    prepared: Prepared, constrained: ConstrainedDraws, seed: int
 ) -> dict[str, Float[np.ndarray, "chain draw"]]:
     """Slopes on log mass, all else equal, of log K_common_depth and log K_secant.
 
@@ -37,7 +37,7 @@ def mass_exponents_of_secants(
 
     Args:
         prepared: the fit.
-        unfolded: draws of everything; with a discrepancy as `of_secant` returns them.
+        constrained: draws of everything; with a discrepancy as `of_secant` returns them.
         seed: of these draws.
 
     Returns:
@@ -45,12 +45,12 @@ def mass_exponents_of_secants(
         depend on depth, or log K has no exponent. A stiffness that a draw has at or below 0, as one may where
         the damper's part of the force is hardly known, has none.
     """
-    design, impacts = prepared.design, unfolded.impacts
+    design, impacts = prepared.design, constrained.impacts
     if COMMON_DEPTH not in impacts or design.responses["K"].log_mass is None:
         return {}
-    which = slice(None) if unfolded.kept is None else unfolded.kept
+    which = slice(None) if constrained.kept is None else constrained.kept
     told = {name: secant for name, secant in EXPONENTS.items() if (impacts[secant] > 0).all()}
-    sites = {name: values[:, which] for name, values in unfolded.sites.items() if name.endswith("_K")}
+    sites = {name: values[:, which] for name, values in constrained.sites.items() if name.endswith("_K")}
     moved = {
         name: sites | shifted(design, sites, np.log(impacts[secant] / impacts["K"]))
         for name, secant in told.items()

@@ -17,7 +17,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 
-def of_secant(prepared: Prepared, unfolded: ConstrainedDraws) -> ConstrainedDraws:
+def of_secant(prepared: Prepared, constrained: ConstrainedDraws) -> ConstrainedDraws:
     """Draws in which K means the secant stiffness, of impacts and of the population.
 
     In each draw log(K_secant / K) of the impacts is laid out over log K's formula: its least-squares line
@@ -27,15 +27,15 @@ def of_secant(prepared: Prepared, unfolded: ConstrainedDraws) -> ConstrainedDraw
 
     Args:
         prepared: the fit; without a discrepancy draws stay as they are.
-        unfolded: draws of everything, all of every impact.
+        constrained: draws of everything, all of every impact.
     """
     model = prepared.model
-    if not model.discrepancy or unfolded.kept is not None:
-        return unfolded
-    impacts = unfolded.impacts
+    if not model.discrepancy or constrained.kept is not None:
+        return constrained
+    impacts = constrained.impacts
     shift = np.log(impacts["K_secant"] / impacts["K"])
-    sites = unfolded.sites | shifted(prepared.design, unfolded.sites, shift)
-    return replace(unfolded, sites=sites, impacts={**impacts, "K": impacts["K_secant"]})
+    sites = constrained.sites | shifted(prepared.design, constrained.sites, shift)
+    return replace(constrained, sites=sites, impacts={**impacts, "K": impacts["K_secant"]})
 
 
 def shifted(

@@ -16,13 +16,14 @@ import numpy as np
 import xarray as xr
 from scipy.special import logsumexp
 
+from bayestissue.errors import Coded
 from bayestissue.inference.samplers.convergence import effective_size, elements_of
 from bayestissue.inference.samplers.psis import k_threshold
 
 
-def above(limit: float) -> str:
+def above(limit: float) -> Coded:
     """What is wrong with a Pareto k̂ beyond its threshold."""
-    return f"Pareto k above {limit:.2g}"
+    return Coded(f"Pareto k above {limit:.2g}", "pareto-k")
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from bayestissue.errors import Coded
+
 QUANTITIES = ("K", "C")
 # "These impacts" are those recorded, each person counting as often as hit. "A typical person" is the median
 # of the population that the people are drawn from; "a new person" is one more of that population, so that
@@ -32,9 +34,10 @@ _OF_IMPACTS = {
     "{name}_of_impacts": "these impacts together (geometric mean)",
     "{name}_of_subject": "a person's own impacts (geometric mean)",
 }
-ONE_IMPACT = (
+ONE_IMPACT = Coded(
     "One impact tells nothing of how impacts differ. Its own K and C come from its trace; what is said of "
-    "its person or of a new impact comes from the priors."
+    "its person or of a new impact comes from the priors.",
+    "one-impact",
 )
 
 

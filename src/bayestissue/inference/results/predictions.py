@@ -27,10 +27,10 @@ PREDICTIVE_DRAWS = 100
 PRIOR_DRAWS = 1000
 
 
-def predicted(prepared: Prepared, unfolded: ConstrainedDraws, seed: int) -> dict[str, np.ndarray]:
+def predicted(prepared: Prepared, constrained: ConstrainedDraws, seed: int) -> dict[str, np.ndarray]:
     """About a hundred replicates of every trace, as displacement and as deceleration."""
-    parameters = unfolded.impacts["parameters"]
-    if unfolded.kept is not None:
+    parameters = constrained.impacts["parameters"]
+    if constrained.kept is not None:
         parameters = parameters[:, :, some_impacts(parameters.shape[2])].astype(float)
     some = thinned({"u": parameters}, PREDICTIVE_DRAWS)["u"]
     flat = some.reshape(-1, *some.shape[2:])
@@ -72,7 +72,7 @@ def prior_draws(
     bare = Predictive(
         lambda: impacts_model(model, data),
         num_samples=PRIOR_DRAWS,
-        return_sites=[*model.spreads, "locations", "log_K_and_C", *model.nuisance, *shared],
+        return_sites=[*model.hyperparameters, "locations", "log_K_and_C", *model.nuisance, *shared],
     )
     drawn = bare(key)
     rest = [drawn.pop(name)[..., None] for name in model.nuisance]

@@ -40,7 +40,7 @@ def posterior_tree(
     prepared: Prepared,
     specification: ModelSpecification,
     draws: Draws,
-    unfolded: ConstrainedDraws,
+    constrained: ConstrainedDraws,
     seed: int,
 ) -> xr.DataTree:
     """All groups of a finished fit; see `bayestissue.inference.results.labels` for units and meanings.
@@ -56,30 +56,30 @@ def posterior_tree(
     )
     put = partial(named, coordinates=_coordinates(prepared))
     every, whole = put, prepared
-    if unfolded.kept is not None:
+    if constrained.kept is not None:
         rows = some_impacts(len(prepared.impacts))
         prepared = some_of(prepared, rows)
-        fewer = {**_coordinates(prepared), "kept_draw": unfolded.kept}
+        fewer = {**_coordinates(prepared), "kept_draw": constrained.kept}
         put = partial(named, coordinates=fewer)
         every = partial(
             named,
-            coordinates={**_coordinates(whole), "kept_draw": unfolded.kept},
+            coordinates={**_coordinates(whole), "kept_draw": constrained.kept},
             kept=frozenset({*PER_IMPACT, *EXPONENTS, *prepared.data.record.errors}),
         )
-    quantities = _quantities(whole, unfolded.sites, unfolded.impacts, rng)
-    quantities |= mass_exponents_of_secants(whole, unfolded, seed)
+    quantities = _quantities(whole, constrained.sites, constrained.impacts, rng)
+    quantities |= mass_exponents_of_secants(whole, constrained, seed)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
     priors = compiled_quickly()(specification.complete_priors().log_densities)(
-        {k: v for k, v in unfolded.sites.items() if k in quantities}
+        {k: v for k, v in constrained.sites.items() if k in quantities}
     )
-    log_likelihood = unfolded.log_likelihood
+    log_likelihood = constrained.log_likelihood
     groups = {
         "posterior": every(quantities),
         "sample_stats": labelled_statistics(draws),
         "log_likelihood": put({"trace": log_likelihood["trace"]}),
         "log_likelihood_of_groups": put({k: v for k, v in log_likelihood.items() if k != "trace"}),
         "log_prior": put({name: np.asarray(v) for name, v in priors.items()}),
-        "posterior_predictive": put(predicted(prepared, unfolded, seed)),
+        "posterior_predictive": put(predicted(prepared, constrained, seed)),
         "observed_data": put(_observed(prepared), sampled=False),
         "constant_data": every(_constants(whole), sampled=False),
         **_prior_groups(prepared, put, seed, rng),
@@ -183,7 +183,10 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
     made, u, ratios = jax.device_get(prior_draws(model, data, key))
     drawn = {name: values[None] for name, values in made.items()}
     sites = named_sites(
-        model.locations, prepared.design, {name: drawn[name] for name in model.spreads}, drawn["locations"]
+        model.locations,
+        prepared.design,
+        {name: drawn[name] for name in model.hyperparameters},
+        drawn["locations"],
     )
     if "log_mass_error" in drawn:
         person = pd.Index(prepared.design.subjects).get_indexer(

@@ -60,12 +60,12 @@ _NUISANCE = {
 }
 
 
-def uncertainty_budget(prepared: Prepared, unfolded: ConstrainedDraws) -> pd.DataFrame:
+def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.DataFrame:
     """What each source makes of the posterior variance of log K and log C.
 
     Args:
         prepared: the model and its data.
-        unfolded: draws of everything, of which medians are taken.
+        constrained: draws of everything, of which medians are taken.
 
     Returns:
         `COLUMNS`. ``level`` is `IMPACT` (shares are means over the recorded impacts, or a hundred evenly
@@ -77,16 +77,16 @@ def uncertainty_budget(prepared: Prepared, unfolded: ConstrainedDraws) -> pd.Dat
         `WINDOW` is what a window a tenth shorter would move, no part of the sum, and `WINDOW_BY_NOISE` what
         it may.
     """
-    many = unfolded.kept is not None
+    many = constrained.kept is not None
     rows = np.arange(len(prepared.impacts))
     if many:
         rows = np.unique(np.linspace(0, rows[-1], MOST_IMPACTS).astype(int))
     part = some_of(prepared, rows) if many else prepared
-    u = np.median(unfolded.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
-    middle = _Hierarchy(part, _middle(part, unfolded, np.median))
+    u = np.median(constrained.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
+    middle = _Hierarchy(part, _middle(part, constrained, np.median))
     errors = trace_errors(part, u, _RIDGE * np.linalg.inv(middle.omega))
-    drawn = {q: np.var(np.log(unfolded.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
-    scatter = {q: float(np.median(unfolded.sites[f"sd_impact_{q}"] ** 2)) for q in RESPONSES}
+    drawn = {q: np.var(np.log(constrained.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
+    scatter = {q: float(np.median(constrained.sites[f"sd_impact_{q}"] ** 2)) for q in RESPONSES}
     tables = [_of_impacts(middle.of_impacts(errors, not many), drawn)]
     tables.append(
         _of_traces(middle.of_traces(errors), drawn, scatter, discrepancy=prepared.model.discrepancy)
@@ -102,20 +102,20 @@ def uncertainty_budget(prepared: Prepared, unfolded: ConstrainedDraws) -> pd.Dat
     means = {}
     if not many:
         # Variances of means are linear in those of the spreads, whose posteriors have long tails.
-        means = _Hierarchy(part, _middle(part, unfolded, _root_mean_square)).of_means(errors)
-        tables.append(_of_population(prepared, TYPICAL_PERSON, means, unfolded))
-    of_new = _with_scatter(prepared, means, unfolded)
-    tables.append(_of_population(prepared, NEW_PERSON, of_new, unfolded))
+        means = _Hierarchy(part, _middle(part, constrained, _root_mean_square)).of_means(errors)
+        tables.append(_of_population(prepared, TYPICAL_PERSON, means, constrained))
+    of_new = _with_scatter(prepared, means, constrained)
+    tables.append(_of_population(prepared, NEW_PERSON, of_new, constrained))
     return pd.concat(tables, ignore_index=True)[COLUMNS]
 
 
 def _middle(
-    prepared: Prepared, unfolded: ConstrainedDraws, middle: Callable[[np.ndarray], np.floating]
+    prepared: Prepared, constrained: ConstrainedDraws, middle: Callable[[np.ndarray], np.floating]
 ) -> dict[str, np.floating]:
     """The standard deviations at the middle of their draws, and the median correlation."""
-    sites = {name: middle(unfolded.sites[name]) for name in prepared.model.spreads}
+    sites = {name: middle(constrained.sites[name]) for name in prepared.model.hyperparameters}
     if "residual_correlation" in sites:
-        sites["residual_correlation"] = np.median(unfolded.sites["residual_correlation"])
+        sites["residual_correlation"] = np.median(constrained.sites["residual_correlation"])
     return sites
 
 
@@ -243,26 +243,26 @@ def _sources(prepared: Prepared) -> dict[str, str]:
     }
 
 
-def _new_levels(prepared: Prepared, unfolded: ConstrainedDraws, response: str) -> dict[str, float]:
+def _new_levels(prepared: Prepared, constrained: ConstrainedDraws, response: str) -> dict[str, float]:
     """The variances that a new level of every grouping and a new impact add at the reference mass."""
     terms = prepared.design.responses[response].terms
     spread = {_TERMS.get(term, term.grouping): term.sd(response) for term in terms if not term.slope}
     spread[IMPACTS] = f"sd_impact_{response}"
-    return {source: float(np.mean(unfolded.sites[name] ** 2)) for source, name in spread.items()}
+    return {source: float(np.mean(constrained.sites[name] ** 2)) for source, name in spread.items()}
 
 
 def _with_scatter(
-    prepared: Prepared, means: dict[str, dict[str, float]], unfolded: ConstrainedDraws
+    prepared: Prepared, means: dict[str, dict[str, float]], constrained: ConstrainedDraws
 ) -> dict[str, dict[str, float]]:
     """What a new person, condition and impact add to the population's mean."""
     found = {}
     for response in RESPONSES:
         own = dict(means.get(response, {}))
         if not own:
-            own[PERSON_AND_CONDITION] = float(np.var(unfolded.sites[f"intercept_{response}"]))
+            own[PERSON_AND_CONDITION] = float(np.var(constrained.sites[f"intercept_{response}"]))
         for source in (PEOPLE, CONDITIONS):
             own.setdefault(source, 0.0)
-        for source, added in _new_levels(prepared, unfolded, response).items():
+        for source, added in _new_levels(prepared, constrained, response).items():
             own[source] = own.get(source, 0.0) + added
         found[response] = own
     return found
@@ -311,14 +311,14 @@ def measurement_sd(budget: pd.DataFrame, response: str) -> float:
 
 
 def _of_population(
-    prepared: Prepared, level: str, made: dict[str, dict[str, float]], unfolded: ConstrainedDraws
+    prepared: Prepared, level: str, made: dict[str, dict[str, float]], constrained: ConstrainedDraws
 ) -> pd.DataFrame:
     rows = []
     for response, by_source in made.items():
         total = sum(by_source.values())
-        drawn = float(np.var(unfolded.sites[f"intercept_{response}"]))
+        drawn = float(np.var(constrained.sites[f"intercept_{response}"]))
         if level == NEW_PERSON:
-            drawn += sum(_new_levels(prepared, unfolded, response).values())
+            drawn += sum(_new_levels(prepared, constrained, response).values())
         every = {**by_source, ALL: total, DRAWN: drawn}
         rows += [(level, response, name, v / total, float(np.sqrt(max(v, 0.0)))) for name, v in every.items()]
     return pd.DataFrame(rows, columns=COLUMNS)

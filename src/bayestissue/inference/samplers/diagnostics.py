@@ -10,12 +10,15 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.errors import Coded
+from bayestissue.remedies import Code, codes_in
+
 R_HAT_LIMIT = 1.01
 ESS_LIMIT = 400
 BFMI_LIMIT = 0.3
 # Notes of a summary's rows.
-NO_INTERVAL = "not an interval: no element describes these traces"
-CONTRADICTED = "the traces contradict the measuring chain"
+NO_INTERVAL = Coded("not an interval: no element describes these traces", "undescribed")
+CONTRADICTED = Coded("the traces contradict the measuring chain", "measuring-chain")
 
 
 @dataclass(frozen=True)
@@ -28,6 +31,7 @@ class Check:
     passed: bool
     meaning: str
     next_step: str
+    code: Code
 
 
 def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Check] = ()) -> dict[str, Any]:
@@ -55,6 +59,7 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
             worst_r[1] < R_HAT_LIMIT,
             f"do the chains agree? The worst is {worst_r[0]}",
             longer,
+            "r-hat",
         ),
         Check(
             "bulk effective sample size",
@@ -63,6 +68,7 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
             worst_bulk[1] > ESS_LIMIT,
             f"is the middle of each posterior known? The worst is {worst_bulk[0]}",
             longer,
+            "effective-sample-size",
         ),
         Check(
             "tail effective sample size",
@@ -71,6 +77,7 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
             worst_tail[1] > ESS_LIMIT,
             f"are the ends of the intervals known? The worst is {worst_tail[0]}",
             longer,
+            "effective-sample-size",
         ),
         Check(
             "divergent transitions",
@@ -79,6 +86,7 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
             divergences == 0,
             "did the sampler meet a region that it could not follow? Then part of the posterior is missing",
             "Raise sampler.target_accept towards 0.99, or give the standard deviations narrower priors.",
+            "divergences",
         ),
         Check(
             "energy fraction of missing information",
@@ -87,6 +95,7 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
             bfmi > BFMI_LIMIT,
             "do the tails of the energy get explored?",
             "Give heavy-tailed standard deviations a narrower prior, or raise sampler.warmup.",
+            "energy-fraction",
         ),
         Check(
             "trajectories cut at the deepest tree",
@@ -95,6 +104,7 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
             saturated == 0,
             "were steps ended early, which costs efficiency and not truth?",
             "Raise sampler.max_tree_depth.",
+            "tree-depth",
         ),
         *further,
     ]
@@ -109,12 +119,30 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
     }
 
 
-def warnings(diagnostics: dict[str, Any]) -> list[str]:
+def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     """What the model or its data leave in doubt, whatever the sampler did; the measuring chain first."""
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
     doubted = bool(form.get("structured") or form.get("undescribed"))
-    doubts = ((chain, chain.get("passed") is False), (form, doubted))
-    return [entry["words"] for entry, raised in doubts if raised]
+    law: Code = "undescribed" if form.get("undescribed") else "model-form"
+    doubts: list[tuple[dict[str, Any], bool, Code]] = [
+        (chain, chain.get("passed") is False, "measuring-chain"),
+        (form, doubted, law),
+    ]
+    return [Coded(entry["words"], code) for entry, raised, code in doubts if raised]
+
+
+def warned_codes(diagnostics: dict[str, Any]) -> list[Code]:
+    """The entries that explain what `verdict_in_words` warns of, failed checks first."""
+    failed = [check["code"] for check in diagnostics["checks"] if not check["passed"] and "code" in check]
+    codes = [*failed, *(warning.code for warning in warnings(diagnostics))]
+    return list(dict.fromkeys([*codes, *flagged_codes(diagnostics)]))
+
+
+def flagged_codes(diagnostics: dict[str, Any]) -> list[Code]:
+    """The entries of the flags of recordings, that of flagged recordings first; empty where none is."""
+    flagged = diagnostics.get("recordings", {}).get("flagged", {})
+    named = codes_in("; ".join(flag for flags in flagged.values() for flag in flags))
+    return ["flagged-recordings", *named] if flagged else []
 
 
 def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:

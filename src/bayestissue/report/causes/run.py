@@ -83,7 +83,11 @@ def read_causes_run(folder: Path, about: dict[str, Any]) -> CausesRun:
     if lacking or "causes" not in about["model"]:
         raise InputError(
             Problem(
-                str(folder / "run.json"), "what every such run writes", _AGAIN, column=(*lacking, "model")[0]
+                str(folder / "run.json"),
+                "what every such run writes",
+                _AGAIN,
+                column=(*lacking, "model")[0],
+                code="damaged-run",
             )
         )
     require_files(folder, [f"{layout.name}.csv" for layout in _TABLES])

@@ -10,6 +10,8 @@ import numpy as np
 from bayestissue.hierarchy.formulas.formula import left_out_words
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import ONE_IMPACT
+from bayestissue.inference.samplers.diagnostics import warned_codes
+from bayestissue.remedies import Code, codes_in
 from bayestissue.report import model_words, posterior, posterior_tables, remarks
 from bayestissue.report.fit import answers, depth, estimates, predictions, sources, tables, words
 from bayestissue.report.fit.estimate_figures import estimates_figure
@@ -61,6 +63,7 @@ def fit_page(folder: Path, about: dict[str, Any]) -> str:
             title=f"K and C from the traces of {about.get('dataset') or folder.name}",
             subtitle=_subtitle(run),
             contents=_CONTENTS,
+            codes=_codes(run),
             about=about,
             **_first_screen(run),
             **_impacts(run),
@@ -70,6 +73,15 @@ def fit_page(folder: Path, about: dict[str, Any]) -> str:
             **_checks(run),
             **_provenance(run),
         )
+
+
+def _codes(run: FitRun) -> list[Code]:
+    """Of what the page warns of, the verdict's first."""
+    said = [left_out_words(run.about.get("terms_left_out", [])), *[ONE_IMPACT] * (len(run.impacts) == 1)]
+    return [
+        *warned_codes(run.diagnostics),
+        *codes_in(" ".join([*said, remarks.prior_remark(run.sensitivity)])),
+    ]
 
 
 def _subtitle(run: FitRun) -> str:

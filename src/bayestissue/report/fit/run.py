@@ -202,7 +202,7 @@ def _or[Found](problems: list[Problem], read: Callable[[], Found]) -> Found | No
 def _read_diagnostics(path: Path) -> dict[str, Any]:
     content = read_json(path)
     if "checks" not in content:
-        raise InputError(Problem(str(path), expected='the key "checks"', remedy=_AGAIN))
+        raise InputError(Problem(str(path), expected='the key "checks"', remedy=_AGAIN, code="damaged-run"))
     return content
 
 
@@ -211,7 +211,11 @@ def _read_groups(path: Path) -> dict[str, xr.Dataset]:
         with xr.open_datatree(path, engine="h5netcdf") as tree:
             problems = [
                 Problem(
-                    f"{path}", expected=f"{name} in group {group}", remedy=_AGAIN, value="no such variable"
+                    f"{path}",
+                    expected=f"{name} in group {group}",
+                    remedy=_AGAIN,
+                    value="no such variable",
+                    code="damaged-run",
                 )
                 for group, names in _NEEDED.items()
                 for name in names
@@ -231,5 +235,6 @@ def _read_groups(path: Path) -> dict[str, xr.Dataset]:
                 expected="a DataTree with the groups " + ", ".join(_NEEDED),
                 remedy=_AGAIN,
                 value=str(error),
+                code="damaged-run",
             )
         ) from error

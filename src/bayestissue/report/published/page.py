@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 from bayestissue.dataset.published import PublishedTables, read_published
+from bayestissue.inference.samplers.diagnostics import warned_codes
+from bayestissue.remedies import Code, codes_in
 from bayestissue.report import model_words, posterior, remarks
 from bayestissue.report import posterior_tables as shared_tables
 from bayestissue.report.comparison_figures import comparison_figure
@@ -69,6 +71,7 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
         title="Published K and C, re-analysed",
         subtitle=_subtitle(run),
         contents=_CONTENTS,
+        codes=_codes(run),
         about=about,
         **_first_screen(run),
         **_posterior(run, lines),
@@ -76,6 +79,15 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
         **_published(run, published),
         **_provenance(run),
     )
+
+
+def _codes(run: PublishedRun) -> list[Code]:
+    """Of what the page warns of, the verdict's first."""
+    failed: list[Code] = (
+        ["predictive-check"] if any(row.mark for row in check_tables.checks_table(run).rows) else []
+    )
+    said = "; ".join([remarks.prior_remark(run.sensitivity), *run.comparison["warning"]])
+    return [*warned_codes(run.diagnostics), *failed, *codes_in(said)]
 
 
 def _subtitle(run: PublishedRun) -> str:

@@ -111,5 +111,6 @@ def _read_groups(path: Path) -> dict[str, xr.Dataset]:
                 expected="a DataTree with the groups " + ", ".join(_GROUPS),
                 remedy="Make the run anew with `bayestissue reproduce`.",
                 value=str(error),
+                code="damaged-run",
             )
         ) from error

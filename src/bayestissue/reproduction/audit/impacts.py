@@ -82,6 +82,7 @@ def read_impacts(
                 expected="this column" + (f" (or {_SAME[column]})" if column in _SAME else ""),
                 remedy="Add it: the audit needs " + ", ".join(_NEEDED) + ".",
                 column=column,
+                code="published-table",
             )
             for column in missing
         )
@@ -96,6 +97,7 @@ def read_impacts(
                 expected="at least two rows whose mass, velocity, K and C are above zero",
                 remedy="Check the estimates that the table comes from.",
                 value=f"{usable.sum()} of {len(rows)} rows",
+                code="published-table",
             )
         )
     below = np.isfinite(rows[numbers]).all(axis=1) & (rows[["K", "C"]] <= 0).any(axis=1)

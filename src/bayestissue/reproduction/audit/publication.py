@@ -63,7 +63,11 @@ def read_publication(tables: PublishedTables) -> Publication:
     if missing:
         raise InputError(
             Problem(
-                str(path), expected="this column", remedy="Compare it with data/published.", column=column
+                str(path),
+                expected="this column",
+                remedy="Compare it with data/published.",
+                column=column,
+                code="published-table",
             )
             for column in missing
         )

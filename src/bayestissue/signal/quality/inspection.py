@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from bayestissue.errors import Coded
 from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.quality import law, rest, samples
@@ -45,11 +46,6 @@ class Finding:
 
     kind: Kind
     said: list[str]
-
-    @property
-    def advice(self) -> str:
-        """What it does to K and C, and what to do."""
-        return f"{self.kind.effect} {self.kind.remedy}"
 
 
 @dataclass(frozen=True)
@@ -93,7 +89,7 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     return [Finding(kind, values) for kind, values in joined.items() if any(values)]
 
 
-def raised(found: Sequence[Finding], count: int) -> list[list[str]]:
+def raised(found: Sequence[Finding], count: int) -> list[list[Coded]]:
     """The flags of each of ``count`` impacts."""
     return [[finding.kind.flag for finding in found if finding.said[row]] for row in range(count)]
 

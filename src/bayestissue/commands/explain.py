@@ -1,0 +1,56 @@
+"""`bayestissue explain`: what a warning or an error means, what it does to K and C, and what to do."""
+
+from __future__ import annotations
+
+import difflib
+import json
+import textwrap
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from itertools import groupby
+
+from bayestissue.commands.console import echo
+from bayestissue.errors import InputError, Problem
+from bayestissue.remedies import Remedy, entries
+
+_WIDTH = 88
+
+
+def run(codes: Sequence[str], *, as_json: bool) -> None:
+    """Print the entries of ``codes``, or the list of all.
+
+    Raises:
+        InputError: there is no entry of a code; the nearest is named.
+    """
+    known = {str(code): entry for code, entry in entries().items()}
+    if unknown := [code for code in codes if code not in known]:
+        raise InputError(_unknown(code, list(known)) for code in unknown)
+    chosen = [known[code] for code in codes] or list(known.values())
+    if as_json:
+        echo(json.dumps([asdict(entry) for entry in chosen], ensure_ascii=False))
+    elif codes:
+        echo("\n\n".join("\n".join(_lines(entry)) for entry in chosen))
+    else:
+        echo("\n".join(_list(chosen)))
+
+
+def _lines(entry: Remedy) -> Iterator[str]:
+    yield f"{entry.code}: {entry.title}"
+    for heading, text in entry.parts:
+        yield f"\n  {heading}"
+        yield textwrap.fill(text, _WIDTH, initial_indent="    ", subsequent_indent="    ")
+
+
+def _list(chosen: Sequence[Remedy]) -> Iterator[str]:
+    width = max(len(entry.code) for entry in chosen)
+    for title, group in groupby(chosen, key=lambda entry: entry.group):
+        yield title
+        yield from (f"  {entry.code:{width}}  {entry.title}" for entry in group)
+        yield ""
+    yield "bayestissue explain CODE says what one means, what it does to K and C, and what to do."
+
+
+def _unknown(code: str, known: Sequence[str]) -> Problem:
+    near = difflib.get_close_matches(code, known, n=1)
+    remedy = f"{f'Is it {near[0]}? ' if near else ''}`bayestissue explain` lists them."
+    return Problem("explain", "the code of a warning or error", remedy, value=code, code="option-value")

@@ -1,0 +1,74 @@
+"""What every warning and error means, what it does to K and C, and what to do: ``remedies.toml``."""
+
+from __future__ import annotations
+
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+from typing import cast
+
+from bayestissue.remedies.codes import CODES, Code
+
+__all__ = ["CODES", "Code", "Remedy", "codes_in", "entries"]
+
+
+@dataclass(frozen=True)
+class Remedy:
+    """One entry: `` `text` `` is set as code, and nothing else is marked up.
+
+    Attributes:
+        code: what a message carries.
+        group: the heading that it stands under.
+        title: the warning or error in a few words.
+        means: what was found.
+        effect: what it does to K and C.
+        remedy: what to do.
+        example: one case with its remedy.
+        says: words of tables and pages by which it is recognised; see `codes_in`.
+    """
+
+    code: Code
+    group: str
+    title: str
+    means: str
+    effect: str
+    remedy: str
+    example: str
+    says: tuple[str, ...] = ()
+
+    @property
+    def advice(self) -> str:
+        """What it does to K and C, and what to do."""
+        return f"{self.effect} {self.remedy}"
+
+    @property
+    def parts(self) -> tuple[tuple[str, str], ...]:
+        """Headings and their paragraphs, in the order of reading."""
+        return (
+            ("What it means", self.means),
+            ("What it does to K and C", self.effect),
+            ("What to do", self.remedy),
+            ("Example", self.example),
+        )
+
+
+@cache
+def entries() -> MappingProxyType[Code, Remedy]:
+    """Every entry by its code, in the order of the file: groups as one meets them."""
+    content = tomllib.loads(files(__name__).joinpath("remedies.toml").read_text(encoding="utf-8"))
+    found: dict[Code, Remedy] = {}
+    for group in content["group"]:
+        for code, entry in group["entry"].items():
+            says = tuple(entry.pop("says", ()))
+            found[cast("Code", code)] = Remedy(code, group["title"], says=says, **entry)
+    return MappingProxyType(found)
+
+
+def codes_in(text: str) -> list[Code]:
+    """The codes of the warnings that a text holds, such as a cell of ``flags``, in the order of the file.
+
+    Tables of a finished run hold the words alone. They are recognised by what their entries say.
+    """
+    return [code for code, entry in entries().items() if any(words in text for words in entry.says)]

@@ -1,0 +1,24 @@
+"""What long work tells of how far it is."""
+
+from __future__ import annotations
+
+import pytest
+
+from bayestissue.commands import console
+from bayestissue.commands.console import Stages
+
+
+def test_the_time_left_is_told_from_what_follows_compilation(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock = iter([0.0, 0.0, 300.0, 320.0, 340.0])
+    monkeypatch.setattr(console.time, "monotonic", lambda: next(clock))
+    stages = Stages(quiet=False)
+    for done in (0, 100, 200, 300):
+        stages("sampling the population", done, 1000)
+    told = capsys.readouterr().err.splitlines()
+    assert told[:2] == ["sampling the population: 0 of 1000", "sampling the population: 100 of 1000"]
+    assert told[2:] == [
+        "sampling the population: 200 of 1000, about 160 s left",
+        "sampling the population: 300 of 1000, about 140 s left",
+    ]

@@ -1,0 +1,104 @@
+"""What stands in a reader's folder before a page begins; pages name these by `<!-- prepare: NAME -->`."""
+
+from __future__ import annotations
+
+from itertools import product
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from nptdms import ChannelObject, TdmsWriter
+from pages import DOCS, SHARED, run
+from scipy.io import savemat
+
+import bayestissue as bt
+from dataset_bench import RATE, deceleration
+from made_once import made_once
+from make_scored_run import make_scored_run
+from recorder_files import c3d, lvm
+
+TUTORIAL = DOCS / "tutorial" / "first-report.md"
+
+
+@made_once
+def tutorial(folder: Path) -> Path:
+    """Folder as the first tutorial leaves it: the dataset, its model file, the finished fit."""
+    folder.mkdir(parents=True, exist_ok=True)
+    run(TUTORIAL, folder)
+    # Links of the page that begins from here are its own.
+    for name in SHARED:
+        (folder / name).unlink()
+    return folder
+
+
+DROPS = [("s01", "left", 0.5), ("s01", "right", 0.5), ("s02", "left", 1.2)]
+SPEED = np.sqrt(2 * 9.80665 * 0.12)
+
+
+def recorders(folder: Path) -> None:
+    """The same three drops from 12 cm in a folder of each recorder's files."""
+    for name in ("labview", "tdms", "matlab", "c3d", "csv"):
+        (folder / name).mkdir()
+    for who, side, mass in DROPS:
+        stem = f"{who}_{side}_{mass}kg"
+        time, value = deceleration(mass * (1.01 if side == "right" else 1.0), SPEED)
+        in_g = value / 9.80665
+        lvm(folder / "labview" / f"{stem}.lvm", time, {"Force": value, "Impact": in_g}, unit="g")
+        with TdmsWriter(folder / "tdms" / f"{stem}.tdms") as writer:
+            about = {"wf_increment": 1 / RATE, "wf_start_offset": float(time[0]), "unit_string": "m/s^2"}
+            writer.write_segment([ChannelObject("Drop", "Impact", value, properties=about)])
+        savemat(folder / "matlab" / f"{stem}.mat", {"t": time, "acc": in_g, "who": "someone"})
+        c3d(folder / "c3d" / f"{stem}.c3d", {"Fz": value, "Impact": value}, RATE, {"Impact": "m/s^2"})
+        table = pd.DataFrame({"Time (ms)": (1e3 * time).round(4), "Impact (g)": in_g.round(4)})
+        table.to_csv(folder / "csv" / f"{stem}.csv", index=False)
+
+
+def long_recording(folder: Path) -> None:
+    """One recording of three drops, a second apart."""
+    (folder / "sessions").mkdir()
+    rng = np.random.default_rng(3)
+    value = rng.normal(0, 0.05, int(3.5 * RATE))
+    for number in range(3):
+        start = int((number + 0.99) * RATE)
+        _, hit = deceleration(0.5 * (1 + 0.01 * number), 1.5)
+        value[start : start + len(hit)] += hit
+    table = pd.DataFrame({"Time (s)": np.arange(len(value)) / RATE, "Impact (m/s^2)": value.round(3)})
+    table.to_csv(folder / "sessions" / "s01.csv", index=False)
+
+
+def sides(folder: Path) -> None:
+    """Two drops on each side of two people in two sessions, by one operator."""
+    rows, recordings = [], {}
+    every = product(("s01", "s02"), ("left", "right"), ("first", "second"), (0.5, 1.2))
+    for person, side, session, mass in every:
+        name = f"{person}-{side}-{session}-{mass}"
+        about = {"subject": person, "trial": "drop", "side": side, "session": session, "operator": "o1"}
+        rows.append({"impact": name, "mass_kg": mass, "velocity_m_s": SPEED, **about})
+        recordings[name] = deceleration(mass * (1 + 0.001 * len(rows)), SPEED)
+    given = {"quantity": "deceleration", "unit": "m/s^2", "uncertainty": {"relative_mass_sd": 0.002}}
+    bt.dataset(pd.DataFrame(rows), recordings, name="drops", **given).write(folder / "drops")
+
+
+def two_runs(folder: Path) -> None:
+    """Finished fits by two models, with invented numbers."""
+    for name, worse in (("impact", 0.0), ("stiffening", 2.0)):
+        make_scored_run(folder / "runs" / name, likelihood="impact", worse=worse)
+
+
+def arrays(folder: Path) -> None:
+    """Drops as CSV files of two columns, s and m/s²."""
+    for name, mass in {"drop": 0.5, "a": 0.5, "b": 0.8, "c": 1.0}.items():
+        time, value = deceleration(mass, SPEED)
+        table = pd.DataFrame({"time_s": time, "deceleration": value})
+        table.to_csv(folder / f"{name}.csv", index=False)
+
+
+def one_table(folder: Path) -> None:
+    """All samples of three drops in one long table, ms and g."""
+    parts = []
+    for number, (_, _, mass) in enumerate(DROPS, start=1):
+        time, value = deceleration(mass * (1 + 0.001 * number), SPEED)
+        columns = {"time_s": (1e3 * time).round(4), "value": (value / 9.80665).round(4)}
+        parts.append(pd.DataFrame({"impact": f"d{number}", **columns}))
+    (folder / "drops").mkdir()
+    pd.concat(parts).to_csv(folder / "drops" / "traces.csv", index=False)

@@ -1,0 +1,107 @@
+"""Every code block of tutorials and how-to guides runs, and prints what the page shows."""
+
+from __future__ import annotations
+
+import re
+import runpy
+from pathlib import Path
+
+import h5py
+import jupytext
+import pandas as pd
+import preparations
+import pytest
+from pages import DOCS, NOTEBOOKS, Block, blocks, commands, compare, parse, run, same
+
+PAGES = sorted(
+    page
+    for folder in ("tutorial", "how-to")
+    for page in (DOCS / folder).glob("*.md")
+    if any(block.language for block in blocks(page.read_text(encoding="utf-8")))
+)
+pytestmark = pytest.mark.usefixtures("undrawn")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
+def test_a_page_does_what_it_says(page: Path, tmp_path: Path) -> None:
+    if page == preparations.TUTORIAL:
+        preparations.tutorial(tmp_path)
+    else:
+        run(page, tmp_path, preparations)
+
+
+def test_an_output_that_is_not_the_page_s_is_found() -> None:
+    shown = "$ bayestissue check a\nfine\n│ K │ 2936 │\n...\nwrote a\n"
+    command = commands(shown)[0]
+    block = Block("console", shown, 0)
+    page = Path("page.md")
+    compare(page, block, command, "fine\n┃ K   ┃  2951 ┃\nsome\nlines\nwrote a\n")
+    for other in (
+        "fine\nK 4000\nwrote a\n",
+        "fine\nC 2936\nwrote a\n",
+        "fine\nK 2936\n",
+        "fine\nK 2936\nwrote a\nb",
+    ):
+        with pytest.raises(AssertionError):
+            compare(page, block, command, other)
+
+
+def test_numbers_are_the_same_to_a_tenth() -> None:
+    assert same("exponent 0.012, K 2936 N/m", "exponent −0.004, K 2799 N/m")
+    assert not same("K 2936 N/m", "K 2036 N/m")
+    assert not same("wrote s01", "wrote s02")
+
+
+def test_blocks_of_a_page_are_found_with_what_is_said_of_them() -> None:
+    console = "<!-- exit status: 2 -->\n```console\n$ bayestissue fit \\\n    a\n```\n"
+    page = console + "\n```{code-block} toml\n:caption: a.toml\n\nx = 1\n```\n"
+    first, second = blocks(page)
+    assert commands(first.text)[0].words == "bayestissue fit     a"
+    assert first.notes == {"exit status": "2"}
+    assert (second.language, second.caption, second.text) == ("toml", "a.toml", "x = 1\n")
+
+
+def test_names_in_blocks_of_r_and_matlab_are_in_the_files(tmp_path: Path) -> None:
+    """Neither program is here: each variable, column and file that they name is looked up."""
+    run = preparations.tutorial(tmp_path)
+    page = (DOCS / "how-to" / "read-in-r-and-matlab.md").read_text(encoding="utf-8")
+    code = "".join(block.text for block in blocks(page) if block.language in ("r", "matlab"))
+    with h5py.File(run / "fitted" / "posterior.nc") as file:
+        paths = set(re.findall(r'"/?(posterior/\w+)"', code))
+        assert {path: path in file for path in paths} == dict.fromkeys(paths, True)
+        assert file["posterior/K_subject"].ndim == 3
+        # As the page says of the order: chain, draw, and then the level, from Python.
+        assert file["posterior/K_subject"].shape[-1] == len(file["posterior/subject"])
+    table = pd.read_csv(run / "fitted" / "summary.csv")
+    pairs = re.findall(r'\["(label.*?)"\]|c\("(label.*?)"\)', code)
+    columns = {one or other for one, other in pairs}
+    assert columns
+    for each in columns:
+        assert set(each.split('", "')) <= set(table.columns)
+    assert "K" in set(table["variable"])
+    files = set(re.findall(r'"(fitted/[\w.]+)"', code))
+    assert {name for name in files if not (run / name).is_file()} == set()
+
+
+@pytest.mark.parametrize("name", NOTEBOOKS)
+def test_a_rendered_notebook_is_the_one_that_is_kept_as_text(name: str) -> None:
+    rendered, kept = jupytext.read(DOCS / "tutorial" / name), jupytext.read(NOTEBOOKS[name])
+    assert [(c.cell_type, c.source) for c in rendered.cells] == [(c.cell_type, c.source) for c in kept.cells]
+    assert any(cell.get("outputs") for cell in rendered.cells)
+
+
+def test_every_figure_of_the_explanations_is_one_that_their_script_makes() -> None:
+    folder = DOCS / "explanation"
+    shown = {
+        name
+        for page in folder.glob("*.md")
+        for name in re.findall(r"\]\(figures/(\w+)\.svg\)", page.read_text(encoding="utf-8"))
+    }
+    made = set(runpy.run_path(str(folder / "figures.py"))["FIGURES"])
+    assert shown == made == {path.stem for path in (folder / "figures").glob("*.svg")}
+
+
+def test_commands_of_the_explanations_have_options_that_the_program_knows() -> None:
+    for page in (DOCS / "explanation").glob("*.md"):
+        for block in blocks(page.read_text(encoding="utf-8")):
+            parse(block)

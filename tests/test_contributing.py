@@ -1,0 +1,121 @@
+"""The recipes of CONTRIBUTING.md work as they are written, in a copy of the source."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import textwrap
+from pathlib import Path
+
+import pytest
+
+import bayestissue
+
+ROOT = Path(__file__).resolve().parents[1]
+GUIDE = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+RECIPE = re.compile(r"^ *<!-- recipe: (\S+) -->\n *```(python|diff)\n(.*?)^ *```$", re.MULTILINE | re.DOTALL)
+# Prints what each of the three recipes has added; a copy of the source is first on the path.
+TRIED = """
+import numpy as np
+from types import SimpleNamespace
+
+from bayestissue.elements.element import complete, deceleration_of
+from bayestissue.elements.registry import element
+found = element("depth_damped")
+p = complete(found, {"K": 3000.0, "C": 20.0, "damping_depth_m": 0.01}, None)
+y = np.array([0.01, 1.0])
+print("element", found.name, round(float(deceleration_of(found, p, 2.0, y)), 6))
+
+from bayestissue.dataset.formats import FORMATS
+read = FORMATS[".f64"].read(np.array([1000.0, 0.0, 5.0, 1.0]).tobytes(), "a.f64").channels["signal"]
+print("format", read.values.tolist(), read.clock.tolist())
+
+import pandas as pd
+from bayestissue.commands import explain
+from bayestissue.signal.quality import inspect
+time = np.arange(400) / 1e4
+pulse = 0.5 * np.exp(-(((time - 0.02) / 0.004) ** 2)) + np.random.default_rng(0).normal(0, 1e-3, time.size)
+data = SimpleNamespace(
+    quantity="deceleration",
+    impacts=pd.DataFrame({"impact": ["i"], "mass_kg": [1.0], "velocity_m_s": [0.003]}),
+    traces=[SimpleNamespace(time_s=time, value=pulse)],
+)
+found = {each.kind.flag: each for each in inspect(data)}
+print("check", found["a peak below 1 m/s²"].said, found["a peak below 1 m/s²"].kind.flag.code)
+explain.run(["too-quiet"], as_json=False)
+"""
+
+
+def followed(source: Path) -> list[str]:
+    """Do what the recipes say, below ``source``; the files that they name."""
+    named = []
+    for file, kind, indented in RECIPE.findall(GUIDE):
+        lines = textwrap.dedent(indented)
+        path = source / Path(file).relative_to("src")
+        named.append(path.name)
+        if kind == "python":
+            path.write_text(lines, encoding="utf-8")
+            continue
+        text = path.read_text(encoding="utf-8")
+        for old, new in changes(lines):
+            assert text.count(old) == 1, f"{file} has {text.count(old)} times:\n{old}"
+            text = text.replace(old, new)
+        path.write_text(text, encoding="utf-8")
+    return named
+
+
+def changes(lines: str) -> list[tuple[str, str]]:
+    """Lines that go, and those that come in their place."""
+    found: list[tuple[list[str], list[str]]] = []
+    for line in lines.splitlines():
+        if line.startswith("-"):
+            if not found or found[-1][1]:
+                found.append(([], []))
+            found[-1][0].append(line[1:])
+        else:
+            found[-1][1].append(line[1:])
+    return [("\n".join(old), "\n".join(new)) for old, new in found]
+
+
+def test_recipes_work_as_they_are_written(tmp_path: Path) -> None:
+    ignored = shutil.ignore_patterns("__pycache__")
+    package = Path(bayestissue.__file__).parent
+    shutil.copytree(package, tmp_path / "src" / "bayestissue", ignore=ignored)
+    for folder in ("models", "data/published"):
+        shutil.copytree(ROOT / folder, tmp_path / folder)
+    named = followed(tmp_path / "src")
+    assert {"depth_damped.py", "plainfloat.py", "codes.py", "remedies.toml", "kinds.py"} <= set(named)
+    done = subprocess.run(  # noqa: S603 - our own program
+        [sys.executable, "-W", "error", "-c", TRIED],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path / "src"), "JAX_PLATFORMS": "cpu"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    said = done.stdout.splitlines()
+    # 3000 * 0.01 + 20 * 0.01 * 1 / 0.01 = 50 N on 2 kg.
+    assert said[0] == "element depth_damped 25.0"
+    assert said[1] == "format [0.0, 5.0, 1.0] [0.0, 0.001, 0.002]"
+    assert said[2] == "check ['a peak of 0.5 m/s²'] too-quiet"
+    assert said[3] == "too-quiet: The recording is too quiet"
+
+
+@pytest.mark.parametrize("title", ["Add an element", "Add a recorder format", "Add a check of recordings"])
+def test_a_recipe_has_ten_lines_at_most(title: str) -> None:
+    section = GUIDE.split(f"## {title}\n")[1].split("\n## ")[0]
+    told = RECIPE.sub("", section)
+    assert len([line for line in told.splitlines() if line.strip()]) <= 10
+
+
+def test_targets_and_files_that_the_guide_names_exist() -> None:
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    for target in set(re.findall(r"\bmake ([a-z-]+)", GUIDE)):
+        assert re.search(rf"^{target}:", makefile, re.MULTILINE), target
+    made = {file for file, kind, _ in RECIPE.findall(GUIDE) if kind == "python"}
+    for path in set(re.findall(r"(?:src|tests|benchmarks|tools|models)/[\w./-]+\w", GUIDE)) - made:
+        assert (ROOT / path).exists() or path == "models/depth_damped.toml", path

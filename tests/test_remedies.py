@@ -1,0 +1,179 @@
+"""Every warning and error has an entry that says what it does to K and C and what to do, and leads to it."""
+
+from __future__ import annotations
+
+import ast
+import copy
+import json
+import pickle
+import runpy
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import bayestissue
+from bayestissue import cli
+from bayestissue.commands import explain
+from bayestissue.errors import Coded, InputError, Problem, more
+from bayestissue.inference.samplers.diagnostics import warned_codes, warnings
+from bayestissue.remedies import CODES, codes_in, entries
+
+SOURCE = Path(bayestissue.__file__).parent
+ROOT = SOURCE.parents[1]
+# What makes a warning or an error: all of these take a code, and the type checker knows which there are.
+CARRIERS = ("Problem", "problem", "Coded", "Check", "PartialResultError")
+
+
+def trees() -> dict[Path, ast.Module]:
+    return {
+        path: ast.parse(path.read_text(encoding="utf-8"))
+        for path in sorted(SOURCE.rglob("*.py"))
+        if path.parent.name != "remedies"
+    }
+
+
+def calls(tree: ast.AST) -> Iterator[ast.Call]:
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Call):
+            name = getattr(node.func, "id", getattr(node.func, "attr", ""))
+            if name in CARRIERS:
+                yield node
+
+
+def code_of(call: ast.Call) -> ast.expr | None:
+    for keyword in call.keywords:
+        if keyword.arg == "code":
+            return keyword.value
+    return call.args[-1] if len(call.args) > 1 else None
+
+
+def test_every_code_has_an_entry_and_every_entry_all_its_parts() -> None:
+    assert list(entries()) == [code for code in entries() if code in CODES]
+    assert set(entries()) == set(CODES)
+    for entry in entries().values():
+        for _, text in (*entry.parts, ("title", entry.title + ".")):
+            assert text
+            assert text[-1] in ".`"
+            assert text.count("`") % 2 == 0
+        assert not entry.title.endswith(".")
+
+
+def test_every_place_that_makes_a_warning_or_an_error_carries_a_known_code() -> None:
+    for path, tree in trees().items():
+        # The audit of a publication has checks of its own, which are findings and no warnings.
+        if "audit" in path.parts or path.name == "checking.py":
+            continue
+        for call in calls(tree):
+            code = code_of(call)
+            where = f"{path.relative_to(SOURCE)}:{call.lineno}"
+            assert code is not None, where
+            if isinstance(code, ast.Constant):
+                assert code.value in CODES, where
+            else:
+                assert isinstance(code, ast.Name | ast.Attribute), where
+
+
+def test_every_entry_is_led_to() -> None:
+    used = {
+        node.value for tree in trees().values() for node in ast.walk(tree) if isinstance(node, ast.Constant)
+    }
+    assert set(CODES) - used == set()
+
+
+def _texts(node: ast.expr, tree: ast.Module) -> list[str]:
+    """What a literal or f-string says, figures as 0; of a name, what the module gives to it."""
+    if isinstance(node, ast.Constant):
+        return [str(node.value)]
+    if isinstance(node, ast.JoinedStr):
+        return ["".join(str(each.value) if isinstance(each, ast.Constant) else "0" for each in node.values)]
+    assigned = [each for each in ast.walk(tree) if isinstance(each, ast.Assign)]
+    name = getattr(node, "id", None)
+    return [
+        text
+        for each in assigned
+        if isinstance(each.value, ast.Constant | ast.JoinedStr) and getattr(each.targets[0], "id", "") == name
+        for text in _texts(each.value, tree)
+    ]
+
+
+def test_words_of_tables_are_recognised() -> None:
+    looked_at = 0
+    for path, tree in trees().items():
+        for call in calls(tree):
+            code = code_of(call)
+            if getattr(call.func, "id", "") != "Coded" or not isinstance(code, ast.Constant):
+                continue
+            if isinstance(call.args[0], ast.Subscript):  # a diagnostic's own words, with its code beside them
+                continue
+            found = [codes_in(text) for text in _texts(call.args[0], tree)]
+            assert any(code.value in each for each in found), (path.name, call.lineno, found)
+            looked_at += 1
+    assert looked_at > 30
+
+
+def test_words_keep_their_code_and_are_words() -> None:
+    flag = Coded("begins below zero: an offset", "starts-below-zero")
+    for same in (copy.deepcopy(flag), pickle.loads(pickle.dumps(flag))):  # noqa: S301
+        assert (same, same.code) == (flag, flag.code)
+    assert json.dumps([flag]) == '["begins below zero: an offset"]'
+    assert codes_in(f"{flag}; theta1 at its limit") == ["starts-below-zero", "integrated-noise"]
+
+
+def test_a_fit_leads_to_its_warnings() -> None:
+    diagnostics = {
+        "passed": False,
+        "checks": [
+            {"name": "R-hat", "passed": False, "code": "r-hat"},
+            {"name": "divergent transitions", "passed": True, "code": "divergences"},
+        ],
+        "measuring_chain": {"passed": False, "words": "The traces contradict it."},
+        "model_form": {"structured": True, "words": "Another law."},
+        "recordings": {"flagged": {"i7": ["a spike of one to three samples"]}, "words": "NOTE"},
+    }
+    assert warned_codes(diagnostics) == [
+        "r-hat", "measuring-chain", "model-form", "flagged-recordings", "spike",
+    ]  # fmt: skip
+    assert [each.code for each in warnings(diagnostics)] == ["measuring-chain", "model-form"]
+
+
+def test_explain_prints_entries_and_lists_them(capsys: pytest.CaptureFixture[str]) -> None:
+    explain.run(["clipped", "hum"], as_json=False)
+    said = " ".join(capsys.readouterr().out.split())
+    for code in ("clipped", "hum"):
+        for heading, text in entries()[code].parts:
+            assert f"{heading} {text}" in said
+    explain.run([], as_json=False)
+    listed = capsys.readouterr().out
+    assert all(f"  {code} " in listed for code in CODES)
+    explain.run(["hum"], as_json=True)
+    assert json.loads(capsys.readouterr().out)[0]["effect"] == entries()["hum"].effect
+    with pytest.raises(InputError, match="Is it clipped") as refused:
+        explain.run(["cliped"], as_json=False)
+    assert refused.value.problems[0].code == "option-value"
+
+
+def test_an_error_names_its_code_and_the_command_that_explains_it(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("sys.argv", ["bayestissue", "check", str(tmp_path / "nothing")])
+    with pytest.raises(SystemExit) as left:
+        cli.main()
+    said = capsys.readouterr().err.splitlines()
+    assert left.value.code == 2
+    assert said[1].endswith(" [no-dataset]")
+    assert said[-1] == "More: bayestissue explain no-dataset"
+    assert more(["hum", "spike", "hum"]) == "More: bayestissue explain hum spike"
+    assert more([]) == ""
+
+
+def test_a_problem_without_a_code_is_none() -> None:
+    with pytest.raises(TypeError, match="code"):
+        Problem("file", "expected", "remedy")  # type: ignore[call-arg]
+
+
+def test_the_manual_s_page_is_written_from_the_entries() -> None:
+    tool = runpy.run_path(str(ROOT / "tools" / "warnings_page.py"))
+    told = tool["page"]()
+    assert tool["PAGE"].read_text(encoding="utf-8") == told, "run python tools/warnings_page.py"
+    assert all(f"(explain-{code})=\n" in told for code in CODES)
