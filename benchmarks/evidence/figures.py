@@ -378,10 +378,11 @@ def recorder() -> Named:
         return f"{share.min():.0f} to {share.max():.0f} %"
 
     sound = lines[lines["K held"].isna()]
+    false_alarms = f"{int(sound['suspected'].sum())} of {sound['impacts'].sum()}"
     text = (
-        f"behind a declared low-pass 90 % intervals held K and C in {held(declared)} of impacts, and behind one "
-        f"that is not C in {held(left_out, ('C held',))}; `check` suspected {sound['suspected'].sum():.0f} of "
-        f"{sound['impacts'].sum()} recordings without one"
+        f"behind a declared low-pass 90 % intervals held K and C in {held(declared)} of impacts, behind one "
+        f"that is not C in {held(left_out, ('C held',))}; `check` suspected {false_alarms} recordings without "
+        "one"
     )
     yield "sentence", Figure(text, names("recorder"))
 
