@@ -131,3 +131,29 @@ def heelstrike() -> Named:
     yield "table", block(table(shown), "heelstrike")
     width = (rows["K_high"] / rows["K_low"]).median()
     yield "factor", Figure(f"{width:.1f}", names("heelstrike"))
+
+
+@family
+def recorder() -> Named:
+    lines = read("recorder.csv")
+    counts = ["impacts", "K held", "C held", "suspected"]
+    shown = lines.assign(
+        declared=lines["declared"].map({True: "yes", False: "no"}),
+        **{name: lines[name].astype("Int64") for name in counts},
+    )
+    yield "table", block(table(shown), "recorder")
+    filtered = lines[lines["K held"].notna() & (lines["filter"] != "none")]
+    declared, left_out = (filtered[filtered["declared"] == value] for value in (True, False))
+
+    def held(rows: pd.DataFrame, names: tuple[str, ...] = ("K held", "C held")) -> str:
+        share = 100 * rows[list(names)].to_numpy() / rows[["impacts"]].to_numpy()
+        return f"{share.min():.0f} to {share.max():.0f} %"
+
+    sound = lines[lines["K held"].isna()]
+    false_alarms = f"{int(sound['suspected'].sum())} of {sound['impacts'].sum()}"
+    text = (
+        f"behind a declared low-pass 90 % intervals held K and C in {held(declared)} of impacts, behind one "
+        f"that is not C in {held(left_out, ('C held',))}; `check` suspected {false_alarms} recordings "
+        "without one"
+    )
+    yield "sentence", Figure(text, names("recorder"))
