@@ -14,10 +14,10 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup shell report report-example report-published test check-code docs test-long benchmark benchmark-fit lock clean
+.PHONY: help setup shell report report-example report-published test check-code docs test-long evidence evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
-	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-13s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
+	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
 
 setup: $(READY)  ## create the environment in .venv
 	@echo "$(HOW)"
@@ -78,13 +78,19 @@ docs: $(READY_FOR_DOCS)  ## the manual, in docs/_build/html
 test-long: $(READY_FOR_TESTS)  ## the checks that take minutes to hours
 	@$(BIN)/python -m pytest -m long -n 0
 
-benchmark: $(READY_FOR_TESTS)  ## time the likelihood beside its peers (installs them first)
-	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.lock
-	@$(BIN)/python benchmarks/likelihood.py
+EVIDENCE = PYTHONPATH=benchmarks $(BIN)/python -m evidence
 
-benchmark-fit: $(READY_FOR_TESTS)  ## time a fit beside its peers: half an hour and more
+evidence: $(READY_FOR_TESTS)  ## measure what is stale: a day of computing, or NAME=coverage_fit for some
+	@$(EVIDENCE) run $(if $(findstring command,$(origin NAME)),$(NAME))
+
+evidence-status: $(READY)  ## which evidence is of this version, and what has changed since
+	@$(EVIDENCE) status
+
+evidence-pages: $(READY)  ## write the figures into the README and the manual
+	@$(EVIDENCE) pages
+
+evidence-peers: $(READY_FOR_TESTS)  ## install the other programs that evidence of speed is measured beside
 	@$(BIN)/python -m pip install --quiet --disable-pip-version-check -r benchmarks/requirements.lock
-	@$(BIN)/python benchmarks/fit_efficiency.py
 
 LOCK := uv pip compile pyproject.toml --universal --python-version 3.12 --no-emit-index-url --no-header --upgrade
 

@@ -18,7 +18,7 @@ on two sides in four conditions, each impact in one of four sessions. Of the eff
 ranked, and the first person's own mass exponent.
 
 Ranks are added to calibration_ranks_*.csv as they are made; the same command goes on where it stopped, and
-puts the table of tests into calibration.csv. Remove a file of ranks that an earlier program made.
+puts the table of tests into calibration.csv. Ranks that an earlier program made are dropped.
 """
 
 from __future__ import annotations
@@ -37,8 +37,7 @@ import jax
 import numpy as np
 import pandas as pd
 from coverage_fit import SAMPLER, campaign, kept_with
-from documents import README, between_marks
-from documents import table as markdown
+from evidence import recorded
 from numpyro.infer import Predictive
 from scipy import stats
 
@@ -252,21 +251,6 @@ def figure(found: dict[str, pd.DataFrame]) -> None:
     page.savefig(HERE / "calibration.svg", metadata={"Date": None})
 
 
-def document(lines: pd.DataFrame) -> None:
-    """Write the p-values of all models into README.md, and the least of each."""
-    both = lines["chi_square_p"].map("{:.3f}".format) + " / " + lines["ecdf_p"].map("{:.3f}".format)
-    cells = lines.assign(p=both).pivot_table("p", "quantity", "likelihood", "first", sort=False)
-    rows = cells[[kind for kind in DATA_SETS if kind in cells]].reset_index()
-    said = []
-    for kind, own in lines.groupby("likelihood", sort=False):
-        least, exact = own[["chi_square_p", "ecdf_p"]].min().min(), own["pareto_k_above_0.7"].max()
-        said.append(
-            f"`{kind}`: {own['data_sets'].max()} data sets, {exact} of them with a Pareto k above 0.7; "
-            f"the least of {2 * len(own)} p-values is {least:.3f}."
-        )
-    between_marks(README, "calibration.py", "\n".join([*said, "", markdown(rows)]))
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description="Simulation-based calibration of fits.")
     parser.add_argument("model", choices=list(DATA_SETS))
@@ -276,14 +260,21 @@ def main() -> None:
     parser.add_argument("--lanes", type=int, default=1, help="how many shares there are")
     asked = parser.parse_args()
     runtime.configure()
-    run(asked.model, asked.data_sets or DATA_SETS[asked.model], asked.seconds, asked.lane, asked.lanes)
+    with recorded(f"calibration-{asked.model}") as record:
+        run(asked.model, asked.data_sets or DATA_SETS[asked.model], asked.seconds, asked.lane, asked.lanes)
+        if left := DATA_SETS[asked.model] - len(made_before(ranks_file(asked.model))):
+            record.left = f"{left} of {DATA_SETS[asked.model]} data sets"
+        write(asked.model)
+
+
+def write(model: str) -> None:
+    """Put the tests of one model into the table, and draw the figure of all."""
     found = {kind: made_before(ranks_file(kind)).drop(columns="data_set") for kind in DATA_SETS}
     figure({kind: ranks for kind, ranks in found.items() if len(ranks)})
-    count = len(found[asked.model])
-    command = f"benchmarks/calibration.py {asked.model}"
-    command += f" --data-sets {count}" if count != DATA_SETS[asked.model] else ""
-    lines = table(asked.model, found[asked.model], command)
-    document(kept_with(HERE / "calibration.csv", lines, "likelihood"))
+    count = len(found[model])
+    command = f"benchmarks/calibration.py {model}"
+    command += f" --data-sets {count}" if count != DATA_SETS[model] else ""
+    kept_with(HERE / "calibration.csv", table(model, found[model], command), "likelihood")
 
 
 if __name__ == "__main__":

@@ -27,7 +27,6 @@ from __future__ import annotations
 
 import argparse
 import itertools
-import textwrap
 import time
 from pathlib import Path
 from typing import Any
@@ -36,8 +35,7 @@ import numpy as np
 import pandas as pd
 from coverage_elements import TISSUE
 from coverage_fit import MEASURING_CHAIN, Fits
-from documents import HERE, between_marks
-from documents import table as markdown
+from evidence import recorded
 
 from bayestissue import runtime
 from bayestissue.elements import element
@@ -49,7 +47,6 @@ from bayestissue.simulation import Simulation, simulate
 
 CAMPAIGNS = 100
 ROOT = Path(__file__).parents[1]
-SCRIPT = "common_depth.py"
 TABLE = ROOT / "benchmarks" / "common_depth.csv"
 EVERY = ROOT / "benchmarks" / "common_depth_campaigns.csv"
 # The case: the tissue's element, and the model file.
@@ -176,17 +173,6 @@ def summarised(every: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
-def document(lines: pd.DataFrame) -> None:
-    """Write the table into the README of the project."""
-    exponents = ["mass_exponent_K_common_depth", "mass_exponent_K_secant"]
-    shown = lines[lines["quantity"].isin(exponents)]
-    shown = shown.assign(cell=shown["held"].astype(str) + " of " + shown["campaigns"].astype(str))
-    cells = shown.pivot_table("cell", "case", "quantity", "first", sort=False).reindex(columns=exponents)
-    cells.columns = ["at one common depth", "at each impact's own greatest depth"]
-    text = textwrap.indent(markdown(cells.reset_index()), "  ")
-    between_marks(HERE.parent / "README.md", SCRIPT, text, indent="  ")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -196,12 +182,22 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=np.inf, help="begin no campaign after these")
     asked = parser.parse_args()
     runtime.configure(one_core=True)
-    if asked.case != "summary":
+    if asked.case == "summary":
+        write()
+        return
+    name = "common_depth_on_ball" if asked.case == "discrepancy_on_ball" else f"common_depth-{asked.case}"
+    with recorded(name) as record:
         measure(asked.case, asked.campaigns, asked.seconds)
+        if left := asked.campaigns - trusted(finished(asked.case))["campaign"].nunique():
+            record.left = f"{left} of {asked.campaigns} campaigns"
+        write()
+
+
+def write() -> None:
+    """Print and write the table of all cases."""
     lines = summarised(pd.read_csv(EVERY))
     print(lines.drop(columns="command").to_string(index=False))
     lines.to_csv(TABLE, index=False)
-    document(lines)
 
 
 if __name__ == "__main__":

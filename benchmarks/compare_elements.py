@@ -32,8 +32,7 @@ import pandas as pd
 import xarray as xr
 from coverage_elements import FILES, ROOT, campaign_of
 from coverage_fit import Fits
-from documents import HERE, README, between_marks, paragraph
-from documents import table as markdown
+from evidence import recorded
 
 from bayestissue import runtime
 from bayestissue.elements import element_names
@@ -48,8 +47,7 @@ from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 from bayestissue.simulation import simulate
 
-CAMPAIGNS = 10
-SCRIPT = "compare_elements.py"
+CAMPAIGNS = 20
 TABLE = ROOT / "benchmarks" / "compare_elements.csv"
 BY_IMPACT, BY_PERSON = scheme_words("impact"), scheme_words("subject")
 
@@ -190,39 +188,6 @@ def measure(elements: Sequence[str], campaigns: int, seconds: float, table: Path
             print(f"{name} {number}: {told['winner']} by {told['difference']} ± {told['se']}", flush=True)
 
 
-def document(rows: pd.DataFrame) -> None:
-    """Write the table into README.md, and its sentence into the README of the project."""
-    order = [name for name in element_names() if name in set(rows["element"])]
-    rows = rows.sort_values("element", key=lambda kind: kind.map(order.index), kind="stable")
-    by_impact, by_person = (summarised(rows, ending).set_index("element") for ending in ("", "_people"))
-    shown = by_impact.assign(
-        of_campaigns=[f"{wins} of {n}" for wins, n in by_impact[["wins", "campaigns"]].to_numpy()],
-        K_held=[f"{held} of {n}" for held, n in by_impact[["K_of_weights_held", "campaigns"]].to_numpy()],
-    )[["of_campaigns", "differ", "wins_where_differ", "median_weight", "K_held"]]
-    shown.columns = ["first", "differ", "right where they differ", "weight of the right one", "K held"]
-    # A row of a table of mixed types has its integers as floats.
-    every, people = (lines.astype(object).loc["all"] for lines in (by_impact, by_person))
-    refused = (~rows[[f"trusted_{name}" for name in order]].astype(bool)).sum()
-    refused_right = sum(not row[f"trusted_{row['element']}"] for _, row in rows.iterrows())
-    left_out = ", ".join(f"{name.removeprefix('trusted_')} {n}" for name, n in refused.items())
-    said = (
-        f"With people left out instead of impacts {people['differ']} differ and "
-        f"{people['wins_where_differ']} of them are right. Refused corrections, of {every['campaigns']} fits "
-        f"by each element: {left_out}; of the element that made the data {refused_right}."
-    )
-    text = markdown(shown.rename_axis("tissue").reset_index())
-    between_marks(README, SCRIPT, f"{text}\n\n{paragraph(said)}")
-    short = (
-        f"Of {every['campaigns']} simulated campaigns of 20 impacts, as many of each element, the one that "
-        f"made the data won by more than two standard errors and four nats in {every['wins_where_differ']}, "
-        f"and lost so in {every['beaten_with_confidence']}; in the others, nearly all of them spring and "
-        "damper against elements that contain it and Maxwell against the standard linear solid, either may "
-        f"come first. With people left out it lost {people['beaten_with_confidence']}. The secant stiffness "
-        f"that the weights imply held the truth in {every['K_of_weights_held']}."
-    )
-    between_marks(HERE.parent / "README.md", SCRIPT, paragraph(short, "  "), indent="  ")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -232,12 +197,16 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=np.inf, help="begin no campaign after these")
     asked = parser.parse_args()
     runtime.configure(one_core=True)
-    measure(asked.elements, asked.campaigns, asked.seconds, TABLE)
+    for name in asked.elements:
+        command = f"benchmarks/compare_elements.py --elements {name}"
+        with recorded(f"compare_elements-{name}", command) as record:
+            measure([name], asked.campaigns, asked.seconds, TABLE)
+            if left := CAMPAIGNS - len(record.piece.rows()):
+                record.left = f"{left} of {CAMPAIGNS} campaigns"
     rows = pd.read_csv(TABLE)
     for ending, scheme in (("", BY_IMPACT), ("_people", BY_PERSON)):
         print(scheme)
         print(summarised(rows, ending).to_string(index=False))
-    document(rows)
 
 
 if __name__ == "__main__":

@@ -20,8 +20,7 @@ import jax
 import numpy as np
 import pandas as pd
 from coverage_fit import LEVELS, Fits, campaign, kept_with, summarised
-from documents import HERE, README, between_marks, coverage, paragraph
-from documents import table as markdown
+from evidence import recorded
 
 from bayestissue import runtime
 from bayestissue.elements import element, element_names
@@ -31,7 +30,6 @@ from bayestissue.simulation import Simulation, simulate
 
 CAMPAIGNS = 50
 ROOT = Path(__file__).parents[1]
-SCRIPT = "coverage_elements.py"
 TABLE = ROOT / "benchmarks" / "coverage_elements.csv"
 FILES = {"kelvin_voigt": "impact"}
 TISSUE: dict[str, dict[str, Any]] = {
@@ -102,39 +100,6 @@ def measured(name: str, campaigns: int, seconds: float) -> tuple[pd.DataFrame, l
     return pd.DataFrame(rows), pareto
 
 
-def document(lines: pd.DataFrame) -> None:
-    """Write the table into README.md, and its range into the README of the project."""
-    lines = lines.sort_values(
-        "element", key=lambda kind: kind.map(list(element_names()).index), kind="stable"
-    )
-    exponent = lines["quantity"].str.startswith("mass_exponent")
-    by = ["element", "quantity"]
-    of_impacts = lines[~exponent]
-    between_marks(
-        README, SCRIPT, f"{markdown(coverage(of_impacts, by).reset_index())}\n\n{_exponents(lines[exponent])}"
-    )
-    refused = int(lines.groupby("element")["pareto_k_above_0.7"].first().sum())
-    fits = int(lines.groupby("element")["campaigns"].first().sum())
-    said = (
-        f"In {int(of_impacts['impacts'].min())} simulated impacts of each, {_range(of_impacts)} "
-        f"(of the corrections of {fits} fits {refused} had a Pareto k above 0.7)."
-    )
-    between_marks(HERE.parent / "README.md", SCRIPT, paragraph(said, "  "), indent="  ")
-
-
-def _range(lines: pd.DataFrame) -> str:
-    """The least and the greatest share held, by level."""
-    ends = 100 * lines.groupby("level")["share"].agg(["min", "max"])
-    return " and ".join(
-        f"{level} % intervals held {low:.0f} to {high:.0f} %"
-        for level, (low, high) in zip(ends.index, ends.to_numpy(), strict=True)
-    )
-
-
-def _exponents(lines: pd.DataFrame) -> str:
-    return f"Of the {int(lines['campaigns'].min())} mass exponents of each element, {_range(lines)}."
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -145,12 +110,15 @@ def main() -> None:
     asked = parser.parse_args()
     runtime.configure(one_core=True)
     for name in element_names() if asked.element == "all" else (asked.element,):
-        rows, pareto = measured(name, asked.campaigns, asked.seconds)
-        # What is compiled for all six takes more mapped memory than a process may have.
-        jax.clear_caches()
-        command = f"benchmarks/coverage_elements.py {name} --campaigns {len(pareto)}"
-        lines = summarised(name, rows, pareto, command).rename(columns={"likelihood": "element"})
-        document(kept_with(TABLE, lines, "element"))
+        with recorded(f"coverage_elements-{name}", f"benchmarks/coverage_elements.py {name}") as record:
+            rows, pareto = measured(name, asked.campaigns, asked.seconds)
+            # What is compiled for all six takes more mapped memory than a process may have.
+            jax.clear_caches()
+            if len(pareto) < CAMPAIGNS:
+                record.left = f"{CAMPAIGNS - len(pareto)} of {CAMPAIGNS} campaigns"
+            command = f"benchmarks/coverage_elements.py {name} --campaigns {len(pareto)}"
+            lines = summarised(name, rows, pareto, command).rename(columns={"likelihood": "element"})
+            kept_with(TABLE, lines, "element")
 
 
 if __name__ == "__main__":

@@ -10,14 +10,13 @@ think possible, since four conditions say little of their own spread. The accele
 0.5 % of the peak; offset, gain, velocity and mass err by as much as the dataset declares. Each goes through
 the summary path of the model file. A campaign's impacts share errors of the population, so two standard
 errors are given: the binomial one, and that between campaigns. The table goes to coverage_fit.csv and, in
-short, to the report of a fit.
+short, to the manual and to the report of a fit.
 """
 
 from __future__ import annotations
 
 import argparse
 import itertools
-import textwrap
 import time
 from functools import lru_cache
 from pathlib import Path
@@ -26,8 +25,7 @@ from typing import Any
 import jax
 import numpy as np
 import pandas as pd
-from documents import HERE, README, between_marks, coverage, with_error
-from documents import table as markdown
+from evidence import recorded
 
 from bayestissue import runtime
 from bayestissue.dataset import Dataset
@@ -42,7 +40,7 @@ from bayestissue.signal import displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.simulation import Simulation, simulate
 
-CAMPAIGNS, SCRIPT = 200, "coverage_fit.py"
+CAMPAIGNS = 200
 KINDS = ("impact", "arma", "a2")
 LEVELS = (50, 90)
 # Of the simulated recordings of this script and of those that are to be as good.
@@ -54,10 +52,8 @@ MEASURING_CHAIN = {
     "relative_mass_sd": 0.002,
 }
 SAMPLER = Sampler(chains=2, warmup=200, draws=300, target_accept=0.8, path="summary")
-COLUMNS = ["likelihood", "quantity", "level", "held", "impacts", "command"]
 ROOT = Path(__file__).parents[1]
 TABLE = ROOT / "benchmarks" / "coverage_fit.csv"
-SHOWN = ROOT / "src" / "bayestissue" / "report" / "fit" / "coverage.csv"
 
 
 def campaign(seed: int) -> Simulation:
@@ -118,8 +114,8 @@ class Fits:
         if self._exact and not correction.trusted:
             draws = exact_draws(prepared, approximation, SAMPLER, seed, processes=False)
             return constrained_draws(prepared, approximation, draws, key), correction
-        told = LikelihoodApproximation(approximation, correction.of_impacts)
-        return constrained_draws(prepared, approximation, draws, key, told=told), correction
+        likelihood = LikelihoodApproximation(approximation, correction.of_impacts)
+        return constrained_draws(prepared, approximation, draws, key, likelihood=likelihood), correction
 
 
 @lru_cache
@@ -182,7 +178,7 @@ def measured(kind: str, campaigns: int, seconds: float) -> tuple[pd.DataFrame, l
     return pd.DataFrame(rows), pareto
 
 
-def approximation(kind: str, rows: pd.DataFrame, pareto: list[float], command: str) -> pd.DataFrame:
+def summarised(kind: str, rows: pd.DataFrame, pareto: list[float], command: str) -> pd.DataFrame:
     """One line per quantity and level."""
     lines = []
     for (quantity, level), part in rows.groupby(["quantity", "level"], sort=False):
@@ -218,27 +214,6 @@ def kept_with(path: Path, lines: pd.DataFrame, key: str) -> pd.DataFrame:
     return lines
 
 
-def document(lines: pd.DataFrame) -> None:
-    """Write the table into README.md, and that of K and C into the README of the project."""
-    lines = lines.sort_values("likelihood", key=lambda kind: kind.map(KINDS.index), kind="stable")
-    cells = coverage(lines, ["likelihood", "quantity"])
-    between_marks(README, SCRIPT, markdown(cells.reset_index()))
-    shown = lines[lines["quantity"].isin(["K", "C"])]
-    shown = shown.assign(
-        what=shown["quantity"] + ", " + shown["level"].astype(str) + " %",
-        cell=with_error(shown["share"], shown["campaign_se"]),
-    )
-    short = shown.pivot_table("cell", "likelihood", "what", "first", sort=False)
-    short = short.rename("`{}.toml`".format).rename_axis("model").rename_axis(columns=None)
-    exponents = "; ".join(
-        f"{level} {', '.join(f'{q[-1]} {cell}' for q, cell in cells.loc['impact', level].iloc[2:].items())}"
-        for level in cells.columns[: len(LEVELS)]
-    )
-    said = f"Of the {CAMPAIGNS} mass exponents by `impact.toml`: {exponents}."
-    text = textwrap.indent(f"{markdown(short.reset_index())}\n\n{said}", "  ")
-    between_marks(HERE.parent / "README.md", SCRIPT, text, indent="  ")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -248,14 +223,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=np.inf, help="begin no campaign after these")
     asked = parser.parse_args()
     runtime.configure()
-    rows, pareto = measured(asked.likelihood, asked.campaigns, asked.seconds)
-    command = f"benchmarks/coverage_fit.py {asked.likelihood}"
-    if len(pareto) != CAMPAIGNS:
-        command += f" --campaigns {len(pareto)}"
-    lines = approximation(asked.likelihood, rows, pareto, command)
-    every = kept_with(TABLE, lines, "likelihood")
-    every[COLUMNS].to_csv(SHOWN, index=False)
-    document(every)
+    with recorded(f"coverage_fit-{asked.likelihood}") as record:
+        rows, pareto = measured(asked.likelihood, asked.campaigns, asked.seconds)
+        command = f"benchmarks/coverage_fit.py {asked.likelihood}"
+        if len(pareto) != CAMPAIGNS:
+            command += f" --campaigns {len(pareto)}"
+            record.left = f"{CAMPAIGNS - len(pareto)} of {CAMPAIGNS} campaigns"
+        kept_with(TABLE, summarised(asked.likelihood, rows, pareto, command), "likelihood")
 
 
 if __name__ == "__main__":

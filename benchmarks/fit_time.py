@@ -8,8 +8,8 @@ Each element's model file fits the example campaign (90 impacts, a spring and da
 same campaign made by a tissue of its own kind. `first` is with nothing compiled yet, `again` the same command
 once more, `other` the same command on a campaign of nine people instead of ten. Seconds of the clock, and of
 the processor (`_cpu_s`), which other work on the machine changes less. `--program` names checkouts whose
-programs are timed in turn, all by this Python and its libraries; `--cores` how many cores each is bound to. A
-row goes to fit_time.csv as soon as it is there; earlier rows of the same kind go.
+programs are timed in turn, all by this Python and its libraries; `--cores` how many cores each is bound to.
+Rows of the program itself on two cores go to fit_time.csv, in the place of the element's earlier ones.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from typing import Any
 import pandas as pd
 from coverage_elements import FILES, ROOT, TISSUE
 from coverage_fit import kept_with
+from evidence import recorded
 
 from bayestissue.elements import element, element_names
 from bayestissue.simulation import Simulation, simulate, write_campaign
@@ -113,7 +114,7 @@ def row_of(name: str, tissue: str, program: Path, cores: int) -> dict[str, Any]:
         runs = {"first": dataset, "again": dataset, "other": other}
         seconds, out = timed(runs, name, folder, program, cores)
         found = told(out.with_name("again"))
-    return {"element": name, "tissue": tissue, "cores": cores, "program": program.name, **seconds, **found}
+    return {"element": name, "tissue": tissue, "cores": cores, **seconds, **found}
 
 
 def main() -> None:
@@ -125,11 +126,15 @@ def main() -> None:
     parser.add_argument("--program", nargs="+", type=Path, default=[ROOT], help="checkouts to time")
     parser.add_argument("--cores", nargs="+", type=int, default=[2], help="how many cores it is bound to")
     asked = parser.parse_args()
-    for tissue, name, cores, program in product(asked.tissue, asked.elements, asked.cores, asked.program):
-        row = row_of(name, tissue, program.resolve(), cores)
-        command = f"benchmarks/fit_time.py --elements {name} --tissue {tissue}"
-        command += f" --cores {cores} --program {row['program']}"
-        kept_with(TABLE, pd.DataFrame([row | {"command": command}]), "command")
+    if (asked.program, asked.cores, tuple(asked.tissue)) != ([ROOT], [2], TISSUES):
+        for name, tissue, cores, program in product(asked.elements, asked.tissue, asked.cores, asked.program):
+            print({"program": program.name} | row_of(name, tissue, program.resolve(), cores), flush=True)
+        return
+    for name in asked.elements:
+        command = f"benchmarks/fit_time.py --elements {name}"
+        with recorded(f"fit_time-{name}", command):
+            rows = [row_of(name, tissue, ROOT, 2) | {"command": command} for tissue in TISSUES]
+            kept_with(TABLE, pd.DataFrame(rows), "element")
 
 
 if __name__ == "__main__":

@@ -4,15 +4,13 @@
 
 Every contender computes the log likelihood of 90 impacts and its gradient by each impact's parameters. The
 contenders take turns, so that a busy moment of the machine hits all of them; the table shows the least time
-of each, which other work on the machine disturbs least.
+of each, which other work on the machine disturbs least. It goes to likelihood.csv.
 """
 
 from __future__ import annotations
 
 import os
-import platform
 from collections.abc import Callable
-from importlib.metadata import version
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -20,11 +18,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
+from evidence import recorded
 
 from bayestissue.likelihood import log_likelihood, sine_transforms
 from bayestissue.oscillator import impact_motion, to_differences
-from bayestissue.runtime import configure, cores
+from bayestissue.runtime import configure
 
+TABLE = Path(__file__).with_suffix(".csv")
 IMPACTS, SIZES, ROUNDS = 90, (256, 1024, 4096), 20
 # A contender slower than this a call is timed fewer times.
 SLOW = 0.5
@@ -189,34 +190,18 @@ def contenders(n: int) -> dict[str, Call]:
     return calls
 
 
-def machine() -> str:
-    models = [
-        line.split(":")[1].strip()
-        for line in (Path("/proc/cpuinfo").read_text().splitlines() if Path("/proc/cpuinfo").exists() else [])
-        if line.startswith("model name")
-    ]
-    load = os.getloadavg()[0] if hasattr(os, "getloadavg") else float("nan")
-    return f"{models[0] if models else platform.processor()}, {cores()} cores, load {load:.1f} at the start"
-
-
 def main() -> None:
     configure()
-    print(f"Machine: {machine()}.")
-    packages = ("jax", "statsmodels", "tinygp", "celerite2")
-    names = []
-    for package in packages:
-        try:
-            names.append(f"{package} {version(package)}")
-        except ImportError:
-            names.append(f"{package} absent")
-    print(f"Python {platform.python_version()}, {', '.join(names)}.\n")
-    results = {n: timed(contenders(n)) for n in SIZES}
-    print(f"Log likelihood and gradient of {IMPACTS} impacts; ms, and how many times ours.\n")
-    print("| | " + " | ".join(f"n = {n}" for n in SIZES) + " |")
-    print("|---|" + "---:|" * len(SIZES))
-    for name in results[SIZES[0]]:
-        cells = [f"{1e3 * r[name]:.3g} ({r[name] / r['bayestissue']:.3g})" for r in results.values()]
-        print(f"| {name} | " + " | ".join(cells) + " |")
+    with recorded("likelihood"):
+        rows = []
+        for n in SIZES:
+            load = round(os.getloadavg()[0], 2)
+            for name, seconds in timed(contenders(n)).items():
+                rows.append(
+                    {"contender": name, "samples": n, "ms": float(f"{1e3 * seconds:.4g}"), "load": load}
+                )
+                print(rows[-1], flush=True)
+        pd.DataFrame(rows).to_csv(TABLE, index=False)
 
 
 if __name__ == "__main__":

@@ -19,8 +19,7 @@ import numpy as np
 import pandas as pd
 from coverage_elements import campaign_of
 from coverage_fit import Fits, kept_with
-from documents import HERE, README, between_marks, paragraph
-from documents import table as markdown
+from evidence import recorded
 from jaxtyping import Float
 
 from bayestissue import runtime
@@ -35,7 +34,6 @@ CAMPAIGNS = 12
 FIRST_SEED = 40_000
 LEVEL = 0.9
 ROOT = Path(__file__).parents[1]
-SCRIPT = "model_form.py"
 TABLE = ROOT / "benchmarks" / "model_form.csv"
 
 
@@ -119,37 +117,6 @@ def summarised(name: str, rows: pd.DataFrame, command: str) -> pd.DataFrame:
     return pd.DataFrame(lines)
 
 
-def document(lines: pd.DataFrame) -> None:
-    """Write the table into README.md, and its sentence into the README of the project."""
-    plain = lines["fit"] == "plain"
-    count = lines["campaigns"].astype(str)
-    shown = pd.DataFrame(
-        {
-            "tissue": lines["tissue"],
-            "fit": lines["fit"].replace("plain", "without a discrepancy"),
-            "warned": (lines["warned"].astype(str) + " of " + count).where(plain),
-            "score": [
-                f"{low} to {high}" for low, high in lines[["least_score", "greatest_score"]].to_numpy()
-            ],
-            "K_secant held, 90 %": lines["held_90"].astype(str) + " of " + lines["impacts"].astype(str),
-            "width": [f"{100 * width:.1f} %" for width in lines["median_width"]],
-            "by exact path": lines["by_exact_path"].astype(str) + " of " + count,
-        }
-    )
-    shown["score"] = shown["score"].where(plain)
-    between_marks(README, SCRIPT, markdown(shown))
-    row = lines.set_index(["tissue", "fit"]).loc
-    without, beside = row[("stiffening", "plain")], row[("stiffening", "discrepancy")]
-    right = row[("kelvin_voigt", "plain")]
-    said = (
-        "Of stiffening tissue fitted as a spring and damper 90 % intervals held that in "
-        f"{beside['held_90']} of {beside['impacts']} impacts, {100 * beside['median_width']:.0f} % wide, and "
-        f"in {without['held_90']} without it; on tissue that is a spring and damper {right['warned']} of "
-        f"{right['campaigns']} campaigns raised an alarm."
-    )
-    between_marks(HERE.parent / "README.md", SCRIPT, paragraph(said, "  "), indent="  ")
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
@@ -159,10 +126,13 @@ def main() -> None:
     asked = parser.parse_args()
     runtime.configure(one_core=True)
     specification = read_specification(ROOT / "models" / "impact.toml")
-    command = f"benchmarks/model_form.py --campaigns {asked.campaigns}"
     for name in asked.tissue or ("stiffening", "kelvin_voigt"):
-        lines = summarised(name, measured(name, specification, asked.campaigns), command)
-        document(kept_with(TABLE, lines, "tissue"))
+        command = f"benchmarks/model_form.py --tissue {name}"
+        with recorded(f"model_form-{name}", command) as record:
+            if asked.campaigns < CAMPAIGNS:
+                record.left = f"{CAMPAIGNS - asked.campaigns} of {CAMPAIGNS} campaigns"
+            lines = summarised(name, measured(name, specification, asked.campaigns), command)
+            kept_with(TABLE, lines, "tissue")
 
 
 if __name__ == "__main__":

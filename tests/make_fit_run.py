@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -26,9 +27,10 @@ POSTERIOR_SD, SUBJECT_SD = 0.01, 0.2
 DT = 2e-4
 PRIOR_DRAWS = 300
 
+type Groups = dict[str, xr.Dataset]
 
-@made_once
-def make_fit_run(
+
+def write_fit_run(
     folder: Path,
     *,
     passed: bool = True,
@@ -41,12 +43,14 @@ def make_fit_run(
     own_depth: float | None = None,
     two_sides: bool = False,
     seed: int = 1,
+    extended: Callable[[Groups], Groups] = dict,
 ) -> Path:
     """Write every file that a fit writes into ``folder``.
 
     ``exponent`` is the posterior's mean mass exponent of K (C's is 0), None for a model without one;
     ``coloured`` noise is a running mean of two samples; with ``own_depth``, K's exponent at each impact's own
-    greatest depth, ``exponent`` is that at a common depth; of ``two_sides``, left is a fifth stiffer.
+    greatest depth, ``exponent`` is that at a common depth; of ``two_sides``, left is a fifth stiffer. What
+    is written is ``extended``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
@@ -70,7 +74,7 @@ def make_fit_run(
         found[name] = coefficients(each, draws)
         draws.update(as_variables(found[name]))
     groups = {"posterior": posterior, "prior": prior, **traces}
-    xr.DataTree.from_dict(groups).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    xr.DataTree.from_dict(extended(groups)).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     tables = _tables(rng, impacts, true, posterior, exponent)
     tables["contrasts"] = contrasts(posterior, recorded, ["K", "C"], 0.1)
     tables["people"] = people_compared(posterior, recorded, ["K", "C"])
@@ -83,6 +87,9 @@ def make_fit_run(
     _write(folder / "diagnostics.json", _diagnostics(passed))
     _write(folder / "run.json", about)
     return folder
+
+
+make_fit_run = made_once(write_fit_run)
 
 
 def _with_sides(rng, posterior: xr.Dataset, constants: xr.Dataset, formula: dict[str, str]) -> None:

@@ -47,7 +47,7 @@ RUN = ("console", "python")
 APART = ("not run", "exit status", "picture of", "prepare")
 ADDED = " (add at the end)"
 _NOTE = re.compile(rf"^<!-- ({'|'.join(APART)}): (.*?) -->$")
-_FENCE = re.compile(r"^(```+)(\{code-block\} )?([\w-]*)\s*$")
+_FENCE = re.compile(r"^(```+)(\{[\w-]+\})? ?(.*)$")
 _NUMBER = re.compile(r"(?<![\w.])[-−]?\d+(?:\.\d+)?(?:e[+-]?\d+)?(?![\w])")
 _BOXES = re.compile(r"[\u2500-\u257f]+")
 
@@ -86,7 +86,8 @@ def blocks(text: str) -> Iterator[Block]:
                 name, _, value = inner.pop(0)[1:].partition(": ")
                 caption = value if name == "caption" else caption
             inside = "\n".join(inner).strip("\n") + "\n"
-            yield Block(fence[3], inside, at + 1, caption, notes)
+            if fence[2] in (None, "{code-block}"):
+                yield Block(fence[3], inside, at + 1, caption, notes)
             at, notes = end, {}
         elif line.startswith("!["):
             yield Block("picture", line.split("(")[1].rstrip(")"), at, "", notes)
@@ -127,7 +128,7 @@ def run(page: Path, folder: Path, preparations: object = None, told: Callable | 
             if block.caption:
                 _write(block)
             elif "not run" in block.notes:
-                _parse(block)
+                parse(block)
             elif block.language == "console":
                 _console(block, told)
             elif block.language == "python":
@@ -167,8 +168,10 @@ def _execute(words: str) -> tuple[int, str]:
     return done.returncode, done.stderr + done.stdout
 
 
-def _parse(block: Block) -> None:
+def parse(block: Block) -> None:
     """Of commands that are not run: an unknown option, or a fit that would be refused, is an error."""
+    if block.language == "python":
+        compile(block.text, "block", "exec")
     group = typer.main.get_command(cli.app)
     for command in commands(block.text) if block.language == "console" else ():
         words = shlex.split(command.words, comments=True)
@@ -181,7 +184,8 @@ def _parse(block: Block) -> None:
             assert not unknown, f"line {block.line}: {unknown}"
             if words[0] == "fit" and "--model" in words and Path(words[1]).is_dir():
                 specification, source = resolve(words[words.index("--model") + 1])
-                require_answerable(prepare(read_dataset(words[1]), specification), specification, source)
+                prepared = prepare(read_dataset(words[1]), specification, source=source)
+                require_answerable(prepared, specification, source)
 
 
 def compare(page: Path, block: Block, command: Command | None, out: str) -> None:

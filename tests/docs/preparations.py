@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from nptdms import ChannelObject, TdmsWriter
-from pages import DOCS, run
+from pages import DOCS, SHARED, run
 from scipy.io import savemat
 
 import bayestissue as bt
@@ -25,6 +25,9 @@ def tutorial(folder: Path) -> Path:
     """Folder as the first tutorial leaves it: the dataset, its model file, the finished fit."""
     folder.mkdir(parents=True, exist_ok=True)
     run(TUTORIAL, folder)
+    # Links of the page that begins from here are its own.
+    for name in SHARED:
+        (folder / name).unlink()
     return folder
 
 
@@ -88,3 +91,14 @@ def arrays(folder: Path) -> None:
         time, value = deceleration(mass, SPEED)
         table = pd.DataFrame({"time_s": time, "deceleration": value})
         table.to_csv(folder / f"{name}.csv", index=False)
+
+
+def one_table(folder: Path) -> None:
+    """All samples of three drops in one long table, ms and g."""
+    parts = []
+    for number, (_, _, mass) in enumerate(DROPS, start=1):
+        time, value = deceleration(mass * (1 + 0.001 * number), SPEED)
+        columns = {"time_s": (1e3 * time).round(4), "value": (value / 9.80665).round(4)}
+        parts.append(pd.DataFrame({"impact": f"d{number}", **columns}))
+    (folder / "drops").mkdir()
+    pd.concat(parts).to_csv(folder / "drops" / "traces.csv", index=False)

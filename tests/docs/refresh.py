@@ -7,7 +7,9 @@ commands wrote. A page that ends in .ipynb is its notebook, which notebooks/ kee
 
 from __future__ import annotations
 
+import base64
 import hashlib
+import io
 import os
 import subprocess
 import sys
@@ -85,8 +87,7 @@ def _picture(said: str, out: Path) -> None:
         about = (f"--user-data-dir={profile}", f"--window-size={size.replace('x', ',')}")
         target = (f"--screenshot={out.resolve()}", Path(source).resolve().as_uri())
         subprocess.run([BROWSER, *HEADLESS.split(), *about, *target], check=True, capture_output=True)  # noqa: S603
-    # A page has few colours: a palette of them is a third of the file.
-    Image.open(out).convert("RGB").quantize(COLOURS).save(out, optimize=True)
+    _few_colours(Image.open(out)).save(out, optimize=True)
 
 
 def render(page: Path) -> None:
@@ -100,7 +101,17 @@ def render(page: Path) -> None:
     for cell in notebook.cells:
         cell.id = hashlib.sha256(cell.source.encode()).hexdigest()[:8]
         cell.metadata.pop("execution", None)
+        for shown in (output["data"] for output in cell.get("outputs", ()) if "data" in output):
+            if "image/png" in shown:
+                small = io.BytesIO()
+                _few_colours(Image.open(io.BytesIO(base64.b64decode(shown["image/png"])))).save(small, "PNG")
+                shown["image/png"] = base64.b64encode(small.getvalue()).decode()
     nbformat.write(notebook, page)
+
+
+def _few_colours(picture: Image.Image) -> Image.Image:
+    """The same with a palette: figures and pages have few colours, and the file is a third."""
+    return picture.convert("RGB").quantize(COLOURS)
 
 
 if __name__ == "__main__":

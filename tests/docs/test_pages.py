@@ -11,7 +11,7 @@ import jupytext
 import pandas as pd
 import preparations
 import pytest
-from pages import DOCS, NOTEBOOKS, Block, blocks, commands, compare, run, same
+from pages import DOCS, NOTEBOOKS, Block, blocks, commands, compare, parse, run, same
 
 PAGES = sorted(
     page
@@ -99,3 +99,9 @@ def test_every_figure_of_the_explanations_is_one_that_their_script_makes() -> No
     }
     made = set(runpy.run_path(str(folder / "figures.py"))["FIGURES"])
     assert shown == made == {path.stem for path in (folder / "figures").glob("*.svg")}
+
+
+def test_commands_of_the_explanations_have_options_that_the_program_knows() -> None:
+    for page in (DOCS / "explanation").glob("*.md"):
+        for block in blocks(page.read_text(encoding="utf-8")):
+            parse(block)

@@ -170,13 +170,14 @@ def test_theta1_at_its_edge_is_counted_and_impact_toml_named(run, arma):
 
 def test_coverage_is_shown_once_it_was_measured(run, tmp_path, monkeypatch):
     path = tmp_path / "coverage.csv"
-    path.write_text("likelihood,quantity,level,held,impacts,command\n", encoding="utf-8")
+    path.write_text("likelihood,quantity,level,held,impacts,command,measured\n", encoding="utf-8")
     monkeypatch.setattr(words, "COVERAGE", path)
     assert words.coverage_table(run) is None
     with path.open("a", encoding="utf-8") as stream:
-        stream.write("a2,K,90,1500,2000,a command\narma,K,90,1,2,another\n")
+        stream.write("a2,K,90,1500,2000,a command,on an earlier version\narma,K,90,1,2,another,\n")
     (row,) = words.coverage_table(run).rows
     assert row.cells[:4] == ("K", "90 %", "1500 of 2000", "75\N{NO-BREAK SPACE}%")
+    assert row.cells[-1] == "on an earlier version"
 
 
 def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):

@@ -179,11 +179,12 @@ def coverage_table(run: FitRun) -> Table | None:
                 f"{line.held} of {line.impacts}",
                 percent(line.held / line.impacts),
                 str(line.command),
+                str(line.measured),
             )
         )
         for line in lines(every[every["likelihood"] == run.likelihood])
     ]
-    titles = ("quantity", "interval", "hold the truth", "share", "measured by")
+    titles = ("quantity", "interval", "hold the truth", "share", "measured by", "state")
     return Table(columns(*titles, number=titles[1:4], words=titles[4:]), rows) if rows else None
 
 

@@ -1,0 +1,140 @@
+"""Figures in the README and the manual: put between their marks, and looked for where they are typed.
+
+A figure within a sentence is written `<!-- evidence: NAME -->text<!-- end -->`; a table or a paragraph has
+the marks on lines of their own. What stands between them is written by `fill`.
+"""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Iterator
+from pathlib import Path
+
+import pandas as pd
+
+from evidence.figures import Figure, figures
+from evidence.registry import ROOT, content, of_family
+from evidence.status import state_of
+from evidence.summary import figure, in_words
+
+MARKED = re.compile(
+    r"(?P<indent>^[ ]*)?<!-- evidence: (?P<name>\S+) -->(?P<text>.*?)<!-- end -->", re.M | re.S
+)
+FENCED = re.compile(r"^ *(```+|~~~+|:::+).*?^ *\1 *$", re.M | re.S)
+# The coverage that a fit's page shows.
+SHOWN = ROOT / "src" / "bayestissue" / "report" / "fit" / "coverage.csv"
+
+# A number with the unit of a share, a time or a memory, or so many of so many.
+_NUMBER = re.compile(
+    r"\d[\d.,]* ?(?:%|µs\b|ms\b|s\b|seconds?\b|min\b|minutes?\b|h\b|hours?\b|[GM]iB\b|times\b)|\d[\d,]* of \d"
+)
+_CLAIM = re.compile(
+    r"\b(?:held|hold the truth|measured|took|takes|faster|slower|fewer|as long as|"
+    r"effective samples|flagged|found in|coverage|alarms?|in simulations|"
+    r"simulated (?:campaigns|impacts|sets|people))\b",
+    re.I,
+)
+# A level of probability that an interval is asked for is no measurement.
+_LEVEL = re.compile(
+    r"\d[\d.]* ?% (?:(?:credible |equal-tailed |posterior |prediction )?(?:interval|limit|level|band))"
+    r"|(?:interval|limit|level|band)s? of \d[\d.]* ?%|\(\d[\d.]* ?%\)"
+)
+
+
+def pages() -> list[Path]:
+    """The README and the pages of the manual that are written by hand."""
+    manual = (path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
+    return [ROOT / "README.md", *sorted(manual)]
+
+
+def fill() -> list[str]:
+    """Write every figure into every page, and the coverage that a fit's page shows; what was changed."""
+    figures.cache_clear()
+    state_of.cache_clear()
+    changed = []
+    for path, made in ((path, filled(path.read_text(encoding="utf-8"))) for path in pages()):
+        if made != path.read_text(encoding="utf-8"):
+            path.write_text(made, encoding="utf-8")
+            changed.append(path.relative_to(ROOT).as_posix())
+    if coverage_shown() != SHOWN.read_text(encoding="utf-8"):
+        SHOWN.write_text(coverage_shown(), encoding="utf-8")
+        changed.append(SHOWN.relative_to(ROOT).as_posix())
+    return changed
+
+
+def filled(text: str) -> str:
+    """A page's text with its figures as the result files have them."""
+    return "".join(part if fenced else MARKED.sub(_with_text, part) for part, fenced in _parts(text))
+
+
+def _with_text(found: re.Match[str]) -> str:
+    name, begin = found["name"], f"{found['indent'] or ''}<!-- evidence: {found['name']} -->"
+    made = figure(name)
+    if "\n" in found["text"] or made.block:
+        indent = found["indent"] or ""
+        text = textwrap.indent(_paragraph(made), indent)
+        return f"{begin}\n\n{text}\n\n{indent}<!-- end -->"
+    return f"{begin}{made.printed()}<!-- end -->"
+
+
+def _paragraph(made: Figure) -> str:
+    """A sentence of its own where the figure is a part of one."""
+    text = made.printed()
+    return text if made.block else f"{text[0].upper()}{text[1:]}."
+
+
+def coverage_shown() -> str:
+    """The table of coverage that comes with the program, for the page of a fit."""
+    rows = []
+    for piece in of_family("coverage_fit"):
+        own = piece.rows()
+        rows.append(own[["likelihood", "quantity", "level", "held", "impacts", "command"]].assign(
+            measured=in_words(state_of(piece))))  # fmt: skip
+    return pd.concat(rows).to_csv(index=False)
+
+
+def misplaced(text: str) -> Iterator[str]:
+    """Marks of figures within a sentence that begin a line, where Markdown shows the line as it stands."""
+    for part, fenced in _parts(text):
+        for found in MARKED.finditer(part) if not fenced else ():
+            if found["indent"] is not None and "\n" not in found["text"] and not figure(found["name"]).block:
+                yield found["name"]
+
+
+def typed(page: str, text: str) -> Iterator[str]:
+    """Sentences that state a measured number outside the marks, as far as words and units can tell.
+
+    Left out are code, links, and what evidence.toml lists under ``not_measured``.
+    """
+    allowed = [each["words"] for each in content().get("not_measured", []) if each["page"] == page]
+    prose = " ".join(MARKED.sub(" ", part) if not fenced else "\n\n" for part, fenced in _parts(text))
+    prose = re.sub(r"^(?: {4,}|\t).*$", "", prose, flags=re.M)
+    prose = re.sub(r"`[^`]*`|\]\([^)]*\)", " ", prose)
+    for block in re.split(r"\n\s*\n|^\s*[-*|#]", prose, flags=re.M):
+        for sentence in re.split(r"(?<=[.!?;])\s+", " ".join(block.split())):
+            told = _LEVEL.sub(" ", sentence)
+            if (
+                _NUMBER.search(told)
+                and _CLAIM.search(told)
+                and not any(words in sentence for words in allowed)
+            ):
+                yield sentence
+
+
+def unlisted() -> Iterator[str]:
+    """Entries of ``not_measured`` whose words are no longer on their page."""
+    for each in content().get("not_measured", []):
+        path = ROOT / each["page"]
+        if not path.is_file() or each["words"] not in " ".join(path.read_text(encoding="utf-8").split()):
+            yield f"{each['page']}: {each['words']}"
+
+
+def _parts(text: str) -> Iterator[tuple[str, bool]]:
+    """The text in pieces, and whether each is a fenced block."""
+    at = 0
+    for found in FENCED.finditer(text):
+        yield text[at : found.start()], False
+        yield found[0], True
+        at = found.end()
+    yield text[at:], False

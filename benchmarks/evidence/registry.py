@@ -1,0 +1,133 @@
+"""The pieces of evidence that evidence.toml declares."""
+
+from __future__ import annotations
+
+import ast
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+BENCHMARKS = Path(__file__).resolve().parents[1]
+ROOT = BENCHMARKS.parent
+FILE = BENCHMARKS / "evidence.toml"
+
+
+@dataclass(frozen=True, eq=False)
+class Piece:
+    """One measurement: what it asks, how it is made, what it speaks of."""
+
+    name: str
+    family: str
+    promise: str
+    asks: str
+    # The script and its arguments, from the root of the project.
+    command: tuple[str, ...]
+    # The table under benchmarks/ that has its rows, and the value of a column that tells them from others'.
+    result: str
+    where: dict[str, str]
+    # The table whose rows a stopped run goes on from; empty where it begins anew.
+    resumes: str
+    # Files and folders of the program, from the root of the project, without the scripts.
+    speaks_of: tuple[str, ...]
+    minutes: float
+    # Packages, and variables of the environment that name a folder, without which it can't be run.
+    packages: tuple[str, ...] = ()
+    folders: tuple[str, ...] = ()
+
+    @property
+    def command_line(self) -> str:
+        """As one would type it."""
+        return " ".join(self.command)
+
+    def scripts(self) -> tuple[str, ...]:
+        """The script, and those of this folder that it imports."""
+        return _with_imported(BENCHMARKS / Path(self.command[0]).name)
+
+    def parts(self) -> tuple[str, ...]:
+        """All that it speaks of: of the program, and the scripts."""
+        return (*self.speaks_of, *self.scripts())
+
+    def rows(self, table: str = "") -> pd.DataFrame:
+        """Its rows of its result, or of another table; without any where there is no such file."""
+        path = BENCHMARKS / (table or self.result)
+        if not path.is_file():
+            return pd.DataFrame()
+        return _own(pd.read_csv(path), self.where)
+
+    def forget(self) -> int:
+        """Take its rows out of the table that a stopped run goes on from; how many there were."""
+        path = BENCHMARKS / self.resumes
+        if not self.resumes or not path.is_file():
+            return 0
+        every = pd.read_csv(path, dtype=str, keep_default_na=False)
+        own = _own(every, self.where)
+        rest = every.drop(index=own.index)
+        if rest.empty:
+            path.unlink()
+        else:
+            rest.to_csv(path, index=False)
+        return len(own)
+
+
+def _own(table: pd.DataFrame, where: dict[str, str]) -> pd.DataFrame:
+    for column, value in where.items():
+        table = table[table[column].astype(str) == value]
+    return table
+
+
+@cache
+def content() -> dict[str, Any]:
+    """All that evidence.toml says."""
+    return tomllib.loads(FILE.read_text(encoding="utf-8"))
+
+
+@cache
+def pieces() -> dict[str, Piece]:
+    """By name, in the order of the file."""
+    made = [piece for family, table in content()["pieces"].items() for piece in _pieces(family, table)]
+    return {piece.name: piece for piece in made}
+
+
+def of_family(family: str) -> list[Piece]:
+    """The pieces of one family."""
+    return [piece for piece in pieces().values() if piece.family == family]
+
+
+def _pieces(family: str, table: dict[str, Any]) -> list[Piece]:
+    made, parts = [], content()["parts"]
+    for each in table.get("each", [""]):
+        with_each = {name: value.replace("{each}", each) for name, value in table.get("where", {}).items()}
+        named = [part for name in table["parts"] for part in parts.get(name, [name])]
+        made.append(
+            Piece(
+                name=f"{family}-{each}" if each else family,
+                family=family,
+                promise=table["promise"],
+                asks=table["asks"],
+                command=tuple(table["command"].replace("{each}", each).split()),
+                result=table["result"].replace("{each}", each),
+                where=with_each,
+                resumes=table.get("resumes", "").replace("{each}", each),
+                speaks_of=tuple(dict.fromkeys(part.replace("{each}", each) for part in named)),
+                minutes=table["minutes"],
+                packages=tuple(table.get("packages", ())),
+                folders=tuple(table.get("folders", ())),
+            )
+        )
+    return made
+
+
+@cache
+def _with_imported(script: Path) -> tuple[str, ...]:
+    found = [script.relative_to(ROOT).as_posix()]
+    for node in ast.walk(ast.parse(script.read_text(encoding="utf-8"))):
+        names = [node.module] if isinstance(node, ast.ImportFrom) else []
+        names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        for name in names:
+            if name and (other := BENCHMARKS / f"{name}.py").is_file():
+                found += _with_imported(other)
+    return tuple(dict.fromkeys(found))

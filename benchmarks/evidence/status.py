@@ -1,0 +1,44 @@
+"""Whether a piece of evidence is of the program as it is now."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+from evidence.fingerprint import changed, of_parts
+from evidence.provenance import digest, read, without
+from evidence.registry import ROOT, Piece
+
+EARLIER = "measured on an earlier version"
+BEFORE = "measured before provenance was kept"
+
+
+@dataclass(frozen=True)
+class State:
+    """What is known of a piece: its kind in a word, and the reason in words."""
+
+    kind: str
+    why: str
+
+
+@cache
+def state_of(piece: Piece) -> State:
+    """Fresh, stale, unfinished, or missing."""
+    rows, about = piece.rows(), read(piece)
+    if about is None:
+        if rows.empty:
+            return State("missing", "not measured")
+        return State("stale", BEFORE)
+    if about["left"]:
+        return State("unfinished", f"unfinished: {about['left']}")
+    if rows.empty:
+        return State("missing", f"benchmarks/{piece.result} has no rows of it")
+    if digest(rows) != about["rows"]:
+        return State("stale", f"its rows of benchmarks/{piece.result} are not those that it wrote")
+    if without(about["command"].split()) != without(list(piece.command)):
+        return State("stale", f"measured by another command: {about['command']}")
+    if moved := about["changed_meanwhile"]:
+        return State("stale", f"the program changed while it ran: {', '.join(moved)}")
+    if moved := changed(about["parts"], of_parts(ROOT, piece.parts())):
+        return State("stale", f"changed since: {', '.join(moved)}")
+    return State("fresh", "of this version")

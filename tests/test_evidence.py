@@ -1,0 +1,317 @@
+"""Evidence: the registry holds together, staleness is by content, and pages print what the files say."""
+
+from __future__ import annotations
+
+import ast
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "benchmarks"))
+from evidence import fingerprint, pages, provenance, registry, running, status  # noqa: E402
+from evidence.registry import Piece  # noqa: E402
+from evidence.summary import figure  # noqa: E402
+
+PIECES = list(registry.pieces().values())
+# What every script may use without speaking of it: where things lie, and how numbers are held.
+ANYWHERE = {"runtime", "resources", "dataset"}
+OTHERS = "run `make evidence-pages`, and commit what it writes"
+
+
+@pytest.mark.parametrize("piece", PIECES, ids=lambda piece: piece.name)
+def test_a_piece_names_what_there_is(piece):
+    for part in piece.parts():
+        assert (ROOT / part.removesuffix("/*")).exists(), part
+    assert figure(f"{piece.family}.provenance").text
+
+
+@pytest.mark.parametrize("piece", PIECES, ids=lambda piece: piece.name)
+def test_a_piece_speaks_of_what_its_scripts_import(piece):
+    missing = [name for name in imported(piece) if not covered(name, piece)]
+    assert not missing, f"{piece.name} of evidence.toml lacks {missing}"
+
+
+def imported(piece: Piece) -> set[Path]:
+    """The modules of the program that its scripts import, without those that they lead to."""
+    found = set()
+    for script in piece.scripts():
+        for node in ast.walk(ast.parse((ROOT / script).read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("bayestissue"):
+                found |= {
+                    module(f"{node.module}.{alias.name}") or module(node.module) for alias in node.names
+                }
+    return {path for path in found if path}
+
+
+def module(name: str) -> Path | None:
+    path = ROOT / "src" / Path(*name.split("."))
+    return next((each for each in (path.with_suffix(".py"), path / "__init__.py") if each.is_file()), None)
+
+
+def covered(path: Path, piece: Piece) -> bool:
+    name, within = path.relative_to(ROOT).as_posix(), path.relative_to(ROOT / "src" / "bayestissue").parts
+    if path.name == "__init__.py" or within[0].removesuffix(".py") in ANYWHERE:
+        return True
+    return any(name == part or name.startswith(f"{part.rstrip('/*')}/") for part in piece.speaks_of)
+
+
+@pytest.fixture
+def program(tmp_path) -> Path:
+    (tmp_path / "part").mkdir()
+    (tmp_path / "part" / "code.py").write_text(
+        '"""What."""\n\n\ndef f(x):\n    """Of x."""\n    return x + 1\n'
+    )
+    (tmp_path / "part" / "model.toml").write_text("# why\nname = 'a'\n")
+    return tmp_path
+
+
+def of(program: Path) -> dict[str, str]:
+    return fingerprint.of_parts(program, ["part"])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "same"),
+    [
+        ("Of x.", "Of another x, in other words.", True),
+        ("return x + 1", "return (x + 1)  # one more", True),
+        ("return x + 1", "return x + 2", False),
+        ("def f(x):", "def f(y):", False),
+    ],
+)
+def test_words_do_not_make_evidence_stale_and_code_does(program, old, new, same):
+    before, path = of(program), program / "part" / "code.py"
+    path.write_text(path.read_text().replace(old, new))
+    assert (of(program) == before) is same
+
+
+def test_settings_count_by_their_values_and_errors_without_their_words(program):
+    path = program / "part" / "code.py"
+    path.write_text(path.read_text().replace("return x + 1", "raise ValueError('no')"))
+    before = of(program)
+    path.write_text(path.read_text().replace("'no'", "f'not {x}, but 2'"))
+    (program / "part" / "model.toml").write_text("name = 'a'  # because\n")
+    assert of(program) == before
+    (program / "part" / "model.toml").write_text("name = 'b'\n")
+    assert fingerprint.changed(before, of(program)) == ["part"]
+
+
+@pytest.fixture
+def piece(tmp_path, monkeypatch) -> Piece:
+    """A piece of one part in a project of its own."""
+    (tmp_path / "part.py").write_text("A = 1\n")
+    (tmp_path / "script.py").write_text("")
+    for module in (registry, provenance, status):
+        monkeypatch.setattr(module, "ROOT", tmp_path)
+    for module in (registry, provenance):
+        monkeypatch.setattr(module, "BENCHMARKS", tmp_path)
+    monkeypatch.setattr(provenance, "RESULTS", tmp_path / "results")
+    made = Piece(
+        name="piece",
+        family="piece",
+        promise="",
+        asks="",
+        command=("benchmarks/script.py", "a"),
+        result="table.csv",
+        where={"kind": "a"},
+        resumes="table.csv",
+        speaks_of=("part.py",),
+        minutes=1,
+    )
+    monkeypatch.setattr(provenance, "pieces", lambda: {"piece": made})
+    monkeypatch.setattr(pages, "fill", list)
+    return made
+
+
+def add(piece: Piece, value: float) -> None:
+    path = registry.BENCHMARKS / piece.result
+    new = not path.is_file()
+    with path.open("a", encoding="utf-8") as file:
+        file.write(f"{'kind,value\n' if new else ''}a,{value}\nb,7\n")
+
+
+def state(piece: Piece) -> status.State:
+    status.state_of.cache_clear()
+    return status.state_of(piece)
+
+
+COMMAND = "benchmarks/script.py a --seconds 10"
+
+
+def test_a_script_writes_where_its_result_comes_from(piece):
+    assert state(piece) == status.State("missing", "not measured")
+    with provenance.recorded("piece", COMMAND):
+        add(piece, 1)
+    about = provenance.read(piece)
+    assert {"commit", "dirty", "date", "machine", "versions", "seconds", "parts"} <= about.keys()
+    assert str(ROOT) not in json.dumps(about)
+    assert state(piece).kind == "fresh"
+
+
+def test_a_changed_part_and_a_changed_result_are_told(piece, tmp_path):
+    with provenance.recorded("piece", COMMAND):
+        add(piece, 1)
+    (tmp_path / "part.py").write_text("A = 1  # the same\n")
+    assert state(piece).kind == "fresh"
+    (tmp_path / "part.py").write_text("A = 2\n")
+    assert state(piece) == status.State("stale", "changed since: part.py")
+    (tmp_path / "part.py").write_text("A = 1\n")
+    add(piece, 2)
+    assert "not those that it wrote" in state(piece).why
+
+
+def test_a_result_without_provenance_is_stale(piece):
+    add(piece, 1)
+    assert state(piece) == status.State("stale", status.BEFORE)
+
+
+def test_a_program_that_changes_while_it_is_measured_is_told(piece, tmp_path):
+    with provenance.recorded("piece", COMMAND):
+        add(piece, 1)
+        (tmp_path / "part.py").write_text("A = 2\n")
+    assert "while it ran: part.py" in state(piece).why
+
+
+def interrupted(piece: Piece) -> None:
+    with provenance.recorded("piece", COMMAND):
+        add(piece, 1)
+        raise KeyboardInterrupt
+
+
+def test_a_stopped_run_goes_on_and_drops_what_another_version_made(piece, tmp_path, capsys):
+    with pytest.raises(KeyboardInterrupt):
+        interrupted(piece)
+    assert state(piece) == status.State("unfinished", "unfinished: interrupted")
+    with provenance.recorded("piece", COMMAND):
+        assert len(piece.rows()) == 1
+    assert state(piece).kind == "fresh"
+    (tmp_path / "part.py").write_text("A = 2\n")
+    with provenance.recorded("piece", COMMAND) as record:
+        assert piece.rows().empty
+        assert "1 rows of another version" in capsys.readouterr().out
+        add(piece, 2)
+        record.left = "3 of 4 campaigns"
+    assert state(piece).why == "unfinished: 3 of 4 campaigns"
+
+
+@pytest.fixture
+def run(piece, monkeypatch):
+    """Pieces as the command runs them; their scripts are functions here."""
+    scripts, done = {"piece": lambda: None}, []
+
+    def run_one(piece):
+        done.append(piece.name)
+        return scripts[piece.name]() or 0
+
+    monkeypatch.setattr(running, "_run", run_one)
+
+    def run(*pieces, **own):
+        scripts.update(own)
+        done.clear()
+        status.state_of.cache_clear()
+        return running.run_pieces(pieces), done
+
+    return run
+
+
+def measure(piece: Piece) -> None:
+    with provenance.recorded("piece", COMMAND):
+        add(piece, 1)
+
+
+def test_what_is_fresh_is_not_run_again_and_what_is_left_is_said(piece, run, capsys):
+    assert run(piece) == (0, ["piece"])
+    assert "piece: not measured\nLeft: 1, about 1 min." in capsys.readouterr().out
+    assert run(piece, piece=lambda: measure(piece)) == (0, ["piece"])
+    assert run(piece) == (0, [])
+    assert "All of it is of this version." in capsys.readouterr().out
+
+
+def test_a_failure_keeps_no_other_from_being_run_and_short_ones_come_first(piece, run, capsys):
+    long = replace(piece, name="long", minutes=5, result="other.csv")
+    assert run(long, piece, long=lambda: 0, piece=lambda: 3) == (1, ["piece", "long"])
+    assert "piece: failed with status 3" in capsys.readouterr().out
+
+
+def test_an_interruption_says_what_is_left(piece, run, capsys):
+    def interrupt():
+        raise KeyboardInterrupt
+
+    assert run(piece, piece=interrupt)[0] == 1
+    assert "Left: 1" in capsys.readouterr().out
+
+
+def test_what_is_missing_here_is_the_reason_to_skip(piece, run, capsys, tmp_path, monkeypatch):
+    recordings = replace(piece, packages=("no_such_package",), folders=("NO_SUCH_FOLDER",))
+    assert run(recordings) == (0, [])
+    said = capsys.readouterr().out
+    assert "needs no_such_package: `make evidence-peers`" in said
+    assert "NO_SUCH_FOLDER=FOLDER" in said
+    monkeypatch.setenv("NO_SUCH_FOLDER", str(tmp_path))
+    assert run(replace(recordings, packages=())) == (0, ["piece"])
+
+
+def test_rows_are_the_same_however_they_are_written(piece):
+    add(piece, 1)
+    before = provenance.digest(piece.rows())
+    (registry.BENCHMARKS / piece.result).write_text("value,kind,more\n1.0,a,\n3,b,4\n")
+    assert provenance.digest(piece.rows()) == before
+
+
+@pytest.mark.parametrize("path", pages.pages(), ids=lambda path: path.relative_to(ROOT).as_posix())
+def test_a_page_prints_what_the_files_say_and_no_figure_is_typed(path):
+    text, name = path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix()
+    assert pages.filled(text) == text, OTHERS
+    assert not list(pages.misplaced(text)), "a figure within a sentence can't begin a line"
+    typed = list(pages.typed(name, text))
+    assert not typed, f"measured numbers are typed: take a figure of evidence (benchmarks/README.md): {typed}"
+
+
+def test_the_page_of_a_fit_shows_the_coverage_that_was_measured():
+    assert pages.SHOWN.read_text(encoding="utf-8") == pages.coverage_shown(), OTHERS
+
+
+def test_no_exception_is_kept_that_is_not_needed():
+    assert not list(pages.unlisted())
+
+
+@pytest.mark.parametrize(
+    "sentence",
+    [
+        "The intervals held K in 88.3 % of them.",
+        "A fit takes 43 seconds.",
+        "Of 120 simulated campaigns it lost 3 of 100.",
+        "It is 12 times faster than the others.",
+    ],
+)
+def test_a_typed_figure_is_found(sentence):
+    assert list(pages.typed("page.md", f"Words.\n\n{sentence}\n"))
+    marked = f"<!-- evidence: coverage_fit.short -->\n\n{sentence}\n\n<!-- end -->\n"
+    assert not list(pages.typed("page.md", marked))
+    assert not list(pages.typed("page.md", f"```console\n{sentence}\n```\n"))
+
+
+@pytest.mark.parametrize(
+    "sentence", ["90 % intervals hold the truth in nine of ten cases.", "K varies by 31 % in the thesis."]
+)
+def test_levels_and_other_numbers_are_no_measured_figures(sentence):
+    assert not list(pages.typed("page.md", sentence))
+
+
+def test_a_stale_figure_says_so(monkeypatch):
+    monkeypatch.setattr("evidence.figures.state_of", lambda piece: status.State("stale", status.BEFORE))
+    inline, table = (figure(f"exactness.{name}") for name in ("arma", "table"))
+    assert inline.printed() == f"{inline.text} (measured on an earlier version)"
+    assert table.printed().endswith("*Measured on an earlier version.*")
+    monkeypatch.setattr("evidence.figures.state_of", lambda piece: status.State("fresh", ""))
+    assert inline.printed() == inline.text
+
+
+def test_an_unknown_figure_is_named():
+    with pytest.raises(KeyError, match="no pieces 'coverag'"):
+        figure("coverag.impact_K_90")
+    with pytest.raises(KeyError, match="there is no such figure"):
+        figure("coverage_fit.impact_K_91")
