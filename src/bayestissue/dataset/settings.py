@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from bayestissue.dataset.model import Quantity, Uncertainty
+from bayestissue.dataset.model import FilterKind, Quantity, Recorder, SaeClass, Uncertainty
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.settings import checked, parse_toml, read_text, row_of
@@ -15,6 +15,10 @@ from bayestissue.settings import checked, parse_toml, read_text, row_of
 FILE = "dataset.toml"
 
 
+# SAE J211-1, appendix C: a filter of two poles with its corner here, run forwards and backwards, has its
+# -3 dB corner at 5/3 of the class, since (1 + 0.8022⁴)⁻¹ = 2^(-1/2) and 2.0775 × 0.8022 = 5/3.
+SAE_CORNER = 2.0775
+MOST_POLES = 8
 # With half of a quantity as its standard deviation, none of it at all lies within two of them.
 _MOST_RELATIVE = 0.5
 
@@ -110,6 +114,41 @@ class UncertaintySettings(_Table):
         return Uncertainty(**self.model_dump())
 
 
+class RecorderSettings(_Table):
+    """The table ``[recorder]``: a known low-pass between the sensor and the file."""
+
+    low_pass_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
+        default=None, description="the -3 dB corner of the filter run once, a number of Hz above 0"
+    )
+    order: Annotated[int, Field(ge=1, le=MOST_POLES)] = Field(
+        default=2, description=f"the number of the filter's poles, 1 to {MOST_POLES}"
+    )
+    kind: FilterKind = Field(default="butterworth", description='"butterworth" or "bessel"')
+    zero_phase: bool = Field(
+        default=False, description="true where the filter is run forwards and backwards, else false"
+    )
+    sae_class: SaeClass | None = Field(
+        default=None,
+        description="a channel frequency class of SAE J211-1, 60, 180, 600 or 1000, instead of the others",
+    )
+
+    @model_validator(mode="after")
+    def _either(self) -> Self:
+        if self.sae_class is None and self.low_pass_hz is None:
+            raise ValueError("low_pass_hz, or sae_class")
+        if self.sae_class is not None and self.model_fields_set != {"sae_class"}:
+            raise ValueError("sae_class by itself, since it says corner, order, kind and direction")
+        return self
+
+    def values(self) -> Recorder:
+        """The same as the plain object a `Dataset` carries."""
+        if self.sae_class is not None:
+            corner = SAE_CORNER * self.sae_class
+            return Recorder(corner, 2, "butterworth", zero_phase=True, sae_class=self.sae_class)
+        assert self.low_pass_hz is not None  # noqa: S101 - for the type checker
+        return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase)
+
+
 class Settings(_Table):
     """The whole of ``dataset.toml``."""
 
@@ -122,6 +161,17 @@ class Settings(_Table):
         default_factory=lambda: UncertaintySettings(),
         description="standard deviations of the measuring chain; a fit carries each into its intervals.",
     )
+    recorder: RecorderSettings | None = Field(
+        default=None, description="a table [recorder] with low_pass_hz, or with sae_class"
+    )
+
+    @model_validator(mode="after")
+    def _of_decelerations(self) -> Self:
+        if self.recorder is not None and self.signal.quantity == "displacement":
+            raise ValueError(
+                "no table [recorder] beside displacements, whose likelihoods have no place for a low-pass"
+            )
+        return self
 
 
 def read_settings(path: Path) -> Settings:
