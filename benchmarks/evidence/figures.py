@@ -13,6 +13,7 @@ from evidence.registry import BENCHMARKS, of_family, pieces
 from evidence.status import EARLIER, state_of
 
 LEVELS = (50, 90)
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Three standard errors and four nats of a difference in expected log predictive density: see the script.
 DECIDES_SE, DECIDES_NATS = 2, 4
 
@@ -69,6 +70,12 @@ def table(rows: pd.DataFrame, *, words: bool = False) -> str:
     return "\n".join(f"| {line} |" for line in [*head, *(" | ".join(row) for row in cells.to_numpy())])
 
 
+def power_of_ten(value: float) -> str:
+    """Such as 3 · 10⁻⁹."""
+    mantissa, exponent = f"{value:.0e}".split("e")
+    return f"{mantissa} · 10{str(int(exponent)).translate(_RAISED)}"
+
+
 def percent(share: float, digits: int = 1) -> str:
     """A share."""
     return f"{100 * share:.{digits}f} %"
@@ -121,12 +128,12 @@ def each_held(lines: pd.DataFrame, family: str, column: str) -> Named:
 def exactness() -> Named:
     lines = read("exactness.csv")
     difference = lines["largest_difference"].astype(float)
-    shown = lines.assign(largest_difference=difference.map("{:.0e}".format) + " " + lines["relative_to"])
+    shown = lines.assign(largest_difference=difference.map(power_of_ten) + " " + lines["relative_to"])
     titles = {"largest_difference": "largest difference"}
     yield "table", block(table(shown.drop(columns="relative_to").rename(columns=titles)), "exactness")
     for name, words in (("arma", "ARMA"), ("motion", "motion"), ("decelerations", "recorded decelerations")):
         largest = difference[lines["what"].str.contains(words, regex=False)].max()
-        yield name, Figure(f"{largest:.0e}", names("exactness"))
+        yield name, Figure(power_of_ten(largest), names("exactness"))
 
 
 @_family
@@ -203,6 +210,47 @@ def calibration() -> Named:
     p = lines[["chi_square_p", "ecdf_p"]].to_numpy()
     text = f"{(p < 0.01).sum()} of {p.size} p-values are below 0.01, where {0.01 * p.size:.1f} are expected"
     yield "sentence", Figure(text, names("calibration"))
+
+
+@_family
+def calibration_answers() -> Named:
+    lines = read("calibration_answers.csv")
+    own = lines["which"] != "all"
+    rows = []
+    for kind, part in lines[own].dropna(subset="held").groupby("kind", sort=False):
+        pooled = lines[~own & (lines["kind"] == kind)].iloc[0]
+        least, most = (part.loc[place] for place in (part["held"].idxmin(), part["held"].idxmax()))
+        row = {"90 % intervals": kind, "quantities": len(part)}
+        row["held"] = with_error(*(pooled[[name]] / 100 for name in ("held", "se")))[0]
+        row |= {"least": f"{least['held']:.1f} %, {least['which']}"}
+        row |= {"most": f"{most['held']:.1f} %, {most['which']}"}
+        rows.append(row)
+    yield "intervals", block(table(pd.DataFrame(rows)), "calibration_answers")
+    claims = lines[lines["kind"] == "claims of probability"]
+    bins = pd.DataFrame(
+        {
+            "claims of probability": claims["which"],
+            "claims": claims["answers"].astype(int),
+            "mean probability": claims["probability"].map("{:.1f} %".format),
+            "true": with_error(claims["true"] / 100, claims["se"] / 100),
+        }
+    )
+    yield "claims", block(table(bins), "calibration_answers")
+    prior = lines.dropna(subset="prior")
+    error = np.sqrt(prior["prior"] * (100 - prior["prior"]) / prior["studies"])
+    off = ((prior["true"] - prior["prior"]) / error).abs().max()
+    text = (
+        f"the prior probabilities of the {len(prior)} claims that were asked are the shares of studies in "
+        f"which they are true, within {off:.1f} standard errors"
+    )
+    yield "priors", Figure(text, names("calibration_answers"))
+    held = lines[own]["held"].dropna()
+    text = (
+        f"in {int(lines['studies'].max())} simulated studies the 90 % intervals of {len(held)} answers held "
+        f"{held.min():.0f} to {held.max():.0f} %, {held.mean():.1f} % in the mean; of claims given a probability "
+        f"of 80 to 95 % {claims['true'].iloc[-2]:.0f} % were true"
+    )
+    yield "sentence", Figure(text, names("calibration_answers"))
 
 
 @_family

@@ -101,7 +101,8 @@ class Dataset:
         left_out: what was wrong with the impacts that ``skip_bad`` left out.
         folder: where it was read from; none if it was made from arrays.
         input_hash: SHA-256 over the files that were read, or over the arrays.
-        licence, source: free text.
+        licence: on what terms others may use it.
+        source: where it comes from.
         recorder: a known low-pass that the recordings went through; none where nothing was declared.
     """
 

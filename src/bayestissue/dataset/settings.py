@@ -61,19 +61,29 @@ class _Table(BaseModel):
 class SignalSettings(_Table):
     """The table ``[signal]``: what was recorded and in which units."""
 
-    quantity: Quantity = Field(description='"deceleration", "acceleration" or "displacement"')
-    unit: Name = Field(description="the unit of the recorded values, as text")
-    time_unit: Name = Field(default="s", description=EXAMPLES["time"])
-    time_column: Name = Field(default="time_s", description="the name of the time column or channel")
-    value_column: Name = Field(default="value", description="the name of the value column or channel")
-    scale: Annotated[Finite, AfterValidator(_not_zero)] = Field(
-        default=1.0, description="a number other than 0, by which raw values are multiplied"
+    quantity: Quantity = Field(
+        description="what was recorded. deceleration: positive while the impactor slows. acceleration: the "
+        "negative of that. displacement: into the tissue, positive."
     )
-    offset: Finite = Field(default=0.0, description="a number, added to the raw values after the scale")
+    unit: Name = Field(
+        description="the unit of the recorded values after scale and offset: m/s^2, g, mm, µm ..."
+    )
+    time_unit: Name = Field(default="s", description="the unit of the times: s, ms, µs ...")
+    time_column: Name = Field(default="time_s", description="the column, channel or variable with the times.")
+    value_column: Name = Field(
+        default="value",
+        description="the column, channel or variable with the values. A recorder file of one channel needs "
+        "no name.",
+    )
+    scale: Annotated[Finite, AfterValidator(_not_zero)] = Field(
+        default=1.0, description="raw values are multiplied by it; not 0."
+    )
+    offset: Finite = Field(default=0.0, description="is added to them after that.")
 
     crop: Annotated[list[Finite], AfterValidator(_stretch)] | None = Field(
         default=None,
-        description="two numbers, [start, stop] in time_unit on the recorder's clock, the first the smaller",
+        description="[start, stop]: the stretch of every recording that is read, in time_unit on the "
+        "recorder's clock.",
     )
 
     @property
@@ -85,10 +95,19 @@ class SignalSettings(_Table):
 class UncertaintySettings(_Table):
     """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units."""
 
-    relative_mass_sd: Fraction = Field(default=0.0, description="a fraction of the mass, 0 to 0.5")
-    velocity_sd_m_s: Spread = Field(default=0.0, description="a number of m/s, 0 or more")
-    relative_gain_sd: Fraction = Field(default=0.0, description="a fraction of the gain, 0 to 0.5")
-    offset_sd: Spread = Field(default=0.0, description="a number of SI units of the quantity, 0 or more")
+    relative_mass_sd: Fraction = Field(
+        default=0.0, description="of the mass, as a fraction of it, below 0.5: 0.05 is 5 %."
+    )
+    velocity_sd_m_s: Spread = Field(
+        default=0.0, description="of the velocity at contact; below half the median velocity."
+    )
+    relative_gain_sd: Fraction = Field(
+        default=0.0, description="of the recorder's sensitivity, as a fraction of it, below 0.5."
+    )
+    offset_sd: Spread = Field(
+        default=0.0,
+        description="of the recorder's zero, in m/s² or, of displacements, in m; below half the median peak.",
+    )
 
     def values(self) -> Uncertainty:
         """The same as the plain object a `Dataset` carries."""
@@ -133,14 +152,14 @@ class RecorderSettings(_Table):
 class Settings(_Table):
     """The whole of ``dataset.toml``."""
 
-    name: Annotated[Name, AfterValidator(_plain)] = Field(description="a name, as text")
-    description: str = Field(default="", description="free text")
-    licence: str = Field(default="", description="free text")
-    source: str = Field(default="", description="free text")
-    signal: SignalSettings = Field(description="a table [signal] with quantity and unit")
+    name: Annotated[Name, AfterValidator(_plain)] = Field(description="of the dataset, on one line.")
+    description: str = Field(default="", description="free text, shown on pages.")
+    licence: str = Field(default="", description="on what terms others may use it.")
+    source: str = Field(default="", description="where it comes from.")
+    signal: SignalSettings = Field(description="what was recorded and in which units.")
     uncertainty: UncertaintySettings = Field(
         default_factory=lambda: UncertaintySettings(),
-        description="a table [uncertainty] of standard deviations",
+        description="standard deviations of the measuring chain; a fit carries each into its intervals.",
     )
     recorder: RecorderSettings | None = Field(
         default=None, description="a table [recorder] with low_pass_hz, or with sae_class"
