@@ -14,7 +14,7 @@ import xarray as xr
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.levels import Recorded
 from bayestissue.inference.answers.people import people_compared
-from bayestissue.inference.answers.reliability import reliability, variances
+from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from made_once import made_once
 
 CHAINS, DRAWS, REPLICATES, SAMPLES = 2, 100, 40, 60
@@ -67,14 +67,18 @@ def write_fit_run(
     about = _about(passed, likelihood, quantity, exponent)
     if two_sides:
         _with_sides(rng, posterior, traces["constant_data"], about["model"]["formula"])
-    groups = {"posterior": posterior, "prior": _prior(posterior, seed), **traces}
+    recorded = Recorded.of_run(traces["constant_data"], about["model"])
+    prior, found = _prior(posterior, seed), {}
+    for name, draws in (("posterior", posterior), ("prior", prior)):
+        each = {q: variances(draws, recorded, q, measurement_sd=0.01) for q in ("K", "C")}
+        found[name] = coefficients(each, draws)
+        draws.update(as_variables(found[name]))
+    groups = {"posterior": posterior, "prior": prior, **traces}
     xr.DataTree.from_dict(extended(groups)).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
     tables = _tables(rng, impacts, true, posterior, exponent)
-    recorded = Recorded.of_run(traces["constant_data"], about["model"])
     tables["contrasts"] = contrasts(posterior, recorded, ["K", "C"], 0.1)
     tables["people"] = people_compared(posterior, recorded, ["K", "C"])
-    found = {q: variances(posterior, recorded, q, measurement_sd=0.01) for q in ("K", "C")}
-    tables["reliability"] = reliability(found, posterior)[0]
+    tables["reliability"] = reliability(found["posterior"], found["prior"])
     for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=False)
     if truth:
