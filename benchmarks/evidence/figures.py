@@ -388,8 +388,8 @@ def recorder() -> Named:
     false_alarms = f"{int(sound['suspected'].sum())} of {sound['impacts'].sum()}"
     text = (
         f"behind a declared low-pass 90 % intervals held K and C in {held(declared)} of impacts, behind one "
-        f"that is not C in {held(left_out, ('C held',))}; `check` suspected {false_alarms} recordings without "
-        "one"
+        f"that is not C in {held(left_out, ('C held',))}; `check` suspected {false_alarms} recordings "
+        "without one"
     )
     yield "sentence", Figure(text, names("recorder"))
 
