@@ -81,7 +81,7 @@ test-long: $(READY_FOR_TESTS)  ## the checks that take minutes to hours
 EVIDENCE = PYTHONPATH=benchmarks $(BIN)/python -m evidence
 
 evidence: $(READY_FOR_TESTS)  ## measure what is stale: a day of computing, or NAME=coverage_fit for some
-	@$(EVIDENCE) run $(NAME)
+	@$(EVIDENCE) run $(if $(findstring command,$(origin NAME)),$(NAME))
 
 evidence-status: $(READY)  ## which evidence is of this version, and what has changed since
 	@$(EVIDENCE) status

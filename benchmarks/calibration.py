@@ -26,10 +26,11 @@ from __future__ import annotations
 import argparse
 import contextlib
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import jax
@@ -87,12 +88,21 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
     return replace(prepared, data=prepared.data._replace(record=made), signal=signal)
 
 
-def blank(kind: str) -> Prepared:
-    """Model, design and measuring chain, with traces of which only the start is told."""
+def blank(kind: str, people: Mapping[str, Sequence[str]] = MappingProxyType({}), **design: Any) -> Prepared:
+    """Model, design and measuring chain, with traces of which only the start is told.
+
+    ``design`` replaces parts of the design of coverage_fit.py, and ``people`` has further columns of the
+    impacts, whose values people take in turn.
+    """
     specification = read_specification(HERE / f"calibration-{kind}.toml")
     made = campaign(0)
-    design = type(made.design).model_validate({**made.design.model_dump(), "factors": FACTORS.get(kind, ())})
-    dataset = simulate(made.model_copy(update={"design": design})).dataset("calibration")
+    changed = {**made.design.model_dump(), "factors": FACTORS.get(kind, ()), **design}
+    dataset = simulate(made.model_copy(update={"design": type(made.design).model_validate(changed)})).dataset(
+        "calibration"
+    )
+    person = pd.factorize(dataset.impacts["subject"])[0]
+    columns = {name: np.resize(values, person.max() + 1)[person] for name, values in people.items()}
+    dataset = replace(dataset, impacts=dataset.impacts.assign(**columns))
     prepared = prepare(dataset, specification, source="the model file")
     start = np.zeros((len(prepared.impacts), SAMPLES))
     start[:, 1] = prepared.signal.velocity * prepared.signal.dt
@@ -104,27 +114,27 @@ def ranks_file(kind: str) -> Path:
     return HERE / f"calibration_ranks_{kind}.csv"
 
 
-def made_before(kind: str) -> pd.DataFrame:
-    """The ranks that earlier calls found: each drawn data set once, with the Pareto k of its correction."""
-    if not ranks_file(kind).is_file():
+def made_before(file: Path) -> pd.DataFrame:
+    """What earlier calls found: each drawn data set once."""
+    if not file.is_file():
         return pd.DataFrame({"data_set": []})
-    found = pd.read_csv(ranks_file(kind)).drop_duplicates("data_set")
+    found = pd.read_csv(file).drop_duplicates("data_set")
     return found.sort_values("data_set", ignore_index=True)
 
 
-def add(kind: str, row: dict[str, float]) -> None:
+def add(file: Path, row: Mapping[str, float]) -> None:
     """Add a line, after a header where there is none; in one write, so that two lanes may share the file."""
     frame = pd.DataFrame([row])
-    with contextlib.suppress(FileExistsError), ranks_file(kind).open("x", encoding="utf-8") as file:
-        file.write(",".join(frame.columns) + "\n")
-    with ranks_file(kind).open("a", encoding="utf-8") as file:
-        file.write(frame.to_csv(index=False, header=False, float_format="%.3f", lineterminator="\n"))
+    with contextlib.suppress(FileExistsError), file.open("x", encoding="utf-8") as new:
+        new.write(frame.head(0).to_csv(index=False, lineterminator="\n"))
+    with file.open("a", encoding="utf-8") as old:
+        old.write(frame.to_csv(index=False, header=False, float_format="%.3f", lineterminator="\n"))
 
 
 def run(kind: str, data_sets: int, seconds: float, lane: int, lanes: int) -> None:
     """Fit the data sets of one lane that no earlier call has fitted."""
     base, begun = blank(kind), time.perf_counter()
-    draw, before = drawing(base), set(made_before(kind)["data_set"])
+    draw, before = drawing(base), set(made_before(ranks_file(kind))["data_set"])
     groups = [
         term.effect(q) for q in "KC" for term in base.design.responses[q].terms if term.grouping != "trial"
     ]
@@ -134,7 +144,7 @@ def run(kind: str, data_sets: int, seconds: float, lane: int, lanes: int) -> Non
         if time.perf_counter() - begun > seconds:
             break
         made = ranks_of_one(base, draw, number, SEEDS[kind], groups=groups if kind in FACTORS else ())
-        add(kind, {"data_set": number} | made)
+        add(ranks_file(kind), {"data_set": number} | made)
         print(f"{kind}: data set {number}, {time.perf_counter() - begun:.0f} s", flush=True)
 
 
@@ -252,14 +262,14 @@ def main() -> None:
     runtime.configure()
     with recorded(f"calibration-{asked.model}") as record:
         run(asked.model, asked.data_sets or DATA_SETS[asked.model], asked.seconds, asked.lane, asked.lanes)
-        if left := DATA_SETS[asked.model] - len(made_before(asked.model)):
+        if left := DATA_SETS[asked.model] - len(made_before(ranks_file(asked.model))):
             record.left = f"{left} of {DATA_SETS[asked.model]} data sets"
         write(asked.model)
 
 
 def write(model: str) -> None:
     """Put the tests of one model into the table, and draw the figure of all."""
-    found = {kind: made_before(kind).drop(columns="data_set") for kind in DATA_SETS}
+    found = {kind: made_before(ranks_file(kind)).drop(columns="data_set") for kind in DATA_SETS}
     figure({kind: ranks for kind, ranks in found.items() if len(ranks)})
     count = len(found[model])
     command = f"benchmarks/calibration.py {model}"

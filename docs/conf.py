@@ -13,16 +13,22 @@ project = "bayestissue"
 author = "the bayestissue developers"
 release = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 
-extensions = ["myst_nb", "mathml"]
+extensions = ["myst_nb", "mathml", "from_program"]
 exclude_patterns = ["_build", "_extensions"]
 # A word in single backquotes is code where the program's own docstrings have it.
 default_role = "code"
+# Two hyphens are an option's.
+smartquotes = False
 
-myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "fieldlist", "substitution"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath", "fieldlist"]
 myst_heading_anchors = 3
 # Notebooks are shown with the outputs that they were kept with.
 nb_execution_mode = "off"
 nb_ipywidgets_js = {}
+
+python_maximum_signature_line_length = 80
+# An error that is raised under a name that is not public.
+nitpick_ignore = [("py:exc", "PartialResultError")]
 
 html_theme = "furo"
 html_title = "bayestissue"

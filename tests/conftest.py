@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import made_once
 from bayestissue import runtime
 
 # Also the smallest: reading one takes a quarter of the time that compiling it does. JAX by itself would look
@@ -37,6 +38,9 @@ def pytest_configure(config: pytest.Config) -> None:
             os.environ.setdefault(name, value)
         runtime.keep_compiled()
     runtime.configure()
+    if hasattr(config, "workerinput"):
+        # Both workers' temporary folders lie in one, which pytest removes in the end.
+        made_once.keep_in(Path(config.option.basetemp).parent / "made-once")
 
 
 def _empty_if_large(folder: Path) -> None:

@@ -3,34 +3,57 @@
 from __future__ import annotations
 
 import atexit
+import os
 import shutil
 import tempfile
 from collections.abc import Callable
-from functools import cache, wraps
+from functools import wraps
+from hashlib import sha256
+from inspect import signature
 from pathlib import Path
 from typing import Any
 
 Maker = Callable[..., Path]
+_kept: list[Path] = []
 
 
-@cache
+def keep_in(folder: Path) -> None:
+    """Keep the originals in ``folder``, which this process may share with others."""
+    folder.mkdir(parents=True, exist_ok=True)
+    _kept[:] = [folder]
+
+
 def _originals() -> Path:
-    """A folder that lasts as long as this process."""
-    folder = tempfile.mkdtemp(prefix="made-once-")
-    atexit.register(shutil.rmtree, folder, ignore_errors=True)
-    return Path(folder)
+    """That folder, or one that lasts as long as this process."""
+    if not _kept:
+        keep_in(Path(tempfile.mkdtemp(prefix="made-once-")))
+        atexit.register(shutil.rmtree, _kept[0], ignore_errors=True)
+    return _kept[0]
 
 
 def made_once(make: Maker) -> Maker:
     """``make(folder, **options)``, called once for the same options: the others get a copy."""
-    originals: dict[str, Path] = {}
 
     @wraps(make)
     def copied(folder: Path, **options: Any) -> Path:
-        key = repr(sorted(options.items()))
-        if key not in originals:
-            originals[key] = make(_originals() / f"{make.__name__}-{len(originals)}", **options)
-        shutil.copytree(originals[key], folder, dirs_exist_ok=True)
+        given = signature(make).bind(folder, **options)
+        given.apply_defaults()
+        key = repr(list(given.arguments.items())[1:])
+        original = _originals() / f"{make.__name__}-{sha256(key.encode()).hexdigest()[:16]}"
+        if not original.exists():
+            _in_one_step(make, original, options)
+        shutil.copytree(original, folder, dirs_exist_ok=True)
         return folder
 
     return copied
+
+
+def _in_one_step(make: Maker, original: Path, options: dict[str, Any]) -> None:
+    """Another process sees the original whole or not at all."""
+    mine = original.with_name(f".{original.name}.{os.getpid()}")
+    make(mine, **options)
+    try:
+        mine.rename(original)
+    except OSError:
+        # Another process was faster.
+        shutil.rmtree(mine)

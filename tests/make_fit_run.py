@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import xarray as xr
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.levels import Recorded
 from bayestissue.inference.answers.people import people_compared
-from bayestissue.inference.answers.reliability import reliability, variances
+from bayestissue.inference.answers.reliability import as_variables, coefficients, reliability, variances
 from made_once import made_once
 
 CHAINS, DRAWS, REPLICATES, SAMPLES = 2, 100, 40, 60
@@ -26,9 +27,10 @@ POSTERIOR_SD, SUBJECT_SD = 0.01, 0.2
 DT = 2e-4
 PRIOR_DRAWS = 300
 
+type Groups = dict[str, xr.Dataset]
 
-@made_once
-def make_fit_run(
+
+def write_fit_run(
     folder: Path,
     *,
     passed: bool = True,
@@ -41,12 +43,14 @@ def make_fit_run(
     own_depth: float | None = None,
     two_sides: bool = False,
     seed: int = 1,
+    extended: Callable[[Groups], Groups] = dict,
 ) -> Path:
     """Write every file that a fit writes into ``folder``.
 
     ``exponent`` is the posterior's mean mass exponent of K (C's is 0), None for a model without one;
     ``coloured`` noise is a running mean of two samples; with ``own_depth``, K's exponent at each impact's own
-    greatest depth, ``exponent`` is that at a common depth; of ``two_sides``, left is a fifth stiffer.
+    greatest depth, ``exponent`` is that at a common depth; of ``two_sides``, left is a fifth stiffer. What
+    is written is ``extended``.
     """
     folder.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(seed)
@@ -63,14 +67,18 @@ def make_fit_run(
     about = _about(passed, likelihood, quantity, exponent)
     if two_sides:
         _with_sides(rng, posterior, traces["constant_data"], about["model"]["formula"])
-    groups = {"posterior": posterior, "prior": _prior(posterior, seed), **traces}
-    xr.DataTree.from_dict(groups).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
-    tables = _tables(rng, impacts, true, posterior, exponent)
     recorded = Recorded.of_run(traces["constant_data"], about["model"])
+    prior, found = _prior(posterior, seed), {}
+    for name, draws in (("posterior", posterior), ("prior", prior)):
+        each = {q: variances(draws, recorded, q, measurement_sd=0.01) for q in ("K", "C")}
+        found[name] = coefficients(each, draws)
+        draws.update(as_variables(found[name]))
+    groups = {"posterior": posterior, "prior": prior, **traces}
+    xr.DataTree.from_dict(extended(groups)).to_netcdf(folder / "posterior.nc", engine="h5netcdf")
+    tables = _tables(rng, impacts, true, posterior, exponent)
     tables["contrasts"] = contrasts(posterior, recorded, ["K", "C"], 0.1)
     tables["people"] = people_compared(posterior, recorded, ["K", "C"])
-    found = {q: variances(posterior, recorded, q, measurement_sd=0.01) for q in ("K", "C")}
-    tables["reliability"] = reliability(found, posterior)[0]
+    tables["reliability"] = reliability(found["posterior"], found["prior"])
     for name, table in tables.items():
         table.to_csv(folder / f"{name}.csv", index=False)
     if truth:
@@ -79,6 +87,9 @@ def make_fit_run(
     _write(folder / "diagnostics.json", _diagnostics(passed))
     _write(folder / "run.json", about)
     return folder
+
+
+make_fit_run = made_once(write_fit_run)
 
 
 def _with_sides(rng, posterior: xr.Dataset, constants: xr.Dataset, formula: dict[str, str]) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from made_once import made_once
-from make_fit_run import CHAINS, CONDITIONS, DRAWS, PEOPLE, make_fit_run
+from make_fit_run import CHAINS, CONDITIONS, DRAWS, PEOPLE, Groups, write_fit_run
 
 IMPACTS = PEOPLE * CONDITIONS
 
@@ -33,29 +33,29 @@ def _scored_run(folder: Path, *, worse: float = 0.0, shift: float = 0.0, **fit: 
     ``shift`` is added to the observed traces, as another choice of the rest position would; ``fit`` has the
     options of `make_fit_run`.
     """
-    make_fit_run(folder, **fit)
-    path = folder / "posterior.nc"
-    with xr.open_datatree(path, engine="h5netcdf") as stored:
-        tree = stored.load()
+
+    def scored(groups: Groups) -> Groups:
+        observed = groups["observed_data"] + shift
+        return groups | _scores(groups["posterior"], worse) | {"observed_data": observed}
+
+    return write_fit_run(folder, **fit, extended=scored)
+
+
+def _scores(posterior: xr.Dataset, worse: float) -> Groups:
     rng = np.random.default_rng(5)
     level = 4000 + 100 * rng.standard_normal(IMPACTS)
     moves = rng.standard_normal((CHAINS, DRAWS, IMPACTS))
     density = level - worse * (1 + 0.1 * rng.standard_normal(IMPACTS)) - 0.05 * moves**2
     grid = density.reshape(CHAINS, DRAWS, CONDITIONS, PEOPLE)
-    names = {name: tree["posterior"][name].to_numpy() for name in ("impact", "subject", "trial")}
+    names = {name: posterior[name].to_numpy() for name in ("impact", "subject", "trial")}
     leading = ("chain", "draw")
-    tree["log_likelihood"] = xr.DataTree(
-        xr.Dataset({"trace": ((*leading, "impact"), density)}, {"impact": names["impact"]})
-    )
-    tree["log_likelihood_of_groups"] = xr.DataTree(
-        xr.Dataset(
-            {
-                "traces_of_subject": ((*leading, "subject"), grid.sum(axis=2)),
-                "traces_of_trial": ((*leading, "trial"), grid.sum(axis=3)),
-            },
-            {name: names[name] for name in ("subject", "trial")},
-        )
-    )
-    tree["observed_data"] = xr.DataTree(tree["observed_data"].to_dataset() + shift)
-    tree.to_netcdf(path, engine="h5netcdf")
-    return folder
+    of_groups = {
+        "traces_of_subject": ((*leading, "subject"), grid.sum(axis=2)),
+        "traces_of_trial": ((*leading, "trial"), grid.sum(axis=3)),
+    }
+    return {
+        "log_likelihood": xr.Dataset({"trace": ((*leading, "impact"), density)}, {"impact": names["impact"]}),
+        "log_likelihood_of_groups": xr.Dataset(
+            of_groups, {name: names[name] for name in ("subject", "trial")}
+        ),
+    }

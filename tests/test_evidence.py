@@ -5,13 +5,14 @@ from __future__ import annotations
 import ast
 import json
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
-from evidence import fingerprint, pages, provenance, registry, status  # noqa: E402
+from evidence import fingerprint, pages, provenance, registry, running, status  # noqa: E402
 from evidence.registry import Piece  # noqa: E402
 from evidence.summary import figure  # noqa: E402
 
@@ -194,6 +195,63 @@ def test_a_stopped_run_goes_on_and_drops_what_another_version_made(piece, tmp_pa
         add(piece, 2)
         record.left = "3 of 4 campaigns"
     assert state(piece).why == "unfinished: 3 of 4 campaigns"
+
+
+@pytest.fixture
+def run(piece, monkeypatch):
+    """Pieces as the command runs them; their scripts are functions here."""
+    scripts, done = {"piece": lambda: None}, []
+
+    def run_one(piece):
+        done.append(piece.name)
+        return scripts[piece.name]() or 0
+
+    monkeypatch.setattr(running, "_run", run_one)
+
+    def run(*pieces, **own):
+        scripts.update(own)
+        done.clear()
+        status.state_of.cache_clear()
+        return running.run_pieces(pieces), done
+
+    return run
+
+
+def measure(piece: Piece) -> None:
+    with provenance.recorded("piece", COMMAND):
+        add(piece, 1)
+
+
+def test_what_is_fresh_is_not_run_again_and_what_is_left_is_said(piece, run, capsys):
+    assert run(piece) == (0, ["piece"])
+    assert "piece: not measured\nLeft: 1, about 1 min." in capsys.readouterr().out
+    assert run(piece, piece=lambda: measure(piece)) == (0, ["piece"])
+    assert run(piece) == (0, [])
+    assert "All of it is of this version." in capsys.readouterr().out
+
+
+def test_a_failure_keeps_no_other_from_being_run_and_short_ones_come_first(piece, run, capsys):
+    long = replace(piece, name="long", minutes=5, result="other.csv")
+    assert run(long, piece, long=lambda: 0, piece=lambda: 3) == (1, ["piece", "long"])
+    assert "piece: failed with status 3" in capsys.readouterr().out
+
+
+def test_an_interruption_says_what_is_left(piece, run, capsys):
+    def interrupt():
+        raise KeyboardInterrupt
+
+    assert run(piece, piece=interrupt)[0] == 1
+    assert "Left: 1" in capsys.readouterr().out
+
+
+def test_what_is_missing_here_is_the_reason_to_skip(piece, run, capsys, tmp_path, monkeypatch):
+    recordings = replace(piece, packages=("no_such_package",), folders=("NO_SUCH_FOLDER",))
+    assert run(recordings) == (0, [])
+    said = capsys.readouterr().out
+    assert "needs no_such_package: `make evidence-peers`" in said
+    assert "NO_SUCH_FOLDER=FOLDER" in said
+    monkeypatch.setenv("NO_SUCH_FOLDER", str(tmp_path))
+    assert run(replace(recordings, packages=())) == (0, ["piece"])
 
 
 def test_rows_are_the_same_however_they_are_written(piece):

@@ -2,12 +2,34 @@
 
 from __future__ import annotations
 
+import html
 import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import pandas as pd
 import pytest
+import typer
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+import bayestissue as bt
+from bayestissue.causes.specification import CausesSpecification, Range
+from bayestissue.cli import app
+from bayestissue.commands.estimate import PROBLEM_COLUMNS
+from bayestissue.dataset.impacts import COLUMNS, RESERVED
+from bayestissue.dataset.settings import Settings
+from bayestissue.hierarchy.priors import PairOfLocations, PairOfScales, _Prior
+from bayestissue.hierarchy.specification import ModelSpecification
+from bayestissue.inference.answers import agreement, contrasts, people, questions
+from bayestissue.inference.comparing import implied, runs
+from bayestissue.inference.quantities.elements import element_attributes
+from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS
+from bayestissue.results.contents import FILES
+from bayestissue.settings import _table_in
+from bayestissue.simulation.specification import Simulation
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -48,3 +70,117 @@ def test_a_broken_link_and_an_equation_that_cannot_be_shown_fail(tmp_path):
     assert "gone" in done.stderr
     assert "nonsense" in done.stderr
     assert "<mfrac>" in (tmp_path / "html" / "index.html").read_text(encoding="utf-8")
+
+
+def code(manual: Path, page: str) -> set[str]:
+    """What a page of the reference has as code, and the names that it links to."""
+    text = html.unescape((manual / "reference" / f"{page}.html").read_text(encoding="utf-8"))
+    shown = re.findall(r'<code class="docutils literal notranslate">(.*?)</code>', text)
+    return {re.sub(r"<[^>]*>", "", each) for each in shown} | set(
+        re.findall(r'id="(bayestissue\.\w+)"', text)
+    )
+
+
+def test_the_reference_has_every_command_and_option(manual):
+    shown = code(manual, "commands")
+    options = {part for each in shown for part in re.split(r",? ", each)}
+    for name, command in typer.main.get_command(app).commands.items():
+        assert f'id="{name}"' in (manual / "reference" / "commands.html").read_text(encoding="utf-8")
+        assert command.help, name
+        for each in command.params:
+            assert each.help, f"{name} {each.name}"
+            assert set(each.opts) <= options or each.metavar in shown, f"{name} {each.name}"
+
+
+@pytest.mark.parametrize(
+    ("page", "schema"),
+    [
+        ("model", ModelSpecification),
+        ("dataset", Settings),
+        ("simulate", Simulation),
+        ("causes", CausesSpecification),
+    ],
+)
+def test_the_reference_has_every_key_with_its_meaning(manual, page, schema):
+    shown = code(manual, page)
+    for key, field in fields(schema):
+        assert key in shown
+        assert field.description, key
+
+
+def fields(schema: type[BaseModel]) -> Iterator[tuple[str, FieldInfo]]:
+    """Keys of a settings file; those of distributions and ranges are described once, by other words."""
+    for name, field in schema.model_fields.items():
+        yield name, field
+        inner = _table_in(field.annotation)
+        if inner is not None and not issubclass(inner, _Prior | PairOfLocations | PairOfScales | Range):
+            yield from fields(inner)
+
+
+def test_the_reference_has_every_column_of_impacts(manual):
+    assert set(COLUMNS) | {"trace"} <= code(manual, "dataset")
+    assert set(RESERVED) <= set(COLUMNS)
+
+
+def test_the_reference_has_every_public_name_and_its_docstring(manual):
+    assert {f"bayestissue.{name}" for name in bt.__all__} <= code(manual, "python")
+    assert all(getattr(bt, name).__doc__ for name in bt.__all__)
+
+
+def test_the_reference_has_every_variable_with_unit_and_meaning(manual):
+    shown = code(manual, "posterior")
+    for name, about in (ATTRIBUTES | element_attributes()).items():
+        if not name.startswith("linear_") and name not in PUBLISHED:
+            assert name in shown
+            assert about["unit"], name
+            assert about["long_name"], name
+    assert set(GROUPS) <= shown
+    assert {"ICC_A1_K", "MDC95_C_C", "repeats_A90_K"} <= shown
+
+
+PUBLISHED = {f"{q}_{name}" for q in ("K", "C") for name in ("observed", "average", "sd")}
+
+
+def test_the_reference_has_every_result_file(manual):
+    shown = code(manual, "results")
+    for name, file in FILES.items():
+        assert {name, *file.columns} <= shown
+    assert {path.name for path in (ROOT / "reports").glob("*/*")} <= {*FILES, "truth.toml"}
+
+
+TABLES = sorted(f"{path.parent.name}/{path.name}" for path in (ROOT / "reports").glob("*/*.csv"))
+
+
+@pytest.mark.parametrize("name", TABLES)
+def test_tables_have_the_columns_that_the_reference_tells(name):
+    path = ROOT / "reports" / name
+    found = pd.read_csv(path, nrows=1).columns
+    told = list(FILES.get(name, FILES[path.name]).columns)
+    if path.name == "comparison.csv":
+        # Explanations of the thesis's tables are of one kind of data.
+        told.remove("data")
+    if path.name in ("causes.csv", "confusion.csv"):
+        # A column for each statistic, or each cause.
+        assert set(told) <= set(found)
+        return
+    if path.parent.name == "published" and path.name == "summary.csv":
+        told.remove("note")
+    assert list(found) == told
+
+
+@pytest.mark.parametrize(
+    ("name", "columns"),
+    [
+        ("questions.csv", questions.COLUMNS),
+        ("agreement.csv", agreement.COLUMNS),
+        ("contrasts.csv", contrasts.COLUMNS),
+        ("people.csv", people.COLUMNS),
+        ("comparison.csv", runs.COMPARISON_COLUMNS),
+        ("posteriors.csv", runs.POSTERIOR_COLUMNS),
+        ("implied.csv", implied.IMPLIED_COLUMNS),
+        ("left_out.csv", PROBLEM_COLUMNS),
+        ("problems.csv", ["severity", *PROBLEM_COLUMNS]),
+    ],
+)
+def test_tables_are_made_with_the_columns_that_the_reference_tells(name, columns):
+    assert list(FILES[name].columns) == list(columns)

@@ -13,6 +13,7 @@ from evidence.registry import BENCHMARKS, of_family, pieces
 from evidence.status import EARLIER, state_of
 
 LEVELS = (50, 90)
+_RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # Three standard errors and four nats of a difference in expected log predictive density: see the script.
 DECIDES_SE, DECIDES_NATS = 2, 4
 
@@ -69,6 +70,12 @@ def table(rows: pd.DataFrame, *, words: bool = False) -> str:
     return "\n".join(f"| {line} |" for line in [*head, *(" | ".join(row) for row in cells.to_numpy())])
 
 
+def power_of_ten(value: float) -> str:
+    """Such as 3 · 10⁻⁹."""
+    mantissa, exponent = f"{value:.0e}".split("e")
+    return f"{mantissa} · 10{str(int(exponent)).translate(_RAISED)}"
+
+
 def percent(share: float, digits: int = 1) -> str:
     """A share."""
     return f"{100 * share:.{digits}f} %"
@@ -121,12 +128,12 @@ def each_held(lines: pd.DataFrame, family: str, column: str) -> Named:
 def exactness() -> Named:
     lines = read("exactness.csv")
     difference = lines["largest_difference"].astype(float)
-    shown = lines.assign(largest_difference=difference.map("{:.0e}".format) + " " + lines["relative_to"])
+    shown = lines.assign(largest_difference=difference.map(power_of_ten) + " " + lines["relative_to"])
     titles = {"largest_difference": "largest difference"}
     yield "table", block(table(shown.drop(columns="relative_to").rename(columns=titles)), "exactness")
     for name, words in (("arma", "ARMA"), ("motion", "motion"), ("decelerations", "recorded decelerations")):
         largest = difference[lines["what"].str.contains(words, regex=False)].max()
-        yield name, Figure(f"{largest:.0e}", names("exactness"))
+        yield name, Figure(power_of_ten(largest), names("exactness"))
 
 
 @_family
@@ -359,6 +366,32 @@ def measuring_chain() -> Named:
     wrong = lines[~lines["spoilt"].str.contains("nothing|mass")]
     share = f"{wrong['alarms'].min()} to {wrong['alarms'].max()} of {wrong['sets'].max()}"
     yield "found", Figure(share, names("measuring_chain"))
+
+
+@_family
+def recorder() -> Named:
+    lines = read("recorder.csv")
+    counts = ["impacts", "K held", "C held", "suspected"]
+    shown = lines.assign(
+        declared=lines["declared"].map({True: "yes", False: "no"}),
+        **{name: lines[name].astype("Int64") for name in counts},
+    )
+    yield "table", block(table(shown), "recorder")
+    filtered = lines[lines["K held"].notna() & (lines["filter"] != "none")]
+    declared, left_out = (filtered[filtered["declared"] == value] for value in (True, False))
+
+    def held(rows: pd.DataFrame, names: tuple[str, ...] = ("K held", "C held")) -> str:
+        share = 100 * rows[list(names)].to_numpy() / rows[["impacts"]].to_numpy()
+        return f"{share.min():.0f} to {share.max():.0f} %"
+
+    sound = lines[lines["K held"].isna()]
+    false_alarms = f"{int(sound['suspected'].sum())} of {sound['impacts'].sum()}"
+    text = (
+        f"behind a declared low-pass 90 % intervals held K and C in {held(declared)} of impacts, behind one "
+        f"that is not C in {held(left_out, ('C held',))}; `check` suspected {false_alarms} recordings without "
+        "one"
+    )
+    yield "sentence", Figure(text, names("recorder"))
 
 
 @_family

@@ -30,7 +30,7 @@ _NUMBER = re.compile(
     r"\d[\d.,]* ?(?:%|µs\b|ms\b|s\b|seconds?\b|min\b|minutes?\b|h\b|hours?\b|[GM]iB\b|times\b)|\d[\d,]* of \d"
 )
 _CLAIM = re.compile(
-    r"\b(?:held|hold the truth|measured|took|takes|taken|faster|slower|fewer|as long as|"
+    r"\b(?:held|hold the truth|measured|took|takes|faster|slower|fewer|as long as|"
     r"effective samples|flagged|found in|coverage|alarms?|in simulations|"
     r"simulated (?:campaigns|impacts|sets|people))\b",
     re.I,

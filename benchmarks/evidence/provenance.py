@@ -96,44 +96,6 @@ def read(piece: Piece) -> dict[str, Any] | None:
     return json.loads(path.read_text(encoding="utf-8")) if path.is_file() else None
 
 
-def adopt(piece: Piece, commit: str) -> None:
-    """Keep the provenance of a result that a script made which did not write it yet.
-
-    The parts are those of the commit at which it was run; the page says that it was recorded afterwards.
-
-    Raises:
-        ValueError: there is no such result, or what it speaks of was otherwise at that commit.
-    """
-    import tarfile
-    import tempfile
-
-    if piece.rows().empty:
-        raise ValueError(f"{piece.name}: benchmarks/{piece.result} has no rows of it")
-    with tempfile.TemporaryDirectory() as folder:
-        archive = Path(folder) / "commit.tar"
-        archive.write_bytes(_git_bytes("archive", commit))
-        with tarfile.open(archive) as packed:
-            packed.extractall(folder, filter="data")
-        parts = of_parts(Path(folder), piece.parts())
-    content = {
-        "piece": piece.name,
-        "command": piece.command_line,
-        "commit": _git("rev-parse", "--short", commit),
-        "dirty": False,
-        "date": _git("show", "--no-patch", "--format=%cs", commit),
-        "recorded_afterwards": True,
-        "machine": machine(),
-        "versions": _versions(),
-        "seconds": None,
-        "left": "",
-        "rows": digest(piece.rows()),
-        "changed_meanwhile": [],
-        "parts": parts,
-    }
-    RESULTS.mkdir(exist_ok=True)
-    _path(piece).write_text(f"{json.dumps(content, indent=1, ensure_ascii=False)}\n", encoding="utf-8")
-
-
 def digest(rows: pd.DataFrame) -> str:
     """Of a piece's rows by their values, however they are written; empty without rows."""
     if rows.empty:
@@ -190,16 +152,12 @@ def _commit(piece: Piece) -> dict[str, Any]:
 
 
 def _git(*arguments: str) -> str:
-    return _git_bytes(*arguments).decode().strip()
-
-
-def _git_bytes(*arguments: str) -> bytes:
     """What git answers; nothing where there is no git, or no repository."""
     try:
-        done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, check=False)  # noqa: S603, S607
+        done = subprocess.run(["git", *arguments], cwd=ROOT, capture_output=True, text=True, check=False)  # noqa: S603, S607
     except OSError:
-        return b""
-    return done.stdout if done.returncode == 0 else b""
+        return ""
+    return done.stdout.strip() if done.returncode == 0 else ""
 
 
 def _path(piece: Piece) -> Path:

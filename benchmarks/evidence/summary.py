@@ -56,10 +56,10 @@ def _summary() -> str:
         rows.append(
             {
                 "promise": declared["promise"],
-                "figure": said,
-                "command": f"`make evidence NAME={family}`",
-                "commit": ", ".join(dict.fromkeys(_commit(piece) for piece in own)),
+                "figure": f"{said[0].upper()}{said[1:]}",
                 "state": _together([state_of(piece) for piece in own]),
+                "commit": ", ".join(dict.fromkeys(_commit(piece) for piece in own)),
+                "NAME": f"`{family}`",
             }
         )
     return table(pd.DataFrame(rows), words=True)
@@ -95,9 +95,7 @@ def _commit(piece: Piece) -> str:
     about = read(piece)
     if about is None:
         return "unknown"
-    words = about["commit"]
-    words += " with changes" if about["dirty"] else ""
-    return words + (" (recorded afterwards)" if about.get("recorded_afterwards") else "")
+    return about["commit"] + (" with changes" if about["dirty"] else "")
 
 
 def _took(seconds: float | None) -> str:

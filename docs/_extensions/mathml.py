@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 from docutils import nodes
 from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
@@ -11,11 +13,13 @@ from sphinx.util.math import get_node_equation_number
 from sphinx.writers.html5 import HTML5Translator
 
 LOG = logging.getLogger(__name__)
+# Commands that docutils lacks, by one that shows the same.
+SAME = {r"\dots": r"\ldots"}
 
 
 def converted(node: nodes.Node, *, block: bool) -> str:
     """The equation as MathML; what can't be read is a warning, and so an error of a strict build."""
-    tex = node.astext()
+    tex = re.sub(r"\\[A-Za-z]+", lambda found: SAME.get(found[0], found[0]), node.astext())
     try:
         return tex2mathml(tex, as_block=block)
     except MathError as error:

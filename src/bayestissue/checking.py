@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pandas as pd
 
 from bayestissue.errors import Coded, Problem
@@ -14,6 +15,7 @@ from bayestissue.report.check_page import check_page, kinds, quality_table
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.quality import inspect
+from bayestissue.signal.quality.low_pass import suspected
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -129,4 +131,37 @@ def _raised(data: Dataset, signal: Displacements) -> list[Problem]:
         for impact, said in zip(names, finding.said, strict=True)
         if said
     ]
-    return [*chain, *spoilt]
+    return [*chain, *spoilt, *_undeclared(data, signal)]
+
+
+def _undeclared(data: Dataset, signal: Displacements) -> list[Problem]:
+    """A low-pass that the rise at contact shows, where none is declared, and what it costs (median)."""
+    if data.recorder is not None or data.quantity == "displacement":
+        return []
+    found = suspected(signal)
+    rows = np.flatnonzero(np.isfinite(found.corner_hz))
+    if not rows.size:
+        return []
+    changes = [
+        f"{name} {abs(change):.0%} too {'small' if change < 0 else 'large'}"
+        for name, change in (
+            ("K", np.median(found.change_K[rows])),
+            ("C", np.median(found.change_C[rows])),
+        )
+    ]
+    remedy = (
+        f"Left undeclared, {' and '.join(changes)} (median), with intervals that miss. Look up the low-pass "
+        "of sensor, amplifier and recorder, and write it in dataset.toml: [recorder] with low_pass_hz and "
+        "order, or sae_class."
+    )
+    return [
+        Problem(
+            "recording",
+            "a rise at contact as fast as the sampling shows it, or a declared low-pass",
+            remedy,
+            value=f"a rise as behind a second-order low-pass of {found.corner_hz[row]:.2g} Hz",
+            impact=data.impacts["impact"].iloc[row],
+            code="undeclared-low-pass",
+        )
+        for row in rows
+    ]

@@ -14,13 +14,22 @@ import typer
 from bayestissue import runtime, stopping
 from bayestissue.errors import InputError, PartialResultError, Problem, more, printable
 
+# Of the process, and what each means.
+STATUSES = {
+    0: "done",
+    1: "whoever read the output closed it",
+    2: "the input is wrong, nothing written",
+    3: "finished, but the sampler's diagnostics failed",
+    4: "the results are written, but not their page, or in another folder, as the message says",
+    5: "the machine failed (a full disk, say), nothing kept but what the message names",
+    stopping.INTERRUPTED: "interrupted",
+}
+
 app = typer.Typer(
     name="bayestissue",
     help="Stiffness K and damping C of soft tissue from the recorded deceleration of an impact: "
     "what they are, how sure one can be, and whether their dependence on mass is real.",
-    epilog="Exit status: 0 done; 1 whoever read the output closed it; 2 the input is wrong, nothing written; "
-    "3 finished, but the sampler's diagnostics failed; 4 the results are written, but not their page, or in "
-    "another folder, as the message says; 5 the machine failed (a full disk, say); 130 interrupted.",
+    epilog=f"Exit status: {'; '.join(f'{status} {words}' for status, words in STATUSES.items())}.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode="markdown",

@@ -5,24 +5,20 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import xarray as xr
 
-from bayestissue import runtime
 from bayestissue.errors import InputError, Problem
-from bayestissue.inference.answers.finished import GROUPS, Finished
+from bayestissue.inference.answers.finished import GROUPS, Answering, Finished
 from bayestissue.outline import Rows, as_html, as_text, short
 from bayestissue.report.run_folder import read_about, require_files
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(Answering):
     """A finished run of `bayestissue fit`.
 
     Attributes:
@@ -51,21 +47,8 @@ class Run:
         return f"Finished run {short(str(self.folder))}", rows
 
     @cached_property
-    def _finished(self) -> Finished:
+    def finished(self) -> Finished:  # noqa: D102 - as declared above
         return Finished.of(self.posterior, self.about["model"])
-
-    def ask(self, *questions: str) -> pd.DataFrame:
-        """Answers to questions: see `bayestissue.Fit.ask`."""
-        from bayestissue.inference.answers.questions import ask, numbered
-
-        return ask(self._finished, numbered(questions))
-
-    def predict(self, table: str | Path | pd.DataFrame) -> pd.DataFrame:
-        """Predictions of new impacts: see `bayestissue.Fit.predict`."""
-        from bayestissue.inference.answers.predictions import predict
-        from bayestissue.inference.answers.table import read_conditions
-
-        return runtime.in_float64(predict)(self._finished, read_conditions(table, self._finished.recorded))
 
 
 def read_run(path: str | Path) -> Run:

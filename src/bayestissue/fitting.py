@@ -22,7 +22,7 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.inference.answers.agreement import agreement
-from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.finished import Answering, Finished
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
@@ -43,7 +43,7 @@ TABLES = (
 
 
 @dataclass(frozen=True)
-class Fit:
+class Fit(Answering):
     """A finished fit, with all that a run folder tells of it.
 
     Attributes:
@@ -160,45 +160,9 @@ class Fit:
         return verdict_in_words(self.diagnostics)
 
     @cached_property
-    def finished(self) -> Finished:
-        """The fit as questions and predictions need it."""
+    def finished(self) -> Finished:  # noqa: D102 - as declared above
         model = self.specification.model_dump(mode="json") | self.prepared.design.resolved()
         return Finished.of(self.posterior, model)
-
-    def ask(self, *questions: str) -> pd.DataFrame:
-        """Answers to questions, as `bayestissue ask` and ``bayestissue ask --help`` have them.
-
-        Args:
-            questions: such as ``"K[subject=s01] / K[subject=s02] > 1.1"``, a claim, or ``"K[mass_kg=1.2]"``.
-
-        Returns:
-            A row for each: see `bayestissue.inference.answers.questions.ask`.
-
-        Raises:
-            InputError: some can't be read, or ask for what this fit does not have: all that is wrong at once.
-        """
-        from bayestissue.inference.answers.questions import ask, numbered
-
-        return ask(self.finished, numbered(questions))
-
-    def predict(self, table: str | Path | pd.DataFrame) -> pd.DataFrame:
-        """K, C, greatest depth and force, and time to peak of new impacts, with 90 % intervals.
-
-        Args:
-            table: a CSV file or a pandas table: a row for each new impact, with any of the columns of
-                ``impacts.csv``. Numbers and categories not given are at the reference; a person, condition or
-                other level that is not given, or was not measured, is a new one of its population.
-
-        Returns:
-            A row for each: see `bayestissue.inference.answers.predictions.predict`.
-
-        Raises:
-            InputError: the table is wrong: all that is, by row, column and value.
-        """
-        from bayestissue.inference.answers.predictions import predict
-        from bayestissue.inference.answers.table import read_conditions
-
-        return runtime.in_float64(predict)(self.finished, read_conditions(table, self.finished.recorded))
 
     def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the run's folder as `bayestissue fit` does, report and all; or only the page.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from jaxtyping import Float
 from numpy.typing import ArrayLike
 
 from bayestissue.dataset.arrays import dataset as dataset_of
-from bayestissue.dataset.model import Dataset, Uncertainty
+from bayestissue.dataset.model import Dataset, Recorder, Uncertainty
 from bayestissue.inference.points.estimates import default_options
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.single.estimates import by_impact
@@ -104,6 +104,7 @@ def impact(
     velocity_m_s: float,
     unit: str = "m/s^2",
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
+    recorder: Mapping[str, Any] | Recorder | None = None,
 ) -> Impact:
     """K and C of one impact, each with an interval that holds it with a probability of 90 %.
 
@@ -120,6 +121,8 @@ def impact(
         uncertainty: standard deviations of the measuring chain by the keys of ``[uncertainty]`` in
             ``dataset.toml``: ``relative_mass_sd``, ``velocity_sd_m_s``, ``relative_gain_sd``, ``offset_sd``.
             Errors that are not stated are taken to be 0, and are not in the intervals.
+        recorder: a known low-pass that the recording went through, by the keys of ``[recorder]`` in
+            ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``.
 
     Raises:
         InputError: everything that is wrong with the arrays or the arguments.
@@ -137,6 +140,7 @@ def impact(
         quantity="deceleration",
         unit=unit,
         uncertainty=uncertainty,
+        recorder=recorder,
         name="one impact",
     )
     options = default_options("exact")

@@ -106,10 +106,22 @@ def checked[Schema: BaseModel](
     try:
         return schema.model_validate(dict(content))
     except ValidationError as error:
-        problems = _merged([_problem(detail, schema, file, tuple(within)) for detail in error.errors()])
+        details = _causes(error.errors())
+        problems = _merged([_problem(detail, schema, file, tuple(within)) for detail in details])
         raise InputError(
             replace(problem, row=row_of(text, (problem.column or "").split("."))) for problem in problems
         ) from error
+
+
+def _causes(details: Sequence[Any]) -> list[Any]:
+    """Without what only follows: a list whose tables are all wrong counts as one that is too short."""
+    places = [detail["loc"] for detail in details]
+    return [
+        detail
+        for detail, place in zip(details, places, strict=True)
+        if detail["type"] != "too_short"
+        or not any(len(other) > len(place) and other[: len(place)] == place for other in places)
+    ]
 
 
 def _merged(problems: list[Problem]) -> list[Problem]:

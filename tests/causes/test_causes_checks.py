@@ -48,7 +48,7 @@ def test_campaigns_without_all_statistics_are_left_out() -> None:
 
 def test_the_posterior_of_two_normals_is_bayes_theorem() -> None:
     random = np.random.default_rng(3)
-    cause = np.arange(1200) % 2
+    cause = np.arange(600) % 2
     values = random.standard_normal((len(cause), 2)) + np.column_stack([1.5 * cause, 0 * cause])
     observed = np.array([1.1, 0.0])
     odds = np.exp(stats.norm.logpdf(1.1, 1.5) - stats.norm.logpdf(1.1))

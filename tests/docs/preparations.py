@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from nptdms import ChannelObject, TdmsWriter
-from pages import DOCS, run
+from pages import DOCS, SHARED, run
 from scipy.io import savemat
 
 import bayestissue as bt
@@ -25,6 +25,9 @@ def tutorial(folder: Path) -> Path:
     """Folder as the first tutorial leaves it: the dataset, its model file, the finished fit."""
     folder.mkdir(parents=True, exist_ok=True)
     run(TUTORIAL, folder)
+    # Links of the page that begins from here are its own.
+    for name in SHARED:
+        (folder / name).unlink()
     return folder
 
 

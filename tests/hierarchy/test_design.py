@@ -74,6 +74,16 @@ def test_other_covariates_are_zero_at_the_reference_and_scaled(formula, expected
     assert_allclose(part.covariates[:, 0] * part.scale, values - reference, atol=1e-13)
 
 
+def test_the_reference_of_numbers_as_categories_is_the_first_recorded_one() -> None:
+    # Their mean, 2.5, is no category.
+    table = rows().assign(phase=lambda table: np.arange(len(table)) % 4 + 1)
+    one = "C(phase) + (1|subject)"
+    part = build_design(Formulas(K=one, C=one), table, reference_mass_kg=0.5, source="m.toml").responses["K"]
+    assert part.names == ("C(phase)[2]", "C(phase)[3]", "C(phase)[4]")
+    expected = table["phase"].to_numpy()[:, None] == [2, 3, 4]
+    assert_allclose(part.covariates * part.scale, expected, atol=1e-13)
+
+
 def test_an_unknown_column_is_named_with_those_there_are() -> None:
     said = refusal("log(temperature) + (1|subject)", rows())
     assert "temperature" in said

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import re
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from bayestissue.report import write_report
@@ -59,6 +61,22 @@ def test_reliability_is_told_in_words_and_in_a_table(html) -> None:
     assert re.search(r"for an ICC\(A,k\) of 0\.9 a person needs \d+ repeats? \(\d+ to \d+\)", text)
     for words in ("ICC(C,k), k = 3", "minimal detectable change", "taken as known", "ICC(A,k) of 0.75"):
         assert words in text
+
+
+def test_what_the_data_leave_to_the_prior_is_said(tmp_path) -> None:
+    folder = make_fit_run(tmp_path / "run")
+    table = pd.read_csv(folder / "reliability.csv")
+    agreement = table["form"].str.startswith(("ICC(A,1", "agreement"))
+    table["prior_overlap"] = np.where(agreement & (table["quantity"] == "K"), 0.62, 0.2)
+    table.to_csv(folder / "reliability.csv", index=False)
+    text = plain(section(write_report(folder).read_text(encoding="utf-8"), "reliability"))
+    assert "Largely prior: of ICC(A,1) of K and standard error of measurement (agreement) of K these" in text
+    assert "overlaps the prior of the model file by 62 %" in text
+    assert "of which few conditions say little" in text
+    assert re.search(r"ICC\(A,1\) \S+ \S+ to \S+, largely prior \S+ \S+ to \S+ intraclass", text)
+    # An earlier version wrote no such column.
+    table.drop(columns="prior_overlap").to_csv(folder / "reliability.csv", index=False)
+    assert "Largely prior: of" not in write_report(folder).read_text(encoding="utf-8")
 
 
 def test_methods_stand_side_by_side_with_limits_of_agreement(html) -> None:

@@ -1,9 +1,15 @@
 from __future__ import annotations
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
 from bayestissue.dataset import read_dataset
+from bayestissue.elements import element
+from bayestissue.likelihood.element.recorder import LowPass
+from bayestissue.likelihood.element.response import ElementRecord, response
+from bayestissue.signal.filters import modes
 from bayestissue.simulation import Simulation, simulate, write_campaign
 
 
@@ -215,3 +221,35 @@ def test_effects_of_columns_that_the_design_lacks_are_refused(changes, words):
     content["tissue"] |= changes
     with pytest.raises(ValueError, match=words):
         Simulation.model_validate(content)
+
+
+@pytest.mark.parametrize("recorder", [{"low_pass_hz": 300.0}, {"sae_class": 180}])
+def test_a_recorders_low_pass_takes_the_true_motion_and_leaves_noise_white(recorder, tmp_path):
+    """Against the likelihood's own answer at the truth, which tests/likelihood/test_recorder.py checks."""
+    plain = specification(subjects=2, recording={"noise_sd_m_s2": 0.5})
+    content = plain.model_dump(exclude_none=True) | {"recorder": recorder}
+    filtered = Simulation.model_validate(content)
+    quiet = Simulation.model_validate(content | {"recording": {}})
+    made, bare, without = simulate(filtered), simulate(quiet), simulate(plain)
+    assert made.truth.equals(without.truth)
+    np.testing.assert_array_equal(made.n_samples, without.n_samples)
+    assert np.std(made.value - bare.value) == pytest.approx(0.5, rel=4 / np.sqrt(2 * made.value.size))
+    write_campaign(tmp_path, made, filtered)
+    data = read_dataset(tmp_path)
+    assert data.recorder == filtered.recorder.values() == made.recorder
+    poles, weights = modes(made.recorder)
+    ahead = jnp.zeros(80) if made.recorder.zero_phase else None
+    given = LowPass(jnp.asarray(poles), jnp.asarray(weights), jnp.array([0.5]), ahead)
+    truth, time, value = bare.truth.iloc[:2], *rows(bare, 0)
+    own = [truth[name].to_numpy() for name in ("velocity_m_s", "mass_kg", "K_N_per_m", "C_N_s_per_m")]
+    first = np.searchsorted(time, truth["contact_time_s"]) - (60 if made.recorder.zero_phase else 0)
+    dt, samples, columns = time[1] - time[0], 120, np.zeros((2, 4))
+    record = ElementRecord.of(
+        np.zeros((2, samples)), np.full(2, samples), time[first] - truth["contact_time_s"], np.full(2, dt),
+        own[0], columns, np.zeros(2, bool), own[1], np.full(2, 0.03), low_pass=given,
+    )  # fmt: skip
+    found = jax.jit(response, static_argnums=0)(element("kelvin_voigt"), jnp.asarray(own[2:]), record)
+    # The fine grid of the simulation moves contact's jump by half a step at most, 1/128 of an interval.
+    expected = value[first[0] : first[0] + samples]
+    slope = np.abs(np.diff(value)).max()
+    np.testing.assert_allclose(found.d[0], expected, atol=slope / 64 + 1e-3 * value.max())

@@ -22,9 +22,9 @@ class _Table(BaseModel):
 class Range(_Table):
     """A uniform distribution from ``low`` to ``high``, of the logarithm where ``log`` is true."""
 
-    low: Finite
-    high: Finite
-    log: bool = False
+    low: Finite = Field(description="the smallest value.")
+    high: Finite = Field(description="the greatest value.")
+    log: bool = Field(default=False, description="whether the logarithm is uniform.")
 
     @model_validator(mode="after")
     def _in_order(self) -> Self:
@@ -45,9 +45,9 @@ class Range(_Table):
 class Sizes(_Table):
     """How many campaigns."""
 
-    each: Annotated[int, Field(ge=40)] = Field(default=1000, description="campaigns of every cause")
+    each: Annotated[int, Field(ge=40)] = Field(default=1000, description="campaigns of every cause.")
     batch: Annotated[int, Field(ge=1, le=500)] = Field(
-        default=50, description="campaigns that are simulated together; another number gives other draws"
+        default=50, description="campaigns that are simulated together; another number gives other draws."
     )
 
 
@@ -57,22 +57,30 @@ class TissuePrior(_Table):
     The damping ratio stands for C = 2 zeta sqrt(K M_ref); standard deviations are of log K and log C.
     """
 
-    K_N_per_m: Range
-    zeta: Range
-    sd_subject_K: Range
-    sd_subject_C: Range
-    sd_impact_K: Range
-    sd_impact_C: Range
+    K_N_per_m: Range = Field(description="stiffness of the typical person.")
+    zeta: Range = Field(
+        description="damping ratio, which stands for C = 2 zeta sqrt(K M) at the reference mass."
+    )
+    sd_subject_K: Range = Field(description="standard deviation of log K between people.")
+    sd_subject_C: Range = Field(description="standard deviation of log C between people.")
+    sd_impact_K: Range = Field(description="standard deviation of log K between impacts.")
+    sd_impact_C: Range = Field(description="standard deviation of log C between impacts.")
 
 
 class RecordingPrior(_Table):
     """The measuring chain; the peak is each impact's greatest deceleration."""
 
-    samples_to_peak: Range
-    noise_relative_to_peak: Range
-    offset_relative_to_peak_sd: Range
-    gain: Range
-    relative_velocity_sd: Range
+    samples_to_peak: Range = Field(description="samples from contact to the greatest deceleration.")
+    noise_relative_to_peak: Range = Field(
+        description="standard deviation of the noise as a fraction of the peak."
+    )
+    offset_relative_to_peak_sd: Range = Field(
+        description="standard deviation of the recorder's zero as a fraction of the peak."
+    )
+    gain: Range = Field(description="recorded over true deceleration, one number for a campaign.")
+    relative_velocity_sd: Range = Field(
+        description="standard deviation of the velocity at contact as a fraction of it."
+    )
 
 
 Mechanism = Literal[
@@ -108,13 +116,17 @@ Driver = Literal["mass", "energy", "momentum"]
 class Cause(_Table):
     """One proposed cause: what acts, how strongly, and what it is called on the page."""
 
-    mechanism: Mechanism
-    words: Annotated[str, Field(min_length=1)]
-    driver: Driver | None = None
-    after_the_fact: bool = Field(
-        default=False, description="whether it was proposed by people who had seen what it is to explain"
+    mechanism: Mechanism = Field(description="what acts.")
+    words: Annotated[str, Field(min_length=1)] = Field(description="what the page calls the cause.")
+    driver: Driver | None = Field(
+        default=None, description="what people react to. Of the mechanism active alone."
     )
-    strength: dict[str, Range] = {}
+    after_the_fact: bool = Field(
+        default=False, description="whether it was proposed by people who had seen what it is to explain."
+    )
+    strength: dict[str, Range] = Field(
+        default={}, description="how strongly the mechanism acts: a range for each of its strengths, by name."
+    )
 
     @model_validator(mode="after")
     def _strengths(self) -> Self:
@@ -130,10 +142,14 @@ class Cause(_Table):
 class CausesSpecification(_Table):
     """A whole specification of `bayestissue causes`."""
 
-    campaigns: Sizes = Sizes()
-    tissue: TissuePrior
-    recording: RecordingPrior
-    causes: Annotated[dict[Name, Cause], Field(min_length=2)]
+    campaigns: Sizes = Field(default=Sizes(), description="how many campaigns are simulated.")
+    tissue: TissuePrior = Field(
+        description="the typical person's tissue, and how it differs between people and impacts."
+    )
+    recording: RecordingPrior = Field(description="the measuring chain.")
+    causes: Annotated[dict[Name, Cause], Field(min_length=2)] = Field(
+        description="the proposed causes, by name."
+    )
 
 
 def read_causes(path: Path) -> CausesSpecification:

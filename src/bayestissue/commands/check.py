@@ -97,6 +97,7 @@ def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:
             f"{len(impacts)}; subjects: {impacts['subject'].nunique()}, trials: {impacts['trial'].nunique()}",
         ),
         ("recorded", data.quantity),
+        *([("low-pass", str(data.recorder))] if data.recorder else []),
         ("samples per impact", _range(quality["n_samples"], "")),
         ("sampling rate", _range(quality["sampling_rate_hz"], " Hz")),
         ("mass", _range(impacts["mass_kg"], " kg")),

@@ -12,11 +12,11 @@ from types import ModuleType
 from typing import Any
 
 from bayestissue.dataset.arrays import dataset as _from_arrays
-from bayestissue.dataset.model import Dataset, Quantity, Trace, Uncertainty
+from bayestissue.dataset.model import Dataset, Quantity, Recorder, Trace, Uncertainty
 from bayestissue.dataset.read import read_dataset
 from bayestissue.dataset.write import write_dataset
 
-__all__ = ["Dataset", "Quantity", "Trace", "Uncertainty", "read_dataset", "write_dataset"]
+__all__ = ["Dataset", "Quantity", "Recorder", "Trace", "Uncertainty", "read_dataset", "write_dataset"]
 
 
 class _Callable(ModuleType):

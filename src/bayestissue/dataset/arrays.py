@@ -18,7 +18,7 @@ from bayestissue.dataset.impact_cells import FILE as IMPACTS
 from bayestissue.dataset.impact_cells import cells_of
 from bayestissue.dataset.impacts import impact_table, wanted
 from bayestissue.dataset.long_table import long_reading
-from bayestissue.dataset.model import Dataset, Quantity, Trace, Uncertainty
+from bayestissue.dataset.model import Dataset, Quantity, Recorder, Trace, Uncertainty
 from bayestissue.dataset.read import checked_dataset
 from bayestissue.dataset.samples import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
@@ -51,6 +51,7 @@ def dataset(
     scale: float = 1.0,
     offset: float = 0.0,
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
+    recorder: Mapping[str, Any] | Recorder | None = None,
     name: str = "from arrays",
     description: str = "",
     licence: str = "",
@@ -74,6 +75,7 @@ def dataset(
         scale: by which the values are multiplied before the unit.
         offset: added to them after that.
         uncertainty: standard deviations of the measuring chain, by the keys of ``[uncertainty]``.
+        recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]``.
         name: of the dataset.
         description: free text.
         licence: free text.
@@ -92,8 +94,14 @@ def dataset(
     }
     chain = asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else dict(uncertainty or {})
     chain = {key: _plain(value) for key, value in chain.items()}
+    tables: dict[str, Any] = {"signal": signal, "uncertainty": chain}
+    if recorder is not None:
+        own = recorder.settings() if isinstance(recorder, Recorder) else recorder
+        tables["recorder"] = {
+            key: value.item() if isinstance(value, np.generic) else value for key, value in own.items()
+        }
     with _in_the_callers_words():
-        settings = parse_settings({**free_text, "signal": signal, "uncertainty": chain})
+        settings = parse_settings({**free_text, **tables})
         needs_velocity = quantity != "displacement"
         names, body = _texts(impacts)
         numbers = range(_FIRST_ROW, len(body) + _FIRST_ROW)
@@ -281,7 +289,8 @@ def _end_to_end(parts: list[Numbers]) -> Numbers:
 
 
 def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
-    digest = hashlib.sha256(json.dumps(settings.model_dump(mode="json"), sort_keys=True).encode())
+    stated = settings.model_dump(mode="json", exclude=None if settings.recorder else {"recorder"})
+    digest = hashlib.sha256(json.dumps(stated, sort_keys=True).encode())
     digest.update(cells.to_csv(index=False).encode())
     samples = reading.samples
     for array in (samples.impact, samples.start, samples.time, samples.value):

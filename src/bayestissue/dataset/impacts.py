@@ -19,11 +19,27 @@ from bayestissue.errors import Problem
 RESERVED = ("impact", "subject", "trial", "mass_kg", "velocity_m_s", "trace", "sampling_rate_hz", *CROP)
 _TEXT = ("impact", "subject", "trial")
 _POSITIVE = {
-    "mass_kg": "the impactor's mass in kg, a number above 0",
-    "velocity_m_s": "the velocity at contact in m/s, a number above 0",
-    "sampling_rate_hz": "the sampling rate in Hz, a number above 0",
-    "energy_J": "the energy in J, a number above 0",
-    "diameter_m": "the impactor's diameter in m, a number above 0",
+    "mass_kg": "the impactor's mass in kg",
+    "velocity_m_s": "the velocity at contact in m/s",
+    "sampling_rate_hz": "the sampling rate in Hz",
+    "energy_J": "the energy in J",
+    "diameter_m": "the impactor's diameter in m",
+}
+# What each column is, for the manual; any other is a covariate.
+COLUMNS = {
+    "impact": "the impact's name, each once",
+    "subject": "who was hit",
+    "trial": "the condition; impacts at one mass and velocity share its name",
+    "mass_kg": _POSITIVE["mass_kg"],
+    "velocity_m_s": f"{_POSITIVE['velocity_m_s']}; of recorded displacements it may be left out",
+    "trace": "the impact's file, relative to the folder and inside it; left out, one table has all samples",
+    CROP[0]: "where the impact's stretch of the recording begins, in s on the recorder's clock, instead of "
+    "signal.crop; several impacts may be stretches of one file that do not overlap",
+    CROP[1]: "where the stretch ends",
+    "sampling_rate_hz": f"{_POSITIVE['sampling_rate_hz']}, where there are no times; it must agree with the "
+    "times within 1 % if there are any",
+    "energy_J": f"{_POSITIVE['energy_J']}, M V²/2",
+    "diameter_m": f"{_POSITIVE['diameter_m']}, for the element hunt_crossley",
 }
 # No impact on tissue lies outside, and no slip of a unit by a thousand lies far inside.
 _POSSIBLE = {
@@ -168,7 +184,8 @@ def _positive(
     problems = [
         Problem(
             FILE,
-            f"{_POSITIVE[name]}{f' and from {low:g} to {high:g}' if values[index] > 0 else ''}",
+            f"{_POSITIVE[name]}, a number above 0"
+            f"{f' and from {low:g} to {high:g}' if values[index] > 0 else ''}",
             f"{f'Is it in {unit}? ' if values[index] > 0 else ''}"
             "Correct the cell, or take the impact out of the dataset.",
             row=int(rows[index]),

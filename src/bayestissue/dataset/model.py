@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -49,6 +49,42 @@ class Uncertainty:
     offset_sd: float = 0.0
 
 
+FilterKind = Literal["butterworth", "bessel"]
+SaeClass = Literal[60, 180, 600, 1000]
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """A known low-pass between the sensor and the file.
+
+    Attributes:
+        low_pass_hz: its -3 dB corner run once, Hz.
+        order: number of its poles.
+        kind: "butterworth" or "bessel"; alike for an order of 1.
+        zero_phase: whether it is run forwards and backwards, which doubles its order.
+        sae_class: the channel frequency class of SAE J211-1 that it is, if one was declared.
+    """
+
+    low_pass_hz: float
+    order: int = 2
+    kind: FilterKind = "butterworth"
+    zero_phase: bool = False
+    sae_class: SaeClass | None = None
+
+    def settings(self) -> dict[str, Any]:
+        """The keys of the table ``[recorder]`` in ``dataset.toml``."""
+        if self.sae_class is not None:
+            return {"sae_class": self.sae_class}
+        names = ("low_pass_hz", "order", "kind", "zero_phase")
+        return {name: getattr(self, name) for name in names}
+
+    def __str__(self) -> str:
+        if self.sae_class is not None:
+            return f"SAE class {self.sae_class}"
+        both = ", forwards and backwards" if self.zero_phase else ""
+        return f"{self.kind}, order {self.order}, {self.low_pass_hz:g} Hz{both}"
+
+
 @dataclass(frozen=True, eq=False)
 class Dataset:
     """A checked dataset.
@@ -65,7 +101,9 @@ class Dataset:
         left_out: what was wrong with the impacts that ``skip_bad`` left out.
         folder: where it was read from; none if it was made from arrays.
         input_hash: SHA-256 over the files that were read, or over the arrays.
-        licence, source: free text.
+        licence: on what terms others may use it.
+        source: where it comes from.
+        recorder: a known low-pass that the recordings went through; none where nothing was declared.
     """
 
     name: str
@@ -80,6 +118,7 @@ class Dataset:
     input_hash: str
     licence: str = ""
     source: str = ""
+    recorder: Recorder | None = None
 
     def write(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the dataset as a folder that `read_dataset` reads back equal, whole or not at all.
@@ -119,6 +158,7 @@ class Dataset:
                 "recorded",
                 f"{self.quantity}, {span(count, 'samples each')}, {span(1 / np.array(steps), 'Hz')}",
             ),
+            *([("low-pass", str(self.recorder))] if self.recorder else []),
             ("mass", span(self.impacts["mass_kg"], "kg")),
             ("velocity", span(self.impacts["velocity_m_s"], "m/s")),
         ]

@@ -105,6 +105,7 @@ def checked_dataset(
         input_hash=input_hash,
         licence=settings.licence,
         source=settings.source,
+        recorder=settings.recorder.values() if settings.recorder else None,
     )
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from bayestissue.dataset.model import Quantity, Uncertainty
+from bayestissue.dataset.model import FilterKind, Quantity, Recorder, SaeClass, Uncertainty
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.settings import checked, parse_toml, read_text, row_of
@@ -15,6 +15,10 @@ from bayestissue.settings import checked, parse_toml, read_text, row_of
 FILE = "dataset.toml"
 
 
+# SAE J211-1, appendix C: a filter of two poles with its corner here, run forwards and backwards, has its
+# -3 dB corner at 5/3 of the class, since (1 + 0.8022⁴)⁻¹ = 2^(-1/2) and 2.0775 × 0.8022 = 5/3.
+SAE_CORNER = 2.0775
+MOST_POLES = 8
 # With half of a quantity as its standard deviation, none of it at all lies within two of them.
 _MOST_RELATIVE = 0.5
 
@@ -57,19 +61,29 @@ class _Table(BaseModel):
 class SignalSettings(_Table):
     """The table ``[signal]``: what was recorded and in which units."""
 
-    quantity: Quantity = Field(description='"deceleration", "acceleration" or "displacement"')
-    unit: Name = Field(description="the unit of the recorded values, as text")
-    time_unit: Name = Field(default="s", description=EXAMPLES["time"])
-    time_column: Name = Field(default="time_s", description="the name of the time column or channel")
-    value_column: Name = Field(default="value", description="the name of the value column or channel")
-    scale: Annotated[Finite, AfterValidator(_not_zero)] = Field(
-        default=1.0, description="a number other than 0, by which raw values are multiplied"
+    quantity: Quantity = Field(
+        description="what was recorded. deceleration: positive while the impactor slows. acceleration: the "
+        "negative of that. displacement: into the tissue, positive."
     )
-    offset: Finite = Field(default=0.0, description="a number, added to the raw values after the scale")
+    unit: Name = Field(
+        description="the unit of the recorded values after scale and offset: m/s^2, g, mm, µm ..."
+    )
+    time_unit: Name = Field(default="s", description="the unit of the times: s, ms, µs ...")
+    time_column: Name = Field(default="time_s", description="the column, channel or variable with the times.")
+    value_column: Name = Field(
+        default="value",
+        description="the column, channel or variable with the values. A recorder file of one channel needs "
+        "no name.",
+    )
+    scale: Annotated[Finite, AfterValidator(_not_zero)] = Field(
+        default=1.0, description="raw values are multiplied by it; not 0."
+    )
+    offset: Finite = Field(default=0.0, description="is added to them after that.")
 
     crop: Annotated[list[Finite], AfterValidator(_stretch)] | None = Field(
         default=None,
-        description="two numbers, [start, stop] in time_unit on the recorder's clock, the first the smaller",
+        description="[start, stop]: the stretch of every recording that is read, in time_unit on the "
+        "recorder's clock.",
     )
 
     @property
@@ -81,28 +95,83 @@ class SignalSettings(_Table):
 class UncertaintySettings(_Table):
     """The table ``[uncertainty]``: standard deviations of the measuring chain, in SI units."""
 
-    relative_mass_sd: Fraction = Field(default=0.0, description="a fraction of the mass, 0 to 0.5")
-    velocity_sd_m_s: Spread = Field(default=0.0, description="a number of m/s, 0 or more")
-    relative_gain_sd: Fraction = Field(default=0.0, description="a fraction of the gain, 0 to 0.5")
-    offset_sd: Spread = Field(default=0.0, description="a number of SI units of the quantity, 0 or more")
+    relative_mass_sd: Fraction = Field(
+        default=0.0, description="of the mass, as a fraction of it, below 0.5: 0.05 is 5 %."
+    )
+    velocity_sd_m_s: Spread = Field(
+        default=0.0, description="of the velocity at contact; below half the median velocity."
+    )
+    relative_gain_sd: Fraction = Field(
+        default=0.0, description="of the recorder's sensitivity, as a fraction of it, below 0.5."
+    )
+    offset_sd: Spread = Field(
+        default=0.0,
+        description="of the recorder's zero, in m/s² or, of displacements, in m; below half the median peak.",
+    )
 
     def values(self) -> Uncertainty:
         """The same as the plain object a `Dataset` carries."""
         return Uncertainty(**self.model_dump())
 
 
+class RecorderSettings(_Table):
+    """The table ``[recorder]``: a known low-pass between the sensor and the file."""
+
+    low_pass_hz: Annotated[float, Field(gt=0, allow_inf_nan=False)] | None = Field(
+        default=None, description="the -3 dB corner of the filter run once, a number of Hz above 0"
+    )
+    order: Annotated[int, Field(ge=1, le=MOST_POLES)] = Field(
+        default=2, description=f"the number of the filter's poles, 1 to {MOST_POLES}"
+    )
+    kind: FilterKind = Field(default="butterworth", description='"butterworth" or "bessel"')
+    zero_phase: bool = Field(
+        default=False, description="true where the filter is run forwards and backwards, else false"
+    )
+    sae_class: SaeClass | None = Field(
+        default=None,
+        description="a channel frequency class of SAE J211-1, 60, 180, 600 or 1000, instead of the others",
+    )
+
+    @model_validator(mode="after")
+    def _either(self) -> Self:
+        if self.sae_class is None and self.low_pass_hz is None:
+            raise ValueError("low_pass_hz, or sae_class")
+        if self.sae_class is not None and self.model_fields_set != {"sae_class"}:
+            raise ValueError("sae_class by itself, since it says corner, order, kind and direction")
+        return self
+
+    def values(self) -> Recorder:
+        """The same as the plain object a `Dataset` carries."""
+        if self.sae_class is not None:
+            corner = SAE_CORNER * self.sae_class
+            return Recorder(corner, 2, "butterworth", zero_phase=True, sae_class=self.sae_class)
+        assert self.low_pass_hz is not None  # noqa: S101 - for the type checker
+        return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase)
+
+
 class Settings(_Table):
     """The whole of ``dataset.toml``."""
 
-    name: Annotated[Name, AfterValidator(_plain)] = Field(description="a name, as text")
-    description: str = Field(default="", description="free text")
-    licence: str = Field(default="", description="free text")
-    source: str = Field(default="", description="free text")
-    signal: SignalSettings = Field(description="a table [signal] with quantity and unit")
+    name: Annotated[Name, AfterValidator(_plain)] = Field(description="of the dataset, on one line.")
+    description: str = Field(default="", description="free text, shown on pages.")
+    licence: str = Field(default="", description="on what terms others may use it.")
+    source: str = Field(default="", description="where it comes from.")
+    signal: SignalSettings = Field(description="what was recorded and in which units.")
     uncertainty: UncertaintySettings = Field(
         default_factory=lambda: UncertaintySettings(),
-        description="a table [uncertainty] of standard deviations",
+        description="standard deviations of the measuring chain; a fit carries each into its intervals.",
     )
+    recorder: RecorderSettings | None = Field(
+        default=None, description="a table [recorder] with low_pass_hz, or with sae_class"
+    )
+
+    @model_validator(mode="after")
+    def _of_decelerations(self) -> Self:
+        if self.recorder is not None and self.signal.quantity == "displacement":
+            raise ValueError(
+                "no table [recorder] beside displacements, whose likelihoods have no place for a low-pass"
+            )
+        return self
 
 
 def read_settings(path: Path) -> Settings:

@@ -65,6 +65,8 @@ def write_whole(data: Dataset, path: Path, *, overwrite: bool) -> Path:
         "signal": {"quantity": data.quantity, "unit": unit},
         "uncertainty": asdict(data.uncertainty),
     }
+    if data.recorder is not None:
+        settings["recorder"] = data.recorder.settings()
     count = [len(trace.time_s) for trace in data.traces]
     traces = pd.DataFrame(
         {
@@ -109,7 +111,7 @@ def _decoded(column: pa.ChunkedArray) -> pa.ChunkedArray:
 def _toml(settings: dict[str, Any]) -> str:
     plain = {key: value for key, value in settings.items() if not isinstance(value, dict)}
     lines = [_entry(key, plain[key]) for key in Settings.model_fields if key in plain]
-    for table in ("signal", "uncertainty"):
+    for table in ("signal", "uncertainty", "recorder"):
         if table in settings:
             lines += ["", f"[{table}]", *(_entry(key, value) for key, value in settings[table].items())]
     return "\n".join(lines) + "\n"

@@ -138,8 +138,10 @@ class ElementPrior(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    log: Location
-    spread: Scale = _half_normal(0.2)
+    log: Location = Field(description="mean over impacts of the log of the parameter.")
+    spread: Scale = Field(
+        default=_half_normal(0.2), description="standard deviation of that log between impacts."
+    )
 
 
 # Of a group term for which a model file says nothing.
@@ -167,21 +169,7 @@ def term_of_slope(key: str) -> GroupTerm:
 class Priors(BaseModel):
     """Every prior of the hierarchy; each has a default that a model file may replace.
 
-    All are on the log scale of K (N/m) and C (N s/m): ``intercept`` is log K at the reference mass,
-    ``mass_exponent`` the slope of log K on log mass, ``covariate`` the change of log K for one standard
-    deviation of any other covariate, ``sd_*`` the spread between subjects, trials and impacts. ``sd_group``
-    has that of any other grouping, such as ``"subject:side"``, and ``sd_slope`` that of a coefficient between
-    levels, such as ``"log(mass_kg)|subject"``: of the mass exponent, or of the change of log K for one
-    standard deviation of another covariate. For traces,
-    ``noise`` is the mean over impacts of the log of the noise's standard deviation as a fraction of the
-    trace's peak, ``atanh_theta1`` that of artanh theta1, and ``sd_noise`` and ``sd_atanh_theta1`` their
-    spread.
-    ``atanh_noise_correlation`` is that of artanh of the noise's correlation from sample to sample, where it
-    has one, and ``sd_atanh_noise_correlation`` its spread. ``discrepancy`` is the mean over impacts of the
-    log of the rms of the force beside the element's, as a fraction of the trace's peak, and
-    ``sd_discrepancy`` its spread. ``element`` has the further parameters of a mechanical element by name;
-    those with a formula of their own are in ``mass_exponent``, ``covariate`` and ``sd_*`` too, but for
-    ``sd_impact``.
+    All are on the log scale of K (N/m) and C (N s/m).
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
@@ -190,24 +178,83 @@ class Priors(BaseModel):
         # That of pydantic would ask the mapping of elements for one.
         return hash(self.model_dump_json())
 
-    intercept: PairOfLocations = PairOfLocations(K=_normal(5.0, 3.0), C=_normal(2.0, 3.0))
-    mass_exponent: Locations = Locations(K=_normal(0.5, 1.0), C=_normal(0.5, 1.0))
-    covariate: Locations = Locations(K=_normal(0.0, 0.5), C=_normal(0.0, 0.5))
-    sd_subject: Scales = Scales(K=_half_normal(0.5), C=_half_normal(0.5))
-    sd_trial: Scales = Scales(K=_half_normal(0.5), C=_half_normal(0.5))
-    sd_group: dict[str, Scales] = {}
-    sd_slope: dict[str, Scales] = {}
-    sd_impact: PairOfScales = PairOfScales(K=_half_normal(0.5), C=_half_normal(1.0))
-    residual_correlation: Correlation = Correlation(distribution="lkj", concentration=2.0)
-    noise: Location = _normal(-10.0, 5.0)
-    sd_noise: Scale = _half_normal(1.0)
-    atanh_theta1: Location = _normal(0.0, 1.5)
-    sd_atanh_theta1: Scale = _half_normal(0.5)
-    atanh_noise_correlation: Location = _normal(0.0, 1.0)
-    sd_atanh_noise_correlation: Scale = _half_normal(0.3)
-    discrepancy: Location = _normal(-4.0, 2.0)
-    sd_discrepancy: Scale = _half_normal(1.0)
-    element: dict[str, ElementPrior] = {}
+    intercept: PairOfLocations = Field(
+        default=PairOfLocations(K=_normal(5.0, 3.0), C=_normal(2.0, 3.0)),
+        description="log K (K in N/m) and log C (C in N s/m) at the reference mass.",
+    )
+    mass_exponent: Locations = Field(
+        default=Locations(K=_normal(0.5, 1.0), C=_normal(0.5, 1.0)),
+        description="slopes of log K and log C on log mass.",
+    )
+    covariate: Locations = Field(
+        default=Locations(K=_normal(0.0, 0.5), C=_normal(0.0, 0.5)),
+        description="change of log K and log C for one standard deviation of any other covariate.",
+    )
+    sd_subject: Scales = Field(
+        default=Scales(K=_half_normal(0.5), C=_half_normal(0.5)),
+        description="standard deviation between people.",
+    )
+    sd_trial: Scales = Field(
+        default=Scales(K=_half_normal(0.5), C=_half_normal(0.5)),
+        description="standard deviation between conditions beyond what the covariates explain.",
+    )
+    sd_group: dict[str, Scales] = Field(
+        default={},
+        description="standard deviation between the levels of another group term, by its name, such as "
+        '"subject:side".',
+    )
+    sd_slope: dict[str, Scales] = Field(
+        default={},
+        description="standard deviation of a slope between levels, by its name, such as "
+        '"log(mass_kg)|subject": of the mass exponent, or of the change for one standard deviation of '
+        "another covariate.",
+    )
+    sd_impact: PairOfScales = Field(
+        default=PairOfScales(K=_half_normal(0.5), C=_half_normal(1.0)),
+        description="standard deviation between the impacts of one person in one condition.",
+    )
+    residual_correlation: Correlation = Field(
+        default=Correlation(distribution="lkj", concentration=2.0),
+        description="correlation of the deviations of log K and log C of one impact.",
+    )
+    noise: Location = Field(
+        default=_normal(-10.0, 5.0),
+        description="mean over impacts of the log of the noise's standard deviation as a fraction of the "
+        "trace's peak.",
+    )
+    sd_noise: Scale = Field(
+        default=_half_normal(1.0), description="standard deviation between impacts of the log noise."
+    )
+    atanh_theta1: Location = Field(
+        default=_normal(0.0, 1.5),
+        description="mean over impacts of artanh theta1, the moving-average coefficient. Of the likelihood "
+        "arma.",
+    )
+    sd_atanh_theta1: Scale = Field(
+        default=_half_normal(0.5), description="standard deviation between impacts of artanh theta1."
+    )
+    atanh_noise_correlation: Location = Field(
+        default=_normal(0.0, 1.0),
+        description="mean over impacts of artanh of the noise's correlation from sample to sample. Of "
+        'noise = "autoregressive".',
+    )
+    sd_atanh_noise_correlation: Scale = Field(
+        default=_half_normal(0.3), description="standard deviation between impacts of that."
+    )
+    discrepancy: Location = Field(
+        default=_normal(-4.0, 2.0),
+        description="mean over impacts of the log of the rms of the force beside the element's, as a "
+        "fraction of the trace's peak.",
+    )
+    sd_discrepancy: Scale = Field(
+        default=_half_normal(1.0), description="standard deviation between impacts of that."
+    )
+    element: dict[str, ElementPrior] = Field(
+        default={},
+        description="the further parameters of a mechanical element, by name: log, the mean over impacts "
+        "of a parameter's log, and spread, the standard deviation between impacts. A parameter with a "
+        "formula of its own is in mass_exponent, covariate and sd_* too, but for sd_impact.",
+    )
 
     def further(self) -> tuple[str, ...]:
         """The keys of priors of further parameters' effects: ``priors.sd_subject.thickness_m``."""

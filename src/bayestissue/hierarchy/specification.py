@@ -38,8 +38,12 @@ class Formulas(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True)
     __pydantic_extra__: dict[str, str] = Field(init=False)
 
-    K: str | None = None
-    C: str | None = None
+    K: str | None = Field(
+        default=None,
+        description="of log K. Left out: log(mass_kg) + (1|subject) + (1|trial), less what the data can't "
+        "tell.",
+    )
+    C: str | None = Field(default=None, description="of log C, as of log K.")
 
     @property
     def further(self) -> tuple[str, ...]:
@@ -55,7 +59,9 @@ class Formulas(BaseModel):
 class PracticalEquivalence(_Table):
     """How near a mass exponent, or a ratio, must be to a hypothesis to count as equal to it in practice."""
 
-    mass_exponent: Annotated[float, Field(gt=0, lt=0.5)] = 0.1
+    mass_exponent: Annotated[float, Field(gt=0, lt=0.5)] = Field(
+        default=0.1, description="a mass exponent so near to 0, or to 1, counts as equal to it."
+    )
     ratio: Annotated[float, Field(gt=0, lt=1)] = Field(
         default=0.1,
         description="of a comparison, as of left over right: from 1 / (1 + ratio) to 1 + ratio counts as 1.",
@@ -65,16 +71,26 @@ class PracticalEquivalence(_Table):
 class Sampler(_Table):
     """The No-U-Turn sampler's settings."""
 
-    chains: Annotated[int, Field(ge=2, le=64)] = 4
-    warmup: Annotated[int, Field(ge=100)] = 1000
-    draws: Annotated[int, Field(ge=100)] = 1000
+    chains: Annotated[int, Field(ge=2, le=64)] = Field(
+        default=4, description="independent chains, which convergence is judged by."
+    )
+    warmup: Annotated[int, Field(ge=100)] = Field(
+        default=1000, description="transitions of a chain that adapt the sampler and are thrown away."
+    )
+    draws: Annotated[int, Field(ge=100)] = Field(default=1000, description="draws of a chain that are kept.")
     thinning: Annotated[int, Field(ge=1, le=100)] = Field(
         default=1,
         description="transitions of a chain for each draw that is kept. What follows the chains takes time "
         "for every draw; a few that are nearly independent tell as much as many that are not.",
     )
-    target_accept: Annotated[float, Field(gt=0.5, lt=1)] = 0.9
-    max_tree_depth: Annotated[int, Field(ge=3, le=15)] = 10
+    target_accept: Annotated[float, Field(gt=0.5, lt=1)] = Field(
+        default=0.9,
+        description="the mean acceptance that the step size is adapted to. Nearer to 1 is slower and has "
+        "fewer divergences.",
+    )
+    max_tree_depth: Annotated[int, Field(ge=3, le=15)] = Field(
+        default=10, description="a transition has at most 2 to this power steps."
+    )
     path: Literal["automatic", "exact", "summary"] = Field(
         default="automatic",
         description="exact: every trace in every step. summary: each trace summarised once, then the "
@@ -91,19 +107,30 @@ class Sampler(_Table):
 class Comparison(_Table):
     """Other explanations of the same data: a name and the formula that takes both responses' place."""
 
-    formulas: dict[str, str] = {}
+    formulas: dict[str, str] = Field(
+        default={}, description="a name and the formula of it each. Of published estimates alone."
+    )
 
 
 class ModelSpecification(_Table):
     """A whole model file; see `models/` for commented ones."""
 
-    name: Annotated[str, Field(min_length=1)]
-    description: str = ""
-    likelihood: Likelihood
-    element: str = Field(
-        default=SIDE_BY_SIDE, description="what the impactor meets, of the impact likelihood alone"
+    name: Annotated[str, Field(min_length=1)] = Field(description="what pages and tables call the model.")
+    description: str = Field(default="", description="free text, shown on the page.")
+    likelihood: Likelihood = Field(
+        description="what of a recording is modelled. impact: the deceleration of a mass on an element, "
+        "seen through the measuring chain. arma: the displacement as an ARMA(2,1). a2: the displacement as "
+        "a sampled second-order process. published-estimates: printed K and C, of `bayestissue reproduce` "
+        "alone.",
     )
-    signal: SignalOptions = SignalOptions()
+    element: str = Field(
+        default=SIDE_BY_SIDE,
+        description=f"what the impactor meets: {', '.join(element_names())}. Of the impact likelihood alone.",
+    )
+    signal: SignalOptions = Field(
+        default=SignalOptions(),
+        description="how a displacement is made from the recording, and which part of it is used.",
+    )
     discrepancy: Discrepancy = Field(
         default="automatic",
         description="a smooth force of unknown shape beside the element's. automatic: where the residuals of "
@@ -114,23 +141,37 @@ class ModelSpecification(_Table):
         description="of the recorder. autoregressive: of first order, with no discrepancy beside it. Of the "
         "impact likelihood alone.",
     )
-    reference_mass_kg: Annotated[float, Field(gt=0)] | None = None
-    formula: Formulas = Formulas()
-    residual_correlation: bool = True
+    reference_mass_kg: Annotated[float, Field(gt=0)] | None = Field(
+        default=None,
+        description="the mass that K and C of people are told at. Left out: the geometric mean of the "
+        "impacts' masses.",
+    )
+    formula: Formulas = Field(
+        default=Formulas(),
+        description="what log K and log C depend on, in the notation of R; also the log of an element's "
+        "further parameter, by its name.",
+    )
+    residual_correlation: bool = Field(
+        default=True, description="whether the deviations of log K and log C of one impact are correlated."
+    )
     mass_error: Literal["impact", "subject"] = Field(
         default="impact",
         description="impact: every impact's mass has an error of its own. subject: the mass is a person's, "
         "such as an effective mass, and its error the same in all of the person's impacts.",
     )
-    priors: Priors = Priors()
-    practical_equivalence: PracticalEquivalence = PracticalEquivalence()
-    comparison: Comparison = Comparison()
+    priors: Priors = Field(
+        default=Priors(), description="what is believed before the data are seen, on the log scale."
+    )
+    practical_equivalence: PracticalEquivalence = Field(
+        default=PracticalEquivalence(), description="which differences count as none in practice."
+    )
+    comparison: Comparison = Field(default=Comparison(), description="other explanations of the same data.")
     questions: dict[str, str] = Field(
         default={},
         description="asked of the finished fit, by a name each, as `bayestissue ask` asks them. Of fits of "
         "traces alone.",
     )
-    sampler: Sampler = Sampler()
+    sampler: Sampler = Field(default=Sampler(), description="how draws of the posterior are made.")
 
     @model_validator(mode="before")
     @classmethod

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from bayestissue.dataset.model import Recorder
 from bayestissue.elements import element
 from bayestissue.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem
@@ -21,9 +22,12 @@ from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nu
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.discrepancy import modes
+from bayestissue.likelihood.element.recorder import LowPass
 from bayestissue.likelihood.element.response import ElementRecord
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES, RecordedImpacts
+from bayestissue.signal.filters import delay
+from bayestissue.signal.filters import modes as filter_modes
 
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
@@ -54,6 +58,10 @@ class MeasuredImpacts(RecordedImpacts, Protocol):
     @property
     def uncertainty(self) -> ChainUncertainty:
         """Standard deviations of the measuring chain."""
+
+    @property
+    def recorder(self) -> Recorder | None:
+        """A known low-pass that the recordings went through."""
 
 
 @dataclass(frozen=True)
@@ -179,6 +187,19 @@ def unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source
                 code="unsuited-likelihood",
             )
         )
+    if specification.likelihood != "impact" and specification.likelihood in KINDS and dataset.recorder:
+        problems.append(
+            Problem(
+                source,
+                f'"impact", since dataset.toml declares a low-pass ({dataset.recorder}), which an ARMA model '
+                "of the displacement has no place for",
+                "Use models/impact.toml. Without the table [recorder] this model would run, with K and C too "
+                "small: `check` says by how much.",
+                column="likelihood",
+                value=specification.likelihood,
+                code="low-pass-not-applied",
+            )
+        )
     if specification.likelihood == "impact" and specification.signal.filter != "none":
         problems.append(
             Problem(
@@ -229,7 +250,7 @@ def _record(
         # The likelihood asks the samples itself when contact was; what they said of it must not count twice.
         start = (signal.n_samples, signal.bracket_s, signal.dt)
         plain = specification.discrepancy != "always" and specification.noise == "white"
-        if specification.element != SIDE_BY_SIDE or not plain:
+        if specification.element != SIDE_BY_SIDE or not plain or dataset.recorder is not None:
             return _element_record(dataset, specification, signal, offset_sd)
         errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
         peak = np.abs(signal.deceleration).max(axis=1)
@@ -266,18 +287,36 @@ def _element_record(
     gain_sd, velocity_sd = (
         np.full(len(size), value) for value in (chain.relative_gain_sd, chain.velocity_sd_m_s)
     )
-    besides: dict[str, np.ndarray] = {}
+    if specification.element == SIDE_BY_SIDE and dataset.recorder is not None:
+        # In proportion to the velocity: one error, as of the likelihood without a filter.
+        velocity_sd, gain_sd = np.hypot(velocity_sd, gain_sd * signal.velocity), np.zeros(len(size))
+    besides: dict[str, Any] = {}
     contact_sd, uniform = signal.bracket_sd, signal.bracket_uniform
+    lead = 0
+    if dataset.recorder is not None:
+        besides["low_pass"] = low_pass = _low_pass(dataset.recorder, signal.dt)
+        lead = low_pass.lead
     if specification.discrepancy == "always":
         # It takes up what a wrong moment of contact does to a trace.
         basis, share = modes(signal.n_samples, signal.deceleration.shape[1])
-        besides = {"basis": basis, "share": share}
-    elif not element(specification.element).jumps and (signal.reach_s > 0).all():
+        besides |= {"basis": basis, "share": share}
+    if dataset.recorder is not None:
+        # No force jumps behind it.
+        reach = int(np.ceil(((signal.reach_s + delay(dataset.recorder)) / signal.dt).max())) + lead
+    elif (
+        specification.discrepancy != "always"
+        and not element(specification.element).jumps
+        and (signal.reach_s > 0).all()
+    ):
         reach = min(int(np.ceil((signal.reach_s / signal.dt).max())), BEFORE)
+    else:
+        reach = 0
+    if reach:
         # Cells of one sampling interval: over three a trace is not linear, and of traces of sixty samples
         # 90 % intervals of Hunt and Crossley's C then held 85 %.
-        before = np.moveaxis(signal.before[:, BEFORE - reach :, None], 1, 0)
-        besides = {"before": before, "n_before": np.minimum(signal.n_before, reach)}
+        early = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
+        before = np.moveaxis(early[:, early.shape[1] - reach :, None], 1, 0)
+        besides |= {"before": before, "n_before": np.minimum(signal.n_before, reach)}
         besides["quiet_sd"] = np.maximum(signal.noise_sd, 1e-12)
         contact_sd, uniform = reach * signal.dt / np.sqrt(12), np.ones_like(uniform)
     if specification.discrepancy == "always" or not element(specification.element).linear:
@@ -297,3 +336,24 @@ def _element_record(
     if specification.noise == "autoregressive":
         record = record._replace(quiet=jnp.asarray(np.isfinite(signal.offset_sd)))
     return record, np.abs(signal.deceleration).max(axis=1)
+
+
+# Of the phase at the filter's corner over a cell of contact's moment, in rad: a trace is then linear in it
+# but for 1 % of the force's jump at the cell's ends.
+_CELL_PHASE = 0.35
+_MOST_CELLS = 24
+# What is left out of the answer before contact, as a part of it.
+_LEFT_OUT = 1e-3
+
+
+def _low_pass(recorder: Recorder, dt: np.ndarray) -> LowPass:
+    """The recorder's filter as the likelihood takes it, and how it is told in samples this far apart."""
+    poles, weights = filter_modes(recorder)
+    phase = 2 * np.pi * recorder.low_pass_hz * float(dt.max())
+    finer = int(np.clip(np.ceil(phase / _CELL_PHASE), 1, _MOST_CELLS))
+    ahead = None
+    if recorder.zero_phase:
+        lead = -np.log(_LEFT_OUT) / np.abs(poles.real).min() / float(dt.min())
+        ahead = jnp.zeros(int(np.ceil(lead)))
+    cells = (jnp.arange(finer) + 0.5) / finer
+    return LowPass(jnp.asarray(poles), jnp.asarray(weights), cells, ahead)

@@ -20,7 +20,13 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.levels import Recorded
 from bayestissue.inference.answers.people import people_compared
-from bayestissue.inference.answers.reliability import Variances, reliability, variances
+from bayestissue.inference.answers.reliability import (
+    Variances,
+    as_variables,
+    coefficients,
+    reliability,
+    variances,
+)
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form
 from bayestissue.inference.execution.kept import some_impacts, some_of
@@ -180,11 +186,16 @@ def analyse(
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
     recorded = Recorded.of_run(tree["constant_data"].dataset, prepared.design.resolved())
     budget = uncertainty_budget(prepared, constrained)
-    repeatable, further = reliability(_variances(prepared, posterior, recorded, budget), posterior)
-    tree["posterior"] = xr.DataTree(posterior := posterior.merge(further))
+    repeatable = {
+        name: coefficients(_variances(prepared, tree[name].dataset, recorded, budget), tree[name].dataset)
+        for name in ("posterior", "prior")
+    }
+    for name, found in repeatable.items():
+        tree[name] = xr.DataTree(tree[name].dataset.merge(as_variables(found)))
+    posterior = tree["posterior"].dataset
     summary = summary_table(posterior)
     # Functions of standard deviations that are checked themselves.
-    checked = summary[~summary["variable"].isin(list(further))]
+    checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
     diagnostics = diagnose(checked, statistics_of_transitions(draws), route.checks())
     responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     return TraceAnalysis(
@@ -197,7 +208,7 @@ def analyse(
         budget,
         contrasts(posterior, recorded, responses, near.ratio),
         people_compared(posterior, recorded, responses),
-        repeatable,
+        reliability(repeatable["posterior"], repeatable["prior"]),
     )
 
 

@@ -86,6 +86,8 @@ Code = Literal[
     "starts-below-zero",
     "starts-deep",
     "slow-low-pass",
+    "undeclared-low-pass",
+    "low-pass-not-applied",
     "saturated",
     "no-law",
     "contact-doubtful",

@@ -1,15 +1,16 @@
-"""Channel frequency classes of SAE J211-1."""
+"""Low-pass filters: those of a recorder, as poles of a continuous filter, and SAE J211's of a recording."""
 
 from __future__ import annotations
 
-import numpy as np
+from typing import Any
 
+import numpy as np
+from jaxtyping import Complex
+
+from bayestissue.dataset.model import Recorder
+from bayestissue.dataset.settings import SAE_CORNER
 from bayestissue.errors import InputError, Problem
 from bayestissue.signal.traces import Column, Rows
-
-# The standard's figure: a two-pole filter with its corner here, run forth and back, has its -3 dB corner
-# at 5/3 of the class, since (1 + 0.8022⁴)⁻¹ = 2^(-1/2) and 2.0775 × 0.8022 = 5/3.
-_DESIGN_CORNER = 2.0775
 
 
 def low_pass(values: Rows, dt: Column, frequency_class: int) -> Rows:
@@ -29,16 +30,16 @@ def low_pass(values: Rows, dt: Column, frequency_class: int) -> Rows:
     Source: SAE J211-1, appendix C; ISO 6487.
     """
     # A third of a second to import, which only those who filter should wait for.
-    from scipy.signal import butter, sosfiltfilt
+    from scipy.signal import sosfiltfilt
 
+    corner = SAE_CORNER * frequency_class
     rates = np.round(1 / dt, 3)
-    too_slow = rates <= 2 * _DESIGN_CORNER * frequency_class
+    too_slow = rates <= 2 * corner
     if too_slow.any():
         raise InputError(
             Problem(
                 "signal options",
-                f"a sampling rate above {2 * _DESIGN_CORNER * frequency_class:.0f} Hz for class "
-                f"{frequency_class}",
+                f"a sampling rate above {2 * corner:.0f} Hz for class {frequency_class}",
                 'Choose a lower class, or filter = "none".',
                 column="signal.filter",
                 value=f"{rates[too_slow].min():g} Hz",
@@ -48,7 +49,60 @@ def low_pass(values: Rows, dt: Column, frequency_class: int) -> Rows:
     filtered = np.empty_like(values)
     for rate in np.unique(rates):
         rows = rates == rate
-        sections = butter(2, _DESIGN_CORNER * frequency_class, fs=rate, output="sos")
+        sections = _design(Recorder(corner), fs=rate, output="sos")
         reach = min(values.shape[1] - 1, int(rate / frequency_class))
         filtered[rows] = sosfiltfilt(sections, values[rows], axis=1, padlen=reach)
     return filtered
+
+
+def on_even_grid(values: Rows, rate: float, recorder: Recorder) -> Rows:
+    """The values as the recorder's filter passes them, from rest before the first sample.
+
+    Args:
+        values: [impact, sample], sampled much faster than the filter's corner and 0 at both ends for longer
+            than it rings.
+        rate: of the samples, Hz.
+        recorder: the filter.
+    """
+    from scipy.signal import sosfilt
+
+    sections = _design(recorder, fs=rate, output="sos")
+    once = sosfilt(sections, values, axis=1)
+    return sosfilt(sections, once[:, ::-1], axis=1)[:, ::-1] if recorder.zero_phase else once
+
+
+def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.ndarray, " mode"]]:
+    """Poles p_k [rad/s] and weights c_k of the filter's answer to an impulse, Re sum_k c_k e^(p_k t).
+
+    Of two complex conjugate poles one is there, with twice its weight. Run forwards and backwards, the
+    answer is Re sum_k c_k e^(p_k |t|) with c_k H(-p_k) for c_k, H being the transfer function.
+    """
+    _, poles, gain = _design(recorder, analog=True, output="zpk")
+    # Alike but for rounding in pairs: the upper one, and those on the real axis.
+    own = poles[poles.imag >= -1e-9 * np.abs(poles)]
+    others = [poles[np.argsort(np.abs(poles - pole))[1:]] for pole in own]
+    weights = np.array([gain / np.prod(pole - rest) for pole, rest in zip(own, others, strict=True)])
+    weights = np.where(own.imag > 1e-9 * np.abs(own), 2.0, 1.0) * weights
+    if recorder.zero_phase:
+        weights = weights * gain / np.prod(-own[:, None] - poles, axis=1)
+    return own, weights
+
+
+def delay(recorder: Recorder) -> float:
+    """When the filter's answer to a step passes a half, s; 0 run forwards and backwards."""
+    if recorder.zero_phase:
+        return 0.0
+    poles, weights = modes(recorder)
+    time = np.linspace(0.0, 4 * recorder.order / (2 * np.pi * recorder.low_pass_hz), 401)
+    step = (weights / poles * (np.exp(poles * time[:, None]) - 1)).sum(1).real
+    return float(np.interp(0.5, np.maximum.accumulate(step), time))
+
+
+def _design(recorder: Recorder, **how: Any) -> Any:
+    """By scipy.signal, as poles and zeros of a continuous filter or as sections of a digital one."""
+    from scipy.signal import bessel, butter
+
+    corner = recorder.low_pass_hz * (2 * np.pi if how.get("analog") else 1.0)
+    if recorder.kind == "butterworth":
+        return butter(recorder.order, corner, **how)
+    return bessel(recorder.order, corner, norm="mag", **how)

@@ -26,20 +26,20 @@ class SignalOptions(BaseModel):
         "time-zero: time 0 of the recording; threshold: where d first exceeds threshold times its peak.",
     )
     threshold: Annotated[float, Field(gt=0, lt=1)] = Field(
-        default=0.05, description="Fraction of the peak of d, for contact = 'threshold'."
+        default=0.05, description="fraction of the peak of d, for contact = 'threshold'."
     )
     remove_offset: bool = Field(
-        default=True, description="Subtract the mean of the quiet part before contact, where there is one."
+        default=True, description="subtract the mean of the quiet part before contact, where there is one."
     )
     filter: FilterClass = Field(
         default="none",
-        description="Channel frequency class of SAE J211-1: a four-pole phaseless Butterworth low-pass with "
+        description="channel frequency class of SAE J211-1: a four-pole phaseless Butterworth low-pass with "
         "its -3 dB corner at 5/3 of the class, in Hz. It is applied from contact on, so that the jump of d "
         "at contact, which is physical, is not smeared.",
     )
     integration: Literal["quintic", "trapezoidal"] = Field(
         default="quintic",
-        description="Rule of both integrations. trapezoidal is the thesis's, with an error of order "
+        description="rule of both integrations. trapezoidal is the thesis's, with an error of order "
         "(interval x pole)^2; quintic integrates the quintic through six neighbouring samples.",
     )
     window: Window = Field(
@@ -49,7 +49,7 @@ class SignalOptions(BaseModel):
     )
     equilibrium: Literal["rest", "sample-mean", "estimated"] = Field(
         default="rest",
-        description="What x is measured from: the position at contact, where the tissue is at rest, or, as "
+        description="what x is measured from: the position at contact, where the tissue is at rest, or, as "
         "in section 2.3 of the thesis, its own mean over the window. estimated: from contact, and a fit lets "
         "the rest position lie anywhere within the trace's reach of it; a point estimate takes it as rest.",
     )

@@ -9,12 +9,16 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
-from bayestissue.dataset.model import Dataset, Trace, Uncertainty
+from bayestissue.dataset.model import Dataset, Recorder, Trace, Uncertainty
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
+from bayestissue.signal.filters import modes, on_even_grid
 from bayestissue.simulation.contact import deceleration, leaves, what_is_met
 from bayestissue.simulation.specification import Recording, Simulation, Tissue
 
 _BLOCK = 1_000_000
+# Steps of the motion between two samples of a recorder with a low-pass, or in a period of its corner, and
+# time constants of the filter's slowest pole until it rests.
+_FINER, _AT_REST = 64, 25.0
 
 
 @dataclass(frozen=True)
@@ -29,6 +33,7 @@ class Campaign:
         time: [sample], s, all recordings one after another; each recorder's clock starts at 0.
         value: [sample], recorded deceleration, m/s².
         uncertainty: standard deviations of the measuring chain.
+        recorder: the low-pass that the recordings went through, if any.
     """
 
     impacts: pd.DataFrame
@@ -37,6 +42,7 @@ class Campaign:
     time: Float[np.ndarray, " sample"]
     value: Float[np.ndarray, " sample"]
     uncertainty: Uncertainty
+    recorder: Recorder | None = None
 
     def traces(self) -> pd.DataFrame:
         """The long trace table: ``impact``, ``time_s``, ``value``."""
@@ -59,6 +65,7 @@ class Campaign:
             left_out=(),
             folder=None,
             input_hash="",
+            recorder=self.recorder,
         )
 
 
@@ -66,7 +73,8 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
     """Draw the truth of every impact and record it; the same seed gives the same numbers.
 
     The motion is that of a mass M that meets the tissue's element at V; the tissue can push but not pull, so
-    the recording is at rest again from when the force is 0.
+    the recording is at rest again from when the force is 0. A recorder's low-pass takes the motion as it is
+    between the samples; noise, range and steps are those of what comes after it.
     Tissue, chain and noise have random streams of their own: more noise leaves the truth as it is. Needs
     float64 (`bayestissue.runtime.configure`).
 
@@ -94,7 +102,8 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
         recording.relative_gain_sd,
         recording.offset_sd_m_s2,
     )
-    return Campaign(impacts, truth, n, np.round(sample / rate, 9), value, uncertainty)
+    recorder = simulation.recorder.values() if simulation.recorder else None
+    return Campaign(impacts, truth, n, np.round(sample / rate, 9), value, uncertainty, recorder)
 
 
 def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFrame:
@@ -217,7 +226,14 @@ def _recorded(
 ) -> Iterator[np.ndarray]:
     """Recorded values, in blocks of impacts that bound the memory in use."""
     recording = simulation.recording
-    time = np.arange(n.max()) / recording.sampling_rate_hz
+    rate, finer, ring = recording.sampling_rate_hz, 1, 0
+    recorder = simulation.recorder.values() if simulation.recorder else None
+    if recorder is not None:
+        finer = int(np.ceil(_FINER * max(1.0, recorder.low_pass_hz / rate)))
+        poles, _ = modes(recorder)
+        # On either side until the filter has come to rest, forwards and backwards.
+        ring = int(np.ceil(_AT_REST / np.abs(poles.real).min() * rate))
+    time = np.arange(-ring * finer, (n.max() + ring) * finer) / (rate * finer)
     rows = min(len(n), max(1, _BLOCK // len(time)))
     for begin in range(0, len(n), rows):
         # Every block has the same number of rows, so that one compilation serves them all.
@@ -225,6 +241,8 @@ def _recorded(
         motion = deceleration(simulation.tissue.element, truth.iloc[index], time)
         part = slice(begin, min(begin + rows, len(n)))
         d = np.asarray(motion)[: part.stop - begin]
+        if recorder is not None:
+            d = on_even_grid(d, rate * finer, recorder)[:, ring * finer : -ring * finer or None : finer]
         yield _through_chain(recording, truth.iloc[part], d, n[part], random)
 
 

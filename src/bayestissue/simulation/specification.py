@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
+from bayestissue.dataset.settings import RecorderSettings
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.settings import checked, read_toml
@@ -27,11 +28,15 @@ class _Table(BaseModel):
 class Condition(_Table):
     """One experimental condition; of energy, velocity and mass two are given, since E = ½MV²."""
 
-    trial: Annotated[str, Field(min_length=1)]
-    mass_kg: Positive | None = None
-    velocity_m_s: Positive | None = None
-    energy_J: Positive | None = None
-    diameter_m: Positive | None = Field(default=None, description="of the impactor, for the Hertz element")
+    trial: Annotated[str, Field(min_length=1)] = Field(description="the name of the condition.")
+    mass_kg: Positive | None = Field(default=None, description="of the impactor.")
+    velocity_m_s: Positive | None = Field(default=None, description="at contact.")
+    energy_J: Positive | None = Field(
+        default=None, description="at contact, E = ½MV². Two of mass, velocity and energy are given."
+    )
+    diameter_m: Positive | None = Field(
+        default=None, description="of the impactor, for the element hunt_crossley."
+    )
 
     @model_validator(mode="after")
     def _two_of_three(self) -> Self:
@@ -53,12 +58,14 @@ class Condition(_Table):
 class Factor(_Table):
     """A further column of the impacts, such as the side that is hit or the session."""
 
-    name: Annotated[str, Field(min_length=1)]
-    levels: Annotated[tuple[str, ...], Field(min_length=2)]
+    name: Annotated[str, Field(min_length=1)] = Field(description="the name of the column.")
+    levels: Annotated[tuple[str, ...], Field(min_length=2)] = Field(
+        description="their names, or how many there are."
+    )
     every: bool = Field(
         default=True,
         description="every person in every condition at every level; else each impact at one, drawn at "
-        "random, all levels about equally often",
+        "random, all levels about equally often.",
     )
 
     @field_validator("levels", mode="before")
@@ -80,11 +87,15 @@ class Design(_Table):
     conditions: Annotated[tuple[Condition, ...], Field(min_length=1)] | None = Field(
         default=None,
         description="a list of [[design.conditions]]; without it the nine conditions of the thesis's tables "
-        "5.10 and 5.11, with the masses printed there",
+        "5.10 and 5.11, with the masses printed there.",
     )
-    subjects: Annotated[int, Field(ge=1)] = 10
-    factors: tuple[Factor, ...] = ()
-    repeats: Annotated[int, Field(ge=1)] = 1
+    subjects: Annotated[int, Field(ge=1)] = Field(default=10, description="how many people.")
+    factors: tuple[Factor, ...] = Field(
+        default=(), description="a list of [[design.factors]]: further columns, such as side or session."
+    )
+    repeats: Annotated[int, Field(ge=1)] = Field(
+        default=1, description="impacts of each person in each condition."
+    )
 
     @model_validator(mode="after")
     def _distinct(self) -> Self:
@@ -103,8 +114,8 @@ class Spreads(BaseModel):
     model_config = ConfigDict(extra="allow", frozen=True)
     __pydantic_extra__: dict[str, Spread] = Field(init=False)
 
-    K: Spread = 0.0
-    C: Spread = 0.0
+    K: Spread = Field(default=0.0, description="of log K.")
+    C: Spread = Field(default=0.0, description="of log C.")
 
 
 class Tissue(_Table):
@@ -112,32 +123,47 @@ class Tissue(_Table):
 
     K and C are at the reference mass:
     log K = log K_N_per_m + mass_exponent_K log(M / reference_mass_kg) + subject + trial + impact effect,
-    each effect normal with the standard deviation given; the same for C. ``correlation`` is that of the
-    effects on K with those on C. ``sd_group`` and ``sd_slope`` have the spreads of further group terms by
-    their names in a model file: ``[tissue.sd_group."subject:side"]``, and
-    ``[tissue.sd_slope."log(mass_kg)|subject"]`` of mass exponents that differ between people, or of the
-    slopes of another column of the impacts, taken from its mean. ``parameters`` are the element's others,
-    such as ``arm_ratio``, whose logs scatter between impacts with the standard deviation
-    ``sd_impact_parameters``, and between levels with those beside K and C in ``sd_group`` and ``sd_slope``.
+    each effect normal with the standard deviation given; the same for C.
     """
 
-    K_N_per_m: Positive
-    C_N_s_per_m: Positive
-    reference_mass_kg: Positive = 0.7
-    mass_exponent_K: Finite = 0.0
-    mass_exponent_C: Finite = 0.0
-    sd_subject_K: Spread = 0.0
-    sd_subject_C: Spread = 0.0
-    sd_trial_K: Spread = 0.0
-    sd_trial_C: Spread = 0.0
-    sd_impact_K: Spread = 0.0
-    sd_impact_C: Spread = 0.0
-    sd_group: dict[str, Spreads] = {}
-    sd_slope: dict[str, Spreads] = {}
-    correlation: Annotated[float, Field(ge=-1, le=1)] = 0.0
-    element: str = "kelvin_voigt"
-    parameters: dict[str, Positive] = {}
-    sd_impact_parameters: Spread = 0.0
+    K_N_per_m: Positive = Field(description="stiffness of a typical person at the reference mass.")
+    C_N_s_per_m: Positive = Field(description="damping of a typical person at the reference mass.")
+    reference_mass_kg: Positive = Field(default=0.7, description="the mass that K and C are stated at.")
+    mass_exponent_K: Finite = Field(default=0.0, description="slope of log K on log mass.")
+    mass_exponent_C: Finite = Field(default=0.0, description="slope of log C on log mass.")
+    sd_subject_K: Spread = Field(default=0.0, description="standard deviation of log K between people.")
+    sd_subject_C: Spread = Field(default=0.0, description="standard deviation of log C between people.")
+    sd_trial_K: Spread = Field(default=0.0, description="standard deviation of log K between conditions.")
+    sd_trial_C: Spread = Field(default=0.0, description="standard deviation of log C between conditions.")
+    sd_impact_K: Spread = Field(
+        default=0.0,
+        description="standard deviation of log K between the impacts of one person in one condition.",
+    )
+    sd_impact_C: Spread = Field(
+        default=0.0,
+        description="standard deviation of log C between the impacts of one person in one condition.",
+    )
+    sd_group: dict[str, Spreads] = Field(
+        default={},
+        description="standard deviations of further group terms by their names, as in "
+        '[tissue.sd_group."subject:side"].',
+    )
+    sd_slope: dict[str, Spreads] = Field(
+        default={},
+        description="standard deviations of slopes between levels, as in "
+        '[tissue.sd_slope."log(mass_kg)|subject"]: of the mass exponent, or of the slope on another '
+        "column, taken from its mean.",
+    )
+    correlation: Annotated[float, Field(ge=-1, le=1)] = Field(
+        default=0.0, description="of the effects on K with those on C."
+    )
+    element: str = Field(default="kelvin_voigt", description="what the impactor meets, as in a model file.")
+    parameters: dict[str, Positive] = Field(
+        default={}, description="the element's parameters besides K and C, by name."
+    )
+    sd_impact_parameters: Spread = Field(
+        default=0.0, description="standard deviation of their logs between impacts."
+    )
 
     def spreads(self) -> dict[GroupTerm, Spreads]:
         """The further group terms and their spreads."""
@@ -167,18 +193,30 @@ class Recording(_Table):
     samples at a phase of its own, so that contact falls anywhere within a sampling interval.
     """
 
-    sampling_rate_hz: Positive = 10_000.0
-    before_contact_s: Spread = 0.01
-    after_contact_s: Spread = Field(default=0.01, description="after the tissue has stopped pushing")
-    noise_sd_m_s2: Spread = 0.0
-    noise_relative_to_peak: Spread = 0.0
-    offset_sd_m_s2: Spread = 0.0
-    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
-    velocity_sd_m_s: Spread = 0.0
-    relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = 0.0
-    range_m_s2: Positive | None = Field(default=None, description="clips beyond this, either way")
+    sampling_rate_hz: Positive = Field(default=10_000.0, description="samples in a second.")
+    before_contact_s: Spread = Field(default=0.01, description="how long before contact a recording begins.")
+    after_contact_s: Spread = Field(
+        default=0.01, description="how long it goes on after the tissue has stopped pushing."
+    )
+    noise_sd_m_s2: Spread = Field(default=0.0, description="standard deviation of the noise.")
+    noise_relative_to_peak: Spread = Field(
+        default=0.0, description="the same as a fraction of the impact's peak; variances add up."
+    )
+    offset_sd_m_s2: Spread = Field(default=0.0, description="standard deviation of the recorder's zero.")
+    relative_gain_sd: Annotated[float, Field(ge=0, lt=0.3)] = Field(
+        default=0.0, description="standard deviation of the sensitivity, as a fraction of it."
+    )
+    velocity_sd_m_s: Spread = Field(
+        default=0.0, description="standard deviation of the velocity at contact about the stated one."
+    )
+    relative_mass_sd: Annotated[float, Field(ge=0, lt=0.3)] = Field(
+        default=0.0, description="standard deviation of the mass about the stated one, as a fraction of it."
+    )
+    range_m_s2: Positive | None = Field(
+        default=None, description="the recorder clips beyond this, either way; left out, it does not."
+    )
     bits: Annotated[int, Field(ge=6, le=32)] | None = Field(
-        default=None, description="steps over the range: 2 to this power"
+        default=None, description="the range has 2 to this power steps; left out, it has none."
     )
 
     @model_validator(mode="after")
@@ -191,10 +229,12 @@ class Recording(_Table):
 class Output(_Table):
     """The trace file."""
 
-    traces: Literal["csv", "csv.gz", "parquet"] = "csv.gz"
-    float32: bool = Field(default=False, description="values in single precision (parquet only)")
+    traces: Literal["csv", "csv.gz", "parquet"] = Field(
+        default="csv.gz", description="the format of the table of samples."
+    )
+    float32: bool = Field(default=False, description="values in single precision; of parquet alone.")
     decimals: Annotated[int, Field(ge=0, le=15)] | None = Field(
-        default=None, description="decimals of the recorded m/s²; all digits unless given"
+        default=None, description="decimals of the recorded m/s²; all digits unless given."
     )
 
     @model_validator(mode="after")
@@ -207,13 +247,18 @@ class Output(_Table):
 class Simulation(_Table):
     """A whole specification."""
 
-    name: Annotated[str, Field(min_length=1)]
-    description: str = ""
-    seed: Annotated[int, Field(ge=0)] = 0
-    design: Design = Design()
-    tissue: Tissue
-    recording: Recording = Recording()
-    output: Output = Output()
+    name: Annotated[str, Field(min_length=1)] = Field(description="of the dataset.")
+    description: str = Field(default="", description="free text.")
+    seed: Annotated[int, Field(ge=0)] = Field(default=0, description="same seed, same machine: same numbers.")
+    design: Design = Field(default=Design(), description="who is hit how.")
+    tissue: Tissue = Field(description="a typical person's K and C, and how they vary.")
+    recording: Recording = Field(default=Recording(), description="the measuring chain.")
+    recorder: RecorderSettings | None = Field(
+        default=None,
+        description="a table [recorder] as in dataset.toml: a low-pass between the sensor and the recorder's "
+        "noise.",
+    )
+    output: Output = Field(default=Output(), description="the trace file.")
 
     @model_validator(mode="after")
     def _known_columns(self) -> Self:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from bayestissue.dataset import write_dataset
 from bayestissue.simulation.campaign import Campaign
@@ -16,13 +17,15 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
     ``truth.csv`` has one row per impact. The parameters that all impacts share stand in the specification,
     which the caller copies beside it.
     """
-    settings = {
+    settings: dict[str, Any] = {
         "name": simulation.name,
         "description": simulation.description or "Simulated; truth.csv holds what it was made from.",
         "source": "bayestissue simulate",
         "signal": {"quantity": "deceleration", "unit": "m/s^2"},
         "uncertainty": asdict(campaign.uncertainty),
     }
+    if campaign.recorder is not None:
+        settings["recorder"] = campaign.recorder.settings()
     write_dataset(
         folder,
         settings=settings,

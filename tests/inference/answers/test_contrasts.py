@@ -9,7 +9,10 @@ import xarray as xr
 from numpy.testing import assert_allclose
 
 from bayestissue.inference.answers.contrasts import ALL, COLUMNS, contrasts
+from bayestissue.inference.answers.draws import draws_of as draws_at
+from bayestissue.inference.answers.grammar import parse
 from bayestissue.inference.answers.levels import Recorded
+from bayestissue.inference.answers.meaning import mistakes
 from bayestissue.inference.answers.people import people_compared
 from designs import REFERENCE, impacts
 
@@ -73,6 +76,23 @@ def test_a_number_of_two_values_is_a_factor_and_a_mass_is_none() -> None:
     found = contrasts(draws, recorded("log(mass_kg) + trained", two), ["K"], 0.1)
     assert found[["factor", "level", "against"]].to_numpy().tolist() == [["trained", "1", "0"]]
     assert found["ratio"][0] == pytest.approx(np.exp(0.2))
+
+
+def test_numbers_that_a_formula_takes_as_categories_are_compared() -> None:
+    rows = impacts().assign(phase=lambda table: np.arange(len(table)) % 4 + 1)
+    # The mean of the phases is none of them, and the first is the reference.
+    values = {f"effect_of_C(phase)[{level}]_K": 0.1 * level for level in (2, 3, 4)}
+    draws = draws_of(np.random.default_rng(7), 0.0, {"intercept_K": 7.0, **values})
+    found = rows_of(contrasts(draws, recorded("C(phase)", rows), ["K"], 0.1), "phase")
+    ratios = {pair: row["ratio"] for pair, row in found.items()}
+    logs = {"1": 0.0, "2": 0.2, "3": 0.3, "4": 0.4}
+    expected = [("4", "3"), ("4", "2"), ("4", "1"), ("3", "2"), ("3", "1"), ("2", "1")]
+    assert ratios == pytest.approx({(a, b): np.exp(logs[a] - logs[b]) for a, b in expected})
+    node = parse("mean(K[phase]) / K[phase=3] - K / K[phase=1]")
+    of = recorded("C(phase)", rows)
+    assert not list(mistakes(node, of, draws))
+    assert_allclose(draws_at(node, draws, of), np.exp(np.array([0.0, 0.2, 0.3, 0.4]) - 0.3).mean() - 1)
+    assert "a level of phase: 1, 2, 3, 4" in str(*mistakes(parse("K[phase=2.5]"), of, draws))
 
 
 def test_groups_are_compared_in_pairs_and_many_levels_with_their_mean() -> None:

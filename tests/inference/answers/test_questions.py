@@ -103,13 +103,13 @@ def test_all_that_is_wrong_is_told_with_its_place_and_near_names(run: Run) -> No
 
 
 def test_a_model_files_question_without_an_answer_says_why(run: Run) -> None:
-    table = ask_what_can_be(run._finished, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
+    table = ask_what_can_be(run.finished, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
     assert table.columns.tolist() == COLUMNS
     assert table["name"].tolist() == ["a", "b"]
     assert table["posterior"].notna().tolist() == [True, False]
     assert "K_strange" in table["note"][1]
     with pytest.raises(InputError, match=r"m.toml, questions.b, column 1"):
-        ask(run._finished, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
+        ask(run.finished, of_model({"a": "K > 2500", "b": "K_strange > 1"}, "m.toml"))
 
 
 def test_what_is_no_run_is_refused(tmp_path: Path) -> None:

@@ -18,6 +18,8 @@ from bayestissue.inference.answers.reliability import (
     REPEATS,
     SEM,
     Variances,
+    as_variables,
+    coefficients,
     reliability,
     variances,
 )
@@ -51,7 +53,7 @@ def of(people, conditions, error, *, k: float, measurement: float = 0.0, shared:
     return Variances(people, shared, [(conditions, k)], [], error, measurement, k)
 
 
-def coefficients(each: Variances) -> dict[str, np.ndarray]:
+def classical(each: Variances) -> dict[str, np.ndarray]:
     return {
         f"ICC({letter},{number})": each.icc(agreement=letter == "A", averaged=number == "k")
         for letter in "CA"
@@ -62,7 +64,7 @@ def coefficients(each: Variances) -> dict[str, np.ndarray]:
 def test_the_classical_estimates_are_those_of_the_mean_squares() -> None:
     levels = np.array(RATINGS, float)
     squares, _ = mean_squares(levels)
-    found = coefficients(of(*components(squares, levels.shape), k=4))
+    found = classical(of(*components(squares, levels.shape), k=4))
     assert {name: round(float(value), 2) for name, value in found.items()} == PUBLISHED
     # McGraw and Wong's table 4, in mean squares.
     (rows, columns, error), n, k = squares, *levels.shape
@@ -79,10 +81,10 @@ def test_intervals_of_a_posterior_are_the_classical_ones() -> None:
     levels = 0.3 * rng.standard_normal((n, 1)) + 0.1 * rng.standard_normal(k)
     levels = levels + 0.15 * rng.standard_normal((n, k))
     squares, df = mean_squares(levels)
-    estimates = coefficients(of(*components(squares, (n, k)), k=k))
+    estimates = classical(of(*components(squares, (n, k)), k=k))
     assert_allclose([estimates[name] for name in PINGOUIN], [*PINGOUIN.values()], atol=5e-7)
     drawn = [square * d / rng.chisquare(d, DRAWS) for square, d in zip(squares, df, strict=True)]
-    found = coefficients(of(*components(np.array(drawn), (n, k)), k=k))
+    found = classical(of(*components(np.array(drawn), (n, k)), k=k))
     ratio = squares[0] / squares[2] / stats.f.ppf([0.95, 0.05], df[0], df[2])
     exact = {"ICC(C,1)": (ratio - 1) / (ratio + k - 1), "ICC(C,k)": 1 - 1 / ratio}
     for name, ends in exact.items():
@@ -129,7 +131,7 @@ def test_intervals_hold_the_truth_of_studies_drawn_from_the_prior() -> None:
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))
     weights /= weights.sum(axis=1, keepdims=True)
     of_truth, of_prior = (of(*each, k=k, measurement=0.02) for each in (truth, prior))
-    told = {name: (value, coefficients(of_prior)[name]) for name, value in coefficients(of_truth).items()}
+    told = {name: (value, classical(of_prior)[name]) for name, value in classical(of_truth).items()}
     for agreement in (False, True):
         told[f"error {agreement}"] = of_truth.error(agreement=agreement), of_prior.error(agreement=agreement)
         own, others = (each.repeats(0.9, agreement=agreement) for each in (of_truth, of_prior))
@@ -178,7 +180,8 @@ def test_each_group_is_part_of_the_variance_that_its_levels_say() -> None:
 def test_the_table_and_the_variables_are_in_percent_and_in_units() -> None:
     draws, recorded = posterior()
     each = variances(draws, recorded, "K", measurement_sd=0.03)
-    table, further = reliability({"K": each}, draws)
+    found = coefficients({"K": each}, draws)
+    table, further = reliability(found), as_variables(found)
     row = table.set_index(["measure", "form", "unit"])["median"]
     s = np.sqrt(each.error(agreement=True))
     assert row[SEM, "agreement", "%"] == pytest.approx(100 * np.median(np.expm1(s)), rel=1e-3)
@@ -199,7 +202,22 @@ def test_the_table_and_the_variables_are_in_percent_and_in_units() -> None:
 def test_of_one_person_only_the_errors_are_told() -> None:
     draws, recorded = posterior()
     alone = Recorded(recorded.rows.assign(subject="p0"), {"K": "(1|trial)"}, 1.0)
-    table, further = reliability({"K": variances(draws, alone, "K", measurement_sd=0.03)}, draws)
+    found = coefficients({"K": variances(draws, alone, "K", measurement_sd=0.03)}, draws)
+    table, further = reliability(found), as_variables(found)
     assert set(table["measure"]) == {SEM, MDC}
     assert "ICC_C1_K" not in further
-    assert reliability({}, draws)[0].empty
+    assert reliability(coefficients({}, draws)).empty
+
+
+def test_how_much_is_prior_stands_beside_each_coefficient() -> None:
+    draws, recorded = posterior()
+    both = [
+        coefficients({"K": variances(of, recorded, "K", measurement_sd=0.03)}, of)
+        for of in (draws, draws.assign(sd_trial_K=2 * draws["sd_trial_K"]))
+    ]
+    row = reliability(*both).set_index(["measure", "form", "unit"])["prior_overlap"]
+    # The data told nothing but of conditions, which are in agreement alone.
+    assert row[ICC, "ICC(C,1)", "1"] == pytest.approx(1)
+    assert row[ICC, "ICC(A,1)", "1"] < 0.9
+    assert np.isnan(row[SEM, "measuring chain", "%"])
+    assert reliability(both[0])["prior_overlap"].isna().all()

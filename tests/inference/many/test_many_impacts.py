@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from bayestissue import padding
 from bayestissue.elements import element_names
 from bayestissue.hierarchy.gaussian.arrangement import arrange
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -32,6 +33,7 @@ from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.results.summary import summarise
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.likelihood.arma.displacement import displacement_record
+from bayestissue.padding import bucket
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
@@ -139,7 +141,11 @@ def dozen() -> MeasuredImpacts:
 def test_few_at_a_time_have_the_sites_of_all_together(
     dozen: MeasuredImpacts, monkeypatch: pytest.MonkeyPatch, model: str
 ) -> None:
-    """Blocks of any size: every likelihood is asked by itself, so that sites differ by rounding at most."""
+    """Blocks of any size: every likelihood is asked by itself, so that sites differ by rounding at most.
+
+    Blocks are filled up to the dozen, so that one compilation of a model serves both.
+    """
+    monkeypatch.setattr(padding, "bucket", lambda size: max(bucket(size), len(dozen.impacts)))
     likelihood = model if model in {"arma", "a2"} else "impact"
     own = {"element": model} if model in element_names() else {}
     given = {"name": model, "likelihood": likelihood, **own}

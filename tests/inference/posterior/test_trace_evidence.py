@@ -38,7 +38,7 @@ class Fit(NamedTuple):
     """A fit's draws of every impact's parameters, and the scores under one draw of the population."""
 
     prepared: Prepared
-    told: LikelihoodApproximation
+    likelihood: LikelihoodApproximation
     expected: PopulationDraws
     priors: ConditionalPrior
     ratios: ImportanceRatios
@@ -82,25 +82,25 @@ def fit(request: pytest.FixtureRequest) -> Fit:
     made = population_attempt(prepared, approximation, SETTINGS, SEED)
     draws, expected = with_impacts(prepared, made, SETTINGS, SEED), made.draws
     assert (approximation.grid is None) == (request.param == "impact")
-    told = LikelihoodApproximation(approximation)
+    likelihood = LikelihoodApproximation(approximation)
     design = prepared.data.design
     priors = of_cells(expected.priors(design), np.asarray(design.cell))
     ratios = ratios_among(prepared.model, prepared.data, approximation.sites, priors, approximation.grid)
-    found = constrained_draws(prepared, approximation, draws, jax.random.PRNGKey(0), told=told)
+    found = constrained_draws(prepared, approximation, draws, jax.random.PRNGKey(0), likelihood=likelihood)
     u = found.impacts["parameters"]
-    scores = of_draws(prepared, told, expected)
+    scores = of_draws(prepared, likelihood, expected)
     for name, values in found.log_likelihood.items():
         np.testing.assert_array_equal(values.reshape(scores[name].shape), scores[name])
     # What is known already is not found again.
     corrections = log_evidence_corrections(approximation.sites, ratios, priors)
-    again = of_draws(prepared, told._replace(corrections=corrections), expected)
+    again = of_draws(prepared, likelihood._replace(corrections=corrections), expected)
     for name, values in scores.items():
         np.testing.assert_allclose(again[name], values, rtol=1e-9)
     # One of the tenth of all draws under which summaries alone say least of the traces.
     off = np.abs((log_evidence(approximation.sites, priors) - scores["trace"]).sum(-1))
     draw = int(np.argsort(off)[-len(off) // 10])
     own = {name: values[draw] for name, values in scores.items()}
-    return Fit(prepared, told, expected, priors, ratios, u.reshape(-1, *u.shape[2:]), draw, own)
+    return Fit(prepared, likelihood, expected, priors, ratios, u.reshape(-1, *u.shape[2:]), draw, own)
 
 
 def log_mean(weight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -125,9 +125,9 @@ def test_an_impacts_density_is_its_likelihood_integrated_over_the_population(fit
     # Of these points and of those that traces and summaries were compared at.
     error = np.hypot(error, ratio.std(0) / np.sqrt(len(ratio)))
     assert (np.abs(fit.scores["trace"] - direct) < 5 * error).all()
-    if fit.told.sites.grid is not None:
+    if fit.likelihood.approximation.grid is not None:
         # The summaries alone, which know nothing of the last parameter, are off by more than that.
-        alone = log_evidence(fit.told.sites.sites, anchor)
+        alone = log_evidence(fit.likelihood.approximation.sites, anchor)
         assert np.abs((alone - direct).sum()) > 5 * np.sqrt(np.square(error).sum())
 
 
@@ -153,7 +153,7 @@ def test_a_groups_density_is_that_of_its_impacts_integrated_over_its_effects(fit
     anchors = ConditionalPrior(mean, np.repeat(anchor.precision[None, None], len(z), axis=0))
     besides = factors(fit, anchors)
     member = (codes[:, None] == np.arange(count)).astype(float)
-    density = (log_evidence(fit.told.sites.sites, anchors) + besides) @ member + log_weight
+    density = (log_evidence(fit.likelihood.approximation.sites, anchors) + besides) @ member + log_weight
     direct, error = log_mean(density)
     # The factors besides the summaries are taken at the draw's own effects, and move about so much.
     share = np.exp(density - logsumexp(density, axis=0))
@@ -164,8 +164,10 @@ def test_a_groups_density_is_that_of_its_impacts_integrated_over_its_effects(fit
 
 def factors(fit: Fit, anchors: ConditionalPrior) -> np.ndarray:
     """What each trace's likelihood has besides its summary."""
-    found = log_evidence_corrections(fit.told.sites.sites, fit.ratios, anchors)
-    if fit.told.sites.grid is None:
+    found = log_evidence_corrections(fit.likelihood.approximation.sites, fit.ratios, anchors)
+    if fit.likelihood.approximation.grid is None:
         return found
     sd = anchors.precision[0, 0, -1, -1] ** -0.5
-    return found + np.stack([fit.told.sites.grid.log_evidence(mean, sd) for mean in anchors.mean[..., -1]])
+    return found + np.stack(
+        [fit.likelihood.approximation.grid.log_evidence(mean, sd) for mean in anchors.mean[..., -1]]
+    )

@@ -154,3 +154,27 @@ def test_what_it_cannot_do_is_refused(campaign: Campaign):
     sunk = replace(dataset, quantity="displacement")
     with pytest.raises(bt.InputError, match="holds displacements"):
         bt.estimate(sunk, method="impact")
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("recorder", [{"low_pass_hz": 500.0}, {"sae_class": 180}])
+def test_behind_a_declared_low_pass_intervals_hold_and_without_it_c_is_lost(recorder):
+    content = {
+        "name": "behind",
+        "seed": 6,
+        "design": {"conditions": [{"trial": "a", "mass_kg": 0.6, "velocity_m_s": 1.5}], "subjects": 32},
+        "tissue": {"K_N_per_m": 32000.0, "C_N_s_per_m": 60.0, "sd_impact_K": 0.1, "sd_impact_C": 0.1},
+        "recording": {"noise_relative_to_peak": 0.005},
+        "recorder": recorder,
+    }
+    campaign = simulate(Simulation.model_validate(content))
+    data = campaign.dataset("behind")
+    declared, undeclared = bt.estimate(data), bt.estimate(replace(data, recorder=None))
+    for name, unit in (("K", "N_per_m"), ("C", "N_s_per_m")):
+        true = campaign.truth[f"{name}_{unit}"]
+        low, high = (declared[f"{name}_{end}_{unit}"] for end in ("low", "high"))
+        # Nine in ten, and three standard errors of 32.
+        assert ((low <= true) & (true <= high)).mean() > 0.9 - 3 * np.sqrt(0.9 * 0.1 / 32)
+        z = np.log(declared[f"{name}_{unit}"] / true) / (declared[f"{name}_se_{unit}"] / true)
+        assert abs(z.mean()) < 4 / np.sqrt(32)
+    assert (undeclared["C_high_N_s_per_m"] < campaign.truth["C_N_s_per_m"]).all()

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -280,11 +281,26 @@ def _unusable(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> lis
     return faults or [Fault(term, expected, "these terms can't stand together") for term in terms.common]
 
 
-def reference_row(rows: pd.DataFrame, reference_mass_kg: float) -> dict[str, Any]:
-    """Where every column of a design is zero: the reference mass, means of numbers, the first categories."""
-    numeric = rows.select_dtypes("number").columns
+def reference_row(
+    rows: pd.DataFrame, reference_mass_kg: float, categories: Container[str] = ()
+) -> dict[str, Any]:
+    """Where every column of a design is zero: the reference mass, means of numbers, the first categories.
+
+    Columns named in ``categories`` are such, also where they hold numbers: see `categories_of_numbers`.
+    """
+    numeric = [name for name in rows.select_dtypes("number").columns if name not in categories]
     at = {str(name): rows[name].mean() if name in numeric else rows[name].iloc[0] for name in rows}
     return at | {"mass_kg": reference_mass_kg}
+
+
+@lru_cache
+def categories_of_numbers(formula: str) -> frozenset[str]:
+    """The columns that a formula takes as categories whatever they hold: ``C(session)``."""
+    import formulae
+
+    description = formulae.model_description(formula)
+    parts = [part for term in description.common_terms for part in getattr(term, "components", ())]
+    return frozenset().union(*(_columns_of(part) for part in parts if str(part.name).startswith("C(")))
 
 
 def evaluated_at(
@@ -335,9 +351,9 @@ def _design(
     import formulae
     from formulae.environment import Environment
 
-    reference = pd.DataFrame([reference_row(rows, reference_mass_kg)])
     environment = Environment([FUNCTIONS])
     formula = " + ".join(terms) or "1"
+    reference = pd.DataFrame([reference_row(rows, reference_mass_kg, categories_of_numbers(formula))])
     common = formulae.design_matrices(formula, rows, na_action="error", env=environment).common
     with np.errstate(invalid="ignore", divide="ignore"):  # what is not finite is refused
         at = common if new is None else common.evaluate_new_data(new)

@@ -10,7 +10,8 @@ doi:10.3389/fpsyg.2019.02767), and its probability of practical equivalence that
 
 Compared are, of each response, by its own formula:
 
-- the levels of each category and of each number with two values, averaged over what interacts with it;
+- the levels of each category, of numbers in ``C()``, and of each number with two values, averaged over what
+  interacts with it;
 - the levels of each group but people, who have a table of their own (`bayestissue.inference.answers.people`);
 - of combinations such as ``subject:side`` those that differ in one column but the person, within each person
   and averaged over the people recorded;
@@ -136,7 +137,7 @@ def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
 
 
 def _is_factor(recorded: Recorded, name: str) -> bool:
-    if not recorded.is_number(name):
+    if recorded.is_category(name):
         return True
     return name not in _PHYSICAL and recorded.rows[name].nunique() == 2
 

@@ -25,7 +25,13 @@ from jaxtyping import Float
 
 from bayestissue.dataset.impacts import RESERVED
 from bayestissue.hierarchy.effects import intercept, parameter_of
-from bayestissue.hierarchy.formulas.formula import columns_named, evaluated_at, group_terms, reference_row
+from bayestissue.hierarchy.formulas.formula import (
+    categories_of_numbers,
+    columns_named,
+    evaluated_at,
+    group_terms,
+    reference_row,
+)
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm, labels_of
 
 Condition = Mapping[str, str | float]
@@ -86,8 +92,16 @@ class Recorded:
         """The reference row: see `bayestissue.hierarchy.formulas.formula.reference_row`."""
         return reference_row(self.rows, self.reference_mass_kg)
 
+    @cached_property
+    def _categories_of_numbers(self) -> frozenset[str]:
+        return frozenset().union(*map(categories_of_numbers, self.formulas.values()))
+
+    def is_category(self, column: str) -> bool:
+        """Whether a column's values are categories: text, or numbers that a formula has in ``C()``."""
+        return column in self._categories_of_numbers or not self.is_number(column)
+
     def is_number(self, column: str) -> bool:
-        """Whether a column holds numbers, not categories."""
+        """Whether a column holds numbers."""
         return bool(pd.api.types.is_numeric_dtype(self.rows[column]))
 
     def levels(self, column: str) -> list[str]:
@@ -124,7 +138,7 @@ class Recorded:
         factors = {
             factor for each in self.formulas.values() for term in group_terms(each) for factor in term.factors
         }
-        return tuple(str(name) for name in self.rows if name in factors or not self.is_number(str(name)))
+        return tuple(str(name) for name in self.rows if name in factors or self.is_category(str(name)))
 
     @cached_property
     def _followers(self) -> dict[str, tuple[str, ...]]:
@@ -143,11 +157,20 @@ class Recorded:
         self, response: str, conditions: Sequence[Condition]
     ) -> tuple[dict[str, np.ndarray], dict[GroupTerm, np.ndarray]]:
         """Covariates and those of the group terms in conditions that are complete, [condition]."""
-        new = pd.DataFrame([self.reference | {k: c[k] for k in c if k in self.rows} for c in conditions])
-        for column in self.rows:
-            new[column] = new[column].astype(float if self.is_number(str(column)) else str)
-        formula = self.formulas.get(response, "1")
-        return evaluated_at(formula, self.rows, self.reference_mass_kg, new)
+        key = response, tuple(tuple(sorted(condition.items())) for condition in conditions)
+        if key not in self._evaluated:
+            # Asked of the posterior and of the prior; to read a formula takes longer than all draws of it.
+            formula = self.formulas.get(response, "1")
+            at = reference_row(self.rows, self.reference_mass_kg, categories_of_numbers(formula))
+            new = pd.DataFrame([at | {k: c[k] for k in c if k in self.rows} for c in conditions])
+            for column in self.rows:
+                new[column] = new[column].astype(float if self.is_number(str(column)) else str)
+            self._evaluated[key] = evaluated_at(formula, self.rows, self.reference_mass_kg, new)
+        return self._evaluated[key]
+
+    @cached_property
+    def _evaluated(self) -> dict[Any, tuple[dict[str, np.ndarray], dict[GroupTerm, np.ndarray]]]:
+        return {}
 
 
 def log_at_levels(

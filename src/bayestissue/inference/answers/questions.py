@@ -26,6 +26,7 @@ from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
 from bayestissue.inference.answers.levels import Recorded
 from bayestissue.inference.answers.meaning import mistakes, quantities
+from bayestissue.inference.results.prior_overlap import MOSTLY, prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
 
 FEWEST = 10
@@ -150,7 +151,7 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
     prior, note = _prior(finished, node)
     row = {"question": question.text, "name": question.name, "note": note, "draws": posterior.size}
     if not claims(node):
-        return row | _interval(posterior)
+        return row | _interval(posterior) | {"note": _largely_prior(posterior, prior)}
     p, error, size = _probability(posterior)
     row |= {"posterior": p, "mcse": error}
     if prior is None:
@@ -167,9 +168,7 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
 
 
 def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
-    """Draws from the prior alone, or why there are none; only claims are asked of it."""
-    if not claims(node):
-        return None, ""
+    """Draws from the prior alone, or why there are none."""
     if finished.prior is None:
         return None, Coded("no prior: this run has no draws of it", "no-prior")
     try:
@@ -181,6 +180,11 @@ def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
         return None, Coded(f"no prior: this run has no prior draws of {which}", "no-prior")
     except QuestionError as slip:
         return None, Coded(f"no prior: {slip.found} of the prior", "no-prior")
+
+
+def _largely_prior(posterior: xr.DataArray, prior: xr.DataArray | None) -> str:
+    overlap = np.nan if prior is None else prior_overlap(posterior.to_numpy(), prior.to_numpy())
+    return f"largely prior: the two overlap by {100 * overlap:.0f} %" if overlap > MOSTLY else ""
 
 
 def _probability(claim: xr.DataArray) -> tuple[float, float, float]:

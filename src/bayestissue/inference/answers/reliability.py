@@ -40,8 +40,8 @@ repeats, each in a condition of its own; where S leaves less than R, no number o
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -52,8 +52,9 @@ from bayestissue.hierarchy.effects import intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm, grouping_of
 from bayestissue.inference.answers.levels import Recorded
+from bayestissue.inference.results.prior_overlap import prior_overlap
 
-COLUMNS = ["quantity", "measure", "form", "median", "low", "high", "unit"]
+COLUMNS = ["quantity", "measure", "form", "median", "low", "high", "unit", "prior_overlap"]
 ICC, SEM, MDC = "intraclass correlation", "standard error of measurement", "minimal detectable change (95 %)"
 REPEATS = "repeats"
 TARGETS = (0.75, 0.9)
@@ -127,56 +128,86 @@ def _place(recorded: Recorded, term: GroupTerm) -> tuple[float, str]:
     return levels, "within" if of_level.max() == 1 else "agreement"
 
 
-def reliability(found: Mapping[str, Variances], draws: xr.Dataset) -> tuple[pd.DataFrame, xr.Dataset]:
-    """Every coefficient, as a table and as variables of the posterior.
+class Coefficient(NamedTuple):
+    """A coefficient in every draw; ``name`` is that of its variable, without the response."""
+
+    quantity: str
+    measure: str
+    form: str
+    unit: str
+    name: str
+    drawn: Drawn
+
+
+def coefficients(found: Mapping[str, Variances], draws: xr.Dataset) -> list[Coefficient]:
+    """Every coefficient of each response, by its variances in ``draws``, the group posterior or prior."""
+    return [each for q in found for each in _of_response(q, found[q], draws)]
+
+
+def _of_response(q: str, each: Variances, draws: xr.Dataset) -> Iterator[Coefficient]:
+    typical = np.exp(draws[intercept(parameter_of(q))].to_numpy())
+    known = bool((each.people > 0).any())
+    forms = {"C": "consistency", "A": "agreement"}
+    for letter, number in ((a, b) for b in ("1", "k") for a in forms) if known else ():
+        form = f"ICC({letter},{number})" + (f", k = {each.k:g}" if number == "k" else "")
+        values = each.icc(agreement=letter == "A", averaged=number == "k")
+        yield Coefficient(q, ICC, form, "1", f"ICC_{letter}{number}", values)
+    parts = {words: each.error(agreement=letter == "A") for letter, words in forms.items()}
+    chain = np.full_like(typical, each.measurement)
+    # Of the error: what the chain makes, and what the person does.
+    parts |= {"measuring chain": chain, "person": parts["consistency"] - each.measurement}
+    for words, variance in parts.items():
+        short = {"agreement": "A", "consistency": "C", "measuring chain": "chain", "person": "person"}[words]
+        for measure, name, factor in ((SEM, "SEM", 1.0), (MDC, "MDC95", _DETECTABLE)):
+            if measure == MDC and words not in forms.values():
+                continue
+            relative = np.expm1(factor * np.sqrt(np.maximum(variance, 0.0)))
+            yield Coefficient(q, measure, words, _PERCENT, f"relative_{name}_{short}", 100 * relative)
+            yield Coefficient(q, measure, words, _UNITS.get(q, "1"), f"{name}_{short}", relative * typical)
+    for letter in forms if known else ():
+        for target in TARGETS:
+            values = each.repeats(target, agreement=letter == "A")
+            form = f"ICC({letter},k) of {target:g}"
+            yield Coefficient(q, REPEATS, form, "1", f"repeats_{letter}{100 * target:.0f}", values)
+
+
+def reliability(posterior: Sequence[Coefficient], prior: Sequence[Coefficient] = ()) -> pd.DataFrame:
+    """The coefficients as a table.
 
     Args:
-        found: variances of each response.
-        draws: the group posterior.
+        posterior: of the posterior's draws.
+        prior: the same of the prior's, if there are any.
 
     Returns:
         `COLUMNS`, with the median and the 90 % equal-tailed interval; repeats are whole numbers, at least 1.
-        The variables have one of each draw, but for what is the same in all; repeats are fractions, and left
-        out where no number of them is enough in some draw.
+        ``prior_overlap`` says how much of that is the prior: see
+        `bayestissue.inference.results.prior_overlap`.
     """
-    rows: list[tuple[Any, ...]] = []
-    variables: dict[str, xr.Variable] = {}
+    before = {each[:5]: each.drawn for each in prior}
+    rows = []
+    for each in posterior:
+        ends = np.quantile(each.drawn, [0.5, 0.05, 0.95], method="higher")
+        if each.measure == REPEATS:
+            ends = np.maximum(1.0, np.ceil(ends))
+        shared = prior_overlap(each.drawn, before[each[:5]]) if each[:5] in before else np.nan
+        rows.append((each.quantity, each.measure, each.form, *ends.tolist(), each.unit, shared))
+    return pd.DataFrame(rows, columns=COLUMNS)
 
-    def told(q: str, measure: str, form: str, values: Drawn, unit: str, name: str = "") -> None:
-        rows.append((q, measure, form, *np.quantile(values, [0.5, 0.05, 0.95], method="higher"), unit))
-        if name and np.isfinite(values).all() and np.ptp(values) > 0:
-            words = f"{measure}, {form}, of {q}"
-            variables[f"{name}_{q}"] = xr.Variable(
-                ("chain", "draw"), values, {"unit": unit, "long_name": words}
+
+def as_variables(found: Sequence[Coefficient]) -> xr.Dataset:
+    """The coefficients as variables of the draws, [chain, draw].
+
+    Left out is what is the same in all draws, and repeats, which are fractions here, where no number of them
+    is enough in some draw.
+    """
+    return xr.Dataset(
+        {
+            f"{each.name}_{each.quantity}": xr.Variable(
+                ("chain", "draw"),
+                each.drawn,
+                {"unit": each.unit, "long_name": f"{each.measure}, {each.form}, of {each.quantity}"},
             )
-
-    for q, each in found.items():
-        typical = np.exp(draws[intercept(parameter_of(q))].to_numpy())
-        known = bool((each.people > 0).any())
-        forms = {"C": "consistency", "A": "agreement"}
-        for letter, number in ((a, b) for b in ("1", "k") for a in forms) if known else ():
-            values = each.icc(agreement=letter == "A", averaged=number == "k")
-            form = f"ICC({letter},{number})" + (f", k = {each.k:g}" if number == "k" else "")
-            told(q, ICC, form, values, "1", f"ICC_{letter}{number}")
-        parts = {words: each.error(agreement=letter == "A") for letter, words in forms.items()}
-        chain = np.full_like(typical, each.measurement)
-        # Of the error: what the chain makes, and what the person does.
-        parts |= {"measuring chain": chain, "person": parts["consistency"] - each.measurement}
-        for words, variance in parts.items():
-            short = {"agreement": "A", "consistency": "C", "measuring chain": "chain", "person": "person"}[
-                words
-            ]
-            for measure, name, factor in ((SEM, "SEM", 1.0), (MDC, "MDC95", _DETECTABLE)):
-                if measure == MDC and words not in forms.values():
-                    continue
-                relative = np.expm1(factor * np.sqrt(np.maximum(variance, 0.0)))
-                told(q, measure, words, 100 * relative, _PERCENT, f"relative_{name}_{short}")
-                told(q, measure, words, relative * typical, _UNITS.get(q, "1"), f"{name}_{short}")
-        for letter in forms if known else ():
-            for target in TARGETS:
-                values = each.repeats(target, agreement=letter == "A")
-                form = f"ICC({letter},k) of {target:g}"
-                name = f"repeats_{letter}{100 * target:.0f}"
-                told(q, REPEATS, form, values, "1", name)
-                rows[-1] = (q, REPEATS, form, *(max(1.0, np.ceil(v)) for v in rows[-1][3:6]), "1")
-    return pd.DataFrame(rows, columns=COLUMNS), xr.Dataset(variables)
+            for each in found
+            if np.isfinite(each.drawn).all() and np.ptp(each.drawn) > 0
+        }
+    )

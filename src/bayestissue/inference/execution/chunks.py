@@ -13,6 +13,7 @@ from bayestissue import runtime
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.execution.workers import cluster, computed
+from bayestissue.likelihood.element.recorder import LowPass
 
 BLOCK = 512
 # With fewer blocks a second process takes longer to begin than it saves.
@@ -37,12 +38,15 @@ def impacts_of(data: TraceData, rows: Rows) -> TraceData:
     """Some impacts' traces and masses; the design is still that of all."""
 
     def chosen(leaf: Any) -> Any:
+        if isinstance(leaf, LowPass):
+            # One recorder's, of all impacts.
+            return leaf
         # Sums run over blocks of samples first, so that there the impacts come second.
         whole = np.asarray(leaf)
         return whole[:, rows] if whole.ndim == 3 else whole[rows]
 
     return data._replace(
-        record=jax.tree.map(chosen, data.record),
+        record=jax.tree.map(chosen, data.record, is_leaf=lambda part: isinstance(part, LowPass)),
         log_mass=chosen(data.log_mass),
         log_peak=chosen(data.log_peak),
     )

@@ -18,6 +18,7 @@ from bayestissue.inference.points.notes import (
     NO_ANSWER,
     NO_OSCILLATOR,
     NOISELESS,
+    NOT_FILTERED,
     NOT_POSITIVE,
     NOT_WHITE,
     STRUCTURED,
@@ -189,6 +190,8 @@ def flagged(
         if method == "impact":
             wrong[STRUCTURED] = (fit.whiteness_p < STRUCTURED_BY_CHANCE) & ~fit.noiseless
         else:
+            if dataset.recorder is not None:
+                noted[NOT_FILTERED] = np.ones(len(fit.K), bool)
             noted[NOT_WHITE] = fit.whiteness_p < WHITE_BY_CHANCE
     # Centred deviations have another K and C by their nature.
     (noted if method == "dds" else failed)[ANOTHER_PEAK] = another_peak

@@ -13,6 +13,7 @@ from bayestissue.signal.displacement import NO_OFFSET
 THETA1 = Coded("theta1 at its limit", "integrated-noise")
 NOT_WHITE = Coded("residuals are not white", "integrated-noise")
 ARCCOS = Coded("theta1 asks for another value of arccos", "theta1-branch")
+NOT_FILTERED = Coded("the declared low-pass is not in this method", "low-pass-not-applied")
 NOISELESS = Coded("no noise beyond rounding: no standard errors", "noiseless")
 ANOTHER_PEAK = Coded("K and C imply another peak displacement than recorded", "peak-disagrees")
 # Flags of the method "impact": its intervals then promise nothing.
@@ -31,7 +32,7 @@ NO_ANSWER = Coded("the fit came to no answer", "sensor-noise")
 
 _NAMED = 5
 # What `said_once` may meet in the column ``notes``.
-_NOTES = (THETA1, NOT_WHITE, ARCCOS, NOISELESS, NO_ANSWER, ANOTHER_PEAK, NO_OFFSET)
+_NOTES = (THETA1, NOT_WHITE, ARCCOS, NOT_FILTERED, NOISELESS, NO_ANSWER, ANOTHER_PEAK, NO_OFFSET)
 
 
 def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str, Any]:

@@ -55,10 +55,13 @@ def measured_of(
     """A draw of the errors, and of the discrepancy, given the traces and the impacts' parameters."""
     if not isinstance(distribution, MeasuredImpact) or distribution.log_discrepancy is None:
         return Measured(distribution.draw_errors(key))
+    stated, distribution = distribution, distribution.with_contact_found(key)
     found = distribution.response()
     errors = distribution.draw_errors(key, found)
     delta = distribution.draw_discrepancy(jax.random.fold_in(key, 3), errors, found)
-    return Measured(errors, distribution.as_drawn(errors[:, CONTACT]), delta)
+    at_contact = distribution.as_drawn(errors[:, CONTACT])
+    errors = errors.at[:, CONTACT].add(stated.record.first_time - distribution.record.first_time)
+    return Measured(errors, at_contact, delta)
 
 
 def element_quantities(

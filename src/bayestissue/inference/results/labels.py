@@ -70,6 +70,30 @@ _TRACE_ATTRIBUTES = {
     )
 }
 
+# Of posterior.nc: what each group holds, and the variables that are in it alone; others are in the posterior.
+GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "posterior": ("draws of every unknown, and of what follows from them", ()),
+    "prior": ("the same before the data are seen; of traces", ()),
+    "sample_stats": ("what the sampler tells of every draw, by ArviZ's names", ()),
+    "log_prior": ("log prior density of each parameter of the population", ()),
+    "log_likelihood": ("log density of what was observed, by impact", ("trace",)),
+    "log_likelihood_of_groups": (
+        "log density of the traces of a level of each group",
+        ("traces", "traces_of_subject", "traces_of_trial"),
+    ),
+    "posterior_predictive": ("traces that the model makes after it saw the data", ()),
+    "prior_predictive": ("traces that the model makes before it saw them", ()),
+    "observed_data": ("what was observed, as the model sees it", ("displacement", "deceleration")),
+    "constant_data": (
+        "what is known of each impact",
+        (
+            *("mass_kg", "velocity_m_s", "n_samples", "sampling_interval_s", "first_sample_s", "time"),
+            "common_depth_m",
+            *(f"{name}_error_sd" for name in ("level", "ramp", "velocity", "gain", "offset", "contact_time")),
+        ),
+    ),
+}
+
 
 def _exponent(name: str) -> dict[str, str]:
     return {"unit": "1", "long_name": f"slope of log {name} on log mass, all else equal"}
@@ -132,6 +156,10 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
             table[f"mass_exponent_{q}"] = _exponent(name)
             at = f"log of {name} in {units[q]} at the reference mass and mean covariates"
             table[intercept(parameter_of(q))] = {"unit": "1", "long_name": at}
+    for q, part in design.responses.items():
+        for column in part.names:
+            what = f"change of log {names[q]} for one unit of {column}, all else equal"
+            table[f"effect_of_{column}_{q}"] = {"unit": "1", "long_name": what}
     for term in design.terms:
         for q, name in names.items():
             what = f"log {name}"

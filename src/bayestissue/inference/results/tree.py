@@ -51,7 +51,7 @@ def posterior_tree(
     rng = np.random.default_rng(seed)
     named = partial(
         labelled,
-        dimensions=_dimensions(prepared.design, prepared.data.record.errors, _columns(prepared)),
+        dimensions=dimensions(prepared.design, prepared.data.record.errors, _columns(prepared)),
         attributes=design_attributes(prepared.design) | _column_attributes(prepared),
     )
     put = partial(named, coordinates=_coordinates(prepared))
@@ -95,9 +95,10 @@ def _coordinates(prepared: Prepared) -> dict[str, Any]:
     return {"impact": prepared.impacts["impact"].astype(str).tolist(), **levels}
 
 
-def _dimensions(
+def dimensions(
     design: Design, errors: Iterable[str] = (), columns: Iterable[str] = ()
 ) -> dict[str, tuple[str, ...]]:
+    """What follows chain and draw: of every variable that is no single number."""
     stems = {name: stem_of(name) for name in design.groupings}
     return {
         **dict.fromkeys((*PER_IMPACT, *errors, "trace"), ("impact",)),

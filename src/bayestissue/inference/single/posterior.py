@@ -36,7 +36,8 @@ from bayestissue.inference.factors.laplace import laplace_sites
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
-from bayestissue.likelihood.element.deceleration import MeasuredDeceleration
+from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
+from bayestissue.likelihood.element.impact import MeasuredImpact
 
 POINTS = 1024
 # Degrees of freedom of the proposal.
@@ -218,5 +219,8 @@ def _residuals(
 ) -> Float[Array, "impact sample"]:
     """The chain's errors are a draw given the trace: of N samples they take up three, whichever the draw."""
     event = trace_distribution(model, data, list(u.T))
-    assert isinstance(event, MeasuredDeceleration)  # noqa: S101 - of a spring and damper, white noise
-    return event.residuals(event.draw_errors(jax.random.PRNGKey(0)))
+    key = jax.random.PRNGKey(0)
+    if isinstance(event, MeasuredImpact):
+        event = event.with_contact_found(key)
+    assert not isinstance(event, MeasuredDisplacement)  # noqa: S101 - recorded decelerations alone
+    return event.residuals(event.draw_errors(key))

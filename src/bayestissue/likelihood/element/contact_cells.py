@@ -11,20 +11,22 @@ itself, but for what enters or leaves at the ends of a trace; only its products 
 each. Samples before the first count by how much likelier they are than a quiet part of the recorder's noise
 would make them, as elements that jump leave them out; of autoregressive noise they do not count. Beside a
 discrepancy, which takes up what a wrong moment does to a trace, contact is between two samples instead.
+
+Behind a recorder's low-pass every force rises from 0, and where the filter is fast beside the sampling, an
+interval is divided into as many cells as keep a trace linear in each.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.likelihood import autoregressive
 from bayestissue.likelihood.element.response import CONTACT, ElementRecord, Response, columns
-from bayestissue.likelihood.linear_errors import LOG_2PI, Products, gram
+from bayestissue.likelihood.linear_errors import LOG_2PI, Products
 from bayestissue.likelihood.quadratic import sums_over_frequencies
 from bayestissue.likelihood.transforms import BLOCKS, FILLED
 
@@ -38,15 +40,26 @@ def shape(record: ElementRecord) -> tuple[int, int]:
     return record.before.shape[0], record.before.shape[2]
 
 
+def cell_width(record: ElementRecord) -> float:
+    """Of a cell, in sampling intervals."""
+    return shape(record)[1] / (1 if record.low_pass is None else record.low_pass.phase.shape[0])
+
+
 def middles(record: ElementRecord) -> Float[Array, "cell impact"]:
-    """From the middle of each cell to the first sample [s]; the first cell is the last before that sample."""
+    """From the middle of each cell to the first sample [s]; the first cell is the last before that sample.
+
+    Behind a low-pass a row of them for each phase, by as much later as the filter looks ahead.
+    """
     cells, width = shape(record)
+    if record.low_pass is not None:
+        place = jnp.arange(cells) + record.low_pass.phase[:, None] - record.low_pass.lead
+        return place.reshape(-1, 1) * record.dt
     return (jnp.arange(cells)[:, None] + 0.5) * width * record.dt
 
 
 def error_sd(record: ElementRecord, whole: Float[Array, "impact 4"]) -> Float[Array, "impact 4"]:
     """The errors' standard deviations, that of contact in its cell; ``whole`` has that of all cells."""
-    return whole.at[:, CONTACT].set(shape(record)[1] * record.dt / _ROOT_12)
+    return whole.at[:, CONTACT].set(cell_width(record) * record.dt / _ROOT_12)
 
 
 def products(
@@ -64,6 +77,28 @@ def products(
         record: what was recorded.
         linear: whether the response is in proportion to the velocity.
     """
+    return _of_phases(found, record, lambda each: _of_one_phase(each, value, record, linear=linear))
+
+
+def _of_phases(
+    found: Response, record: ElementRecord, products_of: Callable[[Response], Products]
+) -> Products:
+    """The products by contact at each phase of a sampling interval, one after another along the cells."""
+    if record.low_pass is None:
+        return products_of(found)
+    finer = record.low_pass.phase.shape[0]
+    each = [products_of(Response(*(part[:, phase::finer] for part in found))) for phase in range(finer)]
+    cells = (shape(record)[0], len(record.dt))
+    gram = jax.tree.map(
+        lambda *parts: jnp.concatenate([jnp.broadcast_to(part, cells) for part in parts]),
+        *(own.gram for own in each),
+    )
+    return each[0]._replace(gram=gram)
+
+
+def _of_one_phase(
+    found: Response, value: Float[Array, "impact sample"], record: ElementRecord, *, linear: bool
+) -> Products:
     slides = _Slides(record)
     window = jnp.where(record.inside(), value, 0.0)
     whole = slides.whole(window)
@@ -115,22 +150,23 @@ def _early(record: ElementRecord) -> Float[Array, "impact sample"]:
     return jnp.where(jnp.arange(row.shape[1]) >= row.shape[1] - record.n_before[:, None], row, 0.0)
 
 
-def products_of_correlated(
-    found: Response, value: Float[Array, "impact sample"], record: ElementRecord, atanh_correlation: Array
+def products_in_columns(
+    found: Response,
+    value: Float[Array, "impact sample"],
+    record: ElementRecord,
+    products_of: Callable[[tuple[Array, ...]], Products],
 ) -> Products:
-    """The same under autoregressive noise."""
-    inside, samples = record.inside(), record.d.shape[1]
-    made = []
-    for shift in _Slides(record).shifts:
-        here = Response(*(jnp.where(inside, part[:, shift : shift + samples], 0.0) for part in found))
-        parts = (jnp.where(inside, value - here.d, 0.0), *columns(here, record))
-        white = tuple(autoregressive.whitened(part, atanh_correlation, inside) for part in parts)
-        made.append(gram(white, jnp.ones(())))
-    entries = tuple(
-        tuple(jnp.stack([cell[a][b] for cell in made]) for b in range(len(made[0])))
-        for a in range(len(made[0]))
-    )
-    return Products(entries, autoregressive.log_determinant(atanh_correlation), record.n_samples + 0.0)
+    """The same where noise is not white, by ``products_of`` residual and columns of each cell."""
+
+    def of_one_phase(found: Response) -> Products:
+        inside, samples = record.inside(), record.d.shape[1]
+        made = []
+        for shift in _Slides(record).shifts:
+            here = Response(*(jnp.where(inside, part[:, shift : shift + samples], 0.0) for part in found))
+            made.append(products_of((jnp.where(inside, value - here.d, 0.0), *columns(here, record))))
+        return made[0]._replace(gram=jax.tree.map(lambda *cells: jnp.stack(cells), *(m.gram for m in made)))
+
+    return _of_phases(found, record, of_one_phase)
 
 
 class _Slides:

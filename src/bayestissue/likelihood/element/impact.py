@@ -55,13 +55,23 @@ class _Noise(NamedTuple):
 def _products(
     element: Element, found: Response, noise: _Noise, value: Array, record: ElementRecord
 ) -> Products:
-    if record.before is not None:
-        if noise.atanh_correlation is not None:
-            return contact_cells.products_of_correlated(found, value, record, noise.atanh_correlation)
+    of_columns = partial(_products_of_columns, noise, record)
+    if record.before is None:
+        residual = jnp.where(record.inside(), value - found.d, 0.0)
+        return of_columns((residual, *columns(found, record)))
+    if _white(noise):
         return contact_cells.products(found, value, record, linear=element.linear)
-    residual = jnp.where(record.inside(), value - found.d, 0.0)
+    return contact_cells.products_in_columns(found, value, record, of_columns)
+
+
+def _white(noise: _Noise) -> bool:
+    """Whether a trace holds nothing else that its samples share."""
+    return noise.atanh_correlation is None and noise.log_discrepancy is None
+
+
+def _products_of_columns(noise: _Noise, record: ElementRecord, parts: tuple[Array, ...]) -> Products:
+    """Of residual and error columns at one moment of contact."""
     count = record.n_samples + 0.0
-    parts = (residual, *columns(found, record))
     if noise.atanh_correlation is not None:
         a = noise.atanh_correlation
         white = tuple(autoregressive.whitened(part, a, record.inside()) for part in parts)
@@ -79,8 +89,8 @@ def _log_density(
     products = _products(element, found, noise, value, record)
     density = marginal_log_likelihood(products, noise.log_sigma, _error_sd(noise, record), record.uniform)
     if record.before is not None:
-        density = jax.nn.logsumexp(density, axis=0) + jnp.log(contact_cells.shape(record)[1])
-        if noise.atanh_correlation is None:
+        density = jax.nn.logsumexp(density, axis=0) + jnp.log(contact_cells.cell_width(record))
+        if _white(noise):
             density = density - contact_cells.quiet_density(record)
     # Parameters far from anything seen may send a response beyond all bounds, where the products' digits are
     # lost and a density would be anything.
@@ -227,7 +237,8 @@ class MeasuredImpact(dist.Distribution):
     def as_drawn(self, contact_error: Float[Array, " impact"]) -> MeasuredImpact:
         """The same with contact where such an error puts it, and known."""
         record, own = self.record, self._noise()
-        known = record.at_contact(jnp.maximum(record.first_time - contact_error, 0.0))
+        least = 0.0 if record.low_pass is None else -record.low_pass.lead * record.dt
+        known = record.at_contact(jnp.maximum(record.first_time - contact_error, least))
         known = known._replace(error_sd=known.error_sd.at[:, CONTACT].set(0.0))
         return MeasuredImpact(self.element, self.parameters, own.log_sigma, known, *own[1:])
 
@@ -245,9 +256,16 @@ class MeasuredImpact(dist.Distribution):
         if self.log_discrepancy is None or record.basis is None or record.share is None:
             return jnp.zeros_like(record.d)
         found = self.response() if found is None else found
-        left = jnp.where(record.inside(), record.d - found.d - _added(errors, found, record), 0.0)
+        left = self.residuals(errors, found)
         ratio = discrepancy.ratios(self.log_sigma, self.log_discrepancy, record.share)
         return discrepancy.draw_given(key, left, record.basis, self.log_sigma, ratio)
+
+    def residuals(
+        self, errors: Float[Array, "impact 4"], found: Response | None = None
+    ) -> Float[Array, "impact sample"]:
+        """What these errors and the impact leave of the recorded traces [m/s^2]; contact is known."""
+        found, record = self.response() if found is None else found, self.record
+        return jnp.where(record.inside(), record.d - found.d - _added(errors, found, record), 0.0)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces: the impact, its discrepancy, the chain's errors and noise.

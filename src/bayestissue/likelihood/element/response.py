@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements import Element, linear, solver
 from bayestissue.elements.element import deceleration_of, rates_of_motion
+from bayestissue.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed
 
 # Columns of the measuring chain's errors.
 VELOCITY, GAIN, OFFSET, CONTACT = range(4)
@@ -41,6 +42,7 @@ class ElementRecord(NamedTuple):
         quiet_sd: standard deviation of the recorder's noise, as a quiet part has it [m/s^2].
         common_depth: one depth that every impact reaches [m]; no part of the likelihood. None where stiffness
             does not depend on depth.
+        low_pass: a filter that the traces went through; None where there is none.
     """
 
     d: Float[Array, "impact sample"]
@@ -59,15 +61,17 @@ class ElementRecord(NamedTuple):
     n_before: Int[Array, " impact"] | None = None
     quiet_sd: Float[Array, " impact"] | None = None
     common_depth: Float[Array, " impact"] | None = None
+    low_pass: LowPass | None = None
 
     @classmethod
-    def of(cls, *arrays: np.ndarray, **named: np.ndarray) -> ElementRecord:
+    def of(cls, *arrays: np.ndarray, **named: Any) -> ElementRecord:
         """From numpy arrays in the order of the attributes, or named; values past a row's end are cleared.
 
         Without the modes there is no discrepancy.
         """
-        given = {name: jnp.asarray(array) for name, array in named.items()}
-        made = cls(*(jnp.asarray(array) for array in arrays), **given)
+        given = {name: jax.tree.map(jnp.asarray, part) for name, part in named.items()}
+        every: Any = [jnp.asarray(array) for array in arrays]
+        made = cls(*every, **given)
         return made._replace(d=jnp.where(made.inside(), made.d, 0.0))
 
     @property
@@ -116,7 +120,9 @@ class Response(NamedTuple):
     """An impact as recorded without errors, and how errors change it; all 0 past a trace's end.
 
     Where contact may be in any of several cells it is instead on a grid of the sampling interval that begins
-    half an interval after contact; its end is no trace's.
+    half an interval after contact; its end is no trace's. Behind a low-pass that grid is as many times finer
+    as the filter tells moments of contact within an interval apart, and begins as long before contact as the
+    filter looks ahead.
 
     Attributes:
         d: deceleration [m/s^2].
@@ -151,9 +157,21 @@ def motion(
 ) -> Motion:
     """The impact at ``velocity`` [m/s], contact as the record has it; other arguments as of `response`."""
     record = record.at_contact(record.first_time)
+    late = None
+    if record.low_pass is not None and record.low_pass.lead:
+        first, late = _after_contact(record)
+        record = record._replace(first_time=first)
     p = {name: value[:, None] for name, value in _named(element, parameters, record).items()}
     y = _states(element, parameters, velocity, record)
-    return Motion(y[0], y[1], deceleration_of(element, p, record.mass[:, None], y))
+    found = Motion(y[0], y[1], deceleration_of(element, p, record.mass[:, None], y))
+    if late is None:
+        return found
+    # In flight until contact.
+    place = jnp.arange(record.d.shape[1]) - late[:, None]
+    x, v, d = (jnp.take_along_axis(part, jnp.maximum(place, 0), axis=1) for part in found)
+    since = jnp.minimum(record.first_time[:, None] + place * record.dt[:, None], 0.0)
+    flies, speed = place < 0, velocity[:, None]
+    return Motion(jnp.where(flies, speed * since, x), jnp.where(flies, speed, v), jnp.where(flies, 0.0, d))
 
 
 def response(
@@ -170,6 +188,8 @@ def response(
     mass, inside = record.mass[:, None], record.inside() if record.before is None else True
 
     def d_and_jerk(velocity: Array) -> tuple[Array, Array]:
+        if record.low_pass is not None:
+            return _recorded(element, parameters, velocity, record, record.low_pass)
         y = _states(element, parameters, velocity, record)
         flow = rates_of_motion(element, p, mass, y)
         return jax.jvp(lambda y: deceleration_of(element, p, mass, y), (y,), (flow,))
@@ -196,6 +216,45 @@ def _states(element: Element, parameters: Array, velocity: Array, record: Elemen
         cells, _, width = record.before.shape
         first_time, count = record.dt / 2, count + cells * width
     return grid(element, p, record.mass, velocity, first_time, record.dt, count)
+
+
+def _after_contact(record: ElementRecord) -> tuple[Array, Array]:
+    """From contact to the first sample after it [s], and how many of the trace's samples are before."""
+    late = jnp.maximum(jnp.ceil(-record.first_time / record.dt), 0.0)
+    return record.first_time + late * record.dt, late.astype(int)
+
+
+def _recorded(
+    element: Element, parameters: Array, velocity: Array, record: ElementRecord, low_pass: LowPass
+) -> tuple[Array, Array]:
+    """Deceleration and its slope behind a recorder's low-pass, on the grid of `Response`."""
+    grid = linear.even_grid if element.linear else solver.even_grid
+    named = _named(element, parameters, record)
+    p, mass = {name: value[:, None] for name, value in named.items()}, record.mass[:, None]
+
+    def flow(first: Array, dt: Array, count: int) -> Flow:
+        y = grid(element, named, record.mass, velocity, first, dt, count)
+        rates = rates_of_motion(element, p, mass, y)
+        d, jerk = jax.jvp(lambda y: deceleration_of(element, p, mass, y), (y,), (rates,))
+        return Flow(d, jerk, dt)
+
+    finer = low_pass.phase.shape[0]
+    step, ahead, count = record.dt / finer, low_pass.lead * finer, record.d.shape[1] * finer
+    if record.before is None:
+        first, late = _after_contact(record)
+    else:
+        # As long before contact as behind the end.
+        first, count = step / 2, count + finer * record.before.shape[0] - ahead
+    early = flow(jnp.zeros_like(first), first / PIECES, PIECES + 1)
+    later = flow(first, step, count + ahead).while_pushing()
+    since = first[:, None] + (jnp.arange(ahead) - ahead) * step[:, None] if ahead else None
+    d, slope = (part[:, : ahead + count] for part in low_passed(low_pass, early, later, since))
+    if record.before is not None:
+        return d, slope
+    if ahead:
+        place = jnp.arange(count) + ahead - finer * late[:, None]
+        d, slope = (jnp.take_along_axis(part, jnp.maximum(place, 0), axis=1) for part in (d, slope))
+    return d[:, ::finer], slope[:, ::finer]
 
 
 def columns(found: Response, record: ElementRecord) -> tuple[Array, Array, Array, Array]:

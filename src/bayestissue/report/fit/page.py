@@ -184,6 +184,7 @@ def _study(run: FitRun) -> dict[str, Any]:
         "conditions_words": comparisons.conditions_words(run),
         "matrices": comparisons.matrices(run),
         "reliability_words": reliability.reliability_words(run),
+        "prior_words": reliability.prior_words(run),
         "reliability_table": reliability.reliability_table(run),
         "agreement_table": agreement.agreement_table(run),
         "agreement_plots": [agreement.agreement_figure(run, quantity) for quantity in posterior.QUANTITIES],

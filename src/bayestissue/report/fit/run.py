@@ -44,7 +44,9 @@ _CONTRASTS = TableFile(
     ("factor", "level", "against", "quantity"),
     (*_RATIOS, "p_direction", "p_equivalent"),
 )
-_RELIABILITY = TableFile("reliability", ("quantity", "measure", "form", "unit"), ("median", "low", "high"))
+_RELIABILITY = TableFile(
+    "reliability", ("quantity", "measure", "form", "unit"), ("median", "low", "high"), ("prior_overlap",)
+)
 _PEOPLE = TableFile("people", ("quantity", "person", "against"), ("p_greater", *_RATIOS))
 # Not every run has them, by the field that holds each: only simulated data a truth, earlier runs less, few
 # model files questions.

@@ -53,6 +53,7 @@ class _Part:
     quantity: Literal["deceleration", "acceleration", "displacement"]
     impacts: pd.DataFrame
     traces: Sequence[Trace]
+    filtered: bool
 
 
 def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> list[Finding]:
@@ -68,15 +69,19 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
         options: how displacements are made from them. With contact = "time-zero" a recording may begin in
             contact.
 
+    Where a low-pass is declared, noise that it may have slowed and laws that it changes are not asked.
+
     Returns:
         One finding for each kind that some impact has.
     """
     options = options or SignalOptions()
     longest = max((len(trace.value) for trace in dataset.traces), default=1)
+    # What a declared low-pass makes of a law is none.
+    filtered = getattr(dataset, "recorder", None) is not None
     size, joined = max(1, min(_MOST, _BLOCK // longest)), dict[Kind, list[str]]()
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
-        part = _Part(dataset.quantity, dataset.impacts.iloc[rows], dataset.traces[rows])
+        part = _Part(dataset.quantity, dataset.impacts.iloc[rows], dataset.traces[rows], filtered)
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
             for kind, values in _inspected(part, options):
@@ -107,7 +112,9 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list
     found = [*_single_samples(recorded), *_at_rest(recorded, signal.time_to_peak)]
     found.append((ABOVE, _words(start > 0, "{:.1%} of the peak at the first sample", start)))
     found.append((BELOW, _words(start < 0, "{:.1%} of the peak at the first sample", start)))
-    yield from found
+    yield from ((kind, said) for kind, said in found if not (part.filtered and kind is SLOW))
+    if part.filtered:
+        return
     named = np.array([[bool(value) for value in values] for _, values in found]).any(axis=0)
     yield from _laws(recorded, signal, named)
 

@@ -102,7 +102,7 @@ def saturation(d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column
     """
     found = np.full(len(d), np.nan)
     peak, count = np.where(used, d, 0).max(axis=1), used.sum(axis=1)
-    plain = _best(d, used, dt, x, v, np.ones_like(d))
+    plain = best_left(d, used, dt, x, v, np.ones_like(d))
     floor = (sd**2 + (MISFIT * peak) ** 2) * np.maximum(count - _TERMS, 1)
     # A further parameter can't gain much where the laws leave noise alone.
     rows = np.flatnonzero((count >= 12) & (plain > 0.8 * floor) & (peak > 0))
@@ -114,7 +114,7 @@ def saturation(d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column
     for factor in LIMITS:
         limit = (factor * peak)[:, None]
         z = np.clip(d / limit, -0.99, 0.99)
-        square = _best(np.arctanh(z) * limit, used, dt, x, v, 1 - z**2)
+        square = best_left(np.arctanh(z) * limit, used, dt, x, v, 1 - z**2)
         limits, best = np.where(square < best, factor, limits), np.minimum(best, square)
     freedom = np.maximum(count - _TERMS - 1, 1)
     gain = (plain - best) / np.maximum(best, floor) * freedom
@@ -123,7 +123,8 @@ def saturation(d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column
     return found
 
 
-def _best(d: Rows, used: Mask, dt: Column, x: Column, v: Column, weight: Rows) -> Column:
+def best_left(d: Rows, used: Mask, dt: Column, x: Column, v: Column, weight: Rows) -> Column:
+    """The least sum of squares that any of the laws leaves of each impact."""
     xs, vs = motion(d, dt, x, v)
     squares = [
         (left_over(law * weight[..., None], d * weight, used) ** 2).sum(axis=1)

@@ -8,10 +8,11 @@ import numpy as np
 import pandas as pd
 
 from bayestissue.inference.answers.reliability import ICC, MDC, REPEATS, SEM
+from bayestissue.inference.results.prior_overlap import MOSTLY
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import QUANTITIES, Spread
 from bayestissue.report.tables import Row, Table, columns
-from bayestissue.report.wording import number
+from bayestissue.report.wording import listed, number, percent
 
 _PERCENT = "%"
 
@@ -46,7 +47,40 @@ def _cells(row: dict[Any, Any] | None) -> tuple[str, str]:
         return _whole(found.median), f"{_whole(found.low)} to {_whole(found.high)}"
     if found.low == found.high:
         return number(found.median, 2), "taken as known"
-    return found.value, found.range
+    return found.value, f"{found.range}{', largely prior' if _largely_prior(row) else ''}"
+
+
+def _largely_prior(row: dict[Any, Any]) -> bool:
+    # Runs of earlier versions don't say.
+    return bool(row.get("prior_overlap", np.nan) > MOSTLY)
+
+
+def prior_words(run: FitRun) -> str:
+    """Which coefficients the data leave largely as the prior has them; empty where none."""
+    if run.reliability is None or run.reliability.empty:
+        return ""
+    rows = [
+        row
+        for row in run.reliability.to_dict("records")
+        if row["measure"] == ICC or (row["measure"] == SEM and row["unit"] == _PERCENT)
+    ]
+    told = [row for row in rows if _largely_prior(row)]
+    if not told:
+        return ""
+    low, high = (percent(end(row["prior_overlap"] for row in told)) for end in (min, max))
+    by = low if low == high else f"{low} to {high}"
+    words = (
+        f"Largely prior: of {listed([_name(row) for row in told])} these data say little, and the posterior "
+        f"overlaps the prior of the model file by {by}, so that another prior would give another interval."
+    )
+    if not any(row["form"].startswith(("ICC(C", "consistency")) for row in told):
+        words += " Agreement asks how conditions differ, of which few conditions say little."
+    return words
+
+
+def _name(row: dict[Any, Any]) -> str:
+    form = str(row["form"]).split(", k")[0]
+    return f"{form if row['measure'] == ICC else f'{SEM} ({form})'} of {row['quantity']}"
 
 
 def _whole(value: float) -> str:

@@ -1,0 +1,533 @@
+"""Whether what a fit answers holds what it promises: reliability, comparisons, questions, predictions.
+
+    .venv/bin/python benchmarks/calibration_answers.py
+
+300 times a study is drawn from the model of calibration-answers.toml, top down: eight people, women and men
+in turn, hit on both sides in three conditions, two of them at one mass, by one of three operators. Of each
+of the 48 impacts log K and log C are measured with normal errors of known standard deviations, which stand
+in the place of what a trace says: Gaussian sites that are exact. The population is sampled and labelled as
+a fit does it, and asked everything; traces are the business of calibration.py. Of each 90 % interval it is
+noted whether the truth lies below, in or above it, and of each claim its probability and whether it is
+true. With truths that are drawn from the model's own priors 90 % intervals must hold 90 % of them, and of
+the claims of probability p a share p must be true.
+
+What is true is worked out here from what was drawn, without the program's answers: values at levels by
+solving for the drawn expectations of the impacts, variances from the drawn spreads, and new impacts by
+drawing them, their peaks from the motion of a spring and damper written out.
+
+A line a study is added to calibration_answers_studies.csv as it is made; the same command goes on where it
+stopped, and puts the shares into calibration_answers.csv and README.md. Remove the file of studies that an
+earlier program made.
+"""
+
+from __future__ import annotations
+
+import argparse
+import itertools
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pandas as pd
+import xarray as xr
+from calibration import HERE, SAMPLES, add, blank, drawing, made_before
+from documents import README, between_marks
+from documents import table as markdown
+from jax import Array
+from numpyro.diagnostics import split_gelman_rubin
+from numpyro.distributions import biject_to
+from numpyro.infer import HMC
+from numpyro.infer.util import potential_energy
+
+from bayestissue import runtime
+from bayestissue.hierarchy.derived import named_sites, new_impact, reported_sites
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.gaussian.arrangement import expected
+from bayestissue.hierarchy.gaussian.conditional import Data
+from bayestissue.hierarchy.gaussian.impacts import Sites, SitesFirst
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import COORDINATES, gaussian
+from bayestissue.inference.answers.contrasts import contrasts
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.levels import Recorded
+from bayestissue.inference.answers.people import people_compared
+from bayestissue.inference.answers.predictions import QUANTITIES, predict
+from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.answers.reliability import (
+    ICC,
+    MDC,
+    REPEATS,
+    SEM,
+    as_variables,
+    coefficients,
+    reliability,
+    variances,
+)
+from bayestissue.inference.factors.conditional_prior import population_draws
+from bayestissue.inference.posterior.approximate import marginal_model
+from bayestissue.inference.results.labels import design_dimensions, labelled
+from bayestissue.inference.results.predictions import prior_draws
+from bayestissue.inference.samplers.coordinates import straight
+
+STUDIES, SEED, KIND, SCRIPT = 300, 2028, "answers", "calibration_answers.py"
+STUDIES_FILE, TABLE = HERE / "calibration_answers_studies.csv", HERE / "calibration_answers.csv"
+DESIGN: dict[str, Any] = {
+    "subjects": 8,
+    "conditions": [
+        {"trial": trial, "mass_kg": mass, "velocity_m_s": velocity}
+        for trial, mass, velocity in (("t1", 0.575, 1.2), ("t2", 0.575, 1.2), ("t3", 1.1, 0.9))
+    ],
+    "factors": (
+        {"name": "side", "levels": ["left", "right"]},
+        {"name": "operator", "levels": ["a", "b", "c"], "every": False},
+    ),
+}
+PEOPLE = {"sex": ("f", "m")}
+GROUPS = ("subject", "subject:side", "trial", "operator")
+REFERENCE_KG = 0.7
+DETECTABLE, EQUIVALENCE = 1.96 * np.sqrt(2), 0.1
+PREDICTED = {
+    "of a recorded person, side, condition and operator": {
+        **{"subject": "s03", "side": "right", "trial": "t1", "operator": "b"},
+        **{"mass_kg": 0.575, "velocity_m_s": 1.2},
+    },
+    "of a recorded person and side, all else new": {
+        **{"subject": "s06", "side": "left", "mass_kg": 0.8, "velocity_m_s": 1.0}
+    },
+    "of a new person": {"sex": "m", "side": "right", "mass_kg": 0.575, "velocity_m_s": 1.2},
+}
+# Compared with each other alone, of the pairs of people.
+PAIRS = (("s01", "s02"), ("s03", "s04"), ("s05", "s07"))
+# Of the log of K and of C given one trace, and the correlation of the two errors.
+MEASUREMENT_SD, CORRELATION = {"K": 0.05, "C": 0.08}, -0.5
+WARMUP, DRAWS, LEAPFROGS, BLOCK = 400, 800, 8, 50
+BINS = np.array([0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0])
+
+Levels = Mapping[str, str | float]
+
+
+@dataclass(frozen=True)
+class World:
+    """What was drawn of one study.
+
+    Attributes:
+        fixed: of K and of C the coefficients of `_columns`.
+        effects: of each group and response, by level.
+        sd: the standard deviations and the correlation, by name.
+        measurement: variance that one trace leaves of log K and of log C, the median over impacts.
+        operators: how many a person met, the median.
+        random: of new levels and impacts.
+    """
+
+    fixed: dict[str, np.ndarray]
+    effects: dict[tuple[str, str], dict[str, float]]
+    sd: dict[str, float]
+    measurement: dict[str, float]
+    operators: float
+    random: np.random.Generator
+
+    def log(self, q: str, new: bool = False, **at: Any) -> float:
+        """Expected log at some levels; groups that are not given are typical, or ``new``."""
+        if "subject" in at:
+            at["sex"] = PEOPLE["sex"][(int(at["subject"][1:]) - 1) % 2]
+        found = float(_columns(at) @ self.fixed[q])
+        for group in GROUPS:
+            level = ":".join(str(at.get(name, "")) for name in group.split(":"))
+            if level in self.effects[group, q]:
+                found += self.effects[group, q][level]
+            elif new:
+                found += self.sd[f"sd_{group.replace(':', '_')}_{q}"] * self.random.standard_normal()
+        return found
+
+    def value(self, q: str, **at: Any) -> float:
+        """K or C at some levels."""
+        return float(np.exp(self.log(q, **at)))
+
+    def over(self, q: str, upper: Levels, lower: Levels) -> float:
+        """Ratio of K or of C at some levels to that at others."""
+        return float(np.exp(self.log(q, **upper) - self.log(q, **lower)))
+
+    def people(self, q: str, **at: Any) -> list[float]:
+        """K or C of each person."""
+        return [self.value(q, subject=level, **at) for level in self.effects["subject", q]]
+
+    def icc(self, q: str, form: str, *, averaged: bool = False) -> float:
+        """Intraclass correlation of one impact, or of all six of a person: both sides in three conditions."""
+        people, side, trial, operator, impact = (
+            self.sd[f"sd_{name}_{q}"] ** 2
+            for name in ("subject", "subject_side", "trial", "operator", "impact")
+        )
+        sides, trials, operators, k = (2, 3, self.operators, 6) if averaged else (1, 1, 1, 1)
+        error = side / sides + (impact + self.measurement[q]) / k
+        if form == "A":
+            error += trial / trials + operator / operators
+        return people / (people + error)
+
+    def error(self, q: str, form: str) -> float:
+        """Variance of a measurement about the person's own value: "A", "C", or what the "person" does."""
+        names = ("subject_side", "impact", *(("trial", "operator") if form == "A" else ()))
+        measured = 0.0 if form == "person" else self.measurement[q]
+        return measured + sum(self.sd[f"sd_{name}_{q}"] ** 2 for name in names)
+
+    def new_impact(self, at: Levels) -> dict[str, float]:
+        """K, C and the peaks of one new impact."""
+        scatter = self.random.standard_normal(2)
+        r = self.sd["residual_correlation"]
+        scatter[1] = r * scatter[0] + np.sqrt(1 - r**2) * scatter[1]
+        K, C = (
+            np.exp(self.log(q, new=True, **at) + self.sd[f"sd_impact_{q}"] * z)
+            for q, z in zip("KC", scatter, strict=True)
+        )
+        return {"K": K, "C": C} | peaks(K, C, float(at["mass_kg"]), float(at["velocity_m_s"]))
+
+
+def _columns(at: Levels) -> np.ndarray:
+    return np.array(
+        [
+            1.0,
+            np.log(float(at.get("mass_kg", REFERENCE_KG)) / REFERENCE_KG),
+            at.get("side", "left") == "right",
+            at.get("sex", "f") == "m",
+        ],
+        float,
+    )
+
+
+def _roots(K: float, C: float, M: float) -> np.ndarray:
+    return np.roots([M, C, K]).astype(complex)
+
+
+def deceleration(K: float, C: float, M: float, V: float, t: np.ndarray) -> np.ndarray:
+    """-x'' of M x'' + C x' + K x = 0 that starts at 0 with V."""
+    s = _roots(K, C, M)
+    return (V * (s[1] ** 2 * np.exp(s[1] * t) - s[0] ** 2 * np.exp(s[0] * t)) / (s[0] - s[1])).real
+
+
+def peaks(K: float, C: float, M: float, V: float) -> dict[str, float]:
+    """Greatest depth, force until then, and the time to that depth."""
+    s = _roots(K, C, M)
+    time = float((np.log(s[1] / s[0]) / (s[0] - s[1])).real)
+    depth = float((V * (np.exp(s[0] * time) - np.exp(s[1] * time)) / (s[0] - s[1])).real)
+    force = M * deceleration(K, C, M, V, np.linspace(0.0, time, 2001)).max()
+    return {"depth": depth, "force": float(force), "time": time}
+
+
+def world_of(base: Prepared, drawn: Mapping[str, np.ndarray], random: np.random.Generator) -> World:
+    """Of what was drawn of a study, see `World`."""
+    rows, model, b = base.impacts, base.model, drawn["locations"]
+    about = np.asarray(expected(base.data.design, b))[:2, : len(rows)]
+    fixed, effects = {}, {}
+    columns = np.stack([_columns(row) for row in rows.to_dict("records")])
+    for place, q in enumerate("KC"):
+        left = about[place].copy()
+        for group in GROUPS:
+            grouping = base.design.groupings[group]
+            own = b[model.locations.parts[f"{group.replace(':', '_')}_effect_{q}"]]
+            left -= own[grouping.code]
+            effects[group, q] = dict(zip(grouping.levels, own.tolist(), strict=False))
+        fixed[q], miss, *_ = np.linalg.lstsq(columns, left)
+        assert miss.sum() < 1e-12
+    sd = {name: float(drawn[name]) for name in model.hyperparameters}
+    measurement = {q: MEASUREMENT_SD[q] ** 2 for q in "KC"}
+    operators = float(rows.groupby("subject")["operator"].nunique().median())
+    return World(fixed, effects, sd, measurement, operators, random)
+
+
+QUESTIONS: dict[str, Callable[[World], bool | float]] = {
+    "K[side=left] / K[side=right] > 1.1": lambda w: w.over("K", {"side": "left"}, {"side": "right"}) > 1.1,
+    "C[sex=f] < C[sex=m]": lambda w: w.over("C", {"sex": "f"}, {"sex": "m"}) < 1,
+    "K[subject=s01] > K[subject=s02]": lambda w: w.over("K", {"subject": "s01"}, {"subject": "s02"}) > 1,
+    "abs(log(K[subject=s04, side=left] / K[subject=s04, side=right])) < 0.1": lambda w: (
+        abs(np.log(w.over("K", *({"subject": "s04", "side": side} for side in ("left", "right"))))) < 0.1
+    ),
+    "max(C[subject]) > 1.5 * min(C[subject])": lambda w: max(w.people("C")) > 1.5 * min(w.people("C")),
+    "K[trial=t1] > K[trial=t2] and C[trial=t1] > C[trial=t2]": lambda w: all(
+        w.over(q, {"trial": "t1"}, {"trial": "t2"}) > 1 for q in "KC"
+    ),
+    "not K[operator=a] between 2900 and 3100": lambda w: not 2900 <= w.value("K", operator="a") <= 3100,
+    "mass_exponent_K > 0.5": lambda w: w.fixed["K"][1] > 0.5,
+    "ICC_A1_K > 0.75": lambda w: w.icc("K", "A") > 0.75,
+    "ICC_C1_C > 0.5 or ICC_C1_K > 0.5": lambda w: max(w.icc("C", "C"), w.icc("K", "C")) > 0.5,
+    "relative_MDC95_A_K < 60": lambda w: np.expm1(DETECTABLE * np.sqrt(w.error("K", "A"))) < 0.6,
+    "K_new > 3000": lambda w: w.new_impact({"mass_kg": REFERENCE_KG, "velocity_m_s": 1.0})["K"] > 3000,
+    "K[mass_kg=1.2]": lambda w: w.value("K", mass_kg=1.2),
+    "log(C[subject=s08] / C[subject=s07]) / mass_exponent_C ^ 2": lambda w: (
+        np.log(w.over("C", {"subject": "s08"}, {"subject": "s07"})) / w.fixed["C"][1] ** 2
+    ),
+    "mean(K[subject, side=right]) - mean(K[subject, side=left])": lambda w: (
+        np.mean(w.people("K", side="right")) - np.mean(w.people("K", side="left"))
+    ),
+}
+
+
+def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
+    """Of every answer what is to be kept, as "kind of answer: which", and a number."""
+    yield from _of_reliability(reliable, world)
+    of = finished.posterior, finished.recorded, RESPONSES
+    for row in contrasts(*of, EQUIVALENCE).to_dict("records"):
+        names = str(row["factor"]).split(":")
+        upper, lower = (dict(zip(names, row[side].split(":"), strict=True)) for side in ("level", "against"))
+        if upper.get("subject", "s01") == "s01":
+            yield from _of_ratio("comparison", row, world.over(row["quantity"], upper, lower))
+    for row in people_compared(*of).to_dict("records"):
+        pair = row["person"], row["against"]
+        if pair in PAIRS:
+            ratio = world.over(row["quantity"], *({"subject": name} for name in pair))
+            told = {"p_direction": max(row["p_greater"], 1 - row["p_greater"])}
+            yield from _of_ratio("people", {"factor": "", "level": pair[0]} | row | told, ratio)
+    for row in ask(finished, numbered(QUESTIONS)).to_dict("records"):
+        truth = QUESTIONS[row["question"]](world)
+        name = f"question|{row['question']}"
+        if np.isfinite(row["median"]):
+            yield name, "interval", _side(row, float(truth))
+        else:
+            yield from (
+                (name, "p", row["posterior"]),
+                (name, "prior", row["prior"]),
+                (name, "true", float(truth)),
+            )
+    made = predict(finished, list(PREDICTED.values())).to_dict("records")
+    for (which, at), row in zip(PREDICTED.items(), made, strict=True):
+        truth = world.new_impact(at)
+        for q, column in QUANTITIES.items():
+            low_high = {end: row[f"{column}_{end}"] for end in ("low", "high")}
+            yield f"prediction|{q} {which}", "interval", _side(low_high, truth[q])
+
+
+def _of_reliability(reliable: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
+    for row in reliable.to_dict("records"):
+        q, measure, form = (str(row[name]) for name in ("quantity", "measure", "form"))
+        if form == "measuring chain":
+            continue
+        letter = {"agreement": "A", "consistency": "C"}.get(form, form[4:5] if "ICC" in form else form)
+        if measure == ICC:
+            truth = world.icc(q, letter, averaged=",k)" in form)
+        elif measure in (SEM, MDC):
+            factor = 1.0 if measure == SEM else DETECTABLE
+            relative = float(np.expm1(factor * np.sqrt(world.error(q, letter))))
+            truth = 100 * relative if row["unit"] == "%" else relative * world.value(q)
+        else:
+            assert measure == REPEATS
+            target, one = float(form.split()[-1]), world.icc(q, letter)
+            truth = max(1.0, np.ceil(target / (1 - target) * (1 - one) / one))
+        yield f"reliability|{q}, {measure}, {form}, {row['unit']}", "interval", _side(row, truth)
+
+
+def _of_ratio(kind: str, row: Mapping[str, Any], truth: float) -> Iterator[tuple[str, str, float]]:
+    which = f"{kind}|{row['factor']} {row['level']} over {row['against']}, {row['quantity']}"
+    yield which, "interval", _side(row, truth)
+    yield f"{which}, direction", "p", row["p_direction"]
+    yield f"{which}, direction", "true", float((truth > 1) == (row["ratio"] > 1))
+    if "p_equivalent" in row:
+        yield f"{which}, equivalent", "p", row["p_equivalent"]
+        yield f"{which}, equivalent", "true", float(abs(np.log(truth)) < np.log1p(EQUIVALENCE))
+
+
+def _side(row: Mapping[str, Any], truth: float) -> float:
+    """-1 where the truth lies below an interval, 0 within it, 1 above."""
+    return float(truth > row["high"]) - float(truth < row["low"])
+
+
+class Studies:
+    """Studies of one design: drawn, sampled and asked."""
+
+    def __init__(self) -> None:
+        self._base = base = blank(KIND, PEOPLE, **DESIGN)
+        self._draw, self._sample = drawing(base), jax.jit(jax.vmap(self._chain))
+        formulas = base.design.formulas.model_dump()
+        self._recorded = Recorded.of_rows(base.impacts, formulas, base.design.reference_mass_kg)
+        made, *_ = jax.device_get(prior_draws(base.model, base.data, jax.random.PRNGKey(SEED)))
+        drawn = {name: values[None] for name, values in made.items()}
+        self._prior = self._labelled(drawn, drawn.pop("locations"), np.random.default_rng(SEED))
+
+    def rows(self, numbers: Sequence[int]) -> Iterator[dict[str, float]]:
+        """What is kept of each answer to these studies, by "kind|which|what"; they are sampled together."""
+        randoms = [np.random.default_rng([SEED, number]) for number in numbers]
+        keys = [jax.random.fold_in(jax.random.PRNGKey(SEED), number) for number in numbers]
+        worlds = [
+            {name: np.asarray(v[0]) for name, v in self._draw(key, self._base.data).items()} for key in keys
+        ]
+        every = [
+            gaussian(self._base.data, self._sites(drawn, random))
+            for drawn, random in zip(worlds, randoms, strict=True)
+        ]
+        laid = jax.tree.map(lambda *each: jnp.stack(each), *(data.laid for data in every))
+        # Chains begin at draws of the prior, those of another study.
+        begin = np.roll([self._raw(drawn) for drawn in worlds], 1, axis=0)
+        raw = np.asarray(self._sample(begin, laid, jnp.stack(keys)))
+        for place, (number, data) in enumerate(zip(numbers, every, strict=True)):
+            posterior = self._posterior(raw[place], data, randoms[place])
+            world = world_of(self._base, worlds[place], randoms[place])
+            found = self._asked(posterior, world)
+            yield {"data_set": number, "rhat": _rhat(raw[place])} | found
+
+    def _chain(self, begin: Array, laid: SitesFirst, key: Array) -> Array:
+        """Hamiltonian Monte Carlo on the marginal density of a fit, [draw, hyperparameter], unconstrained."""
+        data = gaussian(self._base.data, self._flat)._replace(laid=laid)
+        unwarped = straight(len(begin))
+
+        def potential(y: Array) -> Array:
+            model = partial(marginal_model, self._base.model)
+            return potential_energy(model, (data, None, unwarped), {}, {COORDINATES: y})
+
+        kernel = HMC(potential_fn=potential, num_steps=LEAPFROGS, trajectory_length=None)
+        state = kernel.init(key, WARMUP, begin, (), {})
+        step = lambda state, _: ((moved := kernel.sample(state, (), {})), moved.z)  # noqa: E731
+        return jax.lax.scan(step, state, None, WARMUP + DRAWS)[1][WARMUP:]
+
+    def _raw(self, drawn: Mapping[str, np.ndarray]) -> list[float]:
+        support = {name: self._base.model.prior_of(name).support for name in self._base.model.hyperparameters}
+        return [float(biject_to(support[name]).inv(drawn[name])) for name in support]
+
+    @cached_property
+    def _flat(self) -> Sites:
+        zeros = np.zeros((len(self._base.impacts), 3))
+        return Sites(zeros, zeros, np.broadcast_to(np.eye(3), (len(zeros), 3, 3)), zeros[:, 0])
+
+    def _sites(self, drawn: Mapping[str, np.ndarray], random: np.random.Generator) -> Sites:
+        """What measurements of all impacts say: each a normal about the truth and its own error."""
+        truth = np.column_stack([drawn["log_K_and_C"], drawn["noise"]])
+        covariance = np.diag([*MEASUREMENT_SD.values(), 1 / np.sqrt(2 * SAMPLES)]) ** 2
+        covariance[0, 1] = covariance[1, 0] = CORRELATION * np.prod([*MEASUREMENT_SD.values()])
+        seen = truth + random.multivariate_normal(np.zeros(3), covariance, len(truth))
+        precision = np.broadcast_to(np.linalg.inv(covariance), (len(truth), 3, 3)).copy()
+        return Sites(seen, np.zeros_like(seen), precision, np.zeros(len(seen)))
+
+    def _posterior(self, raw: np.ndarray, data: Data, random: np.random.Generator) -> xr.Dataset:
+        model = self._base.model
+        standard = random.standard_normal((len(raw), model.locations.size))
+        drawn = population_draws(model, data, dict(zip(model.hyperparameters, raw.T, strict=True)), standard)
+        # Halves of the chain as two.
+        two = {name: values.reshape(2, -1) for name, values in drawn.sites.items()}
+        return self._labelled(two, drawn.b.reshape(2, -1, drawn.b.shape[-1]), random)
+
+    def _labelled(
+        self, spreads: dict[str, np.ndarray], b: np.ndarray, random: np.random.Generator
+    ) -> xr.Dataset:
+        """As `posterior_tree` has the population's quantities."""
+        design = self._base.design
+        sites = named_sites(self._base.model.locations, design, spreads, b)
+        levels = {name: list(grouping.levels) for name, grouping in design.groupings.items()}
+        arrays = reported_sites(design, sites) | new_impact(design, sites, random)
+        return labelled(arrays, design_dimensions(design), levels)
+
+    def _asked(self, posterior: xr.Dataset, world: World) -> dict[str, float]:
+        every, groups = [], []
+        for draws in (posterior, self._prior):
+            of = partial(variances, draws, self._recorded)
+            each = {q: of(q, measurement_sd=MEASUREMENT_SD[q]) for q in RESPONSES}
+            every.append(coefficients(each, draws))
+            groups.append(draws.merge(as_variables(every[-1])))
+        lines = lines_of(Finished(*groups, self._recorded), reliability(*every), world)
+        return {f"{name}|{what}": float(value) for name, what, value in lines}
+
+
+def _rhat(raw: np.ndarray) -> float:
+    return float(split_gelman_rubin(raw[None]).max())
+
+
+def shares(found: pd.DataFrame) -> pd.DataFrame:
+    """A row a quantity: how often its intervals held, or how probable claims were and how many were true."""
+    lines = []
+    for column in found.columns.drop(["data_set", "rhat"]):
+        kind, which, what = column.split("|")
+        values, row = found[column], {"kind": kind, "which": which, "studies": len(found)}
+        if what == "interval":
+            shares = {
+                "held": (values == 0).mean(),
+                "truth_below": (values < 0).mean(),
+                "truth_above": (values > 0).mean(),
+            }
+            lines.append(row | {name: round(100 * share, 1) for name, share in shares.items()})
+        elif what == "p":
+            true = found[f"{kind}|{which}|true"]
+            prior = found.get(f"{kind}|{which}|prior")
+            told = {"mean_probability": values.mean(), "share_true": true.mean()}
+            told |= {} if prior is None else {"mean_prior": prior.mean()}
+            lines.append(row | {name: round(share, 3) for name, share in told.items()})
+    return pd.DataFrame(lines)
+
+
+def by_probability(found: pd.DataFrame) -> pd.DataFrame:
+    """Claims of like probability: how many, their mean probability, and the share that is true."""
+    names = [column[:-2] for column in found.columns if column.endswith("|p")]
+    p = found[[f"{name}|p" for name in names]].to_numpy()
+    true = found[[f"{name}|true" for name in names]].to_numpy()
+    rows = []
+    for low, high in itertools.pairwise(BINS):
+        inside = (p >= low) & ((p < high) | (high == BINS[-1]))
+        off = np.where(inside, true - p, 0.0).sum(axis=1)
+        # Claims of one study are no independent ones.
+        error = off.std(ddof=1) * np.sqrt(len(off)) / inside.sum()
+        rows.append(
+            {
+                "probability": f"{low:g} to {high:g}",
+                "claims": int(inside.sum()),
+                "mean probability": f"{100 * p[inside].mean():.1f} %",
+                "true": f"{100 * true[inside].mean():.1f} ± {100 * error:.1f} %",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def by_kind(found: pd.DataFrame, lines: pd.DataFrame) -> pd.DataFrame:
+    """Intervals of each kind of answer: all together, and those that held least and most often."""
+    rows = []
+    for kind, own in lines.dropna(subset="held").groupby("kind", sort=False):
+        columns = [
+            name for name in found.columns if name.startswith(f"{kind}|") and name.endswith("|interval")
+        ]
+        held = (found[columns] == 0).mean(axis=1)
+        least, most = (own.loc[place] for place in (own["held"].idxmin(), own["held"].idxmax()))
+        rows.append(
+            {
+                "90 % intervals": kind,
+                "quantities": len(own),
+                "held": f"{100 * held.mean():.1f} ± {100 * held.std(ddof=1) / np.sqrt(len(held)):.1f} %",
+                "least": f"{least['held']:.1f} % ({least['which']})",
+                "most": f"{most['held']:.1f} % ({most['which']})",
+            }
+        )
+    return pd.DataFrame(rows)
+
+
+def document(found: pd.DataFrame, lines: pd.DataFrame) -> None:
+    """Write the shares into README.md."""
+    asked = lines.dropna(subset="mean_prior")
+    error = np.sqrt(asked["mean_prior"] * (1 - asked["mean_prior"]) / len(found))
+    off = ((asked["share_true"] - asked["mean_prior"]) / error).abs()
+    said = (
+        f"{len(found)} studies. The prior probabilities of the {len(asked)} claims among the questions are "
+        f"the shares of studies in which they are true within {off.max():.1f} standard errors."
+    )
+    parts = [said, markdown(by_kind(found, lines)), markdown(by_probability(found))]
+    between_marks(README, SCRIPT, "\n\n".join(parts))
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description="Calibration of the answers of a fit.")
+    parser.add_argument("--studies", type=int, default=STUDIES, help="in all, those of earlier calls too")
+    asked = parser.parse_args()
+    runtime.configure()
+    studies, begun, before = Studies(), time.perf_counter(), set(made_before(STUDIES_FILE)["data_set"])
+    left = [number for number in range(asked.studies) if number not in before]
+    for first in range(0, len(left), BLOCK):
+        # Blocks of one size are compiled once.
+        block = np.resize(left[first : first + BLOCK], BLOCK).tolist()
+        for row in itertools.islice(studies.rows(block), len(left) - first):
+            add(STUDIES_FILE, row)
+        print(f"{first + BLOCK} studies, {time.perf_counter() - begun:.0f} s", flush=True)
+    found = made_before(STUDIES_FILE)
+    lines = shares(found)
+    lines.to_csv(TABLE, index=False)
+    print(lines.to_string())
+    document(found, lines)
+
+
+if __name__ == "__main__":
+    main()

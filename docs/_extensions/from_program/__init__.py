@@ -1,0 +1,39 @@
+"""Pages of the reference that the program itself writes, so that they say what it does.
+
+A page says where: ``<!-- from the program: commands -->`` is replaced by Markdown when the page is read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+
+from sphinx.application import Sphinx
+
+from from_program import commands, functions, keys, results
+
+PARTS: dict[str, Callable[[], str]] = {
+    "commands": commands.commands,
+    "exit statuses": commands.statuses,
+    "model keys": keys.model,
+    "dataset.toml keys": keys.dataset,
+    "impacts.csv columns": keys.impacts,
+    "simulate keys": keys.simulation,
+    "causes keys": keys.causes,
+    "result files": results.files,
+    "groups": results.groups,
+    "variables": results.variables,
+    "functions": functions.functions,
+}
+MARK = re.compile(r"^<!-- from the program: (.+) -->$", flags=re.MULTILINE)
+
+
+def fill(app: Sphinx, page: str, source: list[str]) -> None:
+    """Replace every mark of a page; a part that there is not raises a KeyError."""
+    source[0] = MARK.sub(lambda mark: PARTS[mark[1]](), source[0])
+
+
+def setup(app: Sphinx) -> dict[str, bool]:
+    """Fill pages as they are read."""
+    app.connect("source-read", fill)
+    return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,0 +1,110 @@
+"""What result folders hold: files with their columns, and the variables of posterior.nc."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from bayestissue.hierarchy.design import build_design
+from bayestissue.hierarchy.specification import Formulas
+from bayestissue.inference.answers.reliability import Variances, reliability
+from bayestissue.inference.quantities.elements import element_attributes
+from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS
+from bayestissue.inference.results.tree import dimensions
+from bayestissue.results.contents import FILES, File
+from from_program.keys import unit
+from from_program.markdown import code, escaped, table
+
+# Those of printed estimates, which `reproduce` alone has.
+_PUBLISHED = ("_observed", "_average", "_sd")
+
+
+def files() -> str:
+    """Every file, and a section for each table with its columns."""
+    every = [
+        (f"[`{name}`](#{_anchor(name)})" if file.columns else code(name), _by(file), escaped(file.holds))
+        for name, file in FILES.items()
+    ]
+    sections = [
+        f"({_anchor(name)})=\n## {name}\n\nWritten by {_by(file)}. A row is {escaped(file.holds)}.\n\n"
+        + table(["column", "unit", "meaning"], _columns(file))
+        for name, file in FILES.items()
+        if file.columns
+    ]
+    return "\n\n".join([table(["file", "written by", "holds; of a table, what a row is"], every), *sections])
+
+
+def groups() -> str:
+    """The groups of posterior.nc."""
+    return table(["group", "holds"], [(code(name), escaped(words)) for name, (words, _) in GROUPS.items()])
+
+
+def variables() -> str:
+    """The variables of posterior.nc: a section for each group that has some of its own."""
+    every, apart = attributes(), {name for _, names in GROUPS.values() for name in names}
+    places = {group: names for group, (_, names) in GROUPS.items() if names}
+    places = {"posterior": tuple(name for name in every if name not in apart)} | places
+    dims = _dimensions(tuple(name for name in every if name.endswith("_error")))
+    return "\n\n".join(
+        f"## Variables of {code(group)}\n\n"
+        + table(
+            ["variable", "one for each", "unit", "meaning"],
+            [
+                (
+                    code(name),
+                    ", ".join(dims.get(name, ())),
+                    every[name].get("unit", ""),
+                    escaped(_sentence(every[name].get("long_name", ""))),
+                )
+                for name in names
+            ],
+        )
+        for group, names in places.items()
+    )
+
+
+def attributes() -> dict[str, dict[str, str]]:
+    """Unit and meaning of every variable of a fit of traces, by name."""
+    known = ATTRIBUTES | element_attributes()
+    of_traces = {
+        name: about
+        for name, about in known.items()
+        if not name.startswith("linear_") and name.removeprefix("K").removeprefix("C") not in _PUBLISHED
+    }
+    return of_traces | _of_reliability()
+
+
+def _of_reliability() -> dict[str, dict[str, str]]:
+    """What `reliability` labels: made of any numbers, since names and units are asked for alone."""
+    rng = np.random.default_rng(0)
+    some = {name: rng.uniform(0.1, 0.2, (2, 3)) for name in ("people", "within", "impacts", "trial")}
+    found = Variances(some["people"], 0.0, [(some["trial"], 3.0)], [], some["impacts"], 0.01, 3.0)
+    draws = xr.Dataset({f"intercept_{q}": (("chain", "draw"), some["within"]) for q in ("K", "C")})
+    return {str(k): dict(v.attrs) for k, v in reliability({"K": found, "C": found}, draws)[1].items()}
+
+
+def _dimensions(errors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
+    """Of a campaign of two people in two conditions, as of any other."""
+    rows = pd.DataFrame({"subject": ["a", "a", "b", "b"], "trial": ["1", "2", "1", "2"]})
+    rows = pd.concat([rows, rows], ignore_index=True).assign(mass_kg=[1.0, 2.0] * 4)
+    design = build_design(Formulas(), rows, reference_mass_kg=None, source="the manual")
+    return dimensions(design, errors)
+
+
+def _columns(file: File) -> list[tuple[Any, ...]]:
+    return [(code(name), unit(name), escaped(_sentence(words))) for name, words in file.columns.items()]
+
+
+def _by(file: File) -> str:
+    return ", ".join(map(code, file.by)) if file.by != ("all",) else "every command that writes a folder"
+
+
+def _anchor(name: str) -> str:
+    return name.replace(".", "-").replace("_", "-")
+
+
+def _sentence(text: str) -> str:
+    return text[:1].upper() + text[1:]

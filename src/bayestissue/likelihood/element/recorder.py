@@ -1,0 +1,127 @@
+"""A known low-pass between sensor and file: what it makes of an impact.
+
+Its answer to an impulse is Re sum_k c_k e^(p_k t) for t >= 0, or Re sum_k c_k e^(p_k |t|) run forwards and
+backwards. What it makes of a deceleration d that begins at contact is therefore Re sum_k c_k z_k with
+z_k' = p_k z_k + d, and backwards -z_k' = p_k z_k + d. Over each interval of a grid z_k is known from what it
+was, but for the integral of e^(p_k s) d. That is taken exactly of the cubic through d and its slope at both
+ends, whose error is (omega dt)^4 / 384 of d: contact's jump lies at an end, and the poles may be fast.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Complex, Float
+
+# Of Gauss and Legendre's rule, exact to rounding for poles of many intervals.
+_NODES = 16
+# Between contact and the first sample, which may be some intervals later.
+PIECES = 8
+
+
+class LowPass(NamedTuple):
+    """A recorder's filter as `bayestissue.signal.filters.modes` has it.
+
+    Attributes:
+        pole: p_k [rad/s].
+        weight: c_k [1/s].
+        phase: moments of contact within a sampling interval that are told apart, as fractions of it, where
+            the recording has to tell when contact was.
+        ahead: run forwards and backwards, for how many sampling intervals before contact the answer counts
+            is the length of this; None for a filter that can't look ahead.
+    """
+
+    pole: Complex[Array, " mode"]
+    weight: Complex[Array, " mode"]
+    phase: Float[Array, " phase"]
+    ahead: Float[Array, " ahead"] | None = None
+
+    @property
+    def lead(self) -> int:
+        """Sampling intervals before contact for which there is an answer."""
+        return 0 if self.ahead is None else self.ahead.shape[0]
+
+
+class Flow(NamedTuple):
+    """A deceleration on an even grid and its slope.
+
+    Attributes:
+        d: deceleration [m/s^2].
+        jerk: its derivative in time [m/s^3].
+        dt: of the grid [s].
+    """
+
+    d: Float[Array, "impact sample"]
+    jerk: Float[Array, "impact sample"]
+    dt: Float[Array, " impact"]
+
+    def while_pushing(self) -> Flow:
+        """The same, 0 once the force has fallen to 0."""
+        pushes = jnp.cumprod(self.d[:, 1:] > 0, axis=1) > 0
+        pushes = jnp.concatenate([jnp.ones_like(pushes[:, :1]), pushes], axis=1)
+        return self._replace(d=jnp.where(pushes, self.d, 0.0), jerk=jnp.where(pushes, self.jerk, 0.0))
+
+    def backwards(self) -> Flow:
+        """Time running the other way."""
+        return self._replace(d=self.d[:, ::-1], jerk=-self.jerk[:, ::-1])
+
+
+def low_passed(
+    low_pass: LowPass, early: Flow, later: Flow, since: Float[Array, "impact ahead"] | None = None
+) -> tuple[Array, Array]:
+    """What the filter makes of an impact, and its derivative in time, each [impact, sample].
+
+    Args:
+        low_pass: the filter.
+        early: the impact from contact to the first sample after it, which is its last.
+        later: the impact from that sample on, as long as the answer asked for and, where the filter looks
+            ahead, as much longer as it does.
+        since: times before contact at which there is an answer too, if there are any, negative [s].
+    """
+    weight, pole = low_pass.weight[:, None, None], low_pass.pole[:, None, None]
+    still = jnp.zeros((len(low_pass.pole), len(later.dt)), complex)
+    state = _passed(low_pass, later, _passed(low_pass, early, still)[..., -1])
+    y, slope = weight * state, weight * (pole * state + later.d)
+    if low_pass.ahead is None:
+        return y.sum(0).real, slope.sum(0).real
+    back = _passed(low_pass, later.backwards(), still)[..., ::-1]
+    y, slope = y + weight * back, slope - weight * (pole * back + later.d)
+    y, slope = y.sum(0).real, slope.sum(0).real
+    if since is None:
+        return y, slope
+    whole = _passed(low_pass, early.backwards(), back[..., 0])[..., -1:]
+    before = weight * whole * jnp.exp(-pole * since)
+    before_slope = -pole * before
+    both = ((before, y), (before_slope, slope))
+    first, second = (jnp.concatenate([part.sum(0).real, rest], axis=1) for part, rest in both)
+    return first, second
+
+
+def _passed(low_pass: LowPass, flow: Flow, start: Complex[Array, "mode impact"]) -> Array:
+    """z_k on the grid, [mode, impact, sample], from what it is at the first."""
+    step = low_pass.pole[:, None] * flow.dt
+    change = flow.dt[:, None] * flow.jerk
+    parts = (flow.d[:, :-1], flow.d[:, 1:], change[:, :-1], change[:, 1:])
+    each = _integrals(step)
+    added = flow.dt[:, None] * sum(own[..., None] * part for own, part in zip(each, parts, strict=True))
+    state = jnp.concatenate([start[..., None], added], axis=-1)
+    # Each round doubles how far back is added up.
+    reach = 1
+    while reach < state.shape[-1]:
+        late = jnp.exp(reach * step)[..., None] * state[..., :-reach]
+        state = state.at[..., reach:].add(late)
+        reach *= 2
+    return state
+
+
+def _integrals(step: Complex[Array, "mode impact"]) -> tuple[Array, Array, Array, Array]:
+    """Of e^(q (1 - s)) times the cubic that is 1 in a value or slope at 0 or 1 and 0 in the others."""
+    nodes, weights = np.polynomial.legendre.leggauss(_NODES)
+    s, weights = (nodes + 1) / 2, weights / 2
+    cubics = ((1 + 2 * s) * (1 - s) ** 2, s**2 * (3 - 2 * s), s * (1 - s) ** 2, -(s**2) * (1 - s))
+    growth = jnp.exp(step[..., None] * (1 - s))
+    value, value_end, slope, slope_end = ((growth * (weights * cubic)).sum(-1) for cubic in cubics)
+    return value, value_end, slope, slope_end

@@ -1,0 +1,153 @@
+"""A low-pass that was not declared: a rise at contact that is slower than the sampling, and no tissue's.
+
+A spring and damper's force jumps at contact. Behind a filter with the answer s(t) to a step, and r(t) to a
+ramp, what is recorded is
+
+    y = a (V s(t - c) - int y) + b (V r(t - c) - int int y),  a = C / M, b = K / M,
+
+since filtering and integrating commute: linear in a and b once the moment of contact c and the corner are
+given. A grid of both is tried, of a filter of the second order. Elements whose force rises from 0, as
+Maxwell's and a ball's do, rise slowly too: what is found is a filter only where it leaves noise alone, and no
+law of depth and velocity comes near that.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import fdtrc
+
+from bayestissue.dataset.model import Recorder
+from bayestissue.signal.displacement import BEFORE, Displacements
+from bayestissue.signal.filters import modes
+from bayestissue.signal.quality import law
+from bayestissue.signal.traces import Column
+
+# Of false alarms a sound recording, for each of the two ways in which one may come about.
+ALARMS = 1e-3
+# A filter leaves noise alone where chance leaves as much in one of a hundred.
+_WELL = 0.01
+# What it gains over the best law, in the noise's variance: e^(-this / 2) of the likelihood.
+_GAIN = 30.0
+_CORNERS = 24
+# Moments of contact that are tried: so many, from this many of the filter's delays before the first sample.
+_MOMENTS = 41
+
+
+@dataclass(frozen=True)
+class Suspected:
+    """What each recording says of a low-pass.
+
+    Attributes:
+        corner_hz: of the second-order Butterworth filter that explains it, Hz; NaN where there is no need of
+            one.
+        change_K, change_C: K and C without the filter over those with it, less 1.
+    """
+
+    corner_hz: Column
+    change_K: Column
+    change_C: Column
+
+
+def suspected(signal: Displacements) -> Suspected:
+    """Ask every recording for a low-pass of 20 Hz to a quarter of the sampling rate.
+
+    Args:
+        signal: decelerations from contact to zero velocity, unfiltered.
+    """
+    used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    x, v = signal.x[:, 0] + signal.equilibrium, signal.v[:, 0]
+    peak = np.where(used, signal.deceleration, 0).max(axis=1)
+    with np.errstate(all="ignore"):
+        plain = law.best_left(signal.deceleration, used, signal.dt, x, v, np.ones_like(signal.x))
+    variance = signal.noise_sd**2 + (law.MISFIT * peak) ** 2
+    freedom = np.maximum(0.3 * signal.n_samples, 1)
+    count = np.maximum(signal.n_samples - 4, 1)
+    odd = fdtrc(count, freedom, plain / count / variance) < ALARMS
+    found = np.full((len(peak), 3), np.nan)
+    for row in np.flatnonzero(odd & (signal.n_samples >= 12) & (signal.n_before >= 4)):
+        found[row] = _asked(signal, int(row), plain[row], variance[row], freedom[row])
+    return Suspected(*found.T)
+
+
+def _asked(
+    signal: Displacements, row: int, plain: float, variance: float, freedom: float
+) -> tuple[float, float, float]:
+    """Corner and changes of K and C of one impact; NaN where no filter explains it better than a law."""
+    dt, velocity, n = signal.dt[row], signal.velocity[row], signal.n_samples[row]
+    early = min(int(signal.n_before[row]), BEFORE)
+    y = np.concatenate([signal.before[row, BEFORE - early :], signal.deceleration[row, :n]])
+    time = (np.arange(len(y)) - early) * dt
+    lost = np.cumsum(np.concatenate([[0.0], (y[1:] + y[:-1]) / 2 * dt]))
+    twice = np.cumsum(np.concatenate([[0.0], (lost[1:] + lost[:-1]) / 2 * dt]))
+    lowest = max(20.0, 1 / (signal.dt[row] * n))
+    best: tuple[float, float, np.ndarray] = (np.inf, np.nan, np.zeros(2))
+    for corner in np.geomspace(lowest, max(0.25 / dt, 1.01 * lowest), _CORNERS):
+        moments = np.linspace(-2.5 / (2 * np.pi * corner) - 3 * dt, dt, _MOMENTS)
+        moments = moments[moments > time[0]]
+        step, ramp = _answers(corner, time - moments[:, None])
+        terms = np.stack([velocity * step - lost, velocity * ramp - twice])
+        squares, each = _fitted(terms, y)
+        place = int(np.argmin(squares))
+        if squares[place] < best[0]:
+            best = (float(squares[place]), float(corner), each[:, place])
+    square, corner, (a, b) = best
+    # The law was fitted from the first sample in contact on.
+    number = len(y) - 4
+    well = fdtrc(number, freedom, square / number / variance) > _WELL
+    better = plain - square + early * variance > _GAIN * variance
+    inside = lowest * 1.01 < corner < 0.24 / dt
+    if not (well and better and inside and a > 0 and b > 0):
+        return np.nan, np.nan, np.nan
+    a_plain, b_plain = _without(signal, row, float(a), float(b))
+    return corner, b_plain / float(b) - 1, a_plain / float(a) - 1
+
+
+def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float, float]:
+    """The a and b nearest to the samples of an impact behind no filter, as a fit has them."""
+    from scipy.optimize import least_squares
+
+    n, velocity = signal.n_samples[row], signal.velocity[row]
+    time, y = np.arange(n) * signal.dt[row], signal.deceleration[row, :n]
+    reach = np.sqrt(3) * signal.bracket_sd[row] + 1e-12
+
+    def left(logs: np.ndarray) -> np.ndarray:
+        damping, stiffness = np.exp(logs[:2])
+        # Apart even at critical damping, where the two would be one.
+        root = np.sqrt(complex(damping**2 / 4 - stiffness)) + 1e-6 * np.sqrt(stiffness)
+        first, second = -damping / 2 + root, -damping / 2 - root
+        since = time + logs[2]
+        d = (second**2 * np.exp(second * since) - first**2 * np.exp(first * since)) / (first - second)
+        return velocity * d.real - y
+
+    begin = signal.bracket_s[row]
+    low, high = [-np.inf, -np.inf, begin - reach], [np.inf, np.inf, begin + reach]
+    found = least_squares(left, [np.log(a), np.log(b), begin], bounds=(low, high), x_scale=[1, 1, reach])
+    return float(np.exp(found.x[0])), float(np.exp(found.x[1]))
+
+
+def _answers(
+    corner: float, since: Float[np.ndarray, "moment sample"]
+) -> tuple[Float[np.ndarray, "moment sample"], Float[np.ndarray, "moment sample"]]:
+    """The filter's answers to a unit step and to a unit ramp that begin at 0."""
+    poles, weights = modes(Recorder(corner))
+    late = np.maximum(since, 0.0)
+    step, ramp = np.zeros_like(late), np.zeros_like(late)
+    for pole, weight in zip(poles, weights, strict=True):
+        grown = np.expm1(pole * late) / pole
+        step += (weight * grown).real
+        ramp += (weight / pole * (grown - late)).real
+    return step, ramp
+
+
+def _fitted(
+    terms: Float[np.ndarray, "term *moment sample"], y: Float[np.ndarray, " sample"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Least squares of y in two terms: the sum of squares left, and both coefficients."""
+    (p, q), total = terms, (y**2).sum()
+    pp, pq, qq, py, qy = ((a * b).sum(-1) for a, b in ((p, p), (p, q), (q, q), (p, y), (q, y)))
+    determinant = pp * qq - pq**2
+    first, second = (qq * py - pq * qy) / determinant, (pp * qy - pq * py) / determinant
+    return total - first * py - second * qy, np.stack([first, second])

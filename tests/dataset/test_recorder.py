@@ -1,0 +1,87 @@
+"""The table ``[recorder]``: what it may say, and that it comes through every way in and out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+import bayestissue as bt
+from bayestissue.dataset import Recorder
+from bayestissue.errors import InputError
+from dataset_bench import SETTINGS, Lab, tables
+
+SIGNAL = {"quantity": SETTINGS["signal"]["quantity"], "unit": SETTINGS["signal"]["unit"]}
+
+
+def declared(lab: Lab, text: str) -> None:
+    path = lab.path("dataset.toml")
+    path.write_text(f"{path.read_text()}\n[recorder]\n{text}\n")
+
+
+@pytest.mark.parametrize(
+    ("text", "recorder"),
+    [
+        ("low_pass_hz = 500", Recorder(500.0)),
+        (
+            'low_pass_hz = 500.0\norder = 4\nkind = "bessel"\nzero_phase = true',
+            Recorder(500.0, 4, "bessel", zero_phase=True),
+        ),
+        ("sae_class = 180", Recorder(2.0775 * 180, 2, "butterworth", zero_phase=True, sae_class=180)),
+    ],
+)
+def test_it_is_read_written_and_taken_as_an_argument(lab: Lab, tmp_path, text, recorder):
+    assert bt.read_dataset(lab.folder).recorder is None
+    declared(lab, text)
+    data = bt.read_dataset(lab.folder)
+    assert data.recorder == recorder
+    assert bt.read_dataset(data.write(tmp_path / "again")).recorder == recorder
+    impacts, traces = tables()
+    for given in (recorder, recorder.settings()):
+        assert bt.dataset(impacts, traces, **SIGNAL, recorder=given).recorder == recorder
+    assert str(recorder) in repr(data)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("order = 2", "low_pass_hz, or sae_class"),
+        ("low_pass_hz = -5", "greater than 0"),
+        ("low_pass_hz = 500\norder = 9", "8"),
+        ('low_pass_hz = 500\nkind = "elliptic"', "butterworth.*bessel"),
+        ("sae_class = 100", "60.*180.*600.*1000"),
+        ("sae_class = 180\norder = 4", "sae_class by itself"),
+        ("low_pass = 500", "low_pass_hz"),
+    ],
+)
+def test_what_it_may_not_say_is_refused_in_one_line(lab: Lab, text, words):
+    declared(lab, text)
+    with pytest.raises(InputError, match=f"dataset.toml.*recorder.*{words}"):
+        bt.read_dataset(lab.folder)
+
+
+def test_displacements_have_none(lab: Lab):
+    declared(lab, "low_pass_hz = 500")
+    lab.replace("dataset.toml", f'quantity = "{SIGNAL["quantity"]}"', 'quantity = "displacement"')
+    lab.replace("dataset.toml", f'unit = "{SIGNAL["unit"]}"', 'unit = "m"')
+    with pytest.raises(InputError, match=r"no table \[recorder\] beside displacements"):
+        bt.read_dataset(lab.folder)
+
+
+def test_without_one_the_hash_of_arrays_is_as_it_was():
+    impacts, traces = tables()
+    plain, other = (bt.dataset(impacts, traces, **SIGNAL, recorder=r) for r in (None, Recorder(500.0)))
+    assert plain.input_hash != other.input_hash
+    assert replace(other, recorder=None).recorder is None
+
+
+def test_the_thesis_methods_say_that_they_leave_it_out(lab: Lab):
+    declared(lab, "low_pass_hz = 500")
+    table = bt.estimate(bt.read_dataset(lab.folder), method="exact")
+    assert table["notes"].str.contains("the declared low-pass is not in this method").all()
+
+
+def test_a_fit_of_displacements_refuses_it(lab: Lab):
+    declared(lab, "low_pass_hz = 500")
+    with pytest.raises(InputError, match=r'"impact", since dataset.toml declares a low-pass'):
+        bt.fit(bt.read_dataset(lab.folder), "arma")

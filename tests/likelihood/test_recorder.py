@@ -1,0 +1,188 @@
+"""A recorder's low-pass against closed forms, its likelihood against an integral over contact's moment."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.signal import bessel, butter, freqs
+from scipy.special import logsumexp
+
+from bayestissue.dataset.model import Recorder
+from bayestissue.elements import element
+from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed
+from bayestissue.likelihood.element.response import ElementRecord, motion, response
+from bayestissue.signal.filters import delay, modes
+
+FILTERS = [
+    Recorder(500.0),
+    Recorder(800.0, 1),
+    Recorder(700.0, 5, "bessel"),
+    Recorder(500.0, 2, zero_phase=True),
+    Recorder(900.0, 3, zero_phase=True),
+]
+# A spring and damper's deceleration is A e^(p t) and its conjugate.
+K, C, MASS, VELOCITY, DT = 30_000.0, 60.0, 0.5, 1.5, 1e-4
+
+
+def closed_form(recorder: Recorder, time: np.ndarray) -> np.ndarray:
+    """The filter's answer to the impact, term by term; the impact is 0 before contact and never ends."""
+    own = np.roots([1, C / MASS, K / MASS])
+    size = VELOCITY * own**2 * np.array([-1, 1]) / (own[0] - own[1])
+    poles, weights = modes(recorder)
+    found = np.zeros(time.shape, complex)
+    for pole, weight in zip(poles, weights, strict=True):
+        for other, amplitude in zip(own, size, strict=True):
+            # The real part of the weight times the whole, real, answer's integral: both conjugates are in it.
+            late, early = np.maximum(time, 0), np.minimum(time, 0)
+            part = amplitude * (np.exp(other * late) - np.exp(pole * late)) / (other - pole)
+            found += weight * np.where(time > 0, part, 0)
+            if recorder.zero_phase:
+                found -= weight * amplitude / (other + pole) * np.exp(other * late) * np.exp(-pole * early)
+    return found.real
+
+
+def low_pass(recorder: Recorder, phases: int = 1, lead: int = 0) -> LowPass:
+    poles, weights = modes(recorder)
+    ahead = jnp.zeros(lead) if recorder.zero_phase else None
+    return LowPass(jnp.asarray(poles), jnp.asarray(weights), (jnp.arange(phases) + 0.5) / phases, ahead)
+
+
+def record(first_time: float, samples: int, filters: LowPass, **besides: np.ndarray) -> ElementRecord:
+    one = np.ones(1)
+    return ElementRecord.of(
+        besides.pop("d", np.zeros((1, samples))),
+        np.array([samples]),
+        first_time * one,
+        DT * one,
+        VELOCITY * one,
+        besides.pop("error_sd", np.zeros((1, 4))),
+        np.ones(1, bool),
+        MASS * one,
+        0.03 * one,
+        low_pass=filters,
+        **besides,
+    )
+
+
+compiled = jax.jit(response, static_argnums=0)
+PARAMETERS = jnp.array([[K], [C]])
+TISSUE = element("kelvin_voigt")
+
+
+@pytest.mark.parametrize("recorder", FILTERS, ids=str)
+def test_modes_are_those_of_the_filter(recorder):
+    frequency = 2 * np.pi * np.array([0.0, 100.0, recorder.low_pass_hz, 2000.0])
+    design = {"butterworth": butter, "bessel": bessel}[recorder.kind]
+    extra = {"norm": "mag"} if recorder.kind == "bessel" else {}
+    _, once = freqs(
+        *design(recorder.order, 2 * np.pi * recorder.low_pass_hz, analog=True, **extra), worN=frequency
+    )
+    poles, weights = modes(recorder)
+    both = np.concatenate([poles, poles.conj()]), np.concatenate([weights, weights.conj()]) / 2
+    at = 1j * frequency[:, None]
+    found = (both[1] / (at - both[0])).sum(1)
+    if recorder.zero_phase:
+        found = found - (both[1] / (at + both[0])).sum(1)
+        once = np.abs(once) ** 2
+    np.testing.assert_allclose(found, once, rtol=1e-10, atol=1e-12)
+    assert np.abs(found[0]) == pytest.approx(1)
+    assert np.abs(found[2]) == pytest.approx(0.5 if recorder.zero_phase else 0.5**0.5)
+
+
+def test_the_delay_is_when_a_step_is_half_there():
+    # 1 - e^(-t / T) of one pole.
+    assert delay(Recorder(500.0, 1)) == pytest.approx(np.log(2) / (2 * np.pi * 500.0), rel=1e-4)
+    assert delay(Recorder(500.0, zero_phase=True)) == 0
+
+
+@pytest.mark.parametrize("recorder", FILTERS[1::3], ids=str)
+def test_an_impact_behind_a_filter_is_the_closed_form(recorder):
+    """To (omega dt)^4 / 384 of the peak, on samples and in the finer cells of contact, and its slope."""
+    samples, lead = 40, 60 if recorder.zero_phase else 0
+    first = -3.63 * DT if recorder.zero_phase else 2.37 * DT
+    given = low_pass(recorder, phases=2, lead=lead)
+    peak = closed_form(recorder, np.arange(80) * DT).max()
+    # Beyond the samples a forward and backward filter has the impact for `lead` more, and then nothing.
+    tail = np.exp(modes(recorder)[0].real.max() * lead * DT) if lead else 0.0
+    found = compiled(TISSUE, PARAMETERS, record(first, samples, given))
+    expected = closed_form(recorder, first + np.arange(samples) * DT)
+    np.testing.assert_allclose(found.d[0], expected, atol=(1e-6 + tail) * peak)
+    np.testing.assert_allclose(found.by_velocity[0], expected / VELOCITY, atol=(1e-6 + tail) * peak)
+    cells = record(first, samples, given, before=np.zeros((lead + 4, 1, 1)))
+    fine = compiled(TISSUE, PARAMETERS, cells)
+    time = (np.arange(fine.d.shape[1]) + 0.5) * DT / 2 - lead * DT
+    inside = time < 40 * DT
+    np.testing.assert_allclose(
+        fine.d[0, inside], closed_form(recorder, time[inside]), atol=(1e-6 + tail) * peak
+    )
+    step = 1e-8
+    slope = (closed_form(recorder, time + step) - closed_form(recorder, time - step)) / (2 * step)
+    np.testing.assert_allclose(fine.jerk[0, inside], slope[inside], atol=(1e-5 + tail) * np.abs(slope).max())
+
+
+def test_the_motion_is_in_flight_until_contact():
+    given = low_pass(FILTERS[3], lead=20)
+    found = jax.jit(motion, static_argnums=0)(
+        TISSUE, PARAMETERS, record(-2.5 * DT, 10, given), jnp.array([VELOCITY])
+    )
+    since = (np.arange(10) - 2.5) * DT
+    np.testing.assert_allclose(found.x[0, :3], VELOCITY * since[:3])
+    np.testing.assert_allclose(found.d[0, :3], 0)
+    assert (np.diff(found.x[0]) > 0).all()
+    np.testing.assert_allclose(found.d[0, 3], -np.gradient(found.v[0], DT)[4], rtol=0.1)
+
+
+def test_a_force_that_has_fallen_to_0_stays_there():
+    flow = Flow(jnp.array([[0.0, 1.0, -0.1, 2.0]]), jnp.ones((1, 4)), jnp.array([DT])).while_pushing()
+    np.testing.assert_array_equal(flow.d, [[0.0, 1.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(flow.jerk, [[1.0, 1.0, 0.0, 0.0]])
+
+
+def test_a_constant_comes_through_a_filter_as_it_is():
+    """From long before: the integrals' weights sum to one over the pole, whatever the interval."""
+    given = low_pass(Recorder(3000.0, 4))
+    still = Flow(jnp.ones((1, 400)), jnp.zeros((1, 400)), jnp.array([DT]))
+    early = Flow(jnp.ones((1, PIECES + 1)), jnp.zeros((1, PIECES + 1)), jnp.array([DT]))
+    found, slope = low_passed(given, early, still)
+    np.testing.assert_allclose(found[0, -1], 1.0, rtol=1e-10)
+    np.testing.assert_allclose(slope[0, -1], 0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("recorder", [FILTERS[0], FILTERS[3]], ids=str)
+def test_the_density_is_that_over_all_moments_of_contact(recorder):
+    """Against the trace's own density at 2000 moments; within a cell the likelihood is linear in them."""
+    samples, sigma, lead = 50, 0.005 * 330.0, 32 if recorder.zero_phase else 0
+    reach, contact = lead + 8, 3.3 * DT if not lead else -2.2 * DT
+    early = np.random.default_rng(1)
+    time = (np.arange(-reach, samples)) * DT + contact
+    trace = closed_form(recorder, time) + sigma * early.standard_normal(time.size)
+    error_sd = np.array([[0.0, 0.0, 0.0, reach * DT / 12**0.5]])
+    given = record(
+        DT / 2,
+        samples,
+        low_pass(recorder, phases=2, lead=lead),
+        d=trace[None, reach:],
+        error_sd=error_sd,
+        before=trace[:reach].reshape(reach, 1, 1),
+        n_before=np.array([reach]),
+        quiet_sd=np.array([sigma]),
+    )
+
+    @jax.jit
+    def asked(given: ElementRecord) -> tuple[jax.Array, jax.Array]:
+        event = MeasuredImpact(TISSUE, PARAMETERS, jnp.array([np.log(sigma)]), given)
+        return event.log_prob(given.d), event.mean_first_time()
+
+    density, first = asked(given)
+    moments = (np.arange(2000) + 0.5) / 2000 * reach * DT - lead * DT
+    place = np.arange(-reach, samples) * DT
+    left = trace - closed_form(recorder, place + moments[:, None])
+    log_each = -((left**2).sum(1) / sigma**2 + samples * np.log(2 * np.pi * sigma**2)) / 2
+    quiet = -(trace[:reach] ** 2).sum() / sigma**2 / 2
+    expected = logsumexp(log_each) - np.log(2000 / reach) - quiet
+    assert density[0] == pytest.approx(expected, abs=0.1)
+    # And contact is where it was, within a few of its standard deviations.
+    assert first[0] == pytest.approx(contact, abs=0.4 * DT)
