@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/calibration_answers.py
 
-300 times a study is drawn from the model of calibration-answers.toml, top down: eight people, women and men
+400 times a study is drawn from the model of calibration-answers.toml, top down: eight people, women and men
 in turn, hit on both sides in three conditions, two of them at one mass, by one of three operators. Of each
 of the 48 impacts log K and log C are measured with normal errors of known standard deviations, which stand
 in the place of what a trace says: Gaussian sites that are exact. The population is sampled and labelled as
@@ -16,8 +16,7 @@ solving for the drawn expectations of the impacts, variances from the drawn spre
 drawing them, their peaks from the motion of a spring and damper written out.
 
 A line a study is added to calibration_answers_studies.csv as it is made; the same command goes on where it
-stopped, and puts the shares into calibration_answers.csv and README.md. Remove the file of studies that an
-earlier program made.
+stopped. The shares go into calibration_answers.csv.
 """
 
 from __future__ import annotations
@@ -36,8 +35,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 from calibration import HERE, SAMPLES, add, blank, drawing, made_before
-from documents import README, between_marks
-from documents import table as markdown
+from evidence import recorded
 from jax import Array
 from numpyro.diagnostics import split_gelman_rubin
 from numpyro.distributions import biject_to
@@ -74,7 +72,7 @@ from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.inference.results.predictions import prior_draws
 from bayestissue.inference.samplers.coordinates import straight
 
-STUDIES, SEED, KIND, SCRIPT = 300, 2028, "answers", "calibration_answers.py"
+STUDIES, SEED, KIND = 400, 2028, "answers"
 STUDIES_FILE, TABLE = HERE / "calibration_answers_studies.csv", HERE / "calibration_answers.csv"
 DESIGN: dict[str, Any] = {
     "subjects": 8,
@@ -106,7 +104,10 @@ PAIRS = (("s01", "s02"), ("s03", "s04"), ("s05", "s07"))
 # Of the log of K and of C given one trace, and the correlation of the two errors.
 MEASUREMENT_SD, CORRELATION = {"K": 0.05, "C": 0.08}, -0.5
 WARMUP, DRAWS, LEAPFROGS, BLOCK = 400, 800, 8, 50
-BINS = np.array([0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0])
+# A study whose chain has not converged is sampled again, so often.
+MOST_RHAT, PASSES = 1.02, 5
+
+BINS = (0.0, 0.05, 0.2, 0.4, 0.6, 0.8, 0.95, 1.0)
 
 Levels = Mapping[str, str | float]
 
@@ -432,101 +433,86 @@ def _rhat(raw: np.ndarray) -> float:
 
 
 def shares(found: pd.DataFrame) -> pd.DataFrame:
-    """A row a quantity: how often its intervals held, or how probable claims were and how many were true."""
+    """A row a quantity, and one for claims of like probability; shares and probabilities in percent.
+
+    ``held`` is the share of 90 % intervals that hold the truth, with the truth below and above the others;
+    ``probability`` is the mean one of a claim, ``true`` the share of it that is true, and ``prior`` its mean
+    prior probability. ``se`` is the standard error of ``held`` or ``true`` between studies, whose claims and
+    intervals are not independent.
+    """
+    by_kind: dict[str, list[str]] = {}
     lines = []
     for column in found.columns.drop(["data_set", "rhat"]):
         kind, which, what = column.split("|")
-        values, row = found[column], {"kind": kind, "which": which, "studies": len(found)}
         if what == "interval":
-            shares = {
-                "held": (values == 0).mean(),
-                "truth_below": (values < 0).mean(),
-                "truth_above": (values > 0).mean(),
-            }
-            lines.append(row | {name: round(100 * share, 1) for name, share in shares.items()})
+            by_kind.setdefault(kind, []).append(column)
+            lines.append({"kind": kind, "which": which, **_held(found[[column]])})
         elif what == "p":
-            true = found[f"{kind}|{which}|true"]
-            prior = found.get(f"{kind}|{which}|prior")
-            told = {"mean_probability": values.mean(), "share_true": true.mean()}
-            told |= {} if prior is None else {"mean_prior": prior.mean()}
-            lines.append(row | {name: round(share, 3) for name, share in told.items()})
-    return pd.DataFrame(lines)
-
-
-def by_probability(found: pd.DataFrame) -> pd.DataFrame:
-    """Claims of like probability: how many, their mean probability, and the share that is true."""
+            of_prior = found.get(f"{kind}|{which}|prior")
+            prior = {} if of_prior is None else {"prior": 100 * of_prior.mean()}
+            told = _true(found[[column]].to_numpy(), found[[f"{kind}|{which}|true"]].to_numpy())
+            lines.append({"kind": kind, "which": which, **told, **prior})
+    lines += [{"kind": kind, "which": "all", **_held(found[own])} for kind, own in by_kind.items()]
     names = [column[:-2] for column in found.columns if column.endswith("|p")]
-    p = found[[f"{name}|p" for name in names]].to_numpy()
-    true = found[[f"{name}|true" for name in names]].to_numpy()
-    rows = []
+    p, true = (found[[f"{name}|{what}" for name in names]].to_numpy() for what in ("p", "true"))
     for low, high in itertools.pairwise(BINS):
         inside = (p >= low) & ((p < high) | (high == BINS[-1]))
-        off = np.where(inside, true - p, 0.0).sum(axis=1)
-        # Claims of one study are no independent ones.
-        error = off.std(ddof=1) * np.sqrt(len(off)) / inside.sum()
-        rows.append(
-            {
-                "probability": f"{low:g} to {high:g}",
-                "claims": int(inside.sum()),
-                "mean probability": f"{100 * p[inside].mean():.1f} %",
-                "true": f"{100 * true[inside].mean():.1f} ± {100 * error:.1f} %",
-            }
-        )
-    return pd.DataFrame(rows)
+        told = _true(np.where(inside, p, np.nan), np.where(inside, true, np.nan))
+        lines.append({"kind": "claims of probability", "which": f"{low:g} to {high:g}", **told})
+    return pd.DataFrame(lines).assign(studies=len(found)).round(2)
 
 
-def by_kind(found: pd.DataFrame, lines: pd.DataFrame) -> pd.DataFrame:
-    """Intervals of each kind of answer: all together, and those that held least and most often."""
-    rows = []
-    for kind, own in lines.dropna(subset="held").groupby("kind", sort=False):
-        columns = [
-            name for name in found.columns if name.startswith(f"{kind}|") and name.endswith("|interval")
-        ]
-        held = (found[columns] == 0).mean(axis=1)
-        least, most = (own.loc[place] for place in (own["held"].idxmin(), own["held"].idxmax()))
-        rows.append(
-            {
-                "90 % intervals": kind,
-                "quantities": len(own),
-                "held": f"{100 * held.mean():.1f} ± {100 * held.std(ddof=1) / np.sqrt(len(held)):.1f} %",
-                "least": f"{least['held']:.1f} % ({least['which']})",
-                "most": f"{most['held']:.1f} % ({most['which']})",
-            }
-        )
-    return pd.DataFrame(rows)
+def _held(sides: pd.DataFrame) -> dict[str, float]:
+    held = (sides == 0).mean(axis=1)
+    below, above = ((sides * sign > 0).to_numpy().mean() for sign in (-1, 1))
+    found = {"held": held.mean(), "below": below, "above": above}
+    return {name: 100 * float(share) for name, share in found.items()} | {
+        "se": 100 * float(held.std(ddof=1) / np.sqrt(len(held))),
+        "answers": sides.size,
+    }
 
 
-def document(found: pd.DataFrame, lines: pd.DataFrame) -> None:
-    """Write the shares into README.md."""
-    asked = lines.dropna(subset="mean_prior")
-    error = np.sqrt(asked["mean_prior"] * (1 - asked["mean_prior"]) / len(found))
-    off = ((asked["share_true"] - asked["mean_prior"]) / error).abs()
-    said = (
-        f"{len(found)} studies. The prior probabilities of the {len(asked)} claims among the questions are "
-        f"the shares of studies in which they are true within {off.max():.1f} standard errors."
-    )
-    parts = [said, markdown(by_kind(found, lines)), markdown(by_probability(found))]
-    between_marks(README, SCRIPT, "\n\n".join(parts))
+def _true(p: np.ndarray, true: np.ndarray) -> dict[str, float]:
+    """Of claims by study, NaN where a claim does not count."""
+    count = int(np.isfinite(p).sum())
+    off = np.nansum(true - p, axis=1)
+    return {
+        "probability": 100 * float(np.nanmean(p)),
+        "true": 100 * float(np.nanmean(true)),
+        "se": 100 * float(off.std(ddof=1) * np.sqrt(len(off)) / count),
+        "answers": count,
+    }
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description="Calibration of the answers of a fit.")
     parser.add_argument("--studies", type=int, default=STUDIES, help="in all, those of earlier calls too")
+    parser.add_argument("--seconds", type=float, default=np.inf, help="begin no block of studies after these")
     asked = parser.parse_args()
     runtime.configure()
-    studies, begun, before = Studies(), time.perf_counter(), set(made_before(STUDIES_FILE)["data_set"])
-    left = [number for number in range(asked.studies) if number not in before]
-    for first in range(0, len(left), BLOCK):
-        # Blocks of one size are compiled once.
-        block = np.resize(left[first : first + BLOCK], BLOCK).tolist()
-        for row in itertools.islice(studies.rows(block), len(left) - first):
-            add(STUDIES_FILE, row)
-        print(f"{first + BLOCK} studies, {time.perf_counter() - begun:.0f} s", flush=True)
-    found = made_before(STUDIES_FILE)
-    lines = shares(found)
-    lines.to_csv(TABLE, index=False)
-    print(lines.to_string())
-    document(found, lines)
+    with recorded("calibration_answers") as record:
+        run(asked.studies, asked.seconds)
+        if left := STUDIES - len(made_before(STUDIES_FILE)):
+            record.left = f"{left} of {STUDIES} studies"
+
+
+def run(number: int, seconds: float) -> None:
+    """Sample and ask the studies that no earlier call has, a block at a time."""
+    studies, begun = Studies(), time.perf_counter()
+    for _ in range(PASSES):
+        before = set(made_before(STUDIES_FILE)["data_set"])
+        left = [each for each in range(number) if each not in before]
+        for first in range(0, len(left), BLOCK):
+            if time.perf_counter() - begun > seconds:
+                return
+            # Blocks of one size are compiled once.
+            block = np.resize(left[first : first + BLOCK], BLOCK).tolist()
+            for row in itertools.islice(studies.rows(block), len(left) - first):
+                # In another block a chain begins elsewhere.
+                if row["rhat"] < MOST_RHAT:
+                    add(STUDIES_FILE, row)
+            shares(made_before(STUDIES_FILE)).to_csv(TABLE, index=False, lineterminator="\n")
+            print(f"{first + BLOCK} studies, {time.perf_counter() - begun:.0f} s", flush=True)
 
 
 if __name__ == "__main__":

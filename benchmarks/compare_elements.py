@@ -33,6 +33,7 @@ import xarray as xr
 from coverage_elements import FILES, ROOT, campaign_of
 from coverage_fit import Fits
 from evidence import recorded
+from evidence.families.elements import compared
 
 from bayestissue import runtime
 from bayestissue.elements import element_names
@@ -41,7 +42,6 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.comparing.finished import FinishedRun
 from bayestissue.inference.comparing.implied import OF_IMPACTS, implied
 from bayestissue.inference.comparing.runs import compare_runs
-from bayestissue.inference.comparing.stacking import decides
 from bayestissue.inference.posterior.recipe import Correction
 from bayestissue.inference.results.cross_validation import scheme_words
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
@@ -152,27 +152,6 @@ def _elpd(comparison: pd.DataFrame) -> dict[str, float]:
     return {f"elpd_{name}": round(float(rows.get(name, np.nan)), 2) for name in element_names()}
 
 
-def summarised(rows: pd.DataFrame, ending: str = "") -> pd.DataFrame:
-    """By element and over all: how often the right one wins where the difference decides, and loses there."""
-
-    def line(part: pd.DataFrame) -> dict[str, Any]:
-        difference = part[f"difference{ending}"]
-        told = decides(difference, part[f"se{ending}"])
-        return {
-            "campaigns": len(part),
-            "wins": int((difference > 0).sum()),
-            "differ": int(told.sum()),
-            "wins_where_differ": int((told & (difference > 0)).sum()),
-            "beaten_with_confidence": int((told & (difference < 0)).sum()),
-            "median_weight": round(float(part[f"weight{ending}"].median()), 3),
-            "K_of_weights_held": int(part["K_of_weights_held"].sum()),
-            "median_seconds": round(float(part["seconds"].median()), 1),
-        }
-
-    lines = [{"element": name, **line(part)} for name, part in rows.groupby("element", sort=False)]
-    return pd.DataFrame([*lines, {"element": "all", **line(rows)}])
-
-
 def measure(elements: Sequence[str], campaigns: int, seconds: float, table: Path) -> None:
     """Append a row for each campaign that is not there yet and is begun in time."""
     begun = time.perf_counter()
@@ -206,7 +185,7 @@ def main() -> None:
     rows = pd.read_csv(TABLE)
     for ending, scheme in (("", BY_IMPACT), ("_people", BY_PERSON)):
         print(scheme)
-        print(summarised(rows, ending).to_string(index=False))
+        print(compared(rows, ending).to_string())
 
 
 if __name__ == "__main__":

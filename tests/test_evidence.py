@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import importlib
 import json
 import sys
 from dataclasses import replace
@@ -10,9 +11,12 @@ from pathlib import Path
 
 import pytest
 
+from bayestissue.inference.comparing.stacking import DECISIVE_NATS, DECISIVE_SE
+
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
 from evidence import fingerprint, pages, provenance, registry, running, status  # noqa: E402
+from evidence.families import elements  # noqa: E402
 from evidence.registry import Piece  # noqa: E402
 from evidence.summary import figure  # noqa: E402
 
@@ -33,6 +37,17 @@ def test_a_piece_names_what_there_is(piece):
 def test_a_piece_speaks_of_what_its_scripts_import(piece):
     missing = [name for name in imported(piece) if not covered(name, piece)]
     assert not missing, f"{piece.name} of evidence.toml lacks {missing}"
+
+
+@pytest.mark.parametrize("script", sorted({piece.scripts()[0] for piece in PIECES}))
+def test_a_script_finds_all_that_it_imports(script):
+    module = importlib.import_module(Path(script).stem)
+    assert script in (module.__doc__ or "")
+    assert callable(module.main)
+
+
+def test_what_decides_between_elements_is_the_program_s_rule():
+    assert (elements.DECIDES_SE, elements.DECIDES_NATS) == (DECISIVE_SE, DECISIVE_NATS)
 
 
 def imported(piece: Piece) -> set[Path]:
@@ -262,12 +277,16 @@ def test_rows_are_the_same_however_they_are_written(piece):
 
 
 @pytest.mark.parametrize("path", pages.pages(), ids=lambda path: path.relative_to(ROOT).as_posix())
-def test_a_page_prints_what_the_files_say_and_no_figure_is_typed(path):
-    text, name = path.read_text(encoding="utf-8"), path.relative_to(ROOT).as_posix()
+def test_a_page_prints_what_the_files_say(path):
+    text = path.read_text(encoding="utf-8")
     assert pages.filled(text) == text, OTHERS
     assert not list(pages.misplaced(text)), "a figure within a sentence can't begin a line"
-    typed = list(pages.typed(name, text))
-    assert not typed, f"measured numbers are typed: take a figure of evidence (benchmarks/README.md): {typed}"
+
+
+def test_no_measured_figure_is_typed():
+    found = {path.relative_to(ROOT).as_posix(): pages.prose(path) for path in pages.sources()}
+    typed = [(name, sentence) for name, text in found.items() for sentence in pages.typed(name, text)]
+    assert not typed, f"take figures of evidence (benchmarks/README.md) for measured numbers: {typed}"
 
 
 def test_the_page_of_a_fit_shows_the_coverage_that_was_measured():
@@ -302,11 +321,11 @@ def test_levels_and_other_numbers_are_no_measured_figures(sentence):
 
 
 def test_a_stale_figure_says_so(monkeypatch):
-    monkeypatch.setattr("evidence.figures.state_of", lambda piece: status.State("stale", status.BEFORE))
+    monkeypatch.setattr("evidence.texts.state_of", lambda piece: status.State("stale", status.BEFORE))
     inline, table = (figure(f"exactness.{name}") for name in ("arma", "table"))
     assert inline.printed() == f"{inline.text} (measured on an earlier version)"
     assert table.printed().endswith("*Measured on an earlier version.*")
-    monkeypatch.setattr("evidence.figures.state_of", lambda piece: status.State("fresh", ""))
+    monkeypatch.setattr("evidence.texts.state_of", lambda piece: status.State("fresh", ""))
     assert inline.printed() == inline.text
 
 

@@ -6,6 +6,8 @@ the marks on lines of their own. What stands between them is written by `fill`.
 
 from __future__ import annotations
 
+import ast
+import json
 import re
 import textwrap
 from collections.abc import Iterator
@@ -13,10 +15,11 @@ from pathlib import Path
 
 import pandas as pd
 
-from evidence.figures import Figure, figures
+from evidence.figures import figures
 from evidence.registry import ROOT, content, of_family
 from evidence.status import state_of
 from evidence.summary import figure, in_words
+from evidence.texts import Figure
 
 MARKED = re.compile(
     r"(?P<indent>^[ ]*)?<!-- evidence: (?P<name>\S+) -->(?P<text>.*?)<!-- end -->", re.M | re.S
@@ -30,14 +33,15 @@ _NUMBER = re.compile(
     r"\d[\d.,]* ?(?:%|µs\b|ms\b|s\b|seconds?\b|min\b|minutes?\b|h\b|hours?\b|[GM]iB\b|times\b)|\d[\d,]* of \d"
 )
 _CLAIM = re.compile(
-    r"\b(?:held|hold the truth|measured|took|takes|faster|slower|fewer|as long as|"
-    r"effective samples|flagged|found in|coverage|alarms?|in simulations|"
-    r"simulated (?:campaigns|impacts|sets|people))\b",
+    r"\b(?:held|hold the truth|measured|took|takes|as long as|effective samples|flagged|found in|coverage|"
+    r"alarms?|in simulations|simulated (?:campaigns|impacts|sets|people))\b"
+    r"|\d times (?:faster|slower|fewer|less)",
     re.I,
 )
 # A level of probability that an interval is asked for is no measurement.
 _LEVEL = re.compile(
-    r"\d[\d.]* ?% (?:(?:credible |equal-tailed |posterior |prediction )?(?:interval|limit|level|band))"
+    r"(?:\d[\d.]* ?% (?:and|or) )?\d[\d.]* ?% (?:credible |equal-tailed |posterior |predictive )?"
+    r"(?:interval|limit|level|band)"
     r"|(?:interval|limit|level|band)s? of \d[\d.]* ?%|\(\d[\d.]* ?%\)"
 )
 
@@ -46,6 +50,25 @@ def pages() -> list[Path]:
     """The README and the pages of the manual that are written by hand."""
     manual = (path for path in (ROOT / "docs").rglob("*.md") if "_build" not in path.parts)
     return [ROOT / "README.md", *sorted(manual)]
+
+
+def sources() -> list[Path]:
+    """All that people read and that may state a figure: the pages, notebooks, and the words of reports."""
+    notebooks = (path for path in (ROOT / "docs").rglob("*.ipynb") if "_build" not in path.parts)
+    report = ROOT / "src" / "bayestissue" / "report"
+    return [*pages(), *sorted(notebooks), *sorted(report.rglob("*.html")), *sorted(report.rglob("*.py"))]
+
+
+def prose(path: Path) -> str:
+    """What of a source people read: of a notebook the text between its code, of a program its strings."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix == ".ipynb":
+        cells = (cell for cell in json.loads(text)["cells"] if cell["cell_type"] == "markdown")
+        return "\n\n".join("".join(cell["source"]) for cell in cells)
+    if path.suffix == ".py":
+        strings = (node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant))
+        return "\n\n".join(string for string in strings if isinstance(string, str))
+    return re.sub(r"<[^!>]+>", " ", text) if path.suffix == ".html" else text
 
 
 def fill() -> list[str]:

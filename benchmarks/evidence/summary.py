@@ -6,10 +6,11 @@ import re
 
 import pandas as pd
 
-from evidence.figures import Figure, figures, table
+from evidence.figures import figures
 from evidence.provenance import read
 from evidence.registry import Piece, content, of_family
 from evidence.status import BEFORE, EARLIER, State, state_of
+from evidence.texts import Figure, table
 
 NOT_MEASURED = "not measured yet"
 _MINUTE, _HOUR = 60, 3600

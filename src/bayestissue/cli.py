@@ -378,7 +378,7 @@ def ask(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", help="Also write questions.csv to this folder.")
+        Path | None, typer.Option("--out", help="Also write questions.csv and report.html to this folder.")
     ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
@@ -412,7 +412,7 @@ def predict(
         ),
     ],
     out: Annotated[
-        Path | None, typer.Option("--out", help="Also write predictions.csv to this folder.")
+        Path | None, typer.Option("--out", help="Also write predictions.csv and report.html to this folder.")
     ] = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,

@@ -9,8 +9,9 @@ from typing import Any
 
 import xarray as xr
 
+from bayestissue.answering import Answering
 from bayestissue.errors import InputError, Problem
-from bayestissue.inference.answers.finished import GROUPS, Answering, Finished
+from bayestissue.inference.answers.finished import GROUPS, Finished
 from bayestissue.outline import Rows, as_html, as_text, short
 from bayestissue.report.run_folder import read_about, require_files
 

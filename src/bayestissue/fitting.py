@@ -18,11 +18,12 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue import resources, results, runtime
+from bayestissue.answering import Answering
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.inference.answers.agreement import agreement
-from bayestissue.inference.answers.finished import Answering, Finished
+from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces

@@ -25,6 +25,12 @@ def test_answers_are_printed_and_written(run: Path, tmp_path: Path) -> None:
     table = pd.read_csv(tmp_path / "out" / "questions.csv")
     assert table["question"].tolist() == list(questions)
     assert list(table)[:5] == ["question", "posterior", "prior", "bayes_factor", "mcse"]
+    page = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "2 questions to a fit of made up" in page
+    assert "<code>K[subject=s1] / K[subject=s2] &gt; 1.1</code>" in page
+    # No question has a name, so that there is no column of names.
+    assert ">question</th>" in page
+    assert ">name</th>" not in page
     shown = json.loads(bayestissue("ask", run, *questions, "--json").out)["questions"]
     assert shown[0]["posterior"] == table["posterior"][0]
 

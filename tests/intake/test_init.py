@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import json
-import shlex
 from collections.abc import Callable
 from pathlib import Path
 
@@ -158,20 +157,6 @@ def test_at_a_terminal_it_asks(folder: Callable, tmp_path: Path, monkeypatch: py
     assert len(asked) == len(answers)
     assert "The channel with the impact (Force, Impact)" in asked[:2]
     assert "The same without questions: --channel Impact --quantity deceleration --set trial=drop" in made.err
-
-
-def test_the_example_of_the_documentation_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    text = (Path(__file__).parents[2] / "data" / "README.md").read_text()
-    example = text[text.index("bayestissue init recorded") :].split("```")[0]
-    words = shlex.split(example.replace("\\\n", " "))
-    (tmp_path / "recorded").mkdir()
-    for which, (subject, side, mass, number) in enumerate(DROPS):
-        time, value = deceleration(mass * (1 + 0.001 * which), np.sqrt(2 * 9.80665 * 0.12))
-        path = tmp_path / "recorded" / f"{subject}_{side}_{mass}kg_{number}.lvm"
-        lvm(path, time, {"Impact": value / 9.80665, "Force": value}, unit="")
-    monkeypatch.chdir(tmp_path)
-    assert bayestissue(*words[1:]).status == 0
-    assert len(bt.read_dataset("my-impacts").impacts) == len(DROPS)
 
 
 def facts(**columns: object) -> pd.DataFrame:

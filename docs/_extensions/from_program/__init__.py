@@ -10,7 +10,7 @@ from collections.abc import Callable
 
 from sphinx.application import Sphinx
 
-from from_program import commands, functions, keys, results
+from from_program import commands, folders, functions, keys, results, thesis
 
 PARTS: dict[str, Callable[[], str]] = {
     "commands": commands.commands,
@@ -24,6 +24,11 @@ PARTS: dict[str, Callable[[], str]] = {
     "groups": results.groups,
     "variables": results.variables,
     "functions": functions.functions,
+    "folders": folders.folders,
+    "thesis exponents": thesis.exponents,
+    "thesis audit": thesis.audit,
+    "thesis recomputed": thesis.recomputed,
+    "thesis causes": thesis.causes,
 }
 MARK = re.compile(r"^<!-- from the program: (.+) -->$", flags=re.MULTILINE)
 

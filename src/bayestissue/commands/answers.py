@@ -1,4 +1,4 @@
-"""What commands that ask a finished run have in common: a table printed, and with ``out`` a file of it."""
+"""What commands that ask a finished run have in common: a table, printed or as a file and a page."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bayestissue import results, runtime
 
@@ -20,6 +20,7 @@ def answer(
     run: Path,
     of: Callable[[Run], pd.DataFrame],
     show: Callable[[pd.DataFrame], None],
+    page: Callable[[pd.DataFrame, dict[str, Any]], str],
     *,
     command: str,
     name: str,
@@ -35,6 +36,7 @@ def answer(
         run: the run's folder.
         of: makes the table.
         show: prints it.
+        page: makes a page of it and of the content of ``run.json``.
         command: what the folder says wrote it.
         name: of the table: that of its file, and its key in JSON.
         inputs: files and folders that are read and must not be overwritten.
@@ -54,13 +56,15 @@ def answer(
         from bayestissue.commands.console import echo
         from bayestissue.finished import read_run
 
-        table = of(read_run(run))
+        finished = read_run(run)
+        table = of(finished)
         if place is not None:
             with place.folder() as folder:
                 table.to_csv(folder / f"{name}.csv", index=False)
+                (folder / "report.html").write_text(page(table, finished.about), encoding="utf-8")
         if as_json:
             echo(json.dumps({name: json.loads(table.to_json(orient="records"))}, ensure_ascii=False))
         elif not quiet:
             show(table)
             if place is not None:
-                echo(f"wrote {place.path / f'{name}.csv'}")
+                echo(f"wrote {place.path / f'{name}.csv'} and {place.path / 'report.html'}")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from bayestissue.commands.answers import answer
 
@@ -17,7 +17,7 @@ _HEADINGS = {"bayes_factor": "Bayes factor", "mcse": "Monte Carlo error"}
 def run(
     run: Path, questions: list[str], *, out: Path | None, overwrite: bool, quiet: bool, as_json: bool
 ) -> None:
-    """Answer questions, print them and, with ``out``, write ``questions.csv``.
+    """Answer questions, print them and, with ``out``, write ``questions.csv`` and a page.
 
     Raises:
         InputError: ``run`` is no finished fit, questions can't be read or answered (all of them are told), or
@@ -27,6 +27,7 @@ def run(
         run,
         lambda finished: finished.ask(*questions),
         print_answers,
+        _page,
         command="ask",
         name="questions",
         inputs=(run,),
@@ -35,6 +36,12 @@ def run(
         quiet=quiet,
         as_json=as_json,
     )
+
+
+def _page(table: pd.DataFrame, about: dict[str, Any]) -> str:
+    from bayestissue.report.answers_page import questions_page
+
+    return questions_page(table, about)
 
 
 def print_answers(table: pd.DataFrame) -> None:

@@ -22,7 +22,7 @@ def read_cells(
     wanted: Sequence[str],
     *,
     label: str = FILE,
-    remedy: str = "Write one: a header and one row per impact; data/README.md shows how.",
+    remedy: str = "Write one: a header and one row per impact; docs/how-to/write-a-dataset.md shows how.",
 ) -> tuple[pd.DataFrame, np.ndarray]:
     """All cells as text without the spaces around them, and of each record its row in the file.
 

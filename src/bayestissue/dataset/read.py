@@ -27,7 +27,7 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
     """Read a dataset folder: ``dataset.toml``, ``impacts.csv`` and the recordings.
 
     Args:
-        path: the folder; ``data/README.md`` describes its layout.
+        path: the folder; ``docs/reference/dataset.md`` describes its layout.
         skip_bad: leave out impacts with something wrong, and say so in ``left_out``, instead of refusing
             the whole. What concerns the dataset as a whole is refused either way.
 

@@ -181,7 +181,10 @@ def read_settings(path: Path) -> Settings:
         InputError: the file is missing, is no TOML, or has unknown, missing or wrong entries; all at once.
     """
     if not path.exists():
-        remedy = 'Write one with name = "…" and a table [signal] with quantity and unit; see data/README.md.'
+        remedy = (
+            'Write one with name = "…" and a table [signal] with quantity and unit; '
+            "see docs/how-to/write-a-dataset.md."
+        )
         raise InputError(
             Problem(
                 FILE, "a dataset.toml in the folder", remedy, value="no file of that name", code="no-dataset"

@@ -3,8 +3,18 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
 UNITS = {"K": "N/m", "C": "N s/m"}
+# What is predicted of a new impact, by column: its name, the unit it is shown in, and how many per SI unit.
+PREDICTED = {
+    "K_N_per_m": ("K", "N/m", 1.0),
+    "C_N_s_per_m": ("C", "N s/m", 1.0),
+    "peak_displacement_m": ("depth", "mm", 1e3),
+    "peak_force_N": ("force", "N", 1.0),
+    "time_to_peak_s": ("time to peak", "ms", 1e3),
+}
 
 
 def decimals_of(width: float) -> int:
@@ -89,3 +99,14 @@ def counted(number: int, one: str, several: str) -> str:
 def listed(words: list[str]) -> str:
     """``a``, ``a and b``, or ``a, b and c``."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
+
+
+def given_of(row: Mapping[Any, Any]) -> str:
+    """What a row of predictions was given, such as "subject s01, mass_kg 1.2"."""
+    beside = ("new", "draws", "simulated", "note")
+    given = {
+        name: f"{value:.4g}" if isinstance(value, float) else str(value)
+        for name, value in row.items()
+        if name not in beside and not str(name).startswith(tuple(PREDICTED))
+    }
+    return ", ".join(f"{name} {text}" for name, text in given.items() if text != "nan")

@@ -114,8 +114,8 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
         "conclusion": answers.mass_conclusion(run),
         "contrast": answers.contrast_sentence(run),
         "first_contrasts": comparisons.first_contrasts(run),
-        "questions": question_lines(run),
-        "questions_table": questions_table(run),
+        "questions": question_lines(run.questions),
+        "questions_table": questions_table(run.questions),
     }
 
 

@@ -1,4 +1,4 @@
-"""The questions of a model file and their answers, on the first screen of a fit."""
+"""Questions and their answers: on the first screen of a fit, and on a page of their own."""
 
 from __future__ import annotations
 
@@ -6,12 +6,11 @@ from typing import Any
 
 import pandas as pd
 
-from bayestissue.report.fit.run import FitRun
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import interval, number, probability, significant
 
 # As many as a first screen holds; the table has all.
-_FIRST = 6
+FIRST = 6
 _TITLES = (
     "name",
     "question",
@@ -21,12 +20,13 @@ _TITLES = (
     "Monte Carlo error",
     "median",
     "90 % interval",
+    "note",
 )
 
 
-def question_lines(run: FitRun) -> list[dict[str, str]]:
+def question_lines(asked: pd.DataFrame | None, most: int = FIRST) -> list[dict[str, str]]:
     """The first questions, each with its answer and what stands beside it in grey."""
-    return [_line(row) for row in _rows(run)[:_FIRST]]
+    return [_line(row) for row in _rows(asked)[:most]]
 
 
 def _line(row: dict[str, Any]) -> dict[str, str]:
@@ -41,11 +41,15 @@ def _line(row: dict[str, Any]) -> dict[str, str]:
     return {"question": asked, "answer": answer, "beside": beside}
 
 
-def questions_table(run: FitRun) -> Table:
-    """Every question with all that is known of its answer."""
+def questions_table(asked: pd.DataFrame | None) -> Table:
+    """Every question with all that is known of its answer, without columns that are empty in all of them."""
+    cells = [_cells(row) for row in _rows(asked)]
+    kept = [
+        place for place, title in enumerate(_TITLES) if title == "question" or any(c[place] for c in cells)
+    ]
     return Table(
-        columns(*(*_TITLES, "note"), number=_TITLES[2:], words=("question", "note")),
-        [Row(_cells(row)) for row in _rows(run)],
+        columns(*(_TITLES[place] for place in kept), number=_TITLES[2:-1], words=("question", "note")),
+        [Row([row[place] for place in kept]) for row in cells],
     )
 
 
@@ -66,5 +70,5 @@ def _cells(row: dict[str, Any]) -> list[str]:
     ]
 
 
-def _rows(run: FitRun) -> list[dict[str, Any]]:
-    return [] if run.questions is None else run.questions.to_dict("records")  # type: ignore[return-value]
+def _rows(asked: pd.DataFrame | None) -> list[dict[str, Any]]:
+    return [] if asked is None else asked.to_dict("records")  # type: ignore[return-value]

@@ -1,0 +1,1 @@
+"""Figures of each family of pieces, in functions of its name."""

@@ -1,0 +1,52 @@
+"""Whether what a finished fit answers holds what it promises."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from evidence.texts import Figure, Named, block, family, names, read, table, with_error
+
+
+@family
+def calibration_answers() -> Named:
+    lines = read("calibration_answers.csv")
+    own = lines["which"] != "all"
+    if own.all():
+        # A table of an earlier layout, or of no whole block of studies yet.
+        return
+    rows = []
+    for kind, part in lines[own].dropna(subset="held").groupby("kind", sort=False):
+        pooled = lines[~own & (lines["kind"] == kind)].iloc[0]
+        least, most = (part.loc[place] for place in (part["held"].idxmin(), part["held"].idxmax()))
+        row = {"90 % intervals": kind, "quantities": len(part)}
+        row["held"] = with_error(*(pooled[[name]] / 100 for name in ("held", "se")))[0]
+        row |= {"least": f"{least['held']:.1f} %, {least['which']}"}
+        row |= {"most": f"{most['held']:.1f} %, {most['which']}"}
+        rows.append(row)
+    yield "intervals", block(table(pd.DataFrame(rows)), "calibration_answers")
+    claims = lines[lines["kind"] == "claims of probability"]
+    bins = pd.DataFrame(
+        {
+            "claims of probability": claims["which"],
+            "claims": claims["answers"].astype(int),
+            "mean probability": claims["probability"].map("{:.1f} %".format),
+            "true": with_error(claims["true"] / 100, claims["se"] / 100),
+        }
+    )
+    yield "claims", block(table(bins), "calibration_answers")
+    prior = lines.dropna(subset="prior")
+    error = np.sqrt(prior["prior"] * (100 - prior["prior"]) / prior["studies"])
+    off = ((prior["true"] - prior["prior"]) / error).abs().max()
+    text = (
+        f"the prior probabilities of the {len(prior)} claims that were asked are the shares of studies in "
+        f"which they are true, within {off:.1f} standard errors"
+    )
+    yield "priors", Figure(text, names("calibration_answers"))
+    held = lines[own]["held"].dropna()
+    text = (
+        f"in {int(lines['studies'].max())} simulated studies the 90 % intervals of {len(held)} answers held "
+        f"{held.min():.0f} to {held.max():.0f} %, {held.mean():.1f} % in the mean; of claims given a "
+        f"probability of 80 to 95 % {claims['true'].iloc[-2]:.0f} % were true"
+    )
+    yield "sentence", Figure(text, names("calibration_answers"))

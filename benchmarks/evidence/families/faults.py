@@ -1,0 +1,82 @@
+"""What is said of a wrong measuring chain, spoilt recordings, damaged files and kills."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+
+from evidence.texts import Figure, Named, block, family, names, percent, read, table
+
+
+@family
+def measuring_chain() -> Named:
+    lines = read("measuring_chain.csv")
+    cells = lines["alarms"].astype(str) + " of " + lines["sets"].astype(str)
+    shown = lines.assign(cell=cells).pivot_table("cell", "spoilt", "likelihood", "first", sort=False)
+    shown = shown.rename(columns="alarms by `{}`".format).reset_index().rename_axis(columns=None)
+    yield "table", block(table(shown), "measuring_chain")
+    right = lines[lines["spoilt"] == "nothing"]
+    yield (
+        "false_alarms",
+        Figure(f"{right['alarms'].sum()} of {right['sets'].sum()}", names("measuring_chain")),
+    )
+    wrong = lines[~lines["spoilt"].str.contains("nothing|mass")]
+    share = f"{wrong['alarms'].min()} to {wrong['alarms'].max()} of {wrong['sets'].max()}"
+    yield "found", Figure(share, names("measuring_chain"))
+
+
+@family
+def spoilt_impacts() -> Named:
+    rows = read("spoilt_impacts.csv")
+    shown = pd.DataFrame(
+        {
+            "recording": rows["kind"],
+            "impacts": rows["impacts"],
+            "flagged": [percent(each) for each in rows["flagged"] / rows["impacts"]],
+            "K or C off by more than 5 %": rows["off"],
+            "of these flagged": (rows["off_and_flagged"] / rows["off"]).map(
+                lambda share: "" if np.isnan(share) else percent(share, 0)
+            ),
+            "K off, median": rows["K_off_median"].map(percent).where(rows["K_off_median"].notna()),
+            "C off, median": rows["C_off_median"].map(percent).where(rows["C_off_median"].notna()),
+            "commonest flag": rows["commonest_flag"],
+        }
+    )
+    yield "table", block(table(shown), "spoilt_impacts")
+    own, sound = names("spoilt_impacts"), rows["kind"].str.startswith("sound")
+    spoilt = rows[~sound]
+    off, caught = spoilt["off"].sum(), spoilt["off_and_flagged"].sum()
+    yield "found", Figure(percent(caught / off), own)
+    least = spoilt[spoilt["off"] >= 20].assign(share=lambda t: t["off_and_flagged"] / t["off"])
+    weakest = ", ".join(
+        f"{row.kind} {percent(row.share, 0)}" for row in least.nsmallest(3, "share").itertuples()
+    )
+    text = (
+        f"of {spoilt['impacts'].sum()} impacts spoilt in {len(spoilt)} ways, K or C of {off} is off by more "
+        f"than 5 %, and {percent(caught / off)} of these are flagged or refused (the least of the kinds: "
+        f"{weakest})"
+    )
+    yield "sentence", Figure(text, own)
+    for row in rows[sound].itertuples():
+        kind = row.kind.removeprefix("sound, ")
+        yield f"sound_{kind}", Figure(percent(row.flagged / row.impacts), own)
+        yield f"no_answer_{kind}", Figure(percent(row.no_answer / row.impacts), own)
+
+
+@family
+def damaged_files() -> Named:
+    rows = read("damaged_files.csv")
+    good, bad = int(rows["examples_passed"].sum()), int(rows["examples_failed"].sum())
+    text = f"{bad} of {good + bad} damaged files of {len(rows)} kinds were read wrongly or gave a traceback"
+    yield "sentence", Figure(text, names("damaged_files"))
+
+
+@family
+def kills() -> Named:
+    rows = read("kills.csv")
+    passed = (rows["state"] == "passed").all()
+    text = "had the same draws as one that was left alone" if passed else "did not all have the same draws"
+    yield (
+        "sentence",
+        Figure(f"a fit that was killed ten times, and given again each time, {text}", names("kills")),
+    )

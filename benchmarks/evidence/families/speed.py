@@ -1,0 +1,77 @@
+"""How long things take, beside other programs and by themselves."""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from evidence.registry import of_family
+from evidence.texts import Figure, Named, block, family, in_order, names, read, table
+
+
+@family
+def likelihood() -> Named:
+    rows = read("likelihood.csv")
+    ours = rows[rows["contender"] == "bayestissue"].set_index("samples")["ms"]
+    times = rows["ms"] / rows["samples"].map(ours)
+    cells = [f"{ms:.3g} ({ratio:.2g})" for ms, ratio in zip(rows["ms"], times, strict=True)]
+    shown = rows.assign(cell=cells).pivot_table("cell", "contender", "samples", "first", sort=False)
+    shown = shown.rename(columns="{} samples".format).reset_index().rename_axis(columns=None)
+    yield "table", block(table(shown), "likelihood")
+    at = rows["samples"] == 1024
+    libraries = rows["contender"].str.contains("tinygp|celerite2|statsmodels")
+    text = f"{times[at & libraries].min():.0f} to {times[at & libraries].max():.0f} times"
+    yield "libraries", Figure(text, names("likelihood"))
+    scan = times[at & rows["contender"].str.contains("tuned")]
+    yield "scan", Figure(f"{scan.iloc[0]:.0f} times", names("likelihood"))
+
+
+@family
+def fit_efficiency() -> Named:
+    rows = read("fit_efficiency_arma.csv")
+    shown = pd.DataFrame(
+        {
+            "contender": rows["contender"],
+            "chains": rows["remark"],
+            "gradients a draw": rows["gradients_a_draw"].map("{:.0f}".format),
+            "least ESS": rows["ess_bulk"].map("{:.0f}".format),
+            "seconds": rows["own_sampling_s"].map("{:.0f}".format),
+            "ESS a second": rows["per_own_s"].map("{:.2g}".format),
+            "R-hat": rows["r_hat"].map("{:.3f}".format).where(rows["r_hat"].notna()),
+        }
+    )
+    yield "table", block(table(shown), "fit_efficiency")
+    rate = rows.set_index("contender")["per_own_s"]
+    ours = rate["bayestissue, summary path"]
+    nutpie, plain = (
+        rate[rate.index.str.contains(words)].max() for words in ("nutpie .*exact", "plain model")
+    )
+    yield "nutpie", Figure(f"{ours / nutpie:.1f} times", names("fit_efficiency"))
+    yield "plain", Figure(f"{ours / plain:.0f} times", names("fit_efficiency"))
+
+
+@family
+def trace_likelihood() -> Named:
+    shown = read("trace_likelihood.csv")
+    milliseconds = {name: f"{name} [ms]" for name in shown.columns.drop("likelihood")}
+    yield "table", block(table(shown.rename(columns=milliseconds)), "trace_likelihood")
+
+
+@family
+def fit_time() -> Named:
+    elements = [piece.where["element"] for piece in of_family("fit_time")]
+    rows = in_order(read("fit_time.csv"), "element", elements)
+    columns = {"first_s": "first [s]", "again_s": "again [s]", "other_s": "other dataset [s]"}
+    shown = rows[["element", "tissue", *columns, "path", "r_hat", "ess"]].rename(columns=columns)
+    shown = shown.rename(columns={"r_hat": "R-hat", "ess": "least ESS"})
+    yield "table", block(table(shown), "fit_time")
+    example = rows[rows["tissue"] == "example"].groupby("element").last()
+    for name, row in example.iterrows():
+        yield f"{name}_first", Figure(f"{row['first_s']:.0f} s", (f"fit_time-{name}",))
+        yield f"{name}_again", Figure(f"{row['again_s']:.0f} s", (f"fit_time-{name}",))
+
+
+@family
+def reproduce_time() -> Named:
+    rows = read("reproduce_time.csv").set_index("run")
+    for run in ("first", "again"):
+        yield run, Figure(f"{rows.loc[run, 's']:.0f} s", names("reproduce_time"))
