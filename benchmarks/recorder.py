@@ -36,12 +36,12 @@ SOUND, SHORT = "sound recordings", "short impacts on six elements"
 TABLE = Path(__file__).with_suffix(".csv")
 SLOW = {"low_pass_hz": 500.0}
 CASES: dict[str, dict[str, Any] | None] = {
-    "none": None,
     "second order, 500 Hz": SLOW,
+    "SAE class 180": {"sae_class": 180},
+    "none": None,
     "one pole, 500 Hz": {**SLOW, "order": 1},
     "Bessel of fourth order, 500 Hz": {**SLOW, "order": 4, "kind": "bessel"},
     "second order, 2000 Hz": {"low_pass_hz": 2000.0},
-    "SAE class 180": {"sae_class": 180},
 }
 
 
