@@ -19,7 +19,7 @@ from from_program.keys import unit
 from from_program.markdown import code, escaped, table
 
 # Those of printed estimates, which `reproduce` alone has.
-_PUBLISHED = ("_observed", "_average", "_sd")
+_PUBLISHED = ("_observed", "_average", "_sd", "_cell")
 
 
 def files() -> str:
