@@ -14,7 +14,7 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup shell report report-example report-published test check-code docs test-long evidence evidence-status evidence-pages evidence-peers lock clean
+.PHONY: help setup shell report report-example report-published test check-code docs docs-outputs test-long evidence evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -74,6 +74,10 @@ docs: $(READY_FOR_DOCS)  ## the manual, in docs/_build/html
 	@echo "building the manual, half a minute or so ..."
 	@$(DOCS) docs docs/_build/html
 	@echo "open docs/_build/html/index.html"
+
+docs-outputs: $(READY_FOR_TESTS)  ## what the manual's commands print, its pictures, figures and notebook, made anew
+	@$(BIN)/python tests/docs/refresh.py
+	@$(BIN)/python docs/explanation/figures.py
 
 test-long: $(READY_FOR_TESTS)  ## the checks that take minutes to hours
 	@$(BIN)/python -m pytest -m long -n 0

@@ -163,7 +163,8 @@ def _execute(words: str) -> tuple[int, str]:
     if words.startswith("bayestissue "):
         os.environ["COLUMNS"] = WIDTH
         ended = bayestissue(*shlex.split(words, comments=True)[1:])
-        return ended.status, ended.err + ended.out
+        # Messages name whole paths, which differ from reader to reader.
+        return ended.status, (ended.err + ended.out).replace(f"{Path.cwd()}{os.sep}", "")
     done = subprocess.run(words, shell=True, capture_output=True, text=True, check=False)  # noqa: S602
     return done.returncode, done.stderr + done.stdout
 

@@ -11,7 +11,7 @@ import jupytext
 import pandas as pd
 import preparations
 import pytest
-from pages import DOCS, NOTEBOOKS, Block, blocks, commands, compare, parse, run, same
+from pages import DOCS, NOTEBOOKS, ROOT, Block, blocks, commands, compare, parse, run, same
 
 PAGES = sorted(
     page
@@ -105,3 +105,17 @@ def test_commands_of_the_explanations_have_options_that_the_program_knows() -> N
     for page in (DOCS / "explanation").glob("*.md"):
         for block in blocks(page.read_text(encoding="utf-8")):
             parse(block)
+
+
+def test_the_recordings_of_the_tutorial_are_those_that_their_script_makes(tmp_path: Path) -> None:
+    folder = ROOT / "data" / "tutorial"
+    runpy.run_path(str(folder / "make_recordings.py"))["main"](tmp_path)
+    places = (tmp_path, folder / "recorded")
+    made, kept = ({path.name: path.read_text() for path in place.iterdir()} for place in places)
+    assert made.keys() == kept.keys()
+    for name, text in made.items():
+        one, other = text.splitlines(), kept[name].splitlines()
+        assert len(one) == len(other)
+        # A last digit may differ where another library rounds.
+        wrong = [a for a, b in zip(one, other, strict=True) if a != b]
+        assert len(wrong) <= 2, wrong

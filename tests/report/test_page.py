@@ -8,7 +8,7 @@ import matplotlib as mpl
 import pytest
 
 from bayestissue.remedies import entries
-from bayestissue.report.page import figure, prose, render_page
+from bayestissue.report.page import again, figure, prose, render_page
 from bayestissue.report.style import new_figure, style
 
 pytestmark = pytest.mark.usefixtures("drawn")
@@ -82,3 +82,25 @@ def test_a_page_carries_the_entries_of_its_warnings() -> None:
     assert all(str(prose(words)) in text for code in ("clipped", "hum") for _, words in entries()[code].parts)
     assert 'id="warnings"' not in render_page("base.html", title="A page")
     assert prose("<b> `a < b`") == "&lt;b&gt; <code>a &lt; b</code>"
+
+
+def test_a_figure_is_drawn_again_and_held_once() -> None:
+    shown = figure(line(), "A line")
+    second = again(shown)
+    own = re.match(r'<svg id="([^"]+)"', shown)[1]
+    assert f'<use href="#{own}">' in second
+    assert ' id="' not in second
+    assert len(second) < 400
+    picture = figure(line(), "A line", raster=True)
+    assert again(picture) == picture
+
+
+def test_a_page_reads_without_its_script_and_prints_its_summary_first() -> None:
+    """Buttons that sort come from the script alone; in print the summary has the first page to itself."""
+    html = render_page("base.html", title="A page")
+    static = html[: html.index("<script>")]
+    assert "<button" not in static
+    printed = html[html.index("@media print") : html.index("</style>")]
+    assert ".summary { display: block" in printed
+    assert "main { break-before: page; }" in printed
+    assert ".summary { display: none; }" in html

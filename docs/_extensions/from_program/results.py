@@ -10,7 +10,7 @@ import xarray as xr
 
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas
-from bayestissue.inference.answers.reliability import Variances, reliability
+from bayestissue.inference.answers.reliability import Variances, as_variables, coefficients
 from bayestissue.inference.quantities.elements import element_attributes
 from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS
 from bayestissue.inference.results.tree import dimensions
@@ -78,12 +78,13 @@ def attributes() -> dict[str, dict[str, str]]:
 
 
 def _of_reliability() -> dict[str, dict[str, str]]:
-    """What `reliability` labels: made of any numbers, since names and units are asked for alone."""
+    """What `as_variables` labels: made of any numbers, since names and units are asked for alone."""
     rng = np.random.default_rng(0)
     some = {name: rng.uniform(0.1, 0.2, (2, 3)) for name in ("people", "within", "impacts", "trial")}
     found = Variances(some["people"], 0.0, [(some["trial"], 3.0)], [], some["impacts"], 0.01, 3.0)
     draws = xr.Dataset({f"intercept_{q}": (("chain", "draw"), some["within"]) for q in ("K", "C")})
-    return {str(k): dict(v.attrs) for k, v in reliability({"K": found, "C": found}, draws)[1].items()}
+    labelled = as_variables(coefficients({"K": found, "C": found}, draws))
+    return {str(k): dict(v.attrs) for k, v in labelled.items()}
 
 
 def _dimensions(errors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:

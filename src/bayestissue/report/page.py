@@ -67,15 +67,28 @@ def _svg(fig: Figure, alt: str, width: int) -> Markup:
     body = re.sub(r'\bid="', f'id="{own}-', body)
     body = re.sub(r'(url\(#|href="#)', rf"\1{own}-", body)
     return Markup(
-        '<svg class="plot" style="max-width:{width}px" role="img" aria-label="{alt}" viewBox="{view_box}" '
-        'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">'
+        '<svg id="{own}" class="plot" style="max-width:{width}px" role="img" aria-label="{alt}" '
+        'viewBox="{view_box}" xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">'
         "<title>{alt}</title>{body}</svg>"
     ).format(
+        own=own,
         width=width,
         alt=alt,
         view_box=view_box[1] if view_box else "",
         body=Markup(body),  # noqa: S704 - matplotlib has escaped the text in it
     )
+
+
+def again(shown: Markup) -> Markup:
+    """A figure of `figure` once more on the same page, which draws the first one and holds it once."""
+    svg = re.match(r'<svg id="([^"]+)" class="plot" style="([^"]*)" .*?viewBox="([^"]*)"', shown)
+    if svg is None:
+        return shown
+    own, size, view_box = svg.groups()
+    return Markup(
+        '<svg class="plot" style="{}" role="img" aria-label="The figure below" viewBox="{}">'
+        '<use href="#{}"></use></svg>'
+    ).format(size, view_box, own)
 
 
 def prose(text: str) -> Markup:
@@ -93,5 +106,6 @@ def _environment() -> jinja2.Environment:
         lstrip_blocks=True,
     )
     environment.filters["prose"] = prose
+    environment.filters["again"] = again
     environment.globals["remedies"] = entries()
     return environment

@@ -63,7 +63,8 @@ def fit_page(folder: Path, about: dict[str, Any]) -> str:
             title=f"K and C from the traces of {about.get('dataset') or folder.name}",
             subtitle=_subtitle(run),
             contents=_CONTENTS,
-            codes=_codes(run),
+            first_codes=_codes(run),
+            codes=[*_codes(run), *codes_in(remarks.prior_remark(run.sensitivity))],
             about=about,
             **_first_screen(run),
             **_impacts(run),
@@ -76,12 +77,9 @@ def fit_page(folder: Path, about: dict[str, Any]) -> str:
 
 
 def _codes(run: FitRun) -> list[Code]:
-    """Of what the page warns of, the verdict's first."""
+    """Of what the first screen warns of, the verdict's first."""
     said = [left_out_words(run.about.get("terms_left_out", [])), *[ONE_IMPACT] * (len(run.impacts) == 1)]
-    return [
-        *warned_codes(run.diagnostics),
-        *codes_in(" ".join([*said, remarks.prior_remark(run.sensitivity)])),
-    ]
+    return [*warned_codes(run.diagnostics), *codes_in(" ".join(said))]
 
 
 def _subtitle(run: FitRun) -> str:

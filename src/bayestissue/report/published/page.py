@@ -71,7 +71,8 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
         title="Published K and C, re-analysed",
         subtitle=_subtitle(run),
         contents=_CONTENTS,
-        codes=_codes(run),
+        first_codes=warned_codes(run.diagnostics),
+        codes=[*warned_codes(run.diagnostics), *_further_codes(run)],
         about=about,
         **_first_screen(run),
         **_posterior(run, lines),
@@ -81,13 +82,11 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
     )
 
 
-def _codes(run: PublishedRun) -> list[Code]:
-    """Of what the page warns of, the verdict's first."""
-    failed: list[Code] = (
-        ["predictive-check"] if any(row.mark for row in check_tables.checks_table(run).rows) else []
-    )
+def _further_codes(run: PublishedRun) -> list[Code]:
+    """Of what sections below the first screen warn of."""
+    failed = any(row.mark for row in check_tables.checks_table(run).rows)
     said = "; ".join([remarks.prior_remark(run.sensitivity), *run.comparison["warning"]])
-    return [*warned_codes(run.diagnostics), *failed, *codes_in(said)]
+    return [*(("predictive-check",) if failed else ()), *codes_in(said)]
 
 
 def _subtitle(run: PublishedRun) -> str:
