@@ -139,7 +139,7 @@ def test_the_reference_has_every_variable_with_unit_and_meaning(manual):
     assert {"ICC_A1_K", "MDC95_C_C", "repeats_A90_K"} <= shown
 
 
-PUBLISHED = {f"{q}_{name}" for q in ("K", "C") for name in ("observed", "average", "sd")}
+PUBLISHED = {f"{q}_{name}" for q in ("K", "C") for name in ("observed", "average", "sd", "cell")}
 
 
 def test_the_reference_has_every_result_file(manual):
