@@ -128,7 +128,7 @@ def add(file: Path, row: Mapping[str, float]) -> None:
     with contextlib.suppress(FileExistsError), file.open("x", encoding="utf-8") as new:
         new.write(frame.head(0).to_csv(index=False, lineterminator="\n"))
     with file.open("a", encoding="utf-8") as old:
-        old.write(frame.to_csv(index=False, header=False, float_format="%.3f", lineterminator="\n"))
+        old.write(frame.to_csv(index=False, header=False, float_format="%.4g", lineterminator="\n"))
 
 
 def run(kind: str, data_sets: int, seconds: float, lane: int, lanes: int) -> None:

@@ -2,7 +2,7 @@
 
     .venv/bin/python benchmarks/calibration_answers.py
 
-400 times a study is drawn from the model of calibration-answers.toml, top down: eight people, women and men
+300 times a study is drawn from the model of calibration-answers.toml, top down: eight people, women and men
 in turn, hit on both sides in three conditions, two of them at one mass, by one of three operators. Of each
 of the 48 impacts log K and log C are measured with normal errors of known standard deviations, which stand
 in the place of what a trace says: Gaussian sites that are exact. The population is sampled and labelled as
@@ -72,7 +72,7 @@ from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.inference.results.predictions import prior_draws
 from bayestissue.inference.samplers.coordinates import straight
 
-STUDIES, SEED, KIND = 400, 2028, "answers"
+STUDIES, SEED, KIND = 300, 2028, "answers"
 STUDIES_FILE, TABLE = HERE / "calibration_answers_studies.csv", HERE / "calibration_answers.csv"
 DESIGN: dict[str, Any] = {
     "subjects": 8,

@@ -21,8 +21,8 @@ def calibration_answers() -> Named:
         least, most = (part.loc[place] for place in (part["held"].idxmin(), part["held"].idxmax()))
         row = {"90 % intervals": kind, "quantities": len(part)}
         row["held"] = with_error(*(pooled[[name]] / 100 for name in ("held", "se")))[0]
-        row |= {"least": f"{least['held']:.1f} %, {least['which']}"}
-        row |= {"most": f"{most['held']:.1f} %, {most['which']}"}
+        row |= {"least": f"{least['held']:.1f} %, {least['which'].strip()}"}
+        row |= {"most": f"{most['held']:.1f} %, {most['which'].strip()}"}
         rows.append(row)
     yield "intervals", block(table(pd.DataFrame(rows)), "calibration_answers")
     claims = lines[lines["kind"] == "claims of probability"]
@@ -46,7 +46,7 @@ def calibration_answers() -> Named:
     held = lines[own]["held"].dropna()
     text = (
         f"in {int(lines['studies'].max())} simulated studies the 90 % intervals of {len(held)} answers held "
-        f"{held.min():.0f} to {held.max():.0f} %, {held.mean():.1f} % in the mean; of claims given a "
+        f"{held.min():.1f} to {held.max():.1f} %, {held.mean():.1f} % in the mean; of claims given a "
         f"probability of 80 to 95 % {claims['true'].iloc[-2]:.0f} % were true"
     )
     yield "sentence", Figure(text, names("calibration_answers"))

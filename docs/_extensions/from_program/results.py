@@ -19,7 +19,7 @@ from from_program.keys import unit
 from from_program.markdown import code, escaped, table
 
 # Those of printed estimates, which `reproduce` alone has.
-_PUBLISHED = ("_observed", "_average", "_sd", "_cell")
+_PUBLISHED = ("_observed", "_average", "_sd")
 
 
 def files() -> str:
@@ -83,8 +83,8 @@ def _of_reliability() -> dict[str, dict[str, str]]:
     some = {name: rng.uniform(0.1, 0.2, (2, 3)) for name in ("people", "within", "impacts", "trial")}
     found = Variances(some["people"], 0.0, [(some["trial"], 3.0)], [], some["impacts"], 0.01, 3.0)
     draws = xr.Dataset({f"intercept_{q}": (("chain", "draw"), some["within"]) for q in ("K", "C")})
-    every = as_variables(coefficients({"K": found, "C": found}, draws))
-    return {str(name): dict(each.attrs) for name, each in every.items()}
+    labelled = as_variables(coefficients({"K": found, "C": found}, draws))
+    return {str(k): dict(v.attrs) for k, v in labelled.items()}
 
 
 def _dimensions(errors: tuple[str, ...]) -> dict[str, tuple[str, ...]]:
