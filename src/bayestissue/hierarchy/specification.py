@@ -115,7 +115,9 @@ class Comparison(_Table):
 class ModelSpecification(_Table):
     """A whole model file; see `models/` for commented ones."""
 
-    name: Annotated[str, Field(min_length=1)] = Field(description="what pages and tables call the model.")
+    name: Annotated[str, Field(min_length=1)] = Field(
+        description="what pages and tables call the model; of a file that leaves it out, the file's own."
+    )
     description: str = Field(default="", description="free text, shown on the page.")
     likelihood: Likelihood = Field(
         description="what of a recording is modelled. impact: the deceleration of a mass on an element, "
