@@ -21,8 +21,8 @@ def exponents() -> str:
         rows.append(
             (
                 q,
-                f"{found['median']:.3g}",
-                f"{found['eti90_low']:.3g} to {found['eti90_high']:.3g}",
+                f"{found['median']:#.3g}",
+                f"{found['eti90_low']:#.3g} to {found['eti90_high']:#.3g}",
                 _probability(own["fixed stiffness"]),
                 _probability(own["constant natural frequency"]),
             )
