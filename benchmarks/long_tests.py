@@ -21,7 +21,7 @@ from evidence import recorded
 
 ROOT = Path(__file__).resolve().parents[1]
 STATISTICS = re.compile(
-    r"^(\S+::[^\n]*):\n(?:(?!^\S+::).)*?during generate phase.*?- (\d+) passing examples, (\d+) failing",
+    r"^(\S+::[^\n]*):\n(?:(?!^\S+::).)*?during generate phase.*?- (\d+) passing(?: examples)?, (\d+) failing",
     flags=re.MULTILINE | re.DOTALL,
 )
 

@@ -137,7 +137,7 @@ def piece(tmp_path, monkeypatch) -> Piece:
         minutes=1,
     )
     monkeypatch.setattr(provenance, "pieces", lambda: {"piece": made})
-    monkeypatch.setattr(pages, "fill", list)
+    monkeypatch.setattr(provenance, "fill_pages", list)
     return made
 
 
@@ -267,6 +267,25 @@ def test_what_is_missing_here_is_the_reason_to_skip(piece, run, capsys, tmp_path
     assert "NO_SUCH_FOLDER=FOLDER" in said
     monkeypatch.setenv("NO_SUCH_FOLDER", str(tmp_path))
     assert run(replace(recordings, packages=())) == (0, ["piece"])
+
+
+def test_examples_that_hypothesis_drew_are_counted(tmp_path):
+    long_tests = importlib.import_module("long_tests")
+    said = (
+        "tests/test_a.py::test_bytes[long csv]:\n\n  - during generate phase (3.57 seconds):\n"
+        "    - Typical runtimes: ~ 0-261 ms\n    - 200 passing, 1 failing, and 27 invalid test cases\n\n"
+        "tests/test_a.py::test_bytes[tdms]:\n\n  - during generate phase (3.57 seconds):\n"
+        "    - 150 passing examples, 0 failing examples, 27 invalid examples\n"
+    )
+    report = tmp_path / "report.xml"
+    report.write_text(
+        '<testsuite><testcase name="test_bytes[long csv]" time="3"><failure/></testcase>'
+        '<testcase name="test_bytes[tdms]" time="2"/><testcase name="test_other" time="1"/></testsuite>'
+    )
+    found = long_tests.rows_of(report, said)
+    assert found["state"].tolist() == ["failed", "passed", "passed"]
+    assert found["examples_passed"].tolist()[:2] == [200, 150]
+    assert found["examples_failed"].tolist()[:2] == [1, 0]
 
 
 def test_rows_are_the_same_however_they_are_written(piece):

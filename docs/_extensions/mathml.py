@@ -36,11 +36,11 @@ def visit_inline(self: HTML5Translator, node: nodes.math) -> None:
 def visit_block(self: HTML5Translator, node: nodes.math_block) -> None:
     """Equations on lines of their own; those with a label have a number."""
     self.body.append(self.starttag(node, "div", CLASS="math notranslate"))
+    self.body.append(f'<div class="equation">{converted(node, block=True)}</div>')
     if node["number"]:
         self.body.append(f'<span class="eqno">({get_node_equation_number(self, node)})')
         self.add_permalink_ref(node, "Link to this equation")
         self.body.append("</span>")
-    self.body.append(converted(node, block=True))
     self.body.append("</div>\n")
     raise nodes.SkipNode
 

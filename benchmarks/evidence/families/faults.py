@@ -67,7 +67,10 @@ def spoilt_impacts() -> Named:
 def damaged_files() -> Named:
     rows = read("damaged_files.csv")
     good, bad = int(rows["examples_passed"].sum()), int(rows["examples_failed"].sum())
-    text = f"{bad} of {good + bad} damaged files of {len(rows)} kinds were read wrongly or gave a traceback"
+    passed = int((rows["state"] == "passed").sum())
+    text = f"{passed} of {len(rows)} kinds of file passed the test with damaged ones"
+    if good + bad:
+        text += f"; {bad} of {good + bad} damaged files were read wrongly or gave a traceback"
     yield "sentence", Figure(text, names("damaged_files"))
 
 

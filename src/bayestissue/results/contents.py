@@ -36,6 +36,7 @@ _MEANING = {
     "elpd": "expected log predictive density of what was left out; greater is better",
     "warning": "why a score may be wrong; empty if nothing speaks against it",
     "note": "what to know about this row; empty if nothing",
+    "prior_overlap": "overlap of posterior and prior: 0 where the data say all, 1 where they say nothing",
     "ratio": "posterior median of the first over the second",
     "value": "what was found",
     "row": "row of the file",
@@ -175,7 +176,7 @@ FILES: dict[str, File] = {
     "reliability.csv": _table(
         "fit",
         "a measure of how repeatable a measurement of a person is",
-        "quantity measure form median low high unit",
+        "quantity measure form median low high unit prior_overlap",
         measure="intraclass correlation, standard error of measurement, minimal detectable change, repeats",
         form="which form of it, such as ICC(A,1)",
     ),

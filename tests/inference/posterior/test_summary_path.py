@@ -87,7 +87,7 @@ def test_a_profile_interpolates_cubics_and_integrates_against_a_normal() -> None
     np.testing.assert_allclose(found, exact, rtol=1e-7)
 
 
-SETTINGS = Sampler(chains=2, warmup=200, draws=300)
+SETTINGS = Sampler(chains=2, warmup=200, draws=500)
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +102,7 @@ def test_summaries_stand_for_the_traces(
     assert correction.trusted
     assert correction.relative > 0.5
     constrained = constrained_draws(prepared, sites, draws, jax.random.PRNGKey(1))
-    assert constrained.impacts["K"].shape == (2, 300, 16)
+    assert constrained.impacts["K"].shape == (2, 500, 16)
     assert np.isfinite(constrained.log_likelihood["trace"]).all()
 
 

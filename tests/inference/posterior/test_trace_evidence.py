@@ -20,7 +20,6 @@ from bayestissue.inference.factors.importance_ratios import (
     ratios_among,
 )
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.posterior import recipe
 from bayestissue.inference.posterior.approximate import approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import population_attempt, with_impacts
@@ -33,8 +32,6 @@ MODELS = Path(__file__).parents[3] / "models"
 SETTINGS, SEED = Sampler(chains=2, warmup=100, draws=100), 2
 # Points of a normal about each impact's draws, twice as wide.
 POINTS, WIDER = 2**14, 2.0
-# Of a group's effects, at each of which all its impacts are integrated out.
-GROUP_POINTS = 256
 
 
 class Fit(NamedTuple):
@@ -82,12 +79,7 @@ def fit(request: pytest.FixtureRequest) -> Fit:
     prepared = prepare(simulate(small_campaign()).dataset("small"), specification, source="model")
     # The first kind of sites alone: the scores are those of any, and other kinds might be the better ones.
     approximation = approximate(prepared)
-    with pytest.MonkeyPatch.context() as patch:
-        # Independent proposals, however many of them count: of all compilations that of a trajectory takes
-        # longest, and the scores are those of any draws.
-        patch.setattr(recipe, "PROPOSAL_LIMIT", np.inf)
-        patch.setattr(recipe, "_LEAST_EFFECTIVE", 0.0)
-        made = population_attempt(prepared, approximation, SETTINGS, SEED)
+    made = population_attempt(prepared, approximation, SETTINGS, SEED)
     draws, expected = with_impacts(prepared, made, SETTINGS, SEED), made.draws
     assert (approximation.grid is None) == (request.param == "impact")
     likelihood = LikelihoodApproximation(approximation)
@@ -152,7 +144,7 @@ def test_a_groups_density_is_that_of_its_impacts_integrated_over_its_effects(fit
     # Effects given their own impacts alone lie where those say, which all draws agree on better than this.
     middle = effects[fit.draw]
     scale = WIDER * np.minimum(effects.std(0), sd)
-    z = np.random.default_rng(2).standard_normal((GROUP_POINTS, count, 2))
+    z = np.random.default_rng(2).standard_normal((1024, count, 2))
     moved = middle + scale * z
     log_weight = -np.square(moved / sd).sum(-1) / 2 - np.log(sd).sum()
     log_weight += np.square(z).sum(-1) / 2 + np.log(scale).sum(-1)
