@@ -64,6 +64,7 @@ def test_a_fit_hands_out_comparisons_reliability_and_agreement(fitted, tmp_path)
     assert set(fitted.people["person"]) == {"s0", "s1", "s2", "s3"}
     assert "p_equivalent" in fitted.contrasts
     assert {"ICC(C,1)", "ICC(A,1)"} <= set(fitted.reliability["form"])
+    assert "prior_overlap" in fitted.reliability
     # The estimates are of other impacts than the made-up posterior, but for each other.
     own = fitted.agreement.set_index(["quantity", "method", "against"])
     assert own.loc[("K", "dds", "exact"), "impacts"] > 0

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import arviz as az
@@ -9,7 +10,7 @@ import xarray as xr
 
 from bayestissue import Run, read_run
 from bayestissue.errors import InputError
-from bayestissue.inference.answers.questions import COLUMNS, ask, ask_what_can_be, of_model
+from bayestissue.inference.answers.questions import COLUMNS, ask, ask_what_can_be, numbered, of_model
 from make_fit_run import make_fit_run
 
 
@@ -37,6 +38,21 @@ def test_a_claim_has_probability_prior_bayes_factor_and_error(run: Run, draws: x
     assert row["bayes_factor"] == pytest.approx(p / (1 - p) / (p_0 / (1 - p_0)))
     assert row["mcse"] == pytest.approx(float(az.mcse(true(draws).astype(float))), rel=1e-6)
     assert (row["draws"], row["prior_draws"]) == (200, 300)
+
+
+def test_reliability_has_a_prior_and_a_bayes_factor(run: Run, draws: xr.Dataset) -> None:
+    middle = float(draws["ICC_A1_K"].median())
+    row = run.ask(f"ICC_A1_K > {middle}").iloc[0]
+    prior = float((run.posterior["prior"]["ICC_A1_K"] > middle).mean())
+    assert row["prior"] == pytest.approx(prior)
+    assert row["bayes_factor"] == pytest.approx((1 - prior) / prior)
+
+
+def test_a_number_that_the_data_leave_as_it_was_says_so(run: Run) -> None:
+    as_before = replace(run.finished, prior=run.finished.posterior)
+    told = ask(as_before, numbered(["K[mass_kg=1.2]", "K[mass_kg=1.2] > 2400"]))
+    assert told["note"].str.contains("largely prior: the two overlap by 100 %").tolist() == [True, False]
+    assert (run.ask("K[mass_kg=1.2]")["note"] == "").all()
 
 
 def test_an_expression_has_a_median_and_an_interval(run: Run, draws: xr.Dataset) -> None:
