@@ -44,7 +44,8 @@ def _print(table: pd.DataFrame) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from bayestissue.commands.console import plain
+    from bayestissue.commands.console import explained, plain
+    from bayestissue.remedies import codes_in
     from bayestissue.report.wording import PREDICTED, given_of
 
     console = Console(highlight=False)
@@ -59,6 +60,7 @@ def _print(table: pd.DataFrame) -> None:
         said = [given_of(row)]
         said += [f"new: {row['new']}"] * bool(row["new"]) + [row["note"]] * bool(row["note"])
         console.print(plain(f"  row {number}: {'; '.join(said)}"), soft_wrap=True)
+    explained(codes_in("; ".join(table["note"])))
 
 
 def _cell(row: dict[Hashable, Any], name: str) -> str:
