@@ -24,6 +24,8 @@ def test_predictions_are_printed_and_written(tmp_path: Path) -> None:
     assert 'subject nobody, mass_kg 0.7, velocity_m_s 1.5<br><span class="muted">new subject, trial' in page
     shown = json.loads(bayestissue("predict", run, "--at", at, "--json").out)["predictions"]
     assert shown[1]["K_N_per_m"] == pytest.approx(table["K_N_per_m"][1], rel=1e-9)
+    at.write_text("subject,mass_kg\ns1,9\n", encoding="utf-8")
+    assert "More: bayestissue explain beyond-measured" in bayestissue("predict", run, "--at", at).out
     at.write_text("subject,mass_kg\ns1,heavy\n", encoding="utf-8")
     refused = bayestissue("predict", run, "--at", at, "--out", tmp_path / "other")
     assert refused.status == 2
