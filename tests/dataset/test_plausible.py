@@ -129,3 +129,22 @@ def test_clipping_at_nine_tenths_is_seen(blows: list[Blow]) -> None:
 
     # Fewer than four samples above the limit, or steps as coarse as the slope, leave nothing to see.
     assert refused(blows, clipped) > 0.8 * COUNT
+
+
+def test_a_pulse_that_is_over_has_not_ended_early() -> None:
+    """In g, read as m/s^2: the speed falls by a tenth of what it should, and no longer export helps."""
+    time = np.linspace(-0.005, 0.03, 351)
+    pulse = np.where((time > 0) & (time < 0.02), np.sin(np.pi * time / 0.02), 0.0)
+    deceleration = 2.5 * pulse / (pulse.sum() * (time[1] - time[0]))
+    impacts = pd.DataFrame({"impact": ["over", "cut"], "velocity_m_s": 1.5})
+    parts = [deceleration / 9.80665, deceleration[time < 0.008]]
+    start = np.concatenate([[0], np.cumsum([part.size for part in parts])])
+    times = np.concatenate([time[: part.size] for part in parts])
+    samples = Samples(
+        times, np.concatenate(parts), start, np.arange(2), ["traces.csv"] * 2, np.arange(start[-1]) + 2
+    )
+    found = check_recordings(Recordings.of(samples, impacts, "deceleration", Uncertainty())).problems
+    assert {(problem.impact, problem.code) for problem in found} == {
+        ("over", "velocity-off"),
+        ("cut", "ends-early"),
+    }

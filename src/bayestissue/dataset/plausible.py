@@ -13,6 +13,8 @@ from bayestissue.errors import Problem
 MIN_SAMPLES = 8
 FLAT_SAMPLES = 4
 FALL_WITHIN = 0.05
+# Of the greatest value: a recording that ends below it shows the whole force.
+_FORCE_IS_GONE = 0.1
 # An impact on tissue lasts some hundredths of a second: longer steps hold no eight samples of it.
 LONGEST_STEP_S = 0.02
 SHORTEST_S = 1e-4
@@ -175,7 +177,19 @@ def _speeds(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             value=f"a speed that grows by {moving.gain[which]:.4g} m/s",
             code="sign",
         )
-    for which in np.flatnonzero(short):
+    # A recording that goes on until the force is gone has not ended early.
+    samples = recordings.samples
+    last = np.abs(samples.value[samples.start[1:] - 1])
+    gone = last < _FORCE_IS_GONE * np.maximum(np.abs(moving.high), np.abs(moving.low))
+    for which in np.flatnonzero(short & gone):
+        yield recordings.problem(
+            which,
+            f"a speed that falls by at least the {velocity[which]:.4g} m/s at contact",
+            "Check signal.unit (m/s^2 or g?), time_unit and scale, and the velocity in impacts.csv.",
+            value=f"a speed that falls by {moving.loss[which]:.4g} m/s",
+            code="velocity-off",
+        )
+    for which in np.flatnonzero(short & ~gone):
         yield recordings.problem(
             which,
             f"a recording until zero velocity: the speed must fall by {velocity[which]:.4g} m/s",
