@@ -45,3 +45,12 @@ def test_parameters_must_be_the_elements_own() -> None:
         campaign(element="standard_linear")
     with pytest.raises(ValidationError, match="an element of hunt_crossley"):
         campaign(element="jelly")
+
+
+def test_a_mass_that_creeps_for_ever_is_recorded_until_its_speed_is_gone() -> None:
+    """Spring and damper in series, C below (K M)^1/2 / 2: the speed only fades."""
+    made = simulate(campaign(element="maxwell", C_N_s_per_m=10.0))
+    assert np.isinf(made.truth["time_to_peak_s"]).all()
+    value = np.split(made.value, np.cumsum(made.n_samples)[:-1])
+    # The jump of the jerk at contact falls between samples.
+    np.testing.assert_allclose([each.sum() / 10_000 for each in value], 1.5, rtol=1e-3)

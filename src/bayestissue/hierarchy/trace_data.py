@@ -26,7 +26,7 @@ from bayestissue.likelihood.element.recorder import LowPass
 from bayestissue.likelihood.element.response import ElementRecord
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES, RecordedImpacts
-from bayestissue.signal.filters import delay
+from bayestissue.signal.filters import ahead_s, delay
 from bayestissue.signal.filters import modes as filter_modes
 
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
@@ -342,8 +342,6 @@ def _element_record(
 # but for 1 % of the force's jump at the cell's ends.
 _CELL_PHASE = 0.35
 _MOST_CELLS = 24
-# What is left out of the answer before contact, as a part of it.
-_LEFT_OUT = 1e-3
 
 
 def _low_pass(recorder: Recorder, dt: np.ndarray) -> LowPass:
@@ -353,7 +351,6 @@ def _low_pass(recorder: Recorder, dt: np.ndarray) -> LowPass:
     finer = int(np.clip(np.ceil(phase / _CELL_PHASE), 1, _MOST_CELLS))
     ahead = None
     if recorder.zero_phase:
-        lead = -np.log(_LEFT_OUT) / np.abs(poles.real).min() / float(dt.min())
-        ahead = jnp.zeros(int(np.ceil(lead)))
+        ahead = jnp.zeros(int(np.ceil(ahead_s(recorder) / float(dt.min()))))
     cells = (jnp.arange(finer) + 0.5) / finer
     return LowPass(jnp.asarray(poles), jnp.asarray(weights), cells, ahead)

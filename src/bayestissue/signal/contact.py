@@ -68,7 +68,8 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     from the peak, the last sample less than five noise standard deviations above the baseline ends the
     search: the one after it is certain to be in contact, and contact lies after the last sample within three
     standard deviations. Where the rise is so gentle that several samples lie between the two, half as many
-    again are allowed for before. threshold and time-zero: see `SignalOptions`.
+    again are allowed for before. What a filter run backwards answers before contact is not quiet. threshold
+    and time-zero: see `SignalOptions`.
     """
     deceleration = np.where(recordings.inside, recordings.value, -np.inf)
     peak_index = np.argmax(deceleration, axis=1)
@@ -81,11 +82,12 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     sd = np.maximum(noise_sd(recordings), _ROUNDING * np.abs(peak))
     baseline = _first_baseline(recordings, peak, last_below)
     first = last_below(baseline + _CERTAIN * sd) + 1
-    quiet, baseline, sd = _quiet_part(recordings, first, sd, peak, baseline)
+    ahead = np.ceil(recordings.ahead_s / recordings.dt).astype(int)
+    quiet, baseline, sd = _quiet_part(recordings, first - ahead, sd, peak, baseline)
     # The second look has the mean and the scatter of the whole quiet part to go by.
     first = last_below(baseline + _CERTAIN * sd) + 1
     last_quiet = _last_quiet(recordings, first, baseline, sd)
-    quiet, offset, sd = _quiet_part(recordings, last_quiet, sd, peak, baseline)
+    quiet, offset, sd = _quiet_part(recordings, last_quiet - ahead, sd, peak, baseline)
     least, most = np.zeros(len(peak)), (first - last_quiet) * recordings.dt
     shown, earliest, end = first, most, last_quiet
     passed = (deceleration >= (baseline + 2 * _CERTAIN * sd)[:, None]) & until_peak
@@ -99,12 +101,12 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     elif options.contact == "time-zero":
         first, least = from_time_zero(recordings)
         end = first - 1
-        quiet, offset, sd = _quiet_part(recordings, end, sd, peak, offset)
+        quiet, offset, sd = _quiet_part(recordings, end - ahead, sd, peak, offset)
         most, reach = least, np.zeros_like(least)
     later = (first - shown) * recordings.dt - least
     tolerance = np.maximum(_DOUBTFUL_S, 5 * recordings.dt)
     doubtful = (least == most) & ((later > tolerance) | (later < -earliest - tolerance))
-    return Onset(first, least, most, offset, sd, quiet, np.where(quiet, end, 0), doubtful, reach)
+    return Onset(first, least, most, offset, sd, quiet, np.where(quiet, end - ahead, 0), doubtful, reach)
 
 
 def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:

@@ -9,9 +9,10 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import pandas as pd
 
+from bayestissue.dataset.model import Recorder
 from bayestissue.errors import Coded
 from bayestissue.signal.contact import Onset, find_onset
-from bayestissue.signal.filters import low_pass
+from bayestissue.signal.filters import ahead_s, low_pass
 from bayestissue.signal.integration import cumulative
 from bayestissue.signal.options import SignalOptions
 from bayestissue.signal.recorded_displacement import contact_sample, derivatives, slowest
@@ -52,6 +53,10 @@ class RecordedImpacts(Protocol):
     @property
     def traces(self) -> Sequence[Trace]:
         """The recordings in the order of ``impacts``, in SI units."""
+
+    @property
+    def recorder(self) -> Recorder | None:
+        """The low-pass that they went through, if one is known."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +140,7 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
     for begin in range(0, len(mass), size):
         chosen = slice(begin, begin + size)
         recordings = stack(dataset.traces[chosen])
-        recordings = replace(recordings, value=sign * recordings.value)
+        recordings = replace(recordings, value=sign * recordings.value, ahead_s=ahead_s(dataset.recorder))
         blocks.append(make(recordings, mass[chosen], velocity[chosen], options))
     return _joined(blocks)
 
@@ -158,8 +163,8 @@ def integrated(
     blocks = []
     for begin in range(0, len(mass), size):
         rows = slice(begin, begin + size)
-        parts = (recordings.value, recordings.n, recordings.start, recordings.dt)
-        part = Recordings(*(values[rows] for values in parts))
+        value, n, start, dt = recordings.value, recordings.n, recordings.start, recordings.dt
+        part = Recordings(value[rows], n[rows], start[rows], dt[rows], recordings.ahead_s)
         blocks.append(_integrated(part, mass[rows], velocity[rows], options))
     return _joined(blocks)
 

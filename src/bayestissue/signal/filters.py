@@ -12,6 +12,9 @@ from bayestissue.dataset.settings import SAE_CORNER
 from bayestissue.errors import InputError, Problem
 from bayestissue.signal.traces import Column, Rows
 
+# What is left out of the answer before contact, as a part of it.
+_LEFT_OUT = 1e-3
+
 
 def low_pass(values: Rows, dt: Column, frequency_class: int) -> Rows:
     """Four-pole phaseless Butterworth low-pass of a channel frequency class, row by row.
@@ -86,6 +89,14 @@ def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.
     if recorder.zero_phase:
         weights = weights * gain / np.prod(-own[:, None] - poles, axis=1)
     return own, weights
+
+
+def ahead_s(recorder: Recorder | None) -> float:
+    """How long before contact a filter that is run backwards too answers, s, to a thousandth; else 0."""
+    if recorder is None or not recorder.zero_phase:
+        return 0.0
+    poles, _ = modes(recorder)
+    return float(-np.log(_LEFT_OUT) / np.abs(poles.real).min())
 
 
 def delay(recorder: Recorder) -> float:

@@ -29,12 +29,16 @@ class Trace(Protocol):
 
 @dataclass(frozen=True)
 class Recordings:
-    """Rows padded with zeros: ``value`` [impact, sample], and per impact length, start and interval (s)."""
+    """Rows padded with zeros: ``value`` [impact, sample], and per impact length, start and interval (s).
+
+    For ``ahead_s`` before contact a recorder's filter that is run backwards too has an answer.
+    """
 
     value: Rows
     n: Index
     start: Column
     dt: Column
+    ahead_s: float = 0.0
 
     @property
     def inside(self) -> Mask:

@@ -16,6 +16,8 @@ from bayestissue.oscillator import impact_motion, peak_displacement, spring_damp
 from bayestissue.simulation.specification import Tissue
 
 SIDE_BY_SIDE = "kelvin_voigt"
+# A soft damper in series with the spring lets a mass creep for ever: it is recorded for so long.
+_NEVER_RESTS_S = 1.0
 
 
 def what_is_met(
@@ -56,13 +58,14 @@ def what_is_met(
     stiffness, damping = np.asarray(found.K_secant), np.asarray(found.C_equivalent)
     omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(stiffness, damping, mass))
     end, peak = np.asarray(path.leaves), np.asarray(found.time_to_peak)
+    fades = np.where(np.isfinite(peak), 5 * peak, _NEVER_RESTS_S)
     return {
         "omega_n_rad_s": omega_n,
         "zeta": zeta,
         "time_to_peak_s": peak,
         "peak_displacement_m": np.asarray(found.peak_displacement),
         # A force that only fades is recorded for five times as long as it took to the peak.
-        "leaves_s": np.where(np.isfinite(end), end, 5 * peak),
+        "leaves_s": np.where(np.isfinite(end), end, fades),
         **further,
         **size,
         "K_secant_N_per_m": stiffness,

@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
+from bayestissue.dataset.model import Recorder
 from bayestissue.errors import Coded
 from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements
 from bayestissue.signal.options import SignalOptions
@@ -53,6 +54,7 @@ class _Part:
     quantity: Literal["deceleration", "acceleration", "displacement"]
     impacts: pd.DataFrame
     traces: Sequence[Trace]
+    recorder: Recorder | None
     filtered: bool
 
 
@@ -77,11 +79,13 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     options = options or SignalOptions()
     longest = max((len(trace.value) for trace in dataset.traces), default=1)
     # What a declared low-pass makes of a law is none.
-    filtered = getattr(dataset, "recorder", None) is not None
+    filtered = dataset.recorder is not None
     size, joined = max(1, min(_MOST, _BLOCK // longest)), dict[Kind, list[str]]()
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
-        part = _Part(dataset.quantity, dataset.impacts.iloc[rows], dataset.traces[rows], filtered)
+        part = _Part(
+            dataset.quantity, dataset.impacts.iloc[rows], dataset.traces[rows], dataset.recorder, filtered
+        )
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
             for kind, values in _inspected(part, options):
