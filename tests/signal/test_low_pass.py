@@ -90,5 +90,5 @@ def test_what_a_filter_run_backwards_makes_before_contact_is_not_quiet() -> None
     )
     onset = find_onset(replace(stack(data.traces), ahead_s=ahead_s(data.recorder)), SignalOptions())
     assert onset.quiet.all()
-    # A thousandth of the answer, of some 300 m/s^2, is left at the end of the quiet part, and dies away before.
+    # A thousandth of the answer, of some 300 m/s^2, is left where the quiet part ends.
     np.testing.assert_allclose(onset.offset, 0.0, atol=0.1)
