@@ -19,6 +19,7 @@ class Lab:
     impacts: pd.DataFrame
     traces: list[Recorded]
     quantity: str = "deceleration"
+    recorder: None = None
 
 
 @dataclass
