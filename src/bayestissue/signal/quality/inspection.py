@@ -55,7 +55,6 @@ class _Part:
     impacts: pd.DataFrame
     traces: Sequence[Trace]
     recorder: Recorder | None
-    filtered: bool
 
 
 def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> list[Finding]:
@@ -78,14 +77,10 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     """
     options = options or SignalOptions()
     longest = max((len(trace.value) for trace in dataset.traces), default=1)
-    # What a declared low-pass makes of a law is none.
-    filtered = dataset.recorder is not None
     size, joined = max(1, min(_MOST, _BLOCK // longest)), dict[Kind, list[str]]()
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
-        part = _Part(
-            dataset.quantity, dataset.impacts.iloc[rows], dataset.traces[rows], dataset.recorder, filtered
-        )
+        part = _Part(dataset.quantity, dataset.impacts.iloc[rows], dataset.traces[rows], dataset.recorder)
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
             for kind, values in _inspected(part, options):
@@ -116,8 +111,9 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list
     found = [*_single_samples(recorded), *_at_rest(recorded, signal.time_to_peak)]
     found.append((ABOVE, _words(start > 0, "{:.1%} of the peak at the first sample", start)))
     found.append((BELOW, _words(start < 0, "{:.1%} of the peak at the first sample", start)))
-    yield from ((kind, said) for kind, said in found if not (part.filtered and kind is SLOW))
-    if part.filtered:
+    yield from ((kind, said) for kind, said in found if part.recorder is None or kind is not SLOW)
+    # What a declared low-pass makes of a law is none.
+    if part.recorder is not None:
         return
     named = np.array([[bool(value) for value in values] for _, values in found]).any(axis=0)
     yield from _laws(recorded, signal, named)
