@@ -28,6 +28,11 @@ def declared(lab: Lab, text: str) -> None:
             Recorder(500.0, 4, "bessel", zero_phase=True),
         ),
         ("sae_class = 180", Recorder(2.0775 * 180, 2, "butterworth", zero_phase=True, sae_class=180)),
+        (
+            'sae_class = 60\nnoise = "before"',
+            Recorder(2.0775 * 60, zero_phase=True, sae_class=60, noise="before"),
+        ),
+        ('low_pass_hz = 500\nnoise = "after"', Recorder(500.0, noise="after")),
     ],
 )
 def test_it_is_read_written_and_taken_as_an_argument(lab: Lab, tmp_path, text, recorder):
@@ -52,6 +57,7 @@ def test_it_is_read_written_and_taken_as_an_argument(lab: Lab, tmp_path, text, r
         ("sae_class = 100", "60.*180.*600.*1000"),
         ("sae_class = 180\norder = 4", "sae_class by itself"),
         ("low_pass = 500", "low_pass_hz"),
+        ('low_pass_hz = 500\nnoise = "both"', "before.*after"),
     ],
 )
 def test_what_it_may_not_say_is_refused_in_one_line(lab: Lab, text, words):

@@ -12,12 +12,13 @@ from rich.table import Table
 
 from bayestissue.checking import Check, check
 from bayestissue.commands.console import echo, explained, plain
-from bayestissue.dataset import Dataset, read_dataset
+from bayestissue.dataset import read_dataset
 from bayestissue.errors import Problem
 from bayestissue.remedies import codes_in
 from bayestissue.report.check_page import kinds
 from bayestissue.report.writing import after_results
 from bayestissue.results import Place, claim, whole_file
+from bayestissue.signal.recorder_noise import white_share
 
 _NAMED = 10
 
@@ -74,7 +75,7 @@ def _print(found: Check) -> None:
         show_header=False,
         title_justify="left",
     )
-    for name, words in _summary(data, found.quality):
+    for name, words in _summary(found):
         table.add_row(name, plain(words))
     for words in found.notes:
         table.add_row("note", plain(words))
@@ -88,8 +89,8 @@ def _print(found: Check) -> None:
     explained([*(each.code for each in (*data.left_out, *warnings)), *codes_in("; ".join(found.notes))])
 
 
-def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:
-    impacts = data.impacts
+def _summary(found: Check) -> list[tuple[str, str]]:
+    data, quality, impacts = found.dataset, found.quality, found.dataset.impacts
     noise = quality["noise_to_peak"]
     return [
         (
@@ -97,7 +98,7 @@ def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:
             f"{len(impacts)}; subjects: {impacts['subject'].nunique()}, trials: {impacts['trial'].nunique()}",
         ),
         ("recorded", data.quantity),
-        *([("low-pass", str(data.recorder))] if data.recorder else []),
+        *([("low-pass", str(data.recorder)), ("noise entered", _entry(found))] if data.recorder else []),
         ("samples per impact", _range(quality["n_samples"], "")),
         ("sampling rate", _range(quality["sampling_rate_hz"], " Hz")),
         ("mass", _range(impacts["mass_kg"], " kg")),
@@ -106,6 +107,14 @@ def _summary(data: Dataset, quality: pd.DataFrame) -> list[tuple[str, str]]:
         ("samples until the peak", _range(quality["samples_in_window"], "")),
         ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
     ]
+
+
+def _entry(found: Check) -> str:
+    """Where a recorder's noise entered, in words."""
+    white = white_share(found.dataset, found.signal)
+    if white in {0.0, 1.0}:
+        return f"{'behind' if white else 'before'} the low-pass"
+    return f"before the low-pass, and {white:.0%} of it behind"
 
 
 def _names(problems: list[Problem]) -> str:

@@ -51,6 +51,7 @@ class Uncertainty:
 
 FilterKind = Literal["butterworth", "bessel"]
 SaeClass = Literal[60, 180, 600, 1000]
+NoiseEntry = Literal["before", "after"]
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,8 @@ class Recorder:
         kind: "butterworth" or "bessel"; alike for an order of 1.
         zero_phase: whether it is run forwards and backwards, which doubles its order.
         sae_class: the channel frequency class of SAE J211-1 that it is, if one was declared.
+        noise: whether white noise enters before the filter, and goes through it, or after it; None where
+            the quiet parts before contact have to tell.
     """
 
     low_pass_hz: float
@@ -70,19 +73,20 @@ class Recorder:
     kind: FilterKind = "butterworth"
     zero_phase: bool = False
     sae_class: SaeClass | None = None
+    noise: NoiseEntry | None = None
 
     def settings(self) -> dict[str, Any]:
         """The keys of the table ``[recorder]`` in ``dataset.toml``."""
-        if self.sae_class is not None:
-            return {"sae_class": self.sae_class}
-        names = ("low_pass_hz", "order", "kind", "zero_phase")
-        return {name: getattr(self, name) for name in names}
+        names = ("low_pass_hz", "order", "kind", "zero_phase") if self.sae_class is None else ("sae_class",)
+        stated = names if self.noise is None else (*names, "noise")
+        return {name: getattr(self, name) for name in stated}
 
     def __str__(self) -> str:
+        noise = f", noise {self.noise} it" if self.noise else ""
         if self.sae_class is not None:
-            return f"SAE class {self.sae_class}"
+            return f"SAE class {self.sae_class}{noise}"
         both = ", forwards and backwards" if self.zero_phase else ""
-        return f"{self.kind}, order {self.order}, {self.low_pass_hz:g} Hz{both}"
+        return f"{self.kind}, order {self.order}, {self.low_pass_hz:g} Hz{both}{noise}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
-from bayestissue.dataset.model import FilterKind, Quantity, Recorder, SaeClass, Uncertainty
+from bayestissue.dataset.model import FilterKind, NoiseEntry, Quantity, Recorder, SaeClass, Uncertainty
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.settings import checked, parse_toml, read_text, row_of
@@ -131,12 +131,17 @@ class RecorderSettings(_Table):
         default=None,
         description="a channel frequency class of SAE J211-1, 60, 180, 600 or 1000, instead of the others",
     )
+    noise: NoiseEntry | None = Field(
+        default=None,
+        description='"before" where the noise went through the filter, "after" where it did not; left out, '
+        "the quiet parts before contact tell",
+    )
 
     @model_validator(mode="after")
     def _either(self) -> Self:
         if self.sae_class is None and self.low_pass_hz is None:
             raise ValueError("low_pass_hz, or sae_class")
-        if self.sae_class is not None and self.model_fields_set != {"sae_class"}:
+        if self.sae_class is not None and self.model_fields_set - {"sae_class", "noise"}:
             raise ValueError("sae_class by itself, since it says corner, order, kind and direction")
         return self
 
@@ -144,9 +149,9 @@ class RecorderSettings(_Table):
         """The same as the plain object a `Dataset` carries."""
         if self.sae_class is not None:
             corner = SAE_CORNER * self.sae_class
-            return Recorder(corner, 2, "butterworth", zero_phase=True, sae_class=self.sae_class)
+            return Recorder(corner, zero_phase=True, sae_class=self.sae_class, noise=self.noise)
         assert self.low_pass_hz is not None  # noqa: S101 - for the type checker
-        return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase)
+        return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase, noise=self.noise)
 
 
 class Settings(_Table):

@@ -20,14 +20,16 @@ from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
+from bayestissue.likelihood.element.coloured import Colour, colour_of
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.discrepancy import modes
 from bayestissue.likelihood.element.recorder import LowPass
 from bayestissue.likelihood.element.response import ElementRecord
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES, RecordedImpacts
-from bayestissue.signal.filters import ahead_s, delay
+from bayestissue.signal.filters import ahead_s, autocorrelation, delay
 from bayestissue.signal.filters import modes as filter_modes
+from bayestissue.signal.recorder_noise import white_share
 
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
 
@@ -294,6 +296,7 @@ def _element_record(
     contact_sd, uniform = signal.bracket_sd, signal.bracket_uniform
     lead = 0
     if dataset.recorder is not None:
+        white = white_share(dataset, signal) if specification.noise == "white" else 1.0
         besides["low_pass"] = low_pass = _low_pass(dataset.recorder, signal.dt)
         lead = low_pass.lead
     if specification.discrepancy == "always":
@@ -319,6 +322,10 @@ def _element_record(
         besides |= {"before": before, "n_before": np.minimum(signal.n_before, reach)}
         besides["quiet_sd"] = np.maximum(signal.noise_sd, 1e-12)
         contact_sd, uniform = reach * signal.dt / np.sqrt(12), np.ones_like(uniform)
+        if dataset.recorder is not None and white < 1:
+            rows = reach + signal.deceleration.shape[1]
+            besides["colour"], besides["rate"], longer = _colour(dataset.recorder, white, rows, signal.dt)
+            offset_sd = np.where(np.isfinite(signal.offset_sd), longer * offset_sd, offset_sd)
     if specification.discrepancy == "always" or not element(specification.element).linear:
         besides["common_depth"] = np.full(len(size), common_depth(signal))
     record = ElementRecord.of(
@@ -336,6 +343,19 @@ def _element_record(
     if specification.noise == "autoregressive":
         record = record._replace(quiet=jnp.asarray(np.isfinite(signal.offset_sd)))
     return record, np.abs(signal.deceleration).max(axis=1)
+
+
+def _colour(
+    recorder: Recorder, white: float, rows: int, dt: np.ndarray
+) -> tuple[Colour, np.ndarray, np.ndarray]:
+    """The recorder's noise, each impact's sampling rate, and by how much longer a mean takes to settle.
+
+    A mean of many samples varies in proportion to the sum of their correlations.
+    """
+    intervals, rate = np.unique([float(f"{each:.6g}") for each in dt], return_inverse=True)
+    of_lags = [lambda lag, dt=dt: autocorrelation(recorder, lag * dt) for dt in intervals]
+    sums = white + (1 - white) * np.array([2 * each(np.arange(rows)).sum() - 1 for each in of_lags])
+    return colour_of(white, of_lags, rows), rate, np.sqrt(np.maximum(sums, white))[rate]
 
 
 # Of the phase at the filter's corner over a cell of contact's moment, in rad: a trace is then linear in it

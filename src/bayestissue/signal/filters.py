@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float
 
 from bayestissue.dataset.model import Recorder
 from bayestissue.dataset.settings import SAE_CORNER
@@ -89,6 +90,38 @@ def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.
     if recorder.zero_phase:
         weights = weights * gain / np.prod(-own[:, None] - poles, axis=1)
     return own, weights
+
+
+def autocorrelation(recorder: Recorder, lag: Float[np.ndarray, "*lags"]) -> Float[np.ndarray, "*lags"]:
+    """Of white noise that went through the filter, 1 at a lag of 0.
+
+    Of one run, r(t) = h * h(-t) is the filter's answer forwards and backwards. Of the two, r * r with all
+    poles p_j and weights b_j of r: sum_jk b_j b_k (e^(p_j t) - e^(p_k t)) / (p_j - p_k)
+    - (e^(p_j t) + e^(p_k t)) / (p_j + p_k) for t >= 0, the first t e^(p_j t) for alike poles.
+
+    Args:
+        recorder: the filter.
+        lag: in s.
+    """
+    own, weights = modes(replace(recorder, zero_phase=True))
+    time = np.abs(lag)[..., None, None]
+    if not recorder.zero_phase:
+        found = (weights * np.exp(own * time[..., 0])).sum(-1).real
+        return found / weights.sum().real
+    alone = np.abs(own.imag) <= 1e-9 * np.abs(own)
+    paired = own[~alone], weights[~alone] / 2
+    poles, share = (
+        np.concatenate([part[alone], pair, pair.conj()])
+        for part, pair in zip((own, weights), paired, strict=True)
+    )
+    one, other = poles[:, None], poles
+    grown, grown_other = np.exp(one * time), np.exp(other * time)
+    alike = np.eye(len(poles), dtype=bool)
+    apart = np.where(alike, 1.0, one - other)
+    middle = np.where(alike, time * grown, (grown - grown_other) / apart)
+    parts = share[:, None] * share * (middle - (grown + grown_other) / (one + other))
+    at_zero = share[:, None] * share * (-2 / (one + other))
+    return parts.sum((-2, -1)).real / at_zero.sum().real
 
 
 def ahead_s(recorder: Recorder | None) -> float:

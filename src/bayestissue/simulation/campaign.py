@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import pandas as pd
@@ -19,6 +20,8 @@ _BLOCK = 1_000_000
 # Steps of the motion between two samples of a recorder with a low-pass, or in a period of its corner, and
 # time constants of the filter's slowest pole until it rests.
 _FINER, _AT_REST = 64, 25.0
+# Samples of noise before a filter in a period of its corner, at the least.
+_NOISE_FINER = 8
 
 
 @dataclass(frozen=True)
@@ -74,7 +77,8 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
 
     The motion is that of a mass M that meets the tissue's element at V; the tissue can push but not pull, so
     the recording is at rest again from when the force is 0. A recorder's low-pass takes the motion as it is
-    between the samples; noise, range and steps are those of what comes after it.
+    between the samples; range and steps are those of what comes after it, and so is noise unless it says
+    otherwise.
     Tissue, chain and noise have random streams of their own: more noise leaves the truth as it is. Needs
     float64 (`bayestissue.runtime.configure`).
 
@@ -241,9 +245,32 @@ def _recorded(
         motion = deceleration(simulation.tissue.element, truth.iloc[index], time)
         part = slice(begin, min(begin + rows, len(n)))
         d = np.asarray(motion)[: part.stop - begin]
+        noise = random.standard_normal
         if recorder is not None:
             d = on_even_grid(d, rate * finer, recorder)[:, ring * finer : -ring * finer or None : finer]
-        yield _through_chain(recording, truth.iloc[part], d, n[part], random)
+            if recorder.noise == "before":
+                filtered = _filtered_noise(recorder, rate, ring, d.shape, random)
+                noise = partial(_first_of_rows, filtered, n[part])
+        yield _through_chain(recording, truth.iloc[part], d, n[part], noise)
+
+
+def _filtered_noise(
+    recorder: Recorder, rate: float, ring: int, shape: tuple[int, ...], random: np.random.Generator
+) -> Float[np.ndarray, "impact sample"]:
+    """Noise of variance 1 that was white before the filter, at the samples or finer."""
+    finer = int(np.ceil(_NOISE_FINER * recorder.low_pass_hz / rate))
+    length = (shape[1] + 2 * ring) * finer
+    impulse = np.zeros((1, 2 * max(ring, 1) * finer + 1))
+    impulse[0, impulse.shape[1] // 2] = 1
+    size = np.sqrt((on_even_grid(impulse, rate * finer, recorder) ** 2).sum())
+    filtered = on_even_grid(random.standard_normal((shape[0], length)), rate * finer, recorder) / size
+    return filtered[:, ring * finer : -ring * finer or None : finer]
+
+
+def _first_of_rows(rows: Float[np.ndarray, "impact sample"], n: np.ndarray, count: int) -> np.ndarray:
+    found = rows[np.arange(rows.shape[1]) < n[:, None]]
+    assert len(found) == count  # noqa: S101 - the samples of all recordings
+    return found
 
 
 def _through_chain(
@@ -251,14 +278,14 @@ def _through_chain(
     truth: pd.DataFrame,
     deceleration: Float[np.ndarray, "impact sample"],
     n: np.ndarray,
-    random: np.random.Generator,
+    noise: Callable[[int], np.ndarray],
 ) -> np.ndarray:
     gain, offset = (truth[name].to_numpy()[:, None] for name in ("gain", "offset_m_s2"))
     peak = deceleration.max(axis=1, keepdims=True)
     sd = np.hypot(recording.noise_sd_m_s2, recording.noise_relative_to_peak * peak)
     inside = np.arange(deceleration.shape[1]) < n[:, None]
     value = (gain * deceleration + offset)[inside]
-    value = value + np.repeat(sd[:, 0], n) * random.standard_normal(len(value))
+    value = value + np.repeat(sd[:, 0], n) * noise(len(value))
     if recording.range_m_s2 is not None:
         value = np.clip(value, -recording.range_m_s2, recording.range_m_s2)
         if recording.bits is not None:

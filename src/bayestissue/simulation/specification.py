@@ -255,8 +255,8 @@ class Simulation(_Table):
     recording: Recording = Field(default=Recording(), description="the measuring chain.")
     recorder: RecorderSettings | None = Field(
         default=None,
-        description="a table [recorder] as in dataset.toml: a low-pass between the sensor and the recorder's "
-        "noise.",
+        description="a table [recorder] as in dataset.toml: a low-pass between the sensor and the file. "
+        'Noise of the stated size enters behind it, and with noise = "before" goes through it.',
     )
     output: Output = Field(default=Output(), description="the trace file.")
 

@@ -13,6 +13,7 @@ from bayestissue import runtime
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.execution.workers import cluster, computed
+from bayestissue.likelihood.element.coloured import Colour
 from bayestissue.likelihood.element.recorder import LowPass
 
 BLOCK = 512
@@ -20,6 +21,7 @@ BLOCK = 512
 _FEW = 40
 # Blocks that a worker is given at once.
 _SHARE = 8
+_SHARED = (LowPass, Colour)
 Rows = Int[np.ndarray, " row"]
 OfBlock = Callable[[TraceData, Rows], Any]
 Item = tuple[OfBlock, TraceData, list[Rows], int]
@@ -38,7 +40,7 @@ def impacts_of(data: TraceData, rows: Rows) -> TraceData:
     """Some impacts' traces and masses; the design is still that of all."""
 
     def chosen(leaf: Any) -> Any:
-        if isinstance(leaf, LowPass):
+        if isinstance(leaf, _SHARED):
             # One recorder's, of all impacts.
             return leaf
         # Sums run over blocks of samples first, so that there the impacts come second.
@@ -46,7 +48,7 @@ def impacts_of(data: TraceData, rows: Rows) -> TraceData:
         return whole[:, rows] if whole.ndim == 3 else whole[rows]
 
     return data._replace(
-        record=jax.tree.map(chosen, data.record, is_leaf=lambda part: isinstance(part, LowPass)),
+        record=jax.tree.map(chosen, data.record, is_leaf=lambda part: isinstance(part, _SHARED)),
         log_mass=chosen(data.log_mass),
         log_peak=chosen(data.log_peak),
     )

@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.stats import chi2, norm, qmc
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -74,6 +74,8 @@ class SinglePosteriors(NamedTuple):
         log_likelihood: log density of the trace at the medians.
         residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the
             trace [m/s^2]; 0 past its end.
+        innovations: what is white of them where the recorder's noise is not [m/s^2]; 0 past their end.
+        n_innovations: how many there are of each impact.
         pareto_k: of the importance weights; above `bayestissue.inference.samplers.psis.k_threshold` nothing
             vouches for the medians and intervals.
     """
@@ -85,6 +87,8 @@ class SinglePosteriors(NamedTuple):
     sigma: Marginal
     log_likelihood: Float[np.ndarray, " impact"]
     residuals: Float[np.ndarray, "impact sample"]
+    innovations: Float[np.ndarray, "impact shock"]
+    n_innovations: Int[np.ndarray, " impact"]
     pareto_k: Float[np.ndarray, " impact"]
 
 
@@ -137,7 +141,7 @@ def _of_block(
         zeta,
         sigma,
         log_likelihoods(model, data, middle[None])[0],
-        np.asarray(_residuals(model, data, jnp.asarray(middle))),
+        *(np.asarray(each) for each in _residuals(model, data, jnp.asarray(middle))),
         pareto_k,
     )
 
@@ -216,11 +220,17 @@ def _marginal(
 @compiled_quickly()
 def _residuals(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> Float[Array, "impact sample"]:
-    """The chain's errors are a draw given the trace: of N samples they take up three, whichever the draw."""
+) -> tuple[Float[Array, "impact sample"], Float[Array, "impact shock"], Int[Array, " impact"]]:
+    """Residuals, their innovations and how many of these there are.
+
+    The chain's errors are a draw given the trace: of N samples they take up three, whichever the draw.
+    """
     event = trace_distribution(model, data, list(u.T))
     key = jax.random.PRNGKey(0)
     if isinstance(event, MeasuredImpact):
         event = event.with_contact_found(key)
     assert not isinstance(event, MeasuredDisplacement)  # noqa: S101 - recorded decelerations alone
-    return event.residuals(event.draw_errors(key))
+    left = event.residuals(event.draw_errors(key))
+    if isinstance(event, MeasuredImpact):
+        return left, *event.innovations(left)
+    return left, left, data.record.n_samples

@@ -19,11 +19,12 @@ interval is divided into as many cells as keep a trace linear in each.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from bayestissue.likelihood.element.response import CONTACT, ElementRecord, Response, columns
 from bayestissue.likelihood.linear_errors import LOG_2PI, Products
@@ -169,6 +170,42 @@ def products_in_columns(
     return _of_phases(found, record, of_one_phase)
 
 
+def products_of_all_rows(
+    found: Response,
+    value: Float[Array, "impact sample"],
+    record: ElementRecord,
+    products_of: Callable[[Array, list[Array]], Products],
+    *,
+    linear: bool,
+) -> Products:
+    """The same of noise that went through a recorder's filter; the samples before the first count too.
+
+    ``products_of`` is given where there is a sample, and the rows whose products it shall return.
+    """
+    every = 1 if record.colour is None else record.colour.stride
+
+    def of_one_phase(found: Response) -> Products:
+        slides = _Slides(record)
+        y = slides.whole(jnp.where(record.inside(), value, 0.0))[:, ::every]
+        inside = slides.recorded()[:, ::every]
+        parts = [found.d, -found.jerk] if linear else [found.d, -found.jerk, found.by_velocity]
+        d, late, *quicker = (jnp.where(inside, slides.slid_rows(part, every), 0.0) for part in parts)
+        plain = products_of(inside, [y, d, jnp.where(inside, 1.0, 0.0), late, *quicker])
+        # Residual, velocity, gain, offset and contact time out of these.
+        velocity = {1: 1 / record.velocity} if linear else {4: 1.0}
+        mixed: list[dict[int, Any]] = [{0: 1.0, 1: -1.0}, velocity, {1: 1.0}, {2: 1.0}, {3: 1.0}]
+        gram = tuple(
+            tuple(
+                sum(a * b * plain.gram[i][j] for i, a in one.items() for j, b in other.items())
+                for other in mixed
+            )
+            for one in mixed
+        )
+        return plain._replace(gram=gram)
+
+    return _of_phases(found, record, of_one_phase)
+
+
 class _Slides:
     """Sums over a trace's samples of a response that slides along it, each [..., cell, impact]."""
 
@@ -188,6 +225,19 @@ class _Slides:
     def whole(self, window: Float[Array, "impact sample"]) -> Array:
         """The samples before the first and those of the window as `against` takes them."""
         return jnp.concatenate([_early(self._record), window], axis=-1)
+
+    def recorded(self) -> Bool[Array, "impact row"]:
+        """Where `whole` has a sample that was recorded and counts."""
+        record = self._record
+        before = 0 if record.n_before is None else record.n_before[:, None]
+        early = jnp.arange(self._reach) >= self._reach - before
+        early = jnp.broadcast_to(early, (len(record.dt), self._reach))
+        return jnp.concatenate([early, record.inside()], axis=-1)
+
+    def slid_rows(self, part: Float[Array, "impact sample"], every: int) -> Float[Array, "cell impact row"]:
+        """A response as `whole` has it in every so many samples, by contact in each cell."""
+        longer = jnp.pad(part, ((0, 0), (self._reach, 0)))
+        return jnp.stack([longer[:, shift : shift + self._number : every] for shift in self.shifts])
 
     def sums(
         self, samples: Array, parts: Sequence[Array]

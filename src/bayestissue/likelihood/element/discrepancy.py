@@ -16,6 +16,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float, Int
 
+from bayestissue.likelihood import small
 from bayestissue.likelihood.linear_errors import Products
 
 # Half a swing of a force in a window, and no less: what changes faster is not a tissue's law.
@@ -67,18 +68,31 @@ def ratios(
 
 
 def with_discrepancy(
-    plain: Products, along: Sequence[Array], ratio: Float[Array, "mode *cell impact"]
+    plain: Products,
+    along: Sequence[Array],
+    ratio: Float[Array, "mode *cell impact"],
+    own: small.Matrix | None = None,
 ) -> Products:
-    """The products under T^-1 from those under white noise.
+    """The products under T^-1 from those without the discrepancy.
 
     G - B' diag(r / (1 + r)) B with B = U' (residual and columns), by Woodbury's identity, and
-    log det T = sum_j log(1 + r_j).
+    log det T = sum_j log(1 + r_j). Where noise is not white, with the covariance sigma^2 N, B is U' N^-1
+    (residual and columns) and 1 + r becomes 1 + S U' N^-1 U S, S = diag(r)^1/2.
 
     Args:
-        plain: products of the parts under white noise.
-        along: U' times residual and error columns, each [mode, ..., impact].
+        plain: products of the parts under the noise alone.
+        along: B of each, [mode, ..., impact].
         ratio: see `ratios`.
+        own: U' N^-1 U as rows of entries; the modes are orthonormal unless given.
     """
+    if own is not None:
+        factor, half = _system(ratio, own)
+        solved = [jnp.stack(small.forward_solve(factor, list(_alike(half, part) * part))) for part in along]
+        entries = tuple(
+            tuple(entry - (solved[a] * solved[b]).sum(0) for b, entry in enumerate(row))
+            for a, row in enumerate(plain.gram)
+        )
+        return Products(entries, plain.log_determinant + 2 * small.log_diagonal(factor), plain.n_values)
     kept = ratio / (1 + ratio)
     entries = tuple(
         tuple(entry - (kept * along[a] * along[b]).sum(0) for b, entry in enumerate(row))
@@ -102,6 +116,38 @@ def draw_given(
     standard = jax.random.normal(key, ratio.shape)
     weights = kept * (basis * left).sum(-1) + jnp.exp(log_sigma) * jnp.sqrt(kept) * standard
     return (weights[..., None] * basis).sum(0)
+
+
+def draw_along(
+    key: Array,
+    along: Float[Array, "mode impact"],
+    basis: Float[Array, "mode impact sample"],
+    log_sigma: Float[Array, " impact"],
+    ratio: Float[Array, "mode impact"],
+    own: small.Matrix,
+) -> Float[Array, "impact sample"]:
+    """The same where noise is not white: normal with mean S M^-1 S along and covariance sigma^2 S M^-1 S.
+
+    M, ``along`` and ``own`` as of `with_discrepancy`.
+    """
+    factor, half = _system(ratio, own)
+    standard = jnp.exp(log_sigma) * jax.random.normal(key, ratio.shape)
+    solved = jnp.stack(small.forward_solve(factor, list(half * along))) + standard
+    weights = half * jnp.stack(small.backward_solve(factor, list(solved)))
+    return (weights[..., None] * basis).sum(0)
+
+
+def _system(ratio: Array, own: small.Matrix) -> tuple[list[list[Array]], Array]:
+    """The factor of 1 + S U' N^-1 U S, and S."""
+    half = jnp.sqrt(ratio)
+    size = range(len(half))
+    matrix = [[half[i] * half[j] * own[i][j] + (1.0 if i == j else 0.0) for j in size] for i in size]
+    return small.cholesky(matrix), half
+
+
+def _alike(half: Float[Array, "mode impact"], part: Float[Array, "mode *cell impact"]) -> Array:
+    """One of each mode and impact, as `part` has them in every cell."""
+    return half.reshape(len(half), *[1] * (part.ndim - half.ndim), *half.shape[1:])
 
 
 def draw_prior(

@@ -4,11 +4,14 @@
 the errors are d's derivative by V, d itself, 1 and minus its derivative in time. An element that is not
 linear tells gain from velocity, since its deceleration is not in proportion to V. Where the element's law is
 not trusted a smooth discrepancy is added: see `bayestissue.likelihood.element.discrepancy`. Noise is white
-or, without a discrepancy, first-order autoregressive: see `bayestissue.likelihood.autoregressive`.
+or, without a discrepancy, first-order autoregressive: see `bayestissue.likelihood.autoregressive`. Or a part
+of it went through a recorder's low-pass: see `bayestissue.likelihood.element.coloured`.
 """
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -16,12 +19,12 @@ import jax
 import jax.numpy as jnp
 import numpyro.distributions as dist
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from numpyro.distributions import constraints
 
 from bayestissue.elements import Element
 from bayestissue.likelihood import autoregressive
-from bayestissue.likelihood.element import contact_cells, discrepancy
+from bayestissue.likelihood.element import coloured, contact_cells, discrepancy
 from bayestissue.likelihood.element.response import (
     CONTACT,
     OFFSET,
@@ -56,6 +59,9 @@ def _products(
     element: Element, found: Response, noise: _Noise, value: Array, record: ElementRecord
 ) -> Products:
     of_columns = partial(_products_of_columns, noise, record)
+    if record.colour is not None and record.before is not None:
+        asked = partial(_products_in_colour, noise, record)
+        return contact_cells.products_of_all_rows(found, value, record, asked, linear=element.linear)
     if record.before is None:
         residual = jnp.where(record.inside(), value - found.d, 0.0)
         return of_columns((residual, *columns(found, record)))
@@ -69,8 +75,33 @@ def _white(noise: _Noise) -> bool:
     return noise.atanh_correlation is None and noise.log_discrepancy is None
 
 
+def _products_in_colour(
+    noise: _Noise, record: ElementRecord, inside: Array, parts: Sequence[Array]
+) -> Products:
+    """Of rows of the samples that coloured noise is asked at: those of the window, and some before it."""
+    assert record.colour is not None  # noqa: S101 - for the type checker
+    assert record.rate is not None  # noqa: S101 - for the type checker
+    every, modes = record.colour.stride, []
+    if noise.log_discrepancy is not None and record.basis is not None:
+        reach = 0 if record.before is None else math.prod(contact_cells.shape(record))
+        modes = list(jnp.pad(record.basis, ((0, 0), (0, 0), (reach, 0)))[:, :, ::every])
+    found = coloured.products(record.colour, record.rate, inside, [*parts, *modes])
+    if noise.log_discrepancy is None or record.share is None or not modes:
+        return found
+    number = len(parts)
+    plain = found._replace(gram=tuple(row[:number] for row in found.gram[:number]))
+    along = [jnp.stack(row[number:]) for row in found.gram[:number]]
+    ratio = discrepancy.ratios(noise.log_sigma, noise.log_discrepancy, record.share)
+    own = [row[number:] for row in found.gram[number:]]
+    return discrepancy.with_discrepancy(plain, along, ratio, own)
+
+
 def _products_of_columns(noise: _Noise, record: ElementRecord, parts: tuple[Array, ...]) -> Products:
     """Of residual and error columns at one moment of contact."""
+    if record.colour is not None:
+        every = record.colour.stride
+        inside = record.inside()[:, ::every]
+        return _products_in_colour(noise, record, inside, [part[:, ::every] for part in parts])
     count = record.n_samples + 0.0
     if noise.atanh_correlation is not None:
         a = noise.atanh_correlation
@@ -90,7 +121,7 @@ def _log_density(
     density = marginal_log_likelihood(products, noise.log_sigma, _error_sd(noise, record), record.uniform)
     if record.before is not None:
         density = jax.nn.logsumexp(density, axis=0) + jnp.log(contact_cells.cell_width(record))
-        if _white(noise):
+        if _white(noise) and record.colour is None:
             density = density - contact_cells.quiet_density(record)
     # Parameters far from anything seen may send a response beyond all bounds, where the products' digits are
     # lost and a density would be anything.
@@ -258,7 +289,28 @@ class MeasuredImpact(dist.Distribution):
         found = self.response() if found is None else found
         left = self.residuals(errors, found)
         ratio = discrepancy.ratios(self.log_sigma, self.log_discrepancy, record.share)
-        return discrepancy.draw_given(key, left, record.basis, self.log_sigma, ratio)
+        if record.colour is None or record.rate is None:
+            return discrepancy.draw_given(key, left, record.basis, self.log_sigma, ratio)
+        every = record.colour.stride
+        asked = [part[:, ::every] for part in (left, *record.basis)]
+        own = coloured.products(record.colour, record.rate, record.inside()[:, ::every], asked).gram
+        along, modes = jnp.stack(own[0][1:]), [row[1:] for row in own[1:]]
+        return discrepancy.draw_along(key, along, record.basis, self.log_sigma, ratio, modes)
+
+    def innovations(
+        self, left: Float[Array, "impact sample"]
+    ) -> tuple[Float[Array, "impact shock"], Int[Array, " impact"]]:
+        """What is white of residuals [m/s^2], and how many of these there are of each impact.
+
+        Of coloured noise at the samples that it is asked at.
+        """
+        record = self.record
+        if record.colour is None or record.rate is None:
+            return left, record.n_samples
+        every = record.colour.stride
+        inside = record.inside()[:, ::every]
+        left = coloured.innovations(record.colour, record.rate, left[:, ::every])
+        return jnp.where(inside, left, 0.0), inside.sum(-1)
 
     def residuals(
         self, errors: Float[Array, "impact 4"], found: Response | None = None
@@ -287,7 +339,9 @@ class MeasuredImpact(dist.Distribution):
             delta = discrepancy.draw_prior(own, shape, record.basis, self.log_discrepancy, record.share)
         errors = prior_errors(key_of_errors, shape, _error_sd(self._noise(), record), record.uniform)
         noise = jax.random.normal(key_of_noise, (*shape, *self.event_shape))
-        if self.atanh_correlation is not None:
+        if record.colour is not None and record.rate is not None:
+            noise = coloured.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), noise)
+        elif self.atanh_correlation is not None:
             noise = autoregressive.correlated(noise, self.atanh_correlation)
         added = _added(errors, found, record) + jnp.exp(self.log_sigma)[:, None] * noise
         return jnp.where(record.inside(), found.d + delta + added, 0.0), delta

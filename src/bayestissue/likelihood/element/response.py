@@ -12,6 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements import Element, linear, solver
 from bayestissue.elements.element import deceleration_of, rates_of_motion
+from bayestissue.likelihood.element.coloured import Colour
 from bayestissue.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed
 
 # Columns of the measuring chain's errors.
@@ -43,6 +44,8 @@ class ElementRecord(NamedTuple):
         common_depth: one depth that every impact reaches [m]; no part of the likelihood. None where stiffness
             does not depend on depth.
         low_pass: a filter that the traces went through; None where there is none.
+        colour: the noise, where a part of it went through that filter too; else None.
+        rate: of coloured noise, which of its sampling rates each impact has.
     """
 
     d: Float[Array, "impact sample"]
@@ -62,6 +65,8 @@ class ElementRecord(NamedTuple):
     quiet_sd: Float[Array, " impact"] | None = None
     common_depth: Float[Array, " impact"] | None = None
     low_pass: LowPass | None = None
+    colour: Colour | None = None
+    rate: Int[Array, " impact"] | None = None
 
     @classmethod
     def of(cls, *arrays: np.ndarray, **named: Any) -> ElementRecord:

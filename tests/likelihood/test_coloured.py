@@ -1,0 +1,213 @@
+"""Noise that went through the recorder's filter, against the whole covariance."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.linalg import toeplitz
+from scipy.special import logsumexp
+from scipy.stats import multivariate_normal
+
+from bayestissue.dataset.model import Recorder
+from bayestissue.elements import element
+from bayestissue.likelihood.element import coloured, contact_cells, discrepancy
+from bayestissue.likelihood.element.coloured import LEAST_EIGENVALUE, Colour, colour_of
+from bayestissue.likelihood.element.impact import MeasuredImpact
+from bayestissue.likelihood.element.recorder import LowPass
+from bayestissue.likelihood.element.response import ElementRecord, columns, response
+from bayestissue.signal.filters import autocorrelation, modes
+
+SLOW, SAE = Recorder(500.0), Recorder(2.0775 * 180, zero_phase=True, sae_class=180)
+DT, ROWS = 1e-4, 60
+K, C, MASS, VELOCITY = 30_000.0, 60.0, 0.5, 1.5
+
+
+def lags(recorder: Recorder, dt: float = DT):
+    return lambda lag: autocorrelation(recorder, lag * dt)
+
+
+def whole(recorder: Recorder, white: float, rows: int = ROWS, dt: float = DT) -> np.ndarray:
+    """T = f 1 + (1 - f) R."""
+    return white * np.eye(rows) + (1 - white) * toeplitz(lags(recorder, dt)(np.arange(rows)))
+
+
+@pytest.mark.parametrize("recorder", [SLOW, SAE, Recorder(900.0, 1)], ids=str)
+@pytest.mark.parametrize("white", [0.0, 0.2])
+def test_samples_are_so_far_apart_that_no_frequency_is_believed_above_all_others(recorder, white):
+    stride = colour_of(white, [lags(recorder)], ROWS).stride
+    assert (stride == 1) == (white > LEAST_EIGENVALUE or recorder.order == 1)
+    least = [np.linalg.eigvalsh(whole(recorder, white, dt=DT * s))[0] for s in (stride, max(1, stride - 1))]
+    # Those of so many samples more are lower by a little.
+    assert least[0] > 0.95 * LEAST_EIGENVALUE
+    assert stride == 1 or least[1] < LEAST_EIGENVALUE
+
+
+@pytest.mark.parametrize(("recorder", "white"), [(SLOW, 0.2), (SAE, 0.05), (SAE, 0.0)], ids=str)
+def test_products_are_those_under_the_inverse_covariance(recorder, white):
+    """Of traces that begin and end anywhere, at two sampling rates; some parts have cells of contact."""
+    random = np.random.default_rng(0)
+    colour = colour_of(white, [lags(recorder), lags(recorder, 1.5 * DT)], ROWS)
+    asked = np.arange(ROWS)[:: colour.stride]
+    inside = (np.arange(ROWS) >= [[0], [7], [20]]) & (np.arange(ROWS) < [[60], [55], [60]])
+    inside, rate = inside[:, :: colour.stride], np.array([0, 1, 0])
+    p, q = np.where(inside, random.normal(size=(2, *inside.shape)), 0), random.normal(size=(4, *inside.shape))
+    q = np.where(inside, q, 0)
+    arrays = [jnp.asarray(each) for each in (p[0], q)]
+    found = coloured.products(colour, jnp.asarray(rate), jnp.asarray(inside), arrays)
+    for row in range(3):
+        rows = asked[inside[row]]
+        shape = whole(recorder, max(white, 1e-3), dt=DT * (1, 1.5)[rate[row]])[np.ix_(rows, rows)]
+        assert found.n_values[row] == len(rows)
+        # Eigenvalues below a ten-thousandth of f are left out.
+        assert_allclose(found.log_determinant[row], np.linalg.slogdet(shape)[1], atol=1e-3 * len(rows))
+        mine, other = p[0, row, inside[row]], q[:, row][:, inside[row]]
+        solved = np.linalg.solve(shape, mine)
+        size = np.sqrt(mine @ solved)
+        assert_allclose(found.gram[0][0][row], mine @ solved, rtol=1e-3)
+        assert_allclose(found.gram[0][1][:, row], other @ solved, atol=1e-3 * size**2)
+        each = [one @ np.linalg.solve(shape, one) for one in other]
+        assert_allclose(found.gram[1][1][:, row], each, rtol=1e-3)
+
+
+def test_innovations_undo_the_factor_and_draws_have_the_covariance():
+    colour = colour_of(0.1, [lags(SAE)], 40)
+    standard = np.random.default_rng(1).standard_normal((3, 40))
+    factor = np.linalg.cholesky(whole(SAE, 0.1, 40))
+    rate = jnp.zeros(3, int)
+    found = coloured.innovations(colour, rate, jnp.asarray(standard @ factor.T))
+    assert_allclose(found, standard, atol=1e-3)
+    draws = 20_000
+    white = jax.random.normal(jax.random.PRNGKey(0), (draws, 3, 40))
+    drawn = np.asarray(coloured.drawn(colour, rate, jax.random.PRNGKey(1), white))[:, 0]
+    # Five standard errors of a covariance of numbers whose variances are 1.
+    assert_allclose(np.cov(drawn.T), whole(SAE, 0.1, 40), atol=5 * (2 / draws) ** 0.5)
+
+
+def record(first: float, samples: int, recorder: Recorder, colour: Colour, **besides) -> ElementRecord:
+    poles, weights = modes(recorder)
+    lead, phases = besides.pop("lead", 0), besides.pop("phases", 1)
+    ahead = jnp.zeros(lead) if recorder.zero_phase else None
+    cells = (jnp.arange(phases) + 0.5) / phases
+    low_pass = LowPass(jnp.asarray(poles), jnp.asarray(weights), cells, ahead)
+    one = np.ones(1)
+    error_sd = besides.pop("error_sd", np.zeros((1, 4)))
+    chain = (VELOCITY * one, error_sd, besides.pop("uniform", np.zeros(1, bool)))
+    about = {"low_pass": low_pass, "colour": colour, "rate": np.zeros(1, int), **besides}
+    d = about.pop("d", np.zeros((1, samples)))
+    times = (first * one, DT * one)
+    return ElementRecord.of(d, np.array([samples]), *times, *chain, MASS * one, 0.03 * one, **about)
+
+
+TISSUE, PARAMETERS = element("kelvin_voigt"), jnp.array([[K], [C]])
+SIGMA = 2.0
+
+
+@pytest.mark.parametrize("log_discrepancy", [None, np.log(3.0)])
+def test_the_density_where_contact_is_known_is_that_of_the_whole_covariance(log_discrepancy):
+    """Chain and discrepancy are in it too."""
+    samples, white = 50, 0.15
+    random = np.random.default_rng(2)
+    basis, share = discrepancy.modes(np.array([samples]), samples)
+    given = record(
+        2.3 * DT,
+        samples,
+        SLOW,
+        colour_of(white, [lags(SLOW)], samples),
+        d=300 * np.sin(np.arange(samples) / 25)[None] + random.standard_normal((1, samples)),
+        error_sd=np.array([[0.01, 0.02, 0.5, 1e-5]]),
+        basis=basis,
+        share=share,
+    )
+    beside = None if log_discrepancy is None else jnp.array([log_discrepancy])
+
+    @jax.jit
+    def asked(given):
+        event = MeasuredImpact(TISSUE, PARAMETERS, jnp.array([np.log(SIGMA)]), given, beside)
+        found = response(TISSUE, PARAMETERS, given)
+        return event.log_prob(given.d), found.d, jnp.stack(columns(found, given))
+
+    density, d, each = (np.asarray(part) for part in asked(given))
+    covariance = SIGMA**2 * whole(SLOW, white, samples)
+    scaled = each[:, 0].T * np.asarray(given.error_sd)[0]
+    covariance += scaled @ scaled.T
+    if log_discrepancy is not None:
+        own = np.exp(log_discrepancy) * basis[:, 0].T * np.sqrt(share[0])
+        covariance += own @ own.T
+    expected = multivariate_normal(np.zeros(samples), covariance).logpdf(np.asarray(given.d)[0] - d[0])
+    assert density[0] == pytest.approx(expected, abs=1e-3 * samples)
+
+
+def with_contact_open(
+    recorder: Recorder, colour: Colour, trace: np.ndarray, reach: int, lead: int
+) -> ElementRecord:
+    """Contact may be in any of ``reach`` cells, those in which the filter looks ahead among them."""
+    return record(
+        DT / 2,
+        len(trace) - reach,
+        recorder,
+        colour,
+        lead=lead,
+        phases=2,
+        d=trace[None, reach:],
+        error_sd=np.array([[0.0, 0.0, 0.0, reach * DT / 12**0.5]]),
+        uniform=np.ones(1, bool),
+        before=trace[:reach].reshape(reach, 1, 1),
+        n_before=np.array([reach]),
+        quiet_sd=np.array([SIGMA]),
+    )
+
+
+@jax.jit
+def of_trace(given: ElementRecord) -> tuple[jax.Array, jax.Array]:
+    event = MeasuredImpact(TISSUE, PARAMETERS, jnp.array([np.log(SIGMA)]), given)
+    return event.log_prob(given.d), event.mean_first_time()
+
+
+def test_the_density_is_that_over_all_moments_of_contact():
+    """Against the dense normal at many moments; within a cell the likelihood is linear in them."""
+    lead, reach, samples, contact = 40, 48, 50, -2.3 * DT
+    colour = colour_of(0.0, [lags(SAE)], reach + samples)
+    time = np.arange(-reach, samples) * DT
+    shape = whole(SAE, 1e-3, len(time))
+    noise = np.linalg.cholesky(shape) @ np.random.default_rng(3).standard_normal(len(time))
+    trace = seen_directly(SAE, time + contact) + SIGMA * noise
+    density, first = of_trace(with_contact_open(SAE, colour, trace, reach, lead))
+    moments = (np.arange(1500) + 0.5) / 1500 * reach * DT - lead * DT
+    rows = np.arange(len(time))[:: colour.stride]
+    left = np.stack([trace - seen_directly(SAE, time + moment) for moment in moments])[:, rows]
+    log_each = multivariate_normal(np.zeros(len(rows)), SIGMA**2 * shape[np.ix_(rows, rows)]).logpdf(left)
+    assert density[0] == pytest.approx(logsumexp(log_each) - np.log(1500 / reach), abs=0.15)
+    assert first[0] == pytest.approx(contact, abs=0.5 * DT)
+
+
+def test_where_all_of_it_is_white_it_is_the_likelihood_of_white_noise():
+    """But for the samples before the first, which count by their own density and not against a quiet part."""
+    reach, white = 8, 1 - 1e-6
+    time = np.arange(-reach, 50) * DT
+    trace = seen_directly(SLOW, time + 3.4 * DT)
+    trace = trace + SIGMA * np.random.default_rng(3).standard_normal(len(time))
+    given = with_contact_open(SLOW, colour_of(white, [lags(SLOW)], len(time)), trace, reach, 0)
+    plain = given._replace(colour=None, rate=None)
+    quiet = contact_cells.quiet_density(plain)
+    coloured_one, white_one = of_trace(given), of_trace(plain)
+    # In proportion to 1 - f times the greatest eigenvalue of R, a dozen.
+    assert_allclose(coloured_one[0], white_one[0] + quiet, atol=1e-4)
+    assert_allclose(coloured_one[1], white_one[1], atol=1e-4 * DT)
+
+
+def seen_directly(recorder: Recorder, time: np.ndarray) -> np.ndarray:
+    """The filter's answer to the impact by its transform, sampled so often that the jump does no harm."""
+    fine, span = DT / 40, 0.08
+    grid = np.arange(-span, span, fine)
+    own = np.roots([1, C / MASS, K / MASS])
+    size = VELOCITY * own**2 * np.array([-1, 1]) / (own[0] - own[1])
+    late = np.maximum(grid + fine / 2, 0)
+    force = np.where(grid + fine / 2 > 0, (size * np.exp(own * late[:, None])).sum(1).real, 0)
+    poles, weights = modes(recorder)
+    answer = (weights * np.exp(poles * np.abs(grid)[:, None])).sum(1).real
+    answer = answer if recorder.zero_phase else np.where(grid >= 0, answer, 0)
+    found = np.fft.irfft(np.fft.rfft(force) * np.fft.rfft(np.fft.ifftshift(answer)), len(grid)) * fine
+    return np.interp(time, grid + fine / 2, found)

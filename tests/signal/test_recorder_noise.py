@@ -1,0 +1,113 @@
+"""Whether noise went through the filter: asked of simulated recordings, whose share is known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import bessel, butter, freqs
+
+from bayestissue.dataset import Dataset
+from bayestissue.dataset.model import Recorder, Trace
+from bayestissue.signal import displacements
+from bayestissue.signal.filters import autocorrelation
+from bayestissue.signal.recorder_noise import white_share
+from bayestissue.simulation import Simulation, simulate
+
+NOISE = 2.0
+SAE, SLOW = {"sae_class": 180}, {"low_pass_hz": 500.0}
+
+
+def recorded(recorder: dict, impacts: int = 12, **recording: float) -> Dataset:
+    """Impacts with a long quiet part, their noise before the filter; nothing of that is declared."""
+    content = {
+        "name": "noise",
+        "seed": 2,
+        "design": {"conditions": [{"trial": "a", "mass_kg": 0.6, "velocity_m_s": 1.5}], "subjects": impacts},
+        "tissue": {"K_N_per_m": 32_000.0, "C_N_s_per_m": 60.0},
+        "recording": {"noise_sd_m_s2": NOISE, "before_contact_s": 0.03, **recording},
+        "recorder": {"noise": "before", **recorder},
+    }
+    found = simulate(Simulation.model_validate(content)).dataset("noise")
+    assert found.recorder is not None
+    return replace(found, recorder=replace(found.recorder, noise=None))
+
+
+def with_white(data: Dataset, sd: float) -> Dataset:
+    """The same with further noise behind the filter."""
+    random = np.random.default_rng(1)
+    more = [
+        Trace(each.time_s, each.value + sd * random.standard_normal(each.value.size)) for each in data.traces
+    ]
+    return replace(data, traces=more)
+
+
+@pytest.mark.parametrize(
+    "recorder",
+    [
+        Recorder(500.0),
+        Recorder(800.0, 1),
+        Recorder(700.0, 5, "bessel"),
+        Recorder(500.0, 2, zero_phase=True),
+        Recorder(900.0, 3, zero_phase=True),
+    ],
+    ids=str,
+)
+def test_the_autocorrelation_is_the_spectrums(recorder: Recorder):
+    design = {"butterworth": butter, "bessel": bessel}[recorder.kind]
+    extra = {"norm": "mag"} if recorder.kind == "bessel" else {}
+    frequency = np.linspace(0, 4e5, 400_001)
+    of_filter = design(recorder.order, 2 * np.pi * recorder.low_pass_hz, analog=True, **extra)
+    _, passed = freqs(*of_filter, worN=2 * np.pi * frequency)
+    power = np.abs(passed) ** (4 if recorder.zero_phase else 2)
+    lag = np.array([[0.0, -1e-4], [3e-4, 1e-3]])
+    expected = np.trapezoid(power * np.cos(2 * np.pi * frequency * lag[..., None]), frequency)
+    # Of one pole a thousandth lies beyond the greatest frequency.
+    tolerance = 2e-3 if recorder.order == 1 else 1e-5
+    np.testing.assert_allclose(
+        autocorrelation(recorder, lag), expected / expected[0, 0], rtol=tolerance, atol=tolerance
+    )
+
+
+@pytest.mark.parametrize("recorder", [SAE, SLOW], ids=str)
+def test_simulated_noise_before_a_filter_has_its_size_and_correlations(recorder: dict):
+    data = recorded(recorder, 40)
+    quiet = np.array([each.value[:200] for each in data.traces])
+    # Two hundred samples a recording, of which some twenty are independent.
+    assert quiet.std() == pytest.approx(NOISE, rel=0.08)
+    assert data.recorder is not None
+    for lag in (1, 3, 8):
+        found = (quiet[:, lag:] * quiet[:, :-lag]).mean() / quiet.var()
+        assert found == pytest.approx(float(autocorrelation(data.recorder, np.array(lag * 1e-4))), abs=0.08)
+
+
+@pytest.mark.parametrize("recorder", [SAE, SLOW], ids=str)
+def test_the_quiet_parts_tell_the_share(recorder: dict):
+    data = recorded(recorder)
+    for share in (0.0, 0.2, 0.7):
+        sd = NOISE * (share / (1 - share)) ** 0.5
+        mixed = with_white(data, sd)
+        found = white_share(mixed, displacements(mixed))
+        # The grid's step is 16 %; of some twelve hundred samples white noise is told to a few per cent.
+        assert found == pytest.approx(share, rel=0.25, abs=0.002)
+    still = replace(data, traces=[Trace(each.time_s, 0 * each.value) for each in data.traces])
+    white = with_white(still, NOISE)
+    assert white_share(white, displacements(data)) > 0.95
+
+
+def test_without_a_quiet_part_it_goes_by_what_is_declared_and_by_the_filter():
+    for recorder, share in ((SAE, 0.0), (SLOW, 1.0)):
+        data = recorded(recorder, 2)
+        late = [Trace(each.time_s[285:], each.value[285:]) for each in data.traces]
+        short = replace(data, traces=late)
+        signal = displacements(short)
+        assert white_share(short, signal) == share
+        assert data.recorder is not None
+        for noise, expected in (("before", 0.0), ("after", 1.0)):
+            other = replace(data, recorder=replace(data.recorder, noise=noise))
+            assert white_share(other, displacements(other)) == expected
+        # A quiet part that a recorder rounded to one number tells nothing.
+        whole = displacements(data)
+        flat = [Trace(each.time_s, np.where(each.time_s < 0.03, 0.0, each.value)) for each in data.traces]
+        assert white_share(replace(data, traces=flat), whole) == share
