@@ -83,6 +83,22 @@ def c3d(
     file.write(str(path))
 
 
+def markers(path: Path, height: np.ndarray, rate: float, unit: str = "mm", hidden: int | None = None) -> None:
+    """A C3D file without analog channels: a marker HAMR at a height, one at rest; one is not seen once."""
+    file = ezc3d.c3d()
+    points = file["parameters"]["POINT"]
+    points["RATE"]["value"], points["UNITS"]["value"] = [rate], [unit]
+    points["LABELS"]["value"] = ["HAMR", "REST"]
+    data = np.zeros((4, 2, len(height)))
+    data[2, 0] = height
+    file["data"]["points"] = data
+    if hidden is not None:
+        residuals = np.zeros((1, 2, len(height)))
+        residuals[0, 0, hidden] = -1
+        file["data"]["meta_points"]["residuals"] = residuals
+    file.write(str(path))
+
+
 def acq(path: Path, channels: dict[str, np.ndarray], rate: float, units: dict[str, str]) -> None:
     """An AcqKnowledge 3.8.1 file, set by the structures with which bioread reads one."""
     revision, order = 41, "<"

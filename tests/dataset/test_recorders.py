@@ -17,7 +17,7 @@ from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.dataset.recorders import channels_of
 from bayestissue.errors import InputError
 from dataset_bench import MASSES, NAMES, RATE, Lab, tables
-from recorder_files import acq, c3d, lvm
+from recorder_files import acq, c3d, lvm, markers
 
 Writer = Callable[[Path, np.ndarray, np.ndarray], None]
 
@@ -260,6 +260,20 @@ def test_whole_numbers_of_c3d_are_scaled_as_its_analog_group_says(tmp_path: Path
     np.testing.assert_allclose(
         np.asarray(read.values), (raw - float(offset)) * np.float64(np.float32(scale)), rtol=1e-15
     )
+
+
+def test_a_c3d_file_without_analog_channels_has_those_of_its_markers(tmp_path: Path) -> None:
+    height = np.linspace(100.0, 80.0, 30)
+    markers(tmp_path / "a.c3d", height, 200.0, hidden=7)
+    found = channels_of(tmp_path / "a.c3d", "a.c3d")
+    assert list(found) == [f"{name}.{axis}" for name in ("HAMR", "REST") for axis in "xyz"]
+    own = found["HAMR.z"]
+    seen = np.arange(30) != 7
+    # Coordinates have four bytes.
+    np.testing.assert_allclose(np.asarray(own.values)[seen], height[seen], rtol=1e-6)
+    assert np.isnan(np.asarray(own.values)[7])
+    assert own.unit == "mm"
+    np.testing.assert_allclose(own.clock, np.arange(30) / 200.0, rtol=1e-6)
 
 
 def test_sampling_rate_stands_in_for_times(lab: Lab) -> None:

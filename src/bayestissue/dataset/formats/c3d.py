@@ -1,4 +1,4 @@
-"""The analog channels of C3D files, as motion laboratories record force plates and accelerometers.
+"""C3D files of motion laboratories: analog channels (force plates, accelerometers), else markers.
 
 The file is taken apart here rather than by a library in compiled code: such code trusts the sizes that a file
 states, and a damaged file can end the whole program. Source: The C3D File Format User Guide, Motion Lab
@@ -45,10 +45,12 @@ def read(data: bytes, label: str) -> Contents:
     """The analog channels by their label, in the units that ``ANALOG:UNITS`` gives.
 
     A stored number r of a channel stands for (r - OFFSET) · SCALE · GEN_SCALE, and the samples are
-    1 / ``ANALOG:RATE`` apart, the first at 0 s.
+    1 / ``ANALOG:RATE`` apart, the first at 0 s. Of a file without such channels the coordinates of its
+    markers, as ``LABEL.x``, ``.y`` and ``.z`` in ``POINT:UNITS``, ``POINT:RATE`` times a second.
 
     Raises:
-        UnfitError: there is no analog channel, the file is of a DEC computer, or its end is missing.
+        UnfitError: there is neither an analog channel nor a marker, the file is of a DEC computer, or its end
+            is missing.
         ValueError, IndexError, struct.error: the file is damaged, or is no C3D file.
     """
     if data[1] != _KEY:
@@ -56,13 +58,17 @@ def read(data: bytes, label: str) -> Contents:
     order, parameters = _parameters(data)
     header = _header(data, order)
     count = header.analog // header.samples if header.samples else 0
-    if not count:
-        raise UnfitError("analog channels", "Export the recording with its analog data.", "none")
+    if not count and not header.points:
+        raise UnfitError(
+            "analog channels, or markers",
+            "Export the recording with its analog data: the accelerometer's, or a force plate's.",
+            "neither",
+        )
     frames = _frames(header, parameters)
     stored = np.dtype(f"{order}f4" if header.scale < 0 else f"{order}{_integer(parameters)}")
     words = _COORDINATES * header.points + header.analog
     # Held once as they are stored, and once as numbers of 8 bytes.
-    require_small(8.0 * frames * header.analog, label)
+    require_small(8.0 * frames * (header.analog or 3 * header.points), label)
     begin = _BLOCK * (header.data_block - 1)
     if begin < _BLOCK or begin + frames * words * stored.itemsize > len(data):
         raise UnfitError(
@@ -71,8 +77,29 @@ def read(data: bytes, label: str) -> Contents:
             "an end that is missing",
         )
     table = np.frombuffer(data, stored, frames * words, begin).reshape(frames, words)
+    if not count:
+        return Contents(_markers(table, parameters, header))
     raw = table[:, _COORDINATES * header.points :].reshape(frames * header.samples, count)
     return Contents(_channels(raw, parameters, header))
+
+
+def _markers(table: np.ndarray, parameters: Parameters, header: _Header) -> dict[str, Channel]:
+    """Each coordinate of each marker; no number where the cameras did not see it."""
+    count = header.points
+    rate = float(_numbers(parameters, "RATE", 1, header.rate, "POINT")[0])
+    clock = even_clock(1 / rate, 0.0, len(table)) if rate > 0 and math.isfinite(rate) else None
+    labels, (unit,) = _texts(parameters, "LABELS", count, "POINT"), _texts(parameters, "UNITS", 1, "POINT")
+    points = table.reshape(len(table), count, _COORDINATES).astype(np.float64)
+    seen = points[..., -1] >= 0
+    scale = 1.0 if header.scale < 0 else header.scale
+    channels: dict[str, Channel] = {}
+    for number in range(count):
+        name = labels[number] or f"marker {number + 1}"
+        name = name if f"{name}.x" not in channels else f"{name} {number + 1}"
+        for axis, letter in enumerate("xyz"):
+            values = np.where(seen[:, number], scale * points[:, number, axis], np.nan)
+            channels[f"{name}.{letter}"] = Channel(values, clock, unit)
+    return channels
 
 
 def _channels(raw: np.ndarray, parameters: Parameters, header: _Header) -> dict[str, Channel]:
@@ -156,17 +183,19 @@ def _integer(parameters: Parameters) -> str:
     return "u2" if said.upper().startswith("UNSIGNED") else "i2"
 
 
-def _numbers(parameters: Parameters, name: str, count: int, otherwise: float) -> np.ndarray:
-    value = parameters.get(("ANALOG", name))
+def _numbers(
+    parameters: Parameters, name: str, count: int, otherwise: float, group: str = "ANALOG"
+) -> np.ndarray:
+    value = parameters.get((group, name))
     if not isinstance(value, np.ndarray) or value.dtype.kind not in "if" or value.size < count:
         return np.full(count, otherwise)
     return np.ravel(value)[:count].astype(np.float64)
 
 
-def _texts(parameters: Parameters, name: str, count: int) -> list[str]:
+def _texts(parameters: Parameters, name: str, count: int, group: str = "ANALOG") -> list[str]:
     """Those of a channel each; beyond 255 they go on under the name with a 2, a 3 and so on."""
     parts = [name, *(f"{name}{number}" for number in range(2, 10))]
-    texts = [text for part in parts for text in _strings(parameters.get(("ANALOG", part)))]
+    texts = [text for part in parts for text in _strings(parameters.get((group, part)))]
     return [*texts, *[""] * count][:count]
 
 
