@@ -11,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from bayestissue.errors import more
+
+MORE = f"{more(['interrupted'])}\n"
 BEGINS = """
 import gc, sys, time
 from pathlib import Path
@@ -92,7 +95,7 @@ def test_a_request_to_stop_ends_the_process_whatever_it_is_doing(
 ) -> None:
     out = tmp_path / "deep" / "run"
     status, said, seconds = stopped(BEGINS + busy + WRITES, str(tmp_path / "run"), number=number)
-    assert (status, said) == (130, "interrupted\n")
+    assert (status, said) == (130, f"interrupted\n{MORE}")
     assert seconds < 10
     assert not out.parent.exists()
     assert [path.name for path in tmp_path.iterdir() if path.name != "modules"] == []
@@ -100,7 +103,7 @@ def test_a_request_to_stop_ends_the_process_whatever_it_is_doing(
 
 def test_what_was_kept_is_said(tmp_path: Path) -> None:
     status, said, _ = stopped(BEGINS + LOSES_EXCEPTIONS + KEEPS_PARTS, str(tmp_path / "run"))
-    assert (status, said) == (130, "interrupted; run the same command again to go on from here\n")
+    assert (status, said) == (130, f"interrupted; run the same command again to go on from here\n{MORE}")
     assert [path.name for path in tmp_path.iterdir()] == [".run.unfinished"]
 
 
@@ -115,7 +118,7 @@ Path(sys.argv[1]).write_text("too late")
 
 def test_a_step_that_has_begun_is_finished(tmp_path: Path) -> None:
     status, said, _ = stopped(BEGINS + A_WHOLE_STEP, str(tmp_path / "file"))
-    assert (status, said) == (130, "interrupted\n")
+    assert (status, said) == (130, f"interrupted\n{MORE}")
     assert (tmp_path / "file").read_text() == "whole"
 
 
@@ -140,7 +143,7 @@ def test_worker_processes_end_with_the_process_that_began_them(
     status, said, _ = stopped(BEGINS + WITH_WORKERS)
     assert status == 130
     worker, *words = said.split("\n", 1)
-    assert words == ["interrupted\n"]
+    assert words == [f"interrupted\n{MORE}"]
     assert not alive(int(worker))
     assert list(tmp_path.iterdir()) == []
 
@@ -196,5 +199,5 @@ def test_a_command_can_be_stopped_while_it_imports(tmp_path: Path, after_s: floa
     time.sleep(after_s)
     os.killpg(started.pid, signal.SIGINT)
     said = started.communicate(timeout=60)[1]
-    assert (started.returncode, said) == (130, "interrupted\n")
+    assert (started.returncode, said) == (130, f"interrupted\n{MORE}")
     assert list(tmp_path.iterdir()) == []

@@ -15,6 +15,8 @@ import threading
 import time
 from contextlib import contextmanager
 
+# As `bayestissue.errors.more` has it, which must not be imported when it is needed.
+_MORE = "More: bayestissue explain interrupted"
 # As `typing` has it, whose import takes as long as all these together.
 TYPE_CHECKING = False
 if TYPE_CHECKING:
@@ -157,6 +159,11 @@ def end_workers(pool: Any) -> None:
     _pools.remove(pool)
 
 
+def interrupted(*kept: str) -> str:
+    """What is said at such an end: what was kept, and where more stands."""
+    return f"{'; '.join(['interrupted', *kept])}\n{_MORE}"
+
+
 def _hold(number: int, frame: FrameType | None) -> None:
     """In the main thread: do nothing more, but for a step that has begun."""
     global _asked
@@ -179,12 +186,12 @@ def _end() -> None:
     # Collecting garbage runs anyone's code, which may wait for what the main thread holds.
     gc.disable()
     threading.excepthook = _say_nothing
-    said = "interrupted"
+    said = interrupted()
     try:
         _step.acquire(timeout=_PATIENCE_S)
         _kill_workers()
         kept = [words for end in reversed(_at_the_end) if (words := end())]
-        said = "; ".join(["interrupted", *kept])
+        said = interrupted(*kept)
     finally:
         try:
             os.write(2, f"{_SHOW_CURSOR if os.isatty(2) else ''}{said}\n".encode())

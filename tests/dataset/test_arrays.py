@@ -139,7 +139,8 @@ def test_arguments_that_are_wrong_are_named(change, words):
     ("trace", "words"),
     [
         (([0.0, 1.0], [1.0]), "2 times and 1 values"),
-        (np.zeros((3, 5)), "a pair of arrays"),
+        (np.zeros((3, 5)), r"shape \(3, 5\).*a pair of arrays"),
+        (np.zeros((2, 2)), r"shape \(2, 2\).*a pair of arrays"),
         ((np.arange(50) * 1e-4, np.zeros((50, 2))), "shape \\(50, 2\\)"),
         ((pd.date_range("2026-01-01", periods=50), np.zeros(50)), "datetime64"),
         ((np.arange(50) * 1e-4, ["1"] * 49 + ["x"]), 'sample.*row 49, column value.*found "x"'),
@@ -151,6 +152,16 @@ def test_recordings_that_are_none_are_named(trace, words):
     own[impacts["impact"][0]] = trace
     with pytest.raises(bt.InputError, match=words):
         bt.dataset(impacts, own, **GIVEN)
+
+
+def test_an_array_of_two_rows_or_columns_is_a_pair():
+    """As `numpy.loadtxt` returns it."""
+    impacts, traces = tables()
+    pairs = separate(impacts, traces)
+    plain = bt.dataset(impacts, pairs, **GIVEN)
+    for stacked in (np.stack, np.column_stack):
+        other = {name: stacked([np.asarray(part) for part in pair]) for name, pair in pairs.items()}
+        assert bt.dataset(impacts, other, **GIVEN).input_hash == plain.input_hash
 
 
 def test_bad_impacts_can_be_left_out():

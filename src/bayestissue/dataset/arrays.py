@@ -66,7 +66,7 @@ def dataset(
             name, or records. A column ``trace`` is left out: recordings are ``traces``.
         traces: the recordings: one long table with a column ``impact`` beside the time and the value column;
             or by the impact's name, or in the order of ``impacts``, each a table of these two columns, a
-            pair (time, value) or a `Trace`.
+            pair (time, value), an array of two rows or two columns, times first, or a `Trace`.
         quantity: "deceleration", "acceleration" or "displacement".
         unit: of the recorded values, such as "m/s^2", "g_0" or "mm".
         time_unit: of the times.
@@ -238,11 +238,14 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[Numbers, N
         if problems := column_problems(_SINGLE, [str(name) for name in trace], columns):
             raise InputError(replace(problem, impact=impact) for problem in problems)
         trace = trace[columns[0]], trace[columns[1]]
+    elif isinstance(trace, np.ndarray) and trace.ndim == 2 and min(trace.shape) == 2 < max(trace.shape):
+        # As `numpy.loadtxt` has it, with or without ``unpack``: which axis is the samples' is no question.
+        trace = tuple(trace if trace.shape[0] == 2 else trace.T)
     if not isinstance(trace, tuple | list) or len(trace) != len(columns):
         remedy = f"Pass (time, value), or a table with {columns[0]} and {columns[1]}."
-        problem = Problem(
-            _SINGLE, "a pair of arrays", remedy, value=type(trace).__name__, impact=impact, code="array-shape"
-        )
+        shape = f" of shape {trace.shape}" if isinstance(trace, np.ndarray) else ""
+        found = f"{type(trace).__name__}{shape}"
+        problem = Problem(_SINGLE, "a pair of arrays", remedy, value=found, impact=impact, code="array-shape")
         raise InputError(problem)
     times, readings = (
         _numbers(each, _SINGLE, name, impact) for each, name in zip(trace, columns, strict=True)
@@ -289,7 +292,11 @@ def _end_to_end(parts: list[Numbers]) -> Numbers:
 
 
 def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
-    stated = settings.model_dump(mode="json", exclude=None if settings.recorder else {"recorder"})
+    # What was not stated before there was a key for it leaves the hash as it was.
+    unsaid: Any = {"recorder"}
+    if settings.recorder:
+        unsaid = {"recorder": {"noise"}} if settings.recorder.noise is None else None
+    stated = settings.model_dump(mode="json", exclude=unsaid)
     digest = hashlib.sha256(json.dumps(stated, sort_keys=True).encode())
     digest.update(cells.to_csv(index=False).encode())
     samples = reading.samples
