@@ -137,6 +137,15 @@ def init(
             help="The stretch of every recording that is read, in its unit of time.",
         ),
     ] = None,
+    recorder: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--recorder",
+            metavar="KEY=VALUE",
+            help="An entry of the table [recorder], a known low-pass that the recordings went through: "
+            "low_pass_hz, order, kind, zero_phase, noise, or sae_class; may be repeated.",
+        ),
+    ] = None,
     several: Annotated[
         bool, typer.Option("--several", help="Cut several impacts in one recording apart.")
     ] = False,
@@ -179,6 +188,7 @@ def init(
         pattern,
         table,
         init.given(given or []),
+        init.recorder(recorder or []),
     )
     init.run(
         folder,
@@ -542,7 +552,7 @@ def main() -> None:
     except MemoryError as error:
         _leave(5, "could not go on: there is not enough memory", *getattr(error, "__notes__", ()), _FAILED)
     except KeyboardInterrupt as error:
-        _leave(stopping.INTERRUPTED, "; ".join(["interrupted", *getattr(error, "__notes__", ())]))
+        _leave(stopping.INTERRUPTED, stopping.interrupted(*getattr(error, "__notes__", ())))
 
 
 def _leave(status: int, *said: str) -> NoReturn:

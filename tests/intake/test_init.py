@@ -15,11 +15,12 @@ from nptdms import ChannelObject, TdmsWriter
 
 import bayestissue as bt
 from bayestissue.commands import init as command
+from bayestissue.dataset import Recorder
 from bayestissue.dataset.recorders import channels_of
 from bayestissue.errors import InputError
 from command_line import bayestissue
 from dataset_bench import RATE, deceleration
-from recorder_files import acq, c3d, lvm
+from recorder_files import acq, c3d, lvm, markers
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -279,6 +280,67 @@ def test_options_that_can_t_be_are_refused(
     refused = bayestissue("init", folder(".tdms"), "--out", tmp_path / "drops", *given, *more)
     assert (refused.status, says in refused.err) == (2, True), refused.err
     assert not (tmp_path / "drops").exists()
+
+
+def test_a_low_pass_is_declared_by_its_entries(folder: Callable, tmp_path: Path) -> None:
+    recorded = folder(".tdms")
+    said = ("init", recorded, "--pattern", f"{PATTERN}.tdms", "--quantity", "deceleration", *FACTS)
+    entries = ("low_pass_hz=1500", "order=4", "kind=bessel", "zero_phase=true", "noise=before")
+    options = [part for entry in entries for part in ("--recorder", entry)]
+    made = bayestissue(*said, "--out", tmp_path / "drops", *options)
+    assert made.status == 0
+    expected = Recorder(1500, 4, "bessel", zero_phase=True, noise="before")
+    assert bt.read_dataset(tmp_path / "drops").recorder == expected
+    page = (tmp_path / "drops" / "init.html").read_text()
+    assert "low_pass_hz = 1500, order = 4, kind = bessel, zero_phase = True, noise = before" in page
+    assert "noise entered" in made.out
+    given = {"trial": "drop", "velocity_m_s": VELOCITY}
+    pattern, sae = f"{PATTERN}.tdms", {"sae_class": 1000}
+    for number, recorder in enumerate((sae, expected)):
+        out = tmp_path / f"again{number}"
+        data = bt.init_dataset(
+            recorded, out, pattern=pattern, quantity="deceleration", given=given, recorder=recorder
+        )
+        assert data.recorder is not None
+        assert data.recorder.settings() == (expected.settings() if number else sae)
+    for entry, words in (
+        ("order=9", "--recorder order"),
+        ("sae=180", "--recorder sae"),
+        ("order", "KEY=VALUE"),
+    ):
+        refused = bayestissue(*said, "--out", tmp_path / "none", "--recorder", entry)
+        assert refused.status == 2
+        assert words in refused.err
+        assert not (tmp_path / "none").exists()
+
+
+def test_markers_are_recorded_displacements(tmp_path: Path) -> None:
+    recorded, rate = tmp_path / "cameras", 1000.0
+    recorded.mkdir()
+    time = np.arange(60) / rate - 0.02
+    depth = np.where(time > 0, 0.012 * np.sin(80 * time) * np.exp(-20 * time), 0.0)
+    fall = np.where(time > 0, depth, 1.0 * time)
+    markers(recorded / "s01.c3d", 100 - 1e3 * fall, rate)
+    said = (
+        "init",
+        recorded,
+        "--out",
+        tmp_path / "drops",
+        "--pattern",
+        "{subject}.c3d",
+        "--set",
+        "trial=drop",
+    )
+    refused = bayestissue(*said, "--set", "mass_kg=0.5")
+    assert refused.status == 2
+    assert "HAMR.x or HAMR.y or HAMR.z or REST.x" in refused.err
+    assert "HAMR.z [mm]: 60 samples" in refused.err
+    chosen = ("--channel", "HAMR.z", "--quantity", "displacement", "--scale", "-1")
+    made = bayestissue(*said, "--set", "mass_kg=0.5", *chosen)
+    assert made.status == 0, made.err
+    data = bt.read_dataset(tmp_path / "drops")
+    assert data.quantity == "displacement"
+    np.testing.assert_allclose(np.ptp(data.traces[0].value), np.ptp(fall), rtol=1e-4)
 
 
 def test_a_dataset_is_replaced_only_as_it_was_written(folder: Callable, tmp_path: Path) -> None:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import sys
+import tomllib
 from pathlib import Path
+from typing import Any
 
 import typer
 
@@ -49,8 +51,16 @@ def run(
         check.run(path, out=None, skip_bad=False, overwrite=False, quiet=False, as_json=as_json)
 
 
-def given(facts: list[str]) -> dict[str, str]:
+def given(
+    facts: list[str], option: str = "--set", form: str = "NAME=VALUE", example: str = "mass_kg=2.1"
+) -> dict[str, str]:
     """The options ``--set NAME=VALUE`` as a dictionary.
+
+    Args:
+        facts: the texts behind the option.
+        option: which one it is.
+        form: of such a text, in words.
+        example: of one.
 
     Raises:
         InputError: one has no name or no value, or a name stands there twice.
@@ -60,14 +70,30 @@ def given(facts: list[str]) -> dict[str, str]:
     for text in facts:
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value) or name in found:
-            expected = "NAME=VALUE, each name once"
-            problems.append(
-                Problem("--set", expected, "Write, say, --set mass_kg=2.1.", value=text, code="option-value")
-            )
+            expected = f"{form}, each name once"
+            remedy = f"Write, say, {option} {example}."
+            problems.append(Problem(option, expected, remedy, value=text, code="option-value"))
         found[name] = value
     if problems:
         raise InputError(problems)
     return found
+
+
+def recorder(entries: list[str]) -> dict[str, Any]:
+    """The options ``--recorder KEY=VALUE`` as the table of ``dataset.toml``: numbers, true or false, words.
+
+    Raises:
+        InputError: one has no key or no value, or a key stands there twice.
+    """
+    texts = given(entries, "--recorder", "KEY=VALUE", "sae_class=180")
+    return {key: _value(text) for key, text in texts.items()}
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
 
 
 def _at_a_terminal() -> bool:

@@ -106,10 +106,12 @@ def build(
 
 def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
     names = f", names read as {choices.pattern}" if choices.pattern else ""
+    stated = {"recorder": choices.recorder} if choices.recorder else {}
     return {
         "name": name,
         "source": f"bayestissue init, from {files} recorder file{'s' if files > 1 else ''}{names}",
         "signal": choices.signal(),
+        **stated,
     }
 
 
@@ -118,9 +120,16 @@ def _signal(settings: dict[str, Any], problems: list[Problem]) -> SignalSettings
         return parse_settings(settings).signal
     except InputError as error:
         options = [
-            replace(p, file="init", column=_OPTIONS.get(p.column or "", p.column)) for p in error.problems
+            replace(p, file="init", column=_OPTIONS.get(column := p.column or "", _of_recorder(column)))
+            for p in error.problems
         ]
         raise InputError([*problems, *options]) from None
+
+
+def _of_recorder(key: str) -> str | None:
+    """An entry of the table ``[recorder]`` as the option that gives it; others as they are."""
+    table, _, name = key.partition(".")
+    return f"--recorder {name}".strip() if table == "recorder" else key or None
 
 
 def _write(folder: Path, settings: dict[str, Any], rows: list[dict[str, Any]], found: Found) -> None:

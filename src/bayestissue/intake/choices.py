@@ -42,6 +42,7 @@ class Choices:
         pattern: how file names are read.
         table: a table of facts.
         given: facts that hold for all recordings, as text.
+        recorder: the table ``[recorder]`` of ``dataset.toml``; none if empty.
     """
 
     channel: str | None = None
@@ -56,6 +57,7 @@ class Choices:
     pattern: str | None = None
     table: Path | None = None
     given: dict[str, str] = field(default_factory=dict)
+    recorder: dict[str, Any] = field(default_factory=dict)
 
     def signal(self) -> dict[str, Any]:
         """The table ``[signal]`` of ``dataset.toml``."""

@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from bayestissue.dataset import Dataset, Quantity, read_dataset
+from bayestissue.dataset import Dataset, Quantity, Recorder, read_dataset
 from bayestissue.dataset.recorders import SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import Built, build
@@ -156,6 +157,7 @@ def init_dataset(
     pattern: str | None = None,
     table: str | Path | None = None,
     given: Mapping[str, object] | None = None,
+    recorder: Mapping[str, Any] | Recorder | None = None,
     name: str = "",
     several: bool = False,
     threshold: float = THRESHOLD,
@@ -185,6 +187,8 @@ def init_dataset(
             converted (v = √(2 g h)).
         table: a CSV file with a column ``file`` and a column for each fact.
         given: facts that hold for all recordings, such as ``{"trial": "drop", "mass_kg": 2.1}``.
+        recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]`` in
+            ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``.
         name: of the dataset; that of the folder if empty.
         several: a recording may hold several impacts, which are cut apart.
         threshold: how many standard deviations of the noise an impact rises above.
@@ -208,6 +212,7 @@ def init_dataset(
         pattern,
         None if table is None else Path(table),
         {key: str(value) for key, value in (given or {}).items()},
+        recorder.settings() if isinstance(recorder, Recorder) else dict(recorder or {}),
     )
     write(
         prepare(folder, choices),
@@ -244,9 +249,14 @@ def _words(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
         ("files", f"{len(intake.found.files)}, with the channels {', '.join(every)}"),
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
         ("times", times),
+        *([("low-pass", _filter(choices))] if choices.recorder else []),
         ("impacts", cut_words),
         ("facts", "; ".join(sources)),
     ]
+
+
+def _filter(choices: Choices) -> str:
+    return ", ".join(f"{key} = {value}" for key, value in choices.recorder.items())
 
 
 def _units(channels: list[About]) -> str:
