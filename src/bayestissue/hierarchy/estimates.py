@@ -46,6 +46,7 @@ from bayestissue.likelihood.averages import (
     pair_covariance,
     pair_log_density,
 )
+from bayestissue.padding import adds_nothing
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["locations", "priors", "correlated"])
@@ -58,6 +59,7 @@ class EstimatesModel(Hyperparameters):
     correlated: bool
 
 
+@adds_nothing
 class EstimatesData(NamedTuple):
     """What the model reads, all of it arrays. A row is the mean of a lost table, or an estimate.
 

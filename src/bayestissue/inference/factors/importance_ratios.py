@@ -7,7 +7,6 @@ likelihood with a long tail: no set of points serves all draws there. These are 
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -25,7 +24,7 @@ from bayestissue.hierarchy.gaussian.impacts import (
     parameters_first,
 )
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
+from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.factors.conditional import (
     ConditionalPrior,
     evenly_spaced,
@@ -252,31 +251,8 @@ def _chebyshev() -> np.ndarray:
     return np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, _NODES - 1))
 
 
-def log_evidence_corrections(
-    sites: Sites, ratios: ImportanceRatios, anchors: ConditionalPrior
-) -> Float[np.ndarray, "draw impact"]:
-    """`log_corrections` of what each of any number of draws of the population expects."""
-    return in_calls(partial(corrections_of, sites, ratios), tuple(anchors), DRAWS)
-
-
-@compiled_sooner()
-def corrections_of(
-    sites: Sites,
-    ratios: ImportanceRatios,
-    mean: Float[Array, "draw impact parameter"],
-    precision: Array,
-    number: int,
-) -> Float[Array, "draw impact"]:
-    """What is compiled of `log_evidence_corrections`: the first so many of `DRAWS` draws."""
-
-    def one(place: Any) -> Array:
-        return log_corrections(ratios, sites, ConditionalPrior(mean[place], precision[place]))
-
-    return first_rows(one, DRAWS, number)
-
-
 def log_corrections(
-    ratios: ImportanceRatios, sites: Sites, prior: ConditionalPrior
+    sites: Sites, ratios: ImportanceRatios, prior: ConditionalPrior
 ) -> Float[Array, " impact"]:
     """Log of each trace's true evidence over its site's, given X b and D.
 
@@ -292,6 +268,10 @@ def log_corrections(
     places = zip(*given.of_tabulated(), strict=True)
     means = [table.log_mean(*place) for table, place in zip(ratios.tables, places, strict=True)]
     return weighted - weight + sum(means)
+
+
+# `log_corrections` of what each of any number of draws of the population expects, [draw, impact].
+log_evidence_corrections = by_row(DRAWS, given=2)(log_corrections)
 
 
 def _order(size: int, tables: int) -> list[int]:

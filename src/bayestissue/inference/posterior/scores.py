@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -24,9 +24,9 @@ from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, population
 from bayestissue.inference.execution.chunks import impacts_of
-from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
+from bayestissue.inference.execution.compiling import by_row, in_parts
 from bayestissue.inference.execution.kept import all_fit, some_impacts
-from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence
+from bayestissue.inference.factors.conditional import log_evidence
 from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import log_evidence_corrections, ratios_among
@@ -76,10 +76,8 @@ def of_draws(
         ratios = ratios_among(prepared.model, part, own, priors, grid)
         besides = log_evidence_corrections(own, ratios, priors)
     if grid is not None:
-        besides = besides + _of_grid(grid, priors)
-    parts = [slice(begin, begin + _AT_ONCE) for begin in range(0, len(besides), _AT_ONCE)]
-    alone = [log_evidence(own, ConditionalPrior(*(each[some] for each in priors))) for some in parts]
-    scores = {"trace": np.concatenate(alone) + besides}
+        besides = besides + _grid_evidence(grid, priors.mean[..., -1], priors.precision[:, 0, -1, -1] ** -0.5)
+    scores = {"trace": besides + in_parts(partial(log_evidence, own), (priors,), _AT_ONCE)}
     if not whole:
         return scores | groups
     for name, grouping in prepared.design.groupings.items():
@@ -89,16 +87,9 @@ def of_draws(
     return scores
 
 
-def _of_grid(grid: LikelihoodGrid, priors: ConditionalPrior) -> Float[np.ndarray, "draw impact"]:
-    sd = priors.precision[:, 0, -1, -1] ** -0.5
-    return in_calls(partial(_grid_evidence, grid), (priors.mean[..., -1], sd), _AT_ONCE)
-
-
-@compiled_sooner()
-def _grid_evidence(
-    grid: LikelihoodGrid, mean: Float[Array, "draw impact"], sd: Array, number: int
-) -> Float[Array, "draw impact"]:
-    return first_rows(lambda place: grid.log_evidence(mean[place], sd[place]), _AT_ONCE, number)
+@by_row(_AT_ONCE, given=1)
+def _grid_evidence(grid: LikelihoodGrid, mean: Float[Array, " impact"], sd: Array) -> Float[Array, " impact"]:
+    return grid.log_evidence(mean, sd)
 
 
 def _of_groups(
@@ -108,8 +99,8 @@ def _of_groups(
     found = own_effects(prepared.model, prepared.design)
     slots = tuple((name, each) for name, (each, _) in found.items())
     own = {name: _by_place(prepared, each) for name, (_, each) in found.items()}
-    scored = partial(_group_scores, prepared.model, slots, approximation.data(prepared.data), own)
-    made = in_calls(scored, (draws.sites, draws.b), _AT_ONCE)
+    data = approximation.data(prepared.data)
+    made = _group_scores(slots, prepared.model, data, own, draws.sites, draws.b)
     for name, grouping in prepared.design.groupings.items():
         stem = f"traces_of_{stem_of(name)}"
         made[stem] = made[stem][:, : len(grouping.levels)]
@@ -127,39 +118,33 @@ def _by_place(prepared: Prepared, own: OwnEffects) -> OwnEffects:
     return OwnEffects(level, element, value)
 
 
-@partial(jax.jit, static_argnums=1)
+@by_row(_AT_ONCE, given=4, static_argnames="groups")
 def _group_scores(
-    model: TraceModel,
     groups: tuple[tuple[str, Slots], ...],
+    model: TraceModel,
     data: Data,
     own_of: dict[str, OwnEffects],
     sites: dict[str, Array],
-    b: Float[Array, "draw location"],
-    number: int,
+    b: Float[Array, " location"],
 ) -> dict[str, Array]:
-    """What is compiled of `_of_groups`: the first so many of the draws."""
+    """What is compiled of `_of_groups`."""
+    sums = data.sums(population(model, sites))
+    moved = expected_by_cell(data.design, b) - expected_by_cell(data.design, data.mean)
 
-    def one(place: Any) -> dict[str, Array]:
-        hyperparameters, effects = {name: values[place] for name, values in sites.items()}, b[place]
-        sums = data.sums(population(model, hyperparameters))
-        moved = expected_by_cell(data.design, effects) - expected_by_cell(data.design, data.mean)
+    def at(away: Array) -> tuple[Array, Array]:
+        bent = jnp.stack(blocks.times(sums.weight, away))
+        return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
 
-        def at(away: Array) -> tuple[Array, Array]:
-            bent = jnp.stack(blocks.times(sums.weight, away))
-            return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
+    scores = {"traces": at(moved)[0].sum()}
+    for name, slots in groups:
+        own = own_of[name]
 
-        scores = {"traces": at(moved)[0].sum()}
-        for name, slots in groups:
-            own = own_of[name]
+        def total(values: Array, own: OwnEffects = own) -> Array:
+            impact_first = jnp.moveaxis(values, -1, 0)
+            return jnp.moveaxis(jax.ops.segment_sum(impact_first, own.level, own.element.shape[1]), 0, -1)
 
-            def total(values: Array, own: OwnEffects = own) -> Array:
-                impact_first = jnp.moveaxis(values, -1, 0)
-                return jnp.moveaxis(jax.ops.segment_sum(impact_first, own.level, own.element.shape[1]), 0, -1)
-
-            alone = [v - own.in_impacts(slots, effects, a) for a, v in enumerate(moved)]
-            value, pull = at(jnp.stack(alone))
-            added = gained(model, slots, own, hyperparameters, sums.weight, pull, total)
-            scores[f"traces_of_{stem_of(name)}"] = total(value) + added
-        return scores
-
-    return first_rows(one, _AT_ONCE, number)
+        alone = [v - own.in_impacts(slots, b, a) for a, v in enumerate(moved)]
+        value, pull = at(jnp.stack(alone))
+        added = gained(model, slots, own, sites, sums.weight, pull, total)
+        scores[f"traces_of_{stem_of(name)}"] = total(value) + added
+    return scores

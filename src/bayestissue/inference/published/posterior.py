@@ -7,7 +7,6 @@ place; b is drawn from its conditional; and the draws are weighted by the tables
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -27,7 +26,7 @@ from bayestissue.hierarchy.estimates import (
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.traces import COORDINATES, constrained
 from bayestissue.hierarchy.warp import SinhArcsinh
-from bayestissue.inference.execution.compiling import filled_up, first_rows, in_calls
+from bayestissue.inference.execution.compiling import by_row, filled_up
 from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
@@ -200,47 +199,28 @@ def _by_chain(
     return EstimatesPosterior(draws, b, rows, None, data, coordinates, None)
 
 
+@by_row(POINTS, given=2)
 def draw_all(
     model: EstimatesModel,
     data: EstimatesData,
-    raw: Float[np.ndarray, "draw hyperparameter"],
-    z: Float[np.ndarray, "draw location"],
+    raw: Float[Array, " hyperparameter"],
+    z: Float[Array, " location"],
 ) -> EffectsDraw:
     """Effects for every draw of the unconstrained hyperparameters, as numpy arrays."""
-    return EffectsDraw(*in_calls(partial(_draw_rows, model, data), (raw, z), POINTS))
-
-
-@partial(jax.jit, static_argnums=0)
-def _draw_rows(
-    model: EstimatesModel,
-    data: EstimatesData,
-    raw: Array,
-    z: Array,
-    number: Array,
-) -> EffectsDraw:
-    def one(place: Array) -> EffectsDraw:
-        sites = constrained(model, dict(zip(model.hyperparameters, raw[place], strict=True)))
-        return draw_effects(model, data, sites, z[place])
-
-    return EffectsDraw(*first_rows(lambda place: tuple(one(place)), POINTS, number))
+    sites = constrained(model, dict(zip(model.hyperparameters, raw, strict=True)))
+    return draw_effects(model, data, sites, z)
 
 
 def leave_one_out_densities(
     model: EstimatesModel, found: EstimatesPosterior
-) -> Float[np.ndarray, "*draw row"]:
+) -> Float[np.ndarray, "chain draw row"]:
     """Log density of every row given all others, for each draw; see `leave_one_out`."""
-    sites = found.draws.sites
-    flat = np.stack([sites[name].ravel() for name in model.hyperparameters], axis=1)
-    rows = in_calls(partial(_left_out_rows, model, found.data), (flat,), POINTS)
-    return rows.reshape(*sites[model.hyperparameters[0]].shape, -1)
+    shape = next(iter(found.draws.sites.values())).shape
+    flat = {name: values.ravel() for name, values in found.draws.sites.items()}
+    return _left_out(model, found.data, flat).reshape(*shape, -1)
 
 
-@partial(jax.jit, static_argnums=0)
-def _left_out_rows(model: EstimatesModel, data: EstimatesData, values: Array, number: Array) -> Array:
-    def one(place: Array) -> Array:
-        return leave_one_out(model, data, dict(zip(model.hyperparameters, values[place], strict=True)))
-
-    return first_rows(one, POINTS, number)
+_left_out = by_row(POINTS, given=2)(leave_one_out)
 
 
 class _Finder(NamedTuple):
