@@ -111,28 +111,6 @@ def effects_from_standard(
     return mean + moved[:-1]
 
 
-def integrated_levels(
-    weight: blocks.Matrix, pull: blocks.Vector, root: blocks.Matrix
-) -> Float[Array, "*level"]:
-    """What the log density of each level's data gains by its effects being integrated out, from 0.
-
-    The log of the mean of exp(e'p - e'W e / 2) over e ~ N(0, R R') is (R'p)' M^-1 (R'p) / 2 - log det M / 2
-    with M = 1 + R'W R, whatever standard deviation tends to 0.
-
-    Args:
-        weight: W, sums over each level's data.
-        pull: p, where the effects are 0.
-        root: R.
-    """
-    turned = blocks.transposed(root)
-    inner = blocks.product(blocks.product(turned, weight), root)
-    factor = blocks.cholesky(
-        [[value + (a == b) for b, value in enumerate(row)] for a, row in enumerate(inner)]
-    )
-    half = blocks.solve_lower(factor, blocks.times(turned, pull))
-    return blocks.dot(half, half) / 2 - blocks.log_diagonal(factor)
-
-
 def _elements(design: PopulationDesign) -> tuple[Array, Array]:
     """Elements of b that are each level's own, and the others."""
     return jnp.concatenate(design.inner_element), jnp.concatenate(design.rest_element)

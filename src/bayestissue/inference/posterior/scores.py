@@ -11,7 +11,6 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -31,8 +30,7 @@ from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import log_evidence_corrections, ratios_among
 from bayestissue.inference.posterior.approximate import Approximation
-from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, gained, own_effects
-from bayestissue.padding import bucket
+from bayestissue.inference.posterior.own_effects import OwnEffects, own_effects
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
@@ -96,31 +94,18 @@ def _of_groups(
     prepared: Prepared, approximation: Approximation, draws: PopulationDraws
 ) -> dict[str, Float[np.ndarray, " draw ..."]]:
     """The same of groups by the sites, and that of all traces together."""
-    found = own_effects(prepared.model, prepared.design)
-    slots = tuple((name, each) for name, (each, _) in found.items())
-    own = {name: _by_place(prepared, each) for name, (_, each) in found.items()}
-    data = approximation.data(prepared.data)
-    made = _group_scores(slots, prepared.model, data, own, draws.sites, draws.b)
-    for name, grouping in prepared.design.groupings.items():
+    model, data, design = prepared.model, approximation.data(prepared.data), prepared.design
+    cell, places = np.asarray(data.design.cell), data.design.members.shape[2]
+    own = {name: each.at_places(cell, places) for name, each in own_effects(model, design).items()}
+    made = _group_scores(model, data, own, draws.sites, draws.b)
+    for name, grouping in design.groupings.items():
         stem = f"traces_of_{stem_of(name)}"
         made[stem] = made[stem][:, : len(grouping.levels)]
     return made
 
 
-def _by_place(prepared: Prepared, own: OwnEffects) -> OwnEffects:
-    """The same of each place, whose impacts are alike; an empty one has level 0 and adds nothing."""
-    cell, places = np.asarray(prepared.data.design.cell), prepared.data.design.members.shape[2]
-    level, value = np.zeros(places, int), np.zeros((len(own.value), places))
-    level[cell], value[:, cell] = own.level, own.value
-    slots, levels = own.element.shape
-    element = np.zeros((slots, bucket(levels)), int)
-    element[:, :levels] = own.element
-    return OwnEffects(level, element, value)
-
-
-@by_row(_AT_ONCE, given=4, static_argnames="groups")
+@by_row(_AT_ONCE, given=3)
 def _group_scores(
-    groups: tuple[tuple[str, Slots], ...],
     model: TraceModel,
     data: Data,
     own_of: dict[str, OwnEffects],
@@ -128,7 +113,8 @@ def _group_scores(
     b: Float[Array, " location"],
 ) -> dict[str, Array]:
     """What is compiled of `_of_groups`."""
-    sums = data.sums(population(model, sites))
+    covariances = population(model, sites)
+    sums = data.sums(covariances)
     moved = expected_by_cell(data.design, b) - expected_by_cell(data.design, data.mean)
 
     def at(away: Array) -> tuple[Array, Array]:
@@ -136,15 +122,7 @@ def _group_scores(
         return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
 
     scores = {"traces": at(moved)[0].sum()}
-    for name, slots in groups:
-        own = own_of[name]
-
-        def total(values: Array, own: OwnEffects = own) -> Array:
-            impact_first = jnp.moveaxis(values, -1, 0)
-            return jnp.moveaxis(jax.ops.segment_sum(impact_first, own.level, own.element.shape[1]), 0, -1)
-
-        alone = [v - own.in_impacts(slots, b, a) for a, v in enumerate(moved)]
-        value, pull = at(jnp.stack(alone))
-        added = gained(model, slots, own, sites, sums.weight, pull, total)
-        scores[f"traces_of_{stem_of(name)}"] = total(value) + added
+    for name, own in own_of.items():
+        value, pull = at(moved - own.expected(b, len(moved)))
+        scores[f"traces_of_{stem_of(name)}"] = own.total(value) + own.gained(covariances, sums.weight, pull)
     return scores
