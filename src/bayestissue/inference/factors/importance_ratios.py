@@ -16,7 +16,6 @@ from jax import Array
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.impacts import (
     ImpactConditional,
     ImpactPrior,
@@ -34,6 +33,7 @@ from bayestissue.inference.factors.conditional import (
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.samplers.psis import below_greatest
+from bayestissue.likelihood import small
 
 # Among an impact's parameters: the noise, after log K and log C.
 _NOISE = 2
@@ -189,7 +189,7 @@ class _Ordered(NamedTuple):
     """The normal conditional of each impact's parameters less the site's centre, the tabulated ones last.
 
     L' (u - m) - shift is standard normal, with L L' = P + D: the last parameters follow alone, and the others
-    given them. All are entries, as `bayestissue.hierarchy.gaussian.blocks` has them.
+    given them. All are entries, as `bayestissue.likelihood.small` has them.
 
     Attributes:
         shift: L^-1 (g + D (X b - m)).
@@ -197,8 +197,8 @@ class _Ordered(NamedTuple):
         free: how many parameters have no table.
     """
 
-    shift: blocks.Vector
-    factor: blocks.Triangle
+    shift: small.Vector
+    factor: small.Triangle
     free: int
 
     @classmethod
@@ -224,25 +224,25 @@ class _Ordered(NamedTuple):
         shift, factor = jax.tree.map(lambda entry: entry[index], (self.shift, self.factor))
         return _Ordered(shift, factor, self.free)
 
-    def of_tabulated(self) -> tuple[blocks.Vector, blocks.Vector]:
+    def of_tabulated(self) -> tuple[small.Vector, small.Vector]:
         """Mean and standard deviation of each tabulated parameter."""
         factor = [row[self.free :] for row in self.factor[self.free :]]
-        variance = blocks.squared(blocks.inverse_factor(factor))
-        mean = blocks.solve_upper(factor, self.shift[self.free :])
+        variance = small.squared(small.inverse_factor(factor))
+        mean = small.solve_upper(factor, self.shift[self.free :])
         return mean, [row[a] ** 0.5 for a, row in enumerate(variance)]
 
-    def given(self, away: blocks.Vector, z: blocks.Vector) -> blocks.Vector:
+    def given(self, away: small.Vector, z: small.Vector) -> small.Vector:
         """The free parameters from standard normals, the tabulated ones being ``away``."""
         tied, free = self.factor[self.free :], self.factor[: self.free]
-        pulled = [blocks.dot([row[a] for row in tied], away) for a in range(self.free)]
+        pulled = [small.dot([row[a] for row in tied], away) for a in range(self.free)]
         right = [s + own - p for s, own, p in zip(self.shift, z, pulled, strict=False)]
-        return blocks.solve_upper(free, right)
+        return small.solve_upper(free, right)
 
-    def log_density(self, moved: blocks.Vector) -> Any:
+    def log_density(self, moved: small.Vector) -> Any:
         """Of the free parameters given the tabulated ones, up to a constant."""
-        turned = blocks.turned_times(self.factor, moved)[: self.free]
+        turned = small.turned_times(self.factor, moved)[: self.free]
         z = [t - s for t, s in zip(turned, self.shift, strict=False)]
-        return blocks.log_diagonal(self.factor[: self.free]) - blocks.dot(z, z) / 2
+        return small.log_diagonal(self.factor[: self.free]) - small.dot(z, z) / 2
 
 
 def _chebyshev() -> np.ndarray:

@@ -17,7 +17,6 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.trace_data import Prepared
@@ -31,6 +30,7 @@ from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import log_evidence_corrections, ratios_among
 from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.posterior.own_effects import OwnEffects, own_effects
+from bayestissue.likelihood import small
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
@@ -118,7 +118,7 @@ def _group_scores(
     moved = expected_by_cell(data.design, b) - expected_by_cell(data.design, data.mean)
 
     def at(away: Array) -> tuple[Array, Array]:
-        bent = jnp.stack(blocks.times(sums.weight, away))
+        bent = jnp.stack(small.times(sums.weight, away))
         return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
 
     scores = {"traces": at(moved)[0].sum()}
