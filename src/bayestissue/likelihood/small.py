@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+LOG_2PI = float(np.log(2 * np.pi))
 Entry = Any  # an array of numpy or JAX, or a number
 Vector = Sequence[Entry] | Any
 Matrix = Sequence[Vector] | Any
@@ -65,6 +66,18 @@ def inverse_factor(factor: Triangle) -> Triangle:
         columns = [[above[j] for above in inverse[j:]] for j in range(i)]
         inverse.append([*(-over * dot(row[j:], column) for j, column in enumerate(columns)), over])
     return inverse
+
+
+def inverse(matrix: Matrix) -> list[list[Entry]]:
+    """Of symmetric positive definite matrices."""
+    return squared(inverse_factor(cholesky(matrix)))
+
+
+def normal_log_density(away: Vector, covariance: Matrix) -> Entry:
+    """Log density of normal vectors, so far from their mean."""
+    factor = cholesky(covariance)
+    half = solve_lower(factor, away)
+    return -(dot(half, half) + len(half) * LOG_2PI) / 2 - log_diagonal(factor)
 
 
 def log_diagonal(factor: Triangle) -> Entry:
