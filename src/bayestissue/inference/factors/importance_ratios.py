@@ -27,7 +27,6 @@ from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.factors.conditional import (
     ConditionalPrior,
     evenly_spaced,
-    log_site,
     standard_points,
 )
 from bayestissue.inference.factors.grid import LikelihoodGrid
@@ -119,14 +118,14 @@ def importance_ratios(
     """
     known, tables = _known_and_tabulated(model, grid is not None)
     order, free = _order(known, tables), known - tables
-    normals = _Ordered.of(Sites(*map(np.asarray, sites)), anchors, known, tables)
+    normals = _Ordered.of(sites, anchors, known, tables)
     means, sds = map(np.stack, normals.of_tabulated())
     references = means.mean(1)
     reaches = np.abs(means - references[:, None]).max(1) + 4 * sds.max(1)
     lasts = anchors.mean[..., -1] + anchors.precision[..., -1, -1] ** -0.5 * standard[:, -1:]
     of_last = np.zeros(lasts.shape) if grid is None else np.asarray(_of_grid(grid, lasts))
     back = np.argsort(order)
-    centre = np.asarray(sites.centre)[:, :known]
+    centre = sites.centre[:, :known]
 
     def ratio(away: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
         """With the tabulated parameters so far from the centre, the others from their conditional."""
@@ -136,7 +135,7 @@ def importance_ratios(
         u = centre + np.moveaxis(moved, 0, -1)[..., back]
         complete = u if grid is None else np.concatenate([u, lasts[some, :, None]], axis=-1)
         density = log_likelihoods(model, data, complete)
-        of_site = log_site(sites, complete) + of_last[some]
+        of_site = sites.log_density(complete) + of_last[some]
         # Neither infinity less another, where the site fails as well, is a ratio.
         has = np.isfinite(density) & np.isfinite(of_site)
         return u, np.where(has, density - np.where(has, of_site, 0.0), -np.inf)

@@ -25,7 +25,7 @@ from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import filled_up, in_parts
 from bayestissue.inference.execution.kept import all_fit, kept_draws
 from bayestissue.inference.execution.progress import Progress, silent
-from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, normals
+from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior.approximate import (
@@ -320,7 +320,7 @@ def sir_proposals(
     for number in range(candidates):
         z = rng.standard_normal(about.shape)
         u = given.at(z)
-        ratio = log_likelihoods(model, data, u) - log_site(sites, u)
+        ratio = log_likelihoods(model, data, u) - sites.log_density(u)
         # The greatest of these sums is a choice by likelihood over site (Gumbel 1954).
         value = ratio + rng.gumbel(size=ratio.shape)
         better = (value > most) | (number == 0)
