@@ -54,7 +54,7 @@ class TabulatedRatio(NamedTuple):
     Attributes:
         reference: where the others' tables and the points have this parameter, less the site's centre.
         reach: of the table, on either side of the reference.
-        coefficients: of Chebyshev polynomials.
+        coefficients: of a polynomial, the highest power's first.
     """
 
     reference: Float[Array, " impact"]
@@ -64,13 +64,8 @@ class TabulatedRatio(NamedTuple):
     def log_mean(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
         """Log of the mean of the ratio under a normal parameter, its mean less the site's centre."""
         away = mean - self.reference + sd * jnp.asarray(_NORMAL_POINTS)[:, None]
-        x = jnp.clip(away / self.reach, -1.0, 1.0)
-        before, now = jnp.ones_like(x), x
-        total = self.coefficients[0] + self.coefficients[1] * now
-        for coefficient in self.coefficients[2:]:
-            before, now = now, 2 * x * now - before
-            total = total + coefficient * now
-        return jax.nn.logsumexp(total, axis=0, b=jnp.asarray(_NORMAL_WEIGHTS)[:, None])
+        log_ratio = jnp.polyval(self.coefficients, jnp.clip(away / self.reach, -1.0, 1.0))
+        return jax.nn.logsumexp(log_ratio, axis=0, b=jnp.asarray(_NORMAL_WEIGHTS)[:, None])
 
 
 class ImportanceRatios(NamedTuple):
@@ -156,7 +151,7 @@ def importance_ratios(
         values = np.maximum(below_greatest(values), _LEAST_RATIO)
         # The points have their ratios at the reference, which is the middle node.
         values = values - values[_NODES // 2]
-        return TabulatedRatio(references[number], reaches[number], _chebyshev() @ values)
+        return TabulatedRatio(references[number], reaches[number], np.linalg.solve(np.vander(nodes), values))
 
     made = tuple(table(number) for number in range(tables))
     return ImportanceRatios(u, log_density, log_ratio, made)  # type: ignore[arg-type]
@@ -242,12 +237,6 @@ class _Ordered(NamedTuple):
         turned = small.turned_times(self.factor, moved)[: self.free]
         z = [t - s for t, s in zip(turned, self.shift, strict=False)]
         return small.log_diagonal(self.factor[: self.free]) - small.dot(z, z) / 2
-
-
-def _chebyshev() -> np.ndarray:
-    """From values at the nodes to coefficients."""
-    nodes = np.polynomial.chebyshev.chebpts1(_NODES)
-    return np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, _NODES - 1))
 
 
 def log_corrections(
