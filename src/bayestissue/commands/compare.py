@@ -13,12 +13,11 @@ from bayestissue.errors import InputError, Problem
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
     from bayestissue.inference.comparing.finished import FinishedRun
 
 _AGAIN = "Give folders of finished runs of `bayestissue fit`."
-_GROUPS = {
+_GROUPS: dict[str, tuple[str, ...]] = {
     "posterior": (),
     "log_likelihood": ("trace",),
     "log_likelihood_of_groups": ("traces_of_subject", "traces_of_trial"),
@@ -136,7 +135,7 @@ def _require_distinct(runs: list[Path]) -> None:
 
 def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
     """What each run says of itself; all that is wrong is told at once."""
-    from bayestissue.report.run_folder import read_about, require_files
+    from bayestissue.report.run_folder import not_a_fit, read_about, require_files, wrong_in
 
     abouts: list[dict[str, Any]] = []
     problems: list[Problem] = []
@@ -144,27 +143,11 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
         try:
             about = read_about(path)
             if about["kind"] != "fit":
-                raise InputError(
-                    Problem(
-                        str(path / "run.json"),
-                        '"fit"',
-                        _AGAIN,
-                        column="kind",
-                        value=about["kind"],
-                        code="not-a-fit",
-                    )
-                )
+                raise InputError(not_a_fit(path, about, _AGAIN))
             lacking = [key for key in ("input_hash", "model") if not about.get(key)]
             if lacking:
-                raise InputError(
-                    Problem(
-                        str(path / "run.json"),
-                        "what every fit writes",
-                        _AGAIN,
-                        column=lacking[0],
-                        code="damaged-run",
-                    )
-                )
+                expected = "what every fit writes"
+                raise InputError(wrong_in(path / "run.json", expected, _AGAIN, column=lacking[0]))
             require_files(path, ["posterior.nc"])
             abouts.append(about)
         except InputError as error:
@@ -187,13 +170,19 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
 
 
 def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRun]:
+    import xarray as xr
+
     from bayestissue.inference.comparing.finished import FinishedRun
+    from bayestissue.report.run_folder import read_groups
 
     found: list[FinishedRun] = []
     problems: list[Problem] = []
     for name, path, about in zip(_names(runs), runs, abouts, strict=True):
         try:
-            found.append(FinishedRun(name, about["model"], _read_tree(path / "posterior.nc")))
+            groups = read_groups(
+                path / "posterior.nc", _GROUPS, "Fit again with this version.", of_impacts=_OF_IMPACTS
+            )
+            found.append(FinishedRun(name, about["model"], xr.DataTree.from_dict(groups)))
         except InputError as error:
             problems += error.problems
     if problems:
@@ -209,40 +198,6 @@ def _names(runs: list[Path]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [str(path.resolve()) for path in runs]
-
-
-def _read_tree(path: Path) -> xr.DataTree:
-    """The groups that a comparison needs, most draws of single impacts left on disk."""
-    import xarray as xr
-
-    try:
-        with xr.open_datatree(path, engine="h5netcdf") as tree:
-            lacking = [
-                f"{group}/{name}"
-                for group, names in _GROUPS.items()
-                for name in names or ("",)
-                if group not in tree.children or (name and name not in tree[group].data_vars)
-            ]
-            if lacking:
-                raise InputError(
-                    Problem(
-                        str(path),
-                        f"the parts {', '.join(lacking)}",
-                        "Fit again with this version.",
-                        code="damaged-run",
-                    )
-                )
-            groups = {group: tree[group].to_dataset() for group in _GROUPS}
-            posterior = groups["posterior"]
-            single = [name for name in posterior.data_vars if "impact" in posterior[name].dims]
-            groups["posterior"] = posterior.drop_vars(set(single) - set(_OF_IMPACTS))
-            return xr.DataTree.from_dict({name: data.load() for name, data in groups.items()})
-    except (OSError, KeyError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(
-            Problem(str(path), "a DataTree as a fit writes it", _AGAIN, value=str(error), code="damaged-run")
-        ) from error
 
 
 def _plain(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:

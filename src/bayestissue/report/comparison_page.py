@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError
 from bayestissue.remedies import codes_in
 from bayestissue.report.comparison_figures import MOST_PEOPLE, comparison_figure, side_by_side_figure
 from bayestissue.report.comparison_weights import (
@@ -19,7 +19,7 @@ from bayestissue.report.comparison_weights import (
 )
 from bayestissue.report.page import render_page
 from bayestissue.report.remarks import best_explanations
-from bayestissue.report.run_folder import TableFile, read_tables, require_files
+from bayestissue.report.run_folder import TableFile, read_tables, require_files, wrong_in
 from bayestissue.report.settings import settings_table
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import interval, listed, number, significant
@@ -61,9 +61,7 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
     if not isinstance(runs, list) or not all(
         isinstance(r, dict) and {"name", "model"} <= set(r) for r in runs
     ):
-        raise InputError(
-            Problem(str(folder / "run.json"), "the runs compared", _AGAIN, column="runs", code="damaged-run")
-        )
+        raise InputError(wrong_in(folder / "run.json", "the runs compared", _AGAIN, column="runs"))
     require_files(folder, [f"{layout.name}.csv" for layout in _TABLES])
     tables = read_tables(folder, _TABLES)
     comparison, posteriors, implied = (tables[name] for name in ("comparison", "posteriors", "implied"))
