@@ -10,7 +10,7 @@ import pandas as pd
 
 from bayestissue.errors import Coded, Problem
 from bayestissue.inference.points.notes import said_once
-from bayestissue.outline import Rows, as_html, as_text, short, span
+from bayestissue.outline import Outlined, Rows, short, span
 from bayestissue.report.check_page import check_page, kinds, quality_table
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
@@ -23,8 +23,8 @@ if TYPE_CHECKING:
 _COLUMNS = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy", "code"]
 
 
-@dataclass(frozen=True, eq=False)
-class Check:
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Outlined):
     """What was found on a dataset that could be read.
 
     Attributes:
@@ -38,12 +38,6 @@ class Check:
     signal: Displacements
     quality: pd.DataFrame
     warnings: tuple[Problem, ...]
-
-    def __repr__(self) -> str:
-        return as_text(*self._outline())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._outline())
 
     def _outline(self) -> tuple[str, Rows]:
         rows = [

@@ -12,13 +12,13 @@ import xarray as xr
 from bayestissue.answering import Answering
 from bayestissue.errors import InputError
 from bayestissue.inference.answers.finished import GROUPS, Finished
-from bayestissue.outline import Rows, as_html, as_text, short
+from bayestissue.outline import Rows, short
 from bayestissue.report.run_folder import not_a_fit, open_tree, read_about, require_files
 
 _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run(Answering):
     """A finished run of `bayestissue fit`.
 
@@ -32,12 +32,6 @@ class Run(Answering):
     folder: Path
     about: dict[str, Any]
     posterior: xr.DataTree
-
-    def __repr__(self) -> str:
-        return as_text(*self._outline())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._outline())
 
     def _outline(self) -> tuple[str, Rows]:
         rows = [

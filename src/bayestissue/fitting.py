@@ -29,7 +29,7 @@ from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import flagged_recordings
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
-from bayestissue.outline import Rows, as_html, as_text, short, span
+from bayestissue.outline import Rows, short, span
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -43,7 +43,7 @@ TABLES = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fit(Answering):
     """A finished fit, with all that a run folder tells of it.
 
@@ -66,12 +66,6 @@ class Fit(Answering):
     seed: int
     started: datetime
     wall_time_s: float
-
-    def __repr__(self) -> str:
-        return as_text(*self._outline())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._outline())
 
     def _outline(self) -> tuple[str, Rows]:
         posterior = self.posterior["posterior"].dataset
