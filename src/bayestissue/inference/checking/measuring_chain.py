@@ -33,13 +33,12 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution, with_normal_errors
 from bayestissue.inference.checking import incredible
 from bayestissue.inference.checking.incredible import Groups, Pattern
-from bayestissue.inference.checking.model_form import LIMIT, judged
+from bayestissue.inference.checking.model_form import LIMIT, judged_at
 from bayestissue.inference.checking.words import in_words
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import expanded, first_guess
-from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
@@ -269,10 +268,5 @@ def _named_groups(prepared: Prepared, pattern: Pattern) -> list[str]:
 def structure_left(prepared: Prepared, name: str, found: Freed) -> float:
     """The score of `bayestissue.inference.checking.model_form` with an error taken as the traces have it."""
     data = _shifted(prepared, with_normal_errors(prepared.data), name, found.error)
-    u = np.broadcast_to(found.centre, (PREDICTIVE_DRAWS, *found.centre.shape))
-    keys = jax.random.split(jax.random.PRNGKey(0), PREDICTIVE_DRAWS)
-    made = replicates(prepared.model, data, u, keys)["deceleration"]
-    inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
     offset = found.error[:, None] if name == OFFSET else 0.0
-    measured = np.where(inside, prepared.signal.deceleration - offset, np.nan)
-    return float(judged(measured, made)["score"])
+    return float(judged_at(prepared, data, found.centre, jax.random.PRNGKey(0), offset)["score"])

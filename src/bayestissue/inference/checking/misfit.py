@@ -13,8 +13,7 @@ import numpy as np
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.inference.checking.model_form import LIMIT, judged
-from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
+from bayestissue.inference.checking.model_form import LIMIT, judged_at
 
 # Short of this a whole fit decides.
 _PLAIN = 2 * LIMIT
@@ -37,10 +36,6 @@ def misfit_precheck(prepared: Prepared, expansions: Sites, seed: int) -> dict[st
     noise = np.exp(best[:, 2] + np.asarray(prepared.data.log_peak))
     if np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
         return None
-    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 31), PREDICTIVE_DRAWS)
-    u = np.broadcast_to(best, (PREDICTIVE_DRAWS, *best.shape))
-    made = replicates(prepared.model, prepared.data, u, keys)["deceleration"]
-    inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
-    measured = np.where(inside, prepared.signal.deceleration, np.nan)
-    found = judged(measured, made)
+    key = jax.random.fold_in(jax.random.PRNGKey(seed), 31)
+    found = judged_at(prepared, prepared.data, best, key)
     return found if found["score"] > _PLAIN else None

@@ -4,9 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
+import jax
 import numpy as np
 import xarray as xr
+from jax import Array
 from jaxtyping import Bool, Float
+
+from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import TraceData
+from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 
 # In standard errors of the pooled score: once in thirty thousand fits of the right model.
 LIMIT = 4.0
@@ -42,6 +48,21 @@ def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
     replicated = predicted.to_numpy().reshape(-1, *predicted.shape[2:]).astype(float)
     measured = tree["observed_data"].dataset[name].sel(impact=predicted["impact"]).to_numpy()
     return judged(measured, replicated)
+
+
+def judged_at(
+    prepared: Prepared,
+    data: TraceData,
+    u: Float[np.ndarray, "impact parameter"],
+    key: Array,
+    offset: Float[np.ndarray, "impact 1"] | float = 0.0,
+) -> dict[str, Any]:
+    """`model_form` of decelerations less the offset, beside replicates of ``data`` at one u."""
+    keys = jax.random.split(key, PREDICTIVE_DRAWS)
+    each = np.broadcast_to(u, (PREDICTIVE_DRAWS, *u.shape))
+    made = replicates(prepared.model, data, each, keys)["deceleration"]
+    inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
+    return judged(np.where(inside, prepared.signal.deceleration - offset, np.nan), made)
 
 
 def judged(
