@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -48,10 +47,7 @@ def answer(
     Raises:
         InputError: ``run`` is no finished fit, ``of`` finds something wrong, or ``out`` is not free.
     """
-    claimed: AbstractContextManager[results.Place | None] = nullcontext()
-    if out is not None:
-        claimed = results.claim(out, overwrite=overwrite, command=command, inputs=inputs)
-    with claimed as place:
+    with results.claim_if(out, overwrite=overwrite, command=command, inputs=inputs) as place:
         runtime.configure()
         from bayestissue.commands.console import echo
         from bayestissue.finished import read_run

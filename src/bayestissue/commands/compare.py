@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import time
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -24,6 +25,7 @@ _GROUPS: dict[str, tuple[str, ...]] = {
     "observed_data": ("displacement", "deceleration"),
     "constant_data": ("impact_subject",),
 }
+_unfit = partial(Problem, code="runs-to-compare")
 _OF_IMPACTS = ("K", "C", "K_secant", "C_equivalent")
 
 
@@ -38,60 +40,45 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     _require_distinct(runs)
-    if out is None:
-        _compare(runs, None, started, clock, quiet=quiet, as_json=as_json)
-        return
-    with results.claim(out, overwrite=overwrite, command="compare", inputs=runs) as place:
-        _compare(runs, place, started, clock, quiet=quiet, as_json=as_json)
+    with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as place:
+        runtime.configure()
+        from bayestissue.commands.compared import print_comparison
+        from bayestissue.commands.console import echo
+        from bayestissue.inference.comparing.implied import implied
+        from bayestissue.inference.comparing.runs import compare_runs, side_by_side
+        from bayestissue.report import draw_page
 
-
-def _compare(
-    runs: list[Path],
-    place: results.Place | None,
-    started: datetime,
-    clock: float,
-    *,
-    quiet: bool,
-    as_json: bool,
-) -> None:
-    runtime.configure()
-    from bayestissue.commands.compared import print_comparison
-    from bayestissue.commands.console import echo
-    from bayestissue.inference.comparing.implied import implied
-    from bayestissue.inference.comparing.runs import compare_runs, side_by_side
-    from bayestissue.report import draw_page
-
-    abouts = _abouts(runs)
-    found = _finished(runs, abouts)
-    comparison, posteriors = compare_runs(found), side_by_side(found)
-    of_weights = implied(found, comparison)
-    if place is not None:
-        with place.folder() as folder:
-            comparison.to_csv(folder / "comparison.csv", index=False)
-            posteriors.to_csv(folder / "posteriors.csv", index=False)
-            of_weights.to_csv(folder / "implied.csv", index=False)
-            about = {
-                "program": "bayestissue",
-                "command": "compare",
-                "kind": "comparison",
-                "dataset": abouts[0].get("dataset", ""),
-                "versions": runtime.versions(),
-                "input_hash": abouts[0]["input_hash"],
-                "runs": [
-                    _told(run, path, about) for run, path, about in zip(found, runs, abouts, strict=True)
-                ],
-                "started": started.isoformat(timespec="seconds"),
-                "wall_time_s": round(time.perf_counter() - clock, 1),
-            }
-            results.write_json(about, folder / "run.json")
-        draw_page(place.path)
-    if as_json:
-        tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
-        echo(json.dumps(_plain(tables), ensure_ascii=False))
-    elif not quiet:
-        print_comparison(comparison, posteriors, of_weights)
+        abouts = _abouts(runs)
+        found = _finished(runs, abouts)
+        comparison, posteriors = compare_runs(found), side_by_side(found)
+        of_weights = implied(found, comparison)
         if place is not None:
-            echo(f"wrote {place.path / 'report.html'}")
+            with place.folder() as folder:
+                comparison.to_csv(folder / "comparison.csv", index=False)
+                posteriors.to_csv(folder / "posteriors.csv", index=False)
+                of_weights.to_csv(folder / "implied.csv", index=False)
+                about = {
+                    "program": "bayestissue",
+                    "command": "compare",
+                    "kind": "comparison",
+                    "dataset": abouts[0].get("dataset", ""),
+                    "versions": runtime.versions(),
+                    "input_hash": abouts[0]["input_hash"],
+                    "runs": [
+                        _told(run, path, about) for run, path, about in zip(found, runs, abouts, strict=True)
+                    ],
+                    "started": started.isoformat(timespec="seconds"),
+                    "wall_time_s": round(time.perf_counter() - clock, 1),
+                }
+                results.write_json(about, folder / "run.json")
+            draw_page(place.path)
+        if as_json:
+            tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
+            echo(json.dumps(_plain(tables), ensure_ascii=False))
+        elif not quiet:
+            print_comparison(comparison, posteriors, of_weights)
+            if place is not None:
+                echo(f"wrote {place.path / 'report.html'}")
 
 
 def _told(run: FinishedRun, path: Path, about: dict[str, Any]) -> dict[str, Any]:
@@ -106,29 +93,15 @@ def _told(run: FinishedRun, path: Path, about: dict[str, Any]) -> dict[str, Any]
 
 def _require_distinct(runs: list[Path]) -> None:
     if len(runs) < 2:
-        raise InputError(
-            Problem(
-                "compare",
-                "at least two folders",
-                _AGAIN,
-                value=", ".join(map(str, runs)) or "none",
-                code="runs-to-compare",
-            )
-        )
+        named = ", ".join(map(str, runs)) or "none"
+        raise InputError(_unfit("compare", "at least two folders", _AGAIN, value=named))
     seen: dict[Path, Path] = {}
     problems = []
     for path in runs:
         earlier = seen.setdefault(path.resolve(), path)
         if earlier is not path:
-            problems.append(
-                Problem(
-                    str(path),
-                    f"another run than {earlier}",
-                    "Name each run once.",
-                    value="the same run",
-                    code="runs-to-compare",
-                )
-            )
+            another = f"another run than {earlier}"
+            problems.append(_unfit(str(path), another, "Name each run once.", value="the same run"))
     if problems:
         raise InputError(problems)
 
