@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayestissue import results, runtime
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, all_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -110,34 +110,30 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
     """What each run says of itself; all that is wrong is told at once."""
     from bayestissue.report.run_folder import not_a_fit, read_about, require_files, wrong_in
 
-    abouts: list[dict[str, Any]] = []
-    problems: list[Problem] = []
-    for path in runs:
-        try:
-            about = read_about(path)
-            if about["kind"] != "fit":
-                raise InputError(not_a_fit(path, about, _AGAIN))
-            lacking = [key for key in ("input_hash", "model") if not about.get(key)]
-            if lacking:
-                expected = "what every fit writes"
-                raise InputError(wrong_in(path / "run.json", expected, _AGAIN, column=lacking[0]))
-            require_files(path, ["posterior.nc"])
-            abouts.append(about)
-        except InputError as error:
-            problems += error.problems
-    for path, about in zip(runs[1:], abouts[1:], strict=False) if not problems else ():
-        if about["input_hash"] != abouts[0]["input_hash"]:
-            problems.append(
-                Problem(
-                    str(path / "run.json"),
-                    f"{abouts[0]['input_hash'][:16]}… (dataset “{abouts[0].get('dataset')}”) as in {runs[0]}",
-                    "Compare runs of the same recordings; fit the one dataset again with each model.",
-                    column="input_hash",
-                    value=f"{about['input_hash'][:16]}… (dataset “{about.get('dataset')}”)",
-                    code="other-data",
-                )
-            )
-    if problems:
+    def read(path: Path) -> dict[str, Any]:
+        about = read_about(path)
+        if about["kind"] != "fit":
+            raise InputError(not_a_fit(path, about, _AGAIN))
+        if lacking := [key for key in ("input_hash", "model") if not about.get(key)]:
+            expected = "what every fit writes"
+            raise InputError(wrong_in(path / "run.json", expected, _AGAIN, column=lacking[0]))
+        require_files(path, ["posterior.nc"])
+        return about
+
+    first, *others = abouts = all_of(read, runs)
+    told = [f"{about['input_hash'][:16]}… (dataset “{about.get('dataset')}”)" for about in abouts]
+    if problems := [
+        Problem(
+            str(path / "run.json"),
+            f"{told[0]} as in {runs[0]}",
+            "Compare runs of the same recordings; fit the one dataset again with each model.",
+            column="input_hash",
+            value=own,
+            code="other-data",
+        )
+        for path, about, own in zip(runs[1:], others, told[1:], strict=True)
+        if about["input_hash"] != first["input_hash"]
+    ]:
         raise InputError(problems)
     return abouts
 
@@ -148,19 +144,13 @@ def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRu
     from bayestissue.inference.comparing.finished import FinishedRun
     from bayestissue.report.run_folder import read_groups
 
-    found: list[FinishedRun] = []
-    problems: list[Problem] = []
-    for name, path, about in zip(_names(runs), runs, abouts, strict=True):
-        try:
-            groups = read_groups(
-                path / "posterior.nc", _GROUPS, "Fit again with this version.", of_impacts=_OF_IMPACTS
-            )
-            found.append(FinishedRun(name, about["model"], xr.DataTree.from_dict(groups)))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    return found
+    def read(run: tuple[str, Path, dict[str, Any]]) -> FinishedRun:
+        name, path, about = run
+        remedy = "Fit again with this version."
+        groups = read_groups(path / "posterior.nc", _GROUPS, remedy, of_impacts=_OF_IMPACTS)
+        return FinishedRun(name, about["model"], xr.DataTree.from_dict(groups))
+
+    return all_of(read, zip(_names(runs), runs, abouts, strict=True))
 
 
 def _names(runs: list[Path]) -> list[str]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, all_of
 from bayestissue.report.run_folder import (
     POSTERIOR_TABLES,
     PosteriorRun,
@@ -159,22 +159,14 @@ def read_fit_run(folder: Path, about: dict[str, Any]) -> FitRun:
     require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
     present = [each for each in _OPTIONAL.values() if (folder / f"{each.name}.csv").is_file()]
     layouts = (*_TABLES, *present)
-    problems: list[Problem] = []
-    tables = _or(problems, lambda: dict(read_tables(folder, layouts)))
-    groups = _or(problems, lambda: read_groups(folder / "posterior.nc", _NEEDED, _AGAIN, of_impacts=()))
-    diagnostics = _or(problems, lambda: _read_diagnostics(folder / "diagnostics.json"))
-    if tables is None or groups is None or diagnostics is None:
-        raise InputError(problems)
+    readers: tuple[Callable[[], Any], ...] = (
+        lambda: dict(read_tables(folder, layouts)),
+        lambda: read_groups(folder / "posterior.nc", _NEEDED, _AGAIN, of_impacts=()),
+        lambda: _read_diagnostics(folder / "diagnostics.json"),
+    )
+    tables, groups, diagnostics = all_of(lambda read: read(), readers)
     optional: dict[str, Any] = {field: tables.pop(each.name, None) for field, each in _OPTIONAL.items()}
     return FitRun(about=about, diagnostics=diagnostics, groups=groups, **optional, **tables)
-
-
-def _or[Found](problems: list[Problem], read: Callable[[], Found]) -> Found | None:
-    try:
-        return read()
-    except InputError as error:
-        problems += error.problems
-        return None
 
 
 def _read_diagnostics(path: Path) -> dict[str, Any]:
