@@ -40,7 +40,7 @@ from bayestissue.inference.posterior.scores import LikelihoodApproximation
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
 from bayestissue.inference.quantities.secant_population import of_secant
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
-from bayestissue.inference.results.labels import statistics_of_transitions
+from bayestissue.inference.results.labels import labelled_statistics
 from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
@@ -196,7 +196,7 @@ def analyse(
     summary = summary_table(posterior)
     # Functions of standard deviations that are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
-    diagnostics = diagnose(checked, statistics_of_transitions(draws), route.checks())
+    diagnostics = diagnose(checked, labelled_statistics(draws, of_transitions=True), route.checks())
     responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     return TraceAnalysis(
         tree,

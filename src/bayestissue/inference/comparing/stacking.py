@@ -13,8 +13,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.errors import Coded
-from bayestissue.inference.results.leave_one_out import above, leave_one_out
-from bayestissue.inference.samplers.psis import k_threshold
+from bayestissue.inference.results.leave_one_out import above_limit, high, leave_one_out
 
 COLUMNS = [
     "scheme",
@@ -64,7 +63,7 @@ def by_importance(
         its threshold (`k_threshold`), and says where people or conditions are too few for a standard error to
         be trusted.
     """
-    scores = leave_one_out(trees, variable)
+    scores = {name: leave_one_out(tree, variable) for name, tree in trees.items()}
     pointwise = {name: score.elpd_i.to_numpy().ravel() for name, score in scores.items()}
     table = _table(scheme, pointwise)
     weights = _stacking_weights(scores)
@@ -97,9 +96,8 @@ def _stacking_weights(scores: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _high(score: Any, elements: str) -> str:
-    pareto_k, limit = score.pareto_k.to_numpy(), k_threshold(score.n_samples)
-    count = int((pareto_k > limit).sum())
-    return f"{count} of {pareto_k.size} {elements} with {above(limit)}" if count else ""
+    count = int(high(score).sum())
+    return f"{count} of {score.pareto_k.size} {elements} with {above_limit(score)}" if count else ""
 
 
 def _few(count: int, elements: str) -> str:
