@@ -33,7 +33,6 @@ class Table:
 
     columns: Sequence[Column]
     rows: Sequence[Row] = field(default_factory=tuple)
-    caption: str = ""
 
 
 @dataclass(frozen=True)

@@ -4,15 +4,11 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax
 import numpy as np
 import xarray as xr
-from jax import Array
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from bayestissue.hierarchy.trace_data import Prepared
-from bayestissue.hierarchy.traces import TraceData
-from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
+from bayestissue.inference.points.whiteness import autocorrelation
 
 # In standard errors of the pooled score: once in thirty thousand fits of the right model.
 LIMIT = 4.0
@@ -48,21 +44,6 @@ def model_form(tree: xr.DataTree, name: str) -> dict[str, Any]:
     replicated = predicted.to_numpy().reshape(-1, *predicted.shape[2:]).astype(float)
     measured = tree["observed_data"].dataset[name].sel(impact=predicted["impact"]).to_numpy()
     return judged(measured, replicated)
-
-
-def judged_at(
-    prepared: Prepared,
-    data: TraceData,
-    u: Float[np.ndarray, "impact parameter"],
-    key: Array,
-    offset: Float[np.ndarray, "impact 1"] | float = 0.0,
-) -> dict[str, Any]:
-    """`model_form` of decelerations less the offset, beside replicates of ``data`` at one u."""
-    keys = jax.random.split(key, PREDICTIVE_DRAWS)
-    each = np.broadcast_to(u, (PREDICTIVE_DRAWS, *u.shape))
-    made = replicates(prepared.model, data, each, keys)["deceleration"]
-    inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
-    return judged(np.where(inside, prepared.signal.deceleration - offset, np.nan), made)
 
 
 def judged(
@@ -161,18 +142,8 @@ def pooled_score(
     """See `model_form`; NaN past a row's end."""
     middle = np.median(replicated, axis=0)
     used = np.isfinite(measured) & np.isfinite(middle)
-    own = _autocorrelation(measured - middle, used)
-    drawn = _autocorrelation(replicated - middle, used)
+    own, drawn = (
+        autocorrelation(each - middle, used, powers=_SMOOTH, lags=_LAGS) for each in (measured, replicated)
+    )
     distance = (own - drawn.mean(0)) / drawn.std(0, ddof=1)
     return float(distance.sum() / np.sqrt(len(distance)))
-
-
-def _autocorrelation(
-    values: Float[np.ndarray, "*draw impact sample"], used: Bool[np.ndarray, "impact sample"]
-) -> Float[np.ndarray, "*draw impact"]:
-    values = np.where(used, values, 0.0)
-    time = np.linspace(-1, 1, used.shape[-1])
-    smooth = np.linalg.qr(np.where(used[..., None], time[:, None] ** np.arange(_SMOOTH), 0.0)).Q
-    values = values - np.einsum("...isk,...ik->...is", smooth, np.einsum("...is,isk->...ik", values, smooth))
-    products = sum((values[..., lag:] * values[..., :-lag]).sum(-1) for lag in range(1, _LAGS + 1))
-    return products / (values**2).sum(-1)
