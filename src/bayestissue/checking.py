@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ from bayestissue.signal.quality.low_pass import suspected
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
 
+_of_recording = partial(Problem, "recording")
 _COLUMNS = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy", "code"]
 
 
@@ -101,27 +103,16 @@ def check(dataset: Dataset) -> Check:
 def _raised(data: Dataset, signal: Displacements) -> list[Problem]:
     """What the signal chain and the detectors of spoilt recordings say: the flags of `estimate`."""
     names = data.impacts["impact"]
+    usable = "a recording that the default signal chain can use"
     chain = [
-        Problem(
-            "recording",
-            "a recording that the default signal chain can use",
-            f"{flag}.",
-            impact=impact,
-            code=flag.code,
-        )
+        _of_recording(usable, f"{flag}.", impact=impact, code=flag.code)
         for impact, flags in zip(names, signal.flags, strict=True)
         for flag in flags
     ]
     spoilt = [
-        Problem(
-            "recording",
-            finding.kind.expected,
-            finding.kind.advice,
-            value=said,
-            impact=impact,
-            code=finding.kind.flag.code,
-        )
+        _of_recording(kind.expected, kind.advice, value=said, impact=impact, code=kind.flag.code)
         for finding in inspect(data)
+        for kind in (finding.kind,)
         for impact, said in zip(names, finding.said, strict=True)
         if said
     ]
@@ -136,21 +127,15 @@ def _undeclared(data: Dataset, signal: Displacements) -> list[Problem]:
     rows = np.flatnonzero(np.isfinite(found.corner_hz))
     if not rows.size:
         return []
-    changes = [
-        f"{name} {abs(change):.0%} too {'small' if change < 0 else 'large'}"
-        for name, change in (
-            ("K", np.median(found.change_K[rows])),
-            ("C", np.median(found.change_C[rows])),
-        )
-    ]
+    medians = {"K": np.median(found.change_K[rows]), "C": np.median(found.change_C[rows])}
+    changes = [f"{q} {abs(by):.0%} too {'small' if by < 0 else 'large'}" for q, by in medians.items()]
     remedy = (
         f"Left undeclared, {' and '.join(changes)} (median), with intervals that miss. Look up the low-pass "
         "of sensor, amplifier and recorder, and write it in dataset.toml: [recorder] with low_pass_hz and "
         "order, or sae_class."
     )
     return [
-        Problem(
-            "recording",
+        _of_recording(
             "a rise at contact as fast as the sampling shows it, or a declared low-pass",
             remedy,
             value=f"a rise as behind a second-order low-pass of {found.corner_hz[row]:.2g} Hz",

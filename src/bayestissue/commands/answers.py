@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bayestissue import results, runtime
 
@@ -19,7 +19,6 @@ def answer(
     run: Path,
     of: Callable[[Run], pd.DataFrame],
     show: Callable[[pd.DataFrame], None],
-    page: Callable[[pd.DataFrame, dict[str, Any]], str],
     *,
     command: str,
     name: str,
@@ -35,9 +34,9 @@ def answer(
         run: the run's folder.
         of: makes the table.
         show: prints it.
-        page: makes a page of it and of the content of ``run.json``.
         command: what the folder says wrote it.
-        name: of the table: that of its file, and its key in JSON.
+        name: of the table: that of its file, of its page in `bayestissue.report.answers_page`, and its key in
+            JSON.
         inputs: files and folders that are read and must not be overwritten.
         out: where to write; nowhere unless given.
         overwrite: whether an older result there may be replaced.
@@ -56,8 +55,11 @@ def answer(
         table = of(finished)
         if place is not None:
             with place.folder() as folder:
+                from bayestissue.report import answers_page
+
                 table.to_csv(folder / f"{name}.csv", index=False)
-                (folder / "report.html").write_text(page(table, finished.about), encoding="utf-8")
+                page = getattr(answers_page, f"{name}_page")(table, finished.about)
+                (folder / "report.html").write_text(page, encoding="utf-8")
         if as_json:
             echo(json.dumps({name: json.loads(table.to_json(orient="records"))}, ensure_ascii=False))
         elif not quiet:
