@@ -283,7 +283,7 @@ def fit_prepared(
         analysis = found
     if dataset.quantity != "displacement":
         analysis = _with_chain(analysis, plain)
-    analysis = _with_notes(analysis)
+    analysis = replace(analysis, summary=noted(analysis.summary, analysis.diagnostics))
     points = point_estimates(dataset, specification.signal, prepared.signal)
     if flagged := flagged_recordings(*(points["exact"][name].tolist() for name in ("impact", "flags"))):
         analysis = replace(analysis, diagnostics=analysis.diagnostics | {"recordings": flagged})
@@ -305,10 +305,6 @@ def _with_chain(analysis: TraceAnalysis, plain: Prepared) -> TraceAnalysis:
     if "model_form" in diagnostics:
         diagnostics["model_form"] = model_form.with_chain(diagnostics["model_form"], chain)
     return replace(analysis, diagnostics=diagnostics | ({"measuring_chain": chain} if chain else {}))
-
-
-def _with_notes(analysis: TraceAnalysis) -> TraceAnalysis:
-    return replace(analysis, summary=noted(analysis.summary, analysis.diagnostics))
 
 
 def point_estimates(

@@ -117,8 +117,7 @@ def judge(prepared: Prepared) -> dict[str, Any]:
     """
     if not _rate_is_known(prepared) or prepared.signal.equilibrium.any():
         return {}
-    if len(prepared.impacts) > len(rows := some_impacts(len(prepared.impacts))):
-        prepared = some_of(prepared, rows)
+    prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
     groups = _groups(prepared)
     given = expanded(prepared)
     found = {name: freed(prepared, name, given) for name in JUDGED}

@@ -84,7 +84,7 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
     rows = np.arange(len(prepared.impacts))
     if many:
         rows = np.unique(np.linspace(0, rows[-1], MOST_IMPACTS).astype(int))
-    part = some_of(prepared, rows) if many else prepared
+    part = some_of(prepared, rows)
     u = np.median(constrained.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
     middle = _Hierarchy(part, _middle(part, constrained, np.median))
     errors = trace_errors(part, u, _RIDGE * np.linalg.inv(middle.omega))
