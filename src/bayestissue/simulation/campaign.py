@@ -245,7 +245,7 @@ def _recorded(
         motion = deceleration(simulation.tissue.element, truth.iloc[index], time)
         part = slice(begin, min(begin + rows, len(n)))
         d = np.asarray(motion)[: part.stop - begin]
-        noise = random.standard_normal
+        noise: Callable[[int], np.ndarray] = random.standard_normal
         if recorder is not None:
             d = on_even_grid(d, rate * finer, recorder)[:, ring * finer : -ring * finer or None : finer]
             if recorder.noise == "before":
