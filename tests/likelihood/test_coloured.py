@@ -14,9 +14,9 @@ from scipy.stats import multivariate_normal
 from bayestissue.dataset.model import Recorder
 from bayestissue.elements import element
 from bayestissue.likelihood.element import coloured, contact_cells, discrepancy
-from bayestissue.likelihood.element.coloured import LEAST_EIGENVALUE, Colour, colour_of
+from bayestissue.likelihood.element.coloured import LEAST_EIGENVALUE, colour_of
 from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.recorder import LowPass
+from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.likelihood.element.response import ElementRecord, columns, response
 from bayestissue.signal.filters import autocorrelation, modes
 
@@ -161,8 +161,8 @@ def with_contact_open(
 
 
 @jax.jit
-def of_trace(given: ElementRecord) -> tuple[jax.Array, jax.Array]:
-    event = MeasuredImpact(TISSUE, PARAMETERS, jnp.array([np.log(SIGMA)]), given)
+def of_trace(given: ElementRecord, beside: jax.Array | None = None) -> tuple[jax.Array, jax.Array]:
+    event = MeasuredImpact(TISSUE, PARAMETERS, jnp.array([np.log(SIGMA)]), given, beside)
     return event.log_prob(given.d), event.mean_first_time()
 
 
@@ -196,6 +196,28 @@ def test_where_all_of_it_is_white_it_is_the_likelihood_of_white_noise():
     # In proportion to 1 - f times the greatest eigenvalue of R, a dozen.
     assert_allclose(coloured_one[0], white_one[0] + quiet, atol=1e-4)
     assert_allclose(coloured_one[1], white_one[1], atol=1e-4 * DT)
+
+
+def test_a_discrepancy_beside_it_takes_up_what_the_element_leaves():
+    """A small one changes nothing. One that is there makes its own density greater."""
+    reach, samples = 8, 50
+    time = np.arange(-reach, samples) * DT
+    noise = np.linalg.cholesky(whole(SLOW, 0.3, len(time))) @ np.random.default_rng(3).standard_normal(58)
+    trace = seen_directly(SLOW, time + 3.4 * DT) + SIGMA * noise
+    colour = colour_of(0.3, [lags(SLOW)], len(time))
+    basis, share = discrepancy.modes(np.array([samples]), samples)
+
+    def density(trace: np.ndarray, log_discrepancy: float) -> float:
+        given = with_contact_open(SLOW, colour, trace, reach, 0)
+        given = given._replace(basis=jnp.asarray(basis), share=jnp.asarray(share))
+        return float(of_trace(given, jnp.array([log_discrepancy]))[0][0])
+
+    plain = float(of_trace(with_contact_open(SLOW, colour, trace, reach, 0))[0][0])
+    assert density(trace, -12.0) == pytest.approx(plain, abs=1e-4)
+    further = 10 * np.sqrt(share[0]) * np.random.default_rng(4).standard_normal(len(basis)) @ basis[:, 0]
+    spoilt = trace + np.concatenate([np.zeros(reach), further])
+    assert density(spoilt, np.log(10.0)) > density(spoilt, np.log(1.0)) + 3
+    assert density(trace, np.log(10.0)) < plain
 
 
 def seen_directly(recorder: Recorder, time: np.ndarray) -> np.ndarray:

@@ -20,10 +20,10 @@ from bayestissue.hierarchy.population import population_design
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE, ModelSpecification
 from bayestissue.hierarchy.traces import Kind, Record, TraceData, TraceModel, nuisance_of
 from bayestissue.likelihood.arma.displacement import displacement_record
-from bayestissue.likelihood.element.coloured import Colour, colour_of
+from bayestissue.likelihood.element.coloured import colour_of
 from bayestissue.likelihood.element.deceleration import DecelerationRecord
 from bayestissue.likelihood.element.discrepancy import modes
-from bayestissue.likelihood.element.recorder import LowPass
+from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.likelihood.element.response import ElementRecord
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES

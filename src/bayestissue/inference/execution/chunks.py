@@ -13,8 +13,7 @@ from bayestissue import runtime
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.execution.workers import cluster, computed
-from bayestissue.likelihood.element.coloured import Colour
-from bayestissue.likelihood.element.recorder import LowPass
+from bayestissue.likelihood.element.recorder import Colour, LowPass
 
 BLOCK = 512
 # With fewer blocks a second process takes longer to begin than it saves.

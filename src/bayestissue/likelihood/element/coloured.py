@@ -16,7 +16,6 @@ corner.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -25,6 +24,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 from scipy.linalg import toeplitz
 
+from bayestissue.likelihood.element.recorder import Colour
 from bayestissue.likelihood.linear_errors import Products
 
 LEAST_EIGENVALUE = 0.02
@@ -34,25 +34,6 @@ _LEAST_WHITE = 1e-3
 _LEFT_OUT = 1e-4
 # Samples of which those eigenvalues are.
 _SAMPLES = 48
-
-
-class Colour(NamedTuple):
-    """A recorder's coloured noise on as many samples as the longest trace has.
-
-    Attributes:
-        white: f, above 0.
-        root: B', for each sampling rate, on all samples.
-        every: how many samples lie from one that is asked to the next is the length of this.
-    """
-
-    white: Float[Array, ""]
-    root: Float[Array, "rate mode row"]
-    every: Float[Array, " every"]
-
-    @property
-    def stride(self) -> int:
-        """How many samples lie from one that is asked to the next."""
-        return self.every.shape[0]
 
 
 def colour_of(

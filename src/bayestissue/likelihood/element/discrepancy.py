@@ -87,7 +87,7 @@ def with_discrepancy(
     """
     if own is not None:
         factor, half = _system(ratio, own)
-        solved = [jnp.stack(small.forward_solve(factor, list(_alike(half, part) * part))) for part in along]
+        solved = [jnp.stack(small.solve_lower(factor, list(_alike(half, part) * part))) for part in along]
         entries = tuple(
             tuple(entry - (solved[a] * solved[b]).sum(0) for b, entry in enumerate(row))
             for a, row in enumerate(plain.gram)
@@ -132,8 +132,8 @@ def draw_along(
     """
     factor, half = _system(ratio, own)
     standard = jnp.exp(log_sigma) * jax.random.normal(key, ratio.shape)
-    solved = jnp.stack(small.forward_solve(factor, list(half * along))) + standard
-    weights = half * jnp.stack(small.backward_solve(factor, list(solved)))
+    solved = jnp.stack(small.solve_lower(factor, list(half * along))) + standard
+    weights = half * jnp.stack(small.solve_upper(factor, list(solved)))
     return (weights[..., None] * basis).sum(0)
 
 

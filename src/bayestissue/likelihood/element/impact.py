@@ -90,7 +90,11 @@ def _products_in_colour(
         return found
     number = len(parts)
     plain = found._replace(gram=tuple(row[:number] for row in found.gram[:number]))
-    along = [jnp.stack(row[number:]) for row in found.gram[:number]]
+    # Not all parts have cells.
+    shape = jnp.broadcast_shapes(*(row[number].shape for row in found.gram[:number]))
+    along = [
+        jnp.stack([jnp.broadcast_to(entry, shape) for entry in row[number:]]) for row in found.gram[:number]
+    ]
     ratio = discrepancy.ratios(noise.log_sigma, noise.log_discrepancy, record.share)
     own = [row[number:] for row in found.gram[number:]]
     return discrepancy.with_discrepancy(plain, along, ratio, own)

@@ -45,6 +45,25 @@ class LowPass(NamedTuple):
         return 0 if self.ahead is None else self.ahead.shape[0]
 
 
+class Colour(NamedTuple):
+    """Noise that went through the filter, on as many samples as the longest trace has: see `coloured`.
+
+    Attributes:
+        white: f, above 0.
+        root: B', for each sampling rate, on all samples.
+        every: how many samples lie from one that is asked to the next is the length of this.
+    """
+
+    white: Float[Array, ""]
+    root: Float[Array, "rate mode row"]
+    every: Float[Array, " every"]
+
+    @property
+    def stride(self) -> int:
+        """How many samples lie from one that is asked to the next."""
+        return self.every.shape[0]
+
+
 class Flow(NamedTuple):
     """A deceleration on an even grid and its slope.
 

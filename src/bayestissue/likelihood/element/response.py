@@ -12,8 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements import Element, linear, solver
 from bayestissue.elements.element import deceleration_of, rates_of_motion
-from bayestissue.likelihood.element.coloured import Colour
-from bayestissue.likelihood.element.recorder import PIECES, Flow, LowPass, low_passed
+from bayestissue.likelihood.element.recorder import PIECES, Colour, Flow, LowPass, low_passed
 
 # Columns of the measuring chain's errors.
 VELOCITY, GAIN, OFFSET, CONTACT = range(4)
