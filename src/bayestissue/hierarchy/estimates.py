@@ -144,7 +144,7 @@ def _rows(data: EstimatesData, covariances: Covariances, scatter: Float[Array, "
     offset, sd, correlation = moments_of_people(
         jnp.zeros((tables, 2)), scatter, factor, data.people[0].shape[1]
     )
-    means, roots = (pair_covariance(*sd[:, a : a + 2].T, correlation[:, a // 2]) for a in (0, 2))
+    means, roots = (pair_covariance(sd[:, a : a + 2].T, correlation[:, a // 2]) for a in (0, 2))
     constant = small.normal_log_density((data.roots - offset[:, 2:]).T, roots)
     covariance = jnp.concatenate([means, jnp.broadcast_to(own[..., None], (2, 2, estimates))], axis=-1)
     centre = jnp.asarray(data.value).T.at[:, :tables].add(-offset[:, :2].T)
@@ -207,11 +207,11 @@ class EffectsDraw(NamedTuple):
         rows: log density of every row's data given b, kept or not.
     """
 
-    b: Float[Array, " location"]
-    scatter: Float[Array, "table 2"]
-    log_density: Float[Array, ""]
-    log_ratio: Float[Array, ""]
-    rows: Float[Array, " impact"]
+    b: Float[Any, " location"]
+    scatter: Float[Any, "table 2"]
+    log_density: Float[Any, ""]
+    log_ratio: Float[Any, ""]
+    rows: Float[Any, " impact"]
 
 
 def draw_effects(

@@ -367,4 +367,4 @@ def from_standard(
     b = effects_from_standard(data.design, effects, data.location_mean, z_b)
     about = expected(data.design, b)
     given = ImpactConditional.of(covariances.of_impact(), parameters_first(sites))
-    return Drawn(b, given.draw(about, z_u.T), about, log_marginal)
+    return Drawn(b, list(given.draw(about, z_u.T)), about, log_marginal)
