@@ -97,7 +97,7 @@ def estimates_data(
 ) -> EstimatesData:
     """The observations and one formula's design, in the model's arrangement of b."""
     effects, matrices = effects_of(design, model.priors, ())
-    own, begin = np.concatenate(matrices, axis=1), _begin_of_second(model.locations)
+    own, begin = np.concatenate(matrices, axis=1), model.locations.parts["intercept_C"].start
     whole = np.zeros((len(own), model.locations.size))
     for name, part in effects.parts.items():
         place = model.locations.parts[name].start
@@ -114,10 +114,6 @@ def estimates_data(
         tuple(part[tables] - part[tables].mean(1, keepdims=True) for part in columns),
         np.zeros((len(tables), 2)),
     )
-
-
-def _begin_of_second(effects: Effects) -> int:
-    return min(part.start for name, part in effects.parts.items() if name.endswith("_C"))
 
 
 def without(data: EstimatesData, rows: Bool[np.ndarray, " impact"]) -> EstimatesData:
