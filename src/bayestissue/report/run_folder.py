@@ -222,7 +222,7 @@ def _read_table(path: Path, layout: TableFile, problems: list[Problem]) -> pd.Da
             wrong = table[column][values.isna() & ~table[column].str.lower().isin(["", "nan"])]
             problems += [
                 wrong_in(path, "a number or nothing", row=int(index) + 2, column=column, value=cell)
-                for index, cell in wrong.items()
+                for index, cell in zip(wrong.index, wrong, strict=True)
             ]
             table[column] = values.astype("float64")
     return table
