@@ -47,10 +47,10 @@ def run(
 
 
 def test_a_cause_in_the_method_that_fits() -> None:
-    told = answer(run((0.4, 0.002, 0.002), (0.97, 0.03, 0.0)))
+    told = " ".join(answer(run((0.4, 0.002, 0.002), (0.97, 0.03, 0.0))))
     assert told.startswith("In the estimates K goes with the mass to the power 0.96 and C to the power 1.19.")
     assert "very probably lies in how K was found and not in the tissue (posterior probability 0.97)" in told
-    assert "the likeliest is “own length” (0.97 ± 0.01)" in told
+    assert "The likeliest is “own length” (0.97 ± 0.01)" in told
     assert (
         "Acting alone “own length” (p = 0.40) can have made all 4 numbers compared; every other misses"
         in told
@@ -62,21 +62,21 @@ def test_a_cause_in_the_method_that_fits() -> None:
 
 
 def test_a_cause_in_the_tissue_that_fits() -> None:
-    told = answer(run((0.002, 0.4, 0.002), (0.04, 0.96, 0.0)))
+    told = " ".join(answer(run((0.002, 0.4, 0.002), (0.04, 0.96, 0.0))))
     assert "lies in the tissue and not in how K was found (posterior probability 0.96)" in told
     assert "No change of the tissue" not in told
 
 
 def test_fixed_tissue_needs_no_cause() -> None:
-    told = answer(run((0.002, 0.002, 0.6), (0.0, 0.04, 0.96)))
+    told = " ".join(answer(run((0.002, 0.002, 0.6), (0.0, 0.04, 0.96))))
     assert "That needs no cause: “fixed tissue” makes such numbers (p = 0.60, posterior probability" in told
     assert "No change of the tissue" not in told
 
 
 def test_causes_that_fit_badly_or_not_at_all() -> None:
-    told = answer(run((0.02, 0.002, 0.002), (0.97, 0.03, 0.0)))
+    told = " ".join(answer(run((0.02, 0.002, 0.002), (0.97, 0.03, 0.0))))
     assert "Acting alone even “own length” (p = 0.020) would rarely make all 4 numbers" in told
-    told = answer(run((0.002, 0.002, 0.002), (0.97, 0.03, 0.0)))
+    told = " ".join(answer(run((0.002, 0.002, 0.002), (0.97, 0.03, 0.0))))
     assert "But none of them, acting alone, makes all 4 numbers compared" in told
     assert any("edge" in words for words in cannot_tell(run((0.02, 0.002, 0.002), (1.0, 0.0, 0.0))))
 

@@ -40,8 +40,8 @@ class Formulas(BaseModel):
 
     K: str | None = Field(
         default=None,
-        description="of log K. Left out: log(mass_kg) + (1|subject) + (1|trial), less what the data can't "
-        "tell.",
+        description="of log K. Left out: log(mass_kg) + (1|subject) + (1|trial), without the terms that the "
+        "data can't determine.",
     )
     C: str | None = Field(default=None, description="of log C, as of log K.")
 
@@ -81,7 +81,7 @@ class Sampler(_Table):
     thinning: Annotated[int, Field(ge=1, le=100)] = Field(
         default=1,
         description="transitions of a chain for each draw that is kept. What follows the chains takes time "
-        "for every draw; a few that are nearly independent tell as much as many that are not.",
+        "for every draw; a few that are nearly independent are worth as much as many that are not.",
     )
     target_accept: Annotated[float, Field(gt=0.5, lt=1)] = Field(
         default=0.9,
@@ -145,7 +145,7 @@ class ModelSpecification(_Table):
     )
     reference_mass_kg: Annotated[float, Field(gt=0)] | None = Field(
         default=None,
-        description="the mass that K and C of people are told at. Left out: the geometric mean of the "
+        description="the mass that K and C of people are given at. Left out: the geometric mean of the "
         "impacts' masses.",
     )
     formula: Formulas = Field(

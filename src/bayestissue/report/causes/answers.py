@@ -54,10 +54,10 @@ def standing(run: CausesRun) -> list[Row]:
     return left.sort_values("probability", ascending=False).to_dict("records")
 
 
-def answer(run: CausesRun) -> str:
-    """The whole answer in one paragraph."""
+def answer(run: CausesRun) -> list[str]:
+    """The whole answer, a sentence each: what was found, where its cause lies, and how sure that is."""
     rows = run.causes.sort_values("probability", ascending=False).to_dict("records")
-    sentences = [_question(run), _lead(run, rows[0]), _alone(run)]
+    sentences = [_question(run), *_lead(run, rows[0]), _alone(run)]
     tissue = run.causes[~run.of_method]
     if not _fixed_tissue(run, rows[0]) and len(tissue) and (tissue["verdict"] == "refuted").all():
         best = max(tissue.to_dict("records"), key=lambda row: row["probability"])
@@ -66,7 +66,7 @@ def answer(run: CausesRun) -> str:
             f"No change of the tissue does it, not even the best of them, “{best['title']}” "
             f"(p {_relation(best)}){missed}."
         )
-    return " ".join(sentence for sentence in sentences if sentence)
+    return sentences
 
 
 def _question(run: CausesRun) -> str:
@@ -79,13 +79,13 @@ def _question(run: CausesRun) -> str:
     return f"In {run.about['subject']['title']} {told}."
 
 
-def _lead(run: CausesRun, best: Row) -> str:
+def _lead(run: CausesRun, best: Row) -> list[str]:
     """Method or tissue, and the likeliest cause."""
     if fixed := _fixed_tissue(run, best):
-        return (
+        return [
             f"That needs no cause: “{fixed['title']}” makes such numbers (p {_relation(fixed)}, posterior "
             f"probability {_probability(fixed)})."
-        )
+        ]
     how = f"“{best['title']}” ({_probability(best)}): {_HOW[run.mechanism(best['cause'])]}."
     in_method = float(run.causes.loc[run.of_method, "probability"].sum())
     if in_method >= 0.5:
@@ -94,10 +94,11 @@ def _lead(run: CausesRun, best: Row) -> str:
     else:
         where = f"{likelihood_words(1 - in_method)} lies in the tissue and not in how K was found"
         share = 1 - in_method
-    return (
+    return [
         f"If one of the {len(run.causes)} proposed causes made that, it {where} (posterior probability "
-        f"{probability(share)}); the likeliest is {how}"
-    )
+        f"{probability(share)}).",
+        f"The likeliest is {how}",
+    ]
 
 
 def _fixed_tissue(run: CausesRun, best: Row) -> Row | None:
