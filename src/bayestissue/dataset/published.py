@@ -206,11 +206,20 @@ def _conditions_that_disagree(
     for path, table in ((paths["estimates"], estimates), (paths["averages"], averages)):
         for column in _CONDITION:
             expected = table["trial"].map(first[column])
-            for index, found in table.loc[table[column] != expected, column].items():
+            for index in table.index[table[column] != expected]:
                 words = f"averages of trial {table.loc[index, 'trial']} in averages.csv"
                 if np.isfinite(expected[index]):
                     words = f"{expected[index]:g}, the first that averages.csv has for the trial"
-                problems.append(_wrong(str(path), words, _MEND, row=_line(index), column=column, value=found))
+                problems.append(
+                    _wrong(
+                        str(path),
+                        words,
+                        _MEND,
+                        row=_line(index),
+                        column=column,
+                        value=table.loc[index, column],
+                    )
+                )
     return problems
 
 
