@@ -132,6 +132,8 @@ def _of_block(
     K, C, omega_n, zeta, sigma = (_marginal(values, weight) for values in quantities)
     # The mass's error, as likely up as down, moves no median.
     K, C = (each._replace(median=np.exp(middle[:, a])) for a, each in enumerate((K, C)))
+    found = _residuals(model, data, jnp.asarray(middle))
+    left, innovations, number = (np.asarray(each) for each in found)
     return SinglePosteriors(
         K,
         C,
@@ -139,7 +141,9 @@ def _of_block(
         zeta,
         sigma,
         log_likelihoods(model, data, middle[None])[0],
-        *(np.asarray(each) for each in _residuals(model, data, jnp.asarray(middle))),
+        left,
+        innovations,
+        number,
         pareto_k,
     )
 
