@@ -29,11 +29,10 @@ from jax.flatten_util import ravel_pytree
 from numpyro.distributions import biject_to
 from numpyro.infer import NUTS
 from numpyro.infer.util import initialize_model
-from plain_hierarchy import check_density, plain
+from plain_hierarchy import check_density, cholesky_factor, plain
 
 from bayestissue import runtime
 from bayestissue.dataset import read_dataset
-from bayestissue.hierarchy.effects import cholesky_factor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import (

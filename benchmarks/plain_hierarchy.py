@@ -15,10 +15,14 @@ import numpyro
 import numpyro.distributions as dist
 from jax import Array
 
-from bayestissue.hierarchy.effects import cholesky_factor
 from bayestissue.hierarchy.population import expected
 from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, sample_hyperparameters
 from bayestissue.oscillator import to_differences
+
+
+def cholesky_factor(sd_K: jax.Array, sd_C: jax.Array, correlation: jax.Array) -> jax.Array:
+    """Lower Cholesky factor of [[sd_K², r sd_K sd_C], [r sd_K sd_C, sd_C²]]."""
+    return jnp.array([[sd_K, 0.0], [sd_C * correlation, sd_C * jnp.sqrt(1 - correlation**2)]])
 
 
 def plain(model: TraceModel, data: TraceData) -> None:

@@ -31,13 +31,17 @@ STAGES = {
         "summary_table",
         "uncertainty_budget",
         "model_form",
+        *("contrasts", "people_compared", "coefficients", "as_variables", "reliability"),
     ),
-    "fitting": ("judge", "point_estimates", "write_run"),
-    "report.fit.page": ("read_fit_run", "render_page"),
+    "fitting": ("judge", "point_estimates", "write_run", "agreement"),
+    "report.fit.page": ("read_fit_run", "render_page", "_study"),
     "report.page": ("figure",),
     "report": ("draw_page",),
 }
+# What a study asks of a finished fit: comparisons, reliability, agreement of methods, and their part of the page.
+STUDY = ("contrasts", "people_compared", "coefficients", "as_variables", "reliability", "agreement", "_study")
 spent: dict[str, float] = {}
+with_all_within: dict[str, float] = {}
 _within: list[float] = []
 
 
@@ -53,6 +57,7 @@ def timed(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
         finally:
             taken = time.process_time() - begun
             spent[name] = spent.get(name, 0.0) + taken - _within.pop()
+            with_all_within[name] = with_all_within.get(name, 0.0) + taken
             if _within:
                 _within[-1] += taken
 
@@ -106,6 +111,8 @@ def main(dataset: str = "data/example", model: str = "models/impact.toml") -> No
     for name, seconds in sorted(spent.items(), key=lambda pair: -pair[1]):
         print(f"{name:26}{seconds:7.2f}")
     print(f"{'together':26}{sum(spent.values()):7.2f}")
+    study = sum(with_all_within.get(name, 0.0) for name in STUDY)
+    print(f"of that, what a study asks (with figures): {study:.2f}")
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ from bayestissue.cli import app
 from bayestissue.commands.estimate import PROBLEM_COLUMNS
 from bayestissue.dataset.impacts import COLUMNS, RESERVED
 from bayestissue.dataset.settings import Settings
-from bayestissue.hierarchy.priors import PairOfLocations, PairOfScales, _Prior
+from bayestissue.hierarchy.priors import Pair, _Prior
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.inference.answers import agreement, contrasts, people, questions, reliability
 from bayestissue.inference.comparing import implied, runs
@@ -114,7 +114,7 @@ def fields(schema: type[BaseModel]) -> Iterator[tuple[str, FieldInfo]]:
     for name, field in schema.model_fields.items():
         yield name, field
         inner = _table_in(field.annotation)
-        if inner is not None and not issubclass(inner, _Prior | PairOfLocations | PairOfScales | Range):
+        if inner is not None and not issubclass(inner, _Prior | Pair | Range):
             yield from fields(inner)
 
 

@@ -7,12 +7,13 @@ from typing import TYPE_CHECKING
 
 from bayestissue import runtime
 from bayestissue.inference.answers.finished import Finished
+from bayestissue.outline import Outlined
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-class Answering:
+class Answering(Outlined):
     """What can be asked of a finished fit, be it in memory or read back from its folder."""
 
     @property

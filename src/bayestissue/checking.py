@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -10,7 +11,7 @@ import pandas as pd
 
 from bayestissue.errors import Coded, Problem
 from bayestissue.inference.points.notes import said_once
-from bayestissue.outline import Rows, as_html, as_text, short, span
+from bayestissue.outline import Outlined, Rows, short, span
 from bayestissue.report.check_page import check_page, kinds, quality_table
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
@@ -20,11 +21,12 @@ from bayestissue.signal.quality.low_pass import suspected
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
 
+_of_recording = partial(Problem, "recording")
 _COLUMNS = ["severity", "file", "row", "column", "impact", "value", "expected", "remedy", "code"]
 
 
-@dataclass(frozen=True, eq=False)
-class Check:
+@dataclass(frozen=True, eq=False, repr=False)
+class Check(Outlined):
     """What was found on a dataset that could be read.
 
     Attributes:
@@ -38,12 +40,6 @@ class Check:
     signal: Displacements
     quality: pd.DataFrame
     warnings: tuple[Problem, ...]
-
-    def __repr__(self) -> str:
-        return as_text(*self._outline())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._outline())
 
     def _outline(self) -> tuple[str, Rows]:
         rows = [
@@ -107,27 +103,16 @@ def check(dataset: Dataset) -> Check:
 def _raised(data: Dataset, signal: Displacements) -> list[Problem]:
     """What the signal chain and the detectors of spoilt recordings say: the flags of `estimate`."""
     names = data.impacts["impact"]
+    usable = "a recording that the default signal chain can use"
     chain = [
-        Problem(
-            "recording",
-            "a recording that the default signal chain can use",
-            f"{flag}.",
-            impact=impact,
-            code=flag.code,
-        )
+        _of_recording(usable, f"{flag}.", impact=impact, code=flag.code)
         for impact, flags in zip(names, signal.flags, strict=True)
         for flag in flags
     ]
     spoilt = [
-        Problem(
-            "recording",
-            finding.kind.expected,
-            finding.kind.advice,
-            value=said,
-            impact=impact,
-            code=finding.kind.flag.code,
-        )
+        _of_recording(kind.expected, kind.advice, value=said, impact=impact, code=kind.flag.code)
         for finding in inspect(data)
+        for kind in (finding.kind,)
         for impact, said in zip(names, finding.said, strict=True)
         if said
     ]
@@ -142,21 +127,15 @@ def _undeclared(data: Dataset, signal: Displacements) -> list[Problem]:
     rows = np.flatnonzero(np.isfinite(found.corner_hz))
     if not rows.size:
         return []
-    changes = [
-        f"{name} {abs(change):.0%} too {'small' if change < 0 else 'large'}"
-        for name, change in (
-            ("K", np.median(found.change_K[rows])),
-            ("C", np.median(found.change_C[rows])),
-        )
-    ]
+    medians = {"K": np.median(found.change_K[rows]), "C": np.median(found.change_C[rows])}
+    changes = [f"{q} {abs(by):.0%} too {'small' if by < 0 else 'large'}" for q, by in medians.items()]
     remedy = (
         f"Left undeclared, {' and '.join(changes)} (median), with intervals that miss. Look up the low-pass "
         "of sensor, amplifier and recorder, and write it in dataset.toml: [recorder] with low_pass_hz and "
         "order, or sae_class."
     )
     return [
-        Problem(
-            "recording",
+        _of_recording(
             "a rise at contact as fast as the sampling shows it, or a declared low-pass",
             remedy,
             value=f"a rise as behind a second-order low-pass of {found.corner_hz[row]:.2g} Hz",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import asdict, dataclass, field
 from typing import Self
 
@@ -53,6 +53,20 @@ class InputError(ValueError):
     def __init__(self, problems: Problem | Iterable[Problem]) -> None:
         self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
         super().__init__("\n".join(str(problem) for problem in self.problems))
+
+
+def all_of[Item, Found](of: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
+    """``of`` each of ``items``; what is wrong with any of them is raised at once, as one `InputError`."""
+    found: list[Found] = []
+    problems: list[Problem] = []
+    for each in items:
+        try:
+            found.append(of(each))
+        except InputError as error:
+            problems += error.problems
+    if problems:
+        raise InputError(problems)
+    return found
 
 
 class PartialResultError(RuntimeError):

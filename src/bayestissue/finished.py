@@ -10,15 +10,15 @@ from typing import Any
 import xarray as xr
 
 from bayestissue.answering import Answering
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError
 from bayestissue.inference.answers.finished import GROUPS, Finished
-from bayestissue.outline import Rows, as_html, as_text, short
-from bayestissue.report.run_folder import read_about, require_files
+from bayestissue.outline import Rows, short
+from bayestissue.report.run_folder import not_a_fit, open_tree, read_about, require_files
 
 _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Run(Answering):
     """A finished run of `bayestissue fit`.
 
@@ -32,12 +32,6 @@ class Run(Answering):
     folder: Path
     about: dict[str, Any]
     posterior: xr.DataTree
-
-    def __repr__(self) -> str:
-        return as_text(*self._outline())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._outline())
 
     def _outline(self) -> tuple[str, Rows]:
         rows = [
@@ -64,24 +58,8 @@ def read_run(path: str | Path) -> Run:
     folder = Path(path)
     about = read_about(folder)
     if about["kind"] != "fit" or not isinstance(about.get("model"), dict):
-        problem = Problem(
-            str(folder / "run.json"), '"fit"', _AGAIN, column="kind", value=about["kind"], code="not-a-fit"
-        )
-        raise InputError(problem)
+        raise InputError(not_a_fit(folder, about, _AGAIN))
     require_files(folder, ["posterior.nc"])
-    return Run(folder, about, _read_tree(folder / "posterior.nc"))
-
-
-def _read_tree(path: Path) -> xr.DataTree:
-    try:
-        tree = xr.open_datatree(path, engine="h5netcdf")
-    except (OSError, KeyError, ValueError) as error:
-        raise InputError(
-            Problem(str(path), "a DataTree as a fit writes it", _AGAIN, value=str(error), code="damaged-run")
-        ) from error
     # An earlier version wrote no draws of the prior.
-    if lacking := [name for name in GROUPS if name not in tree.children and name != "prior"]:
-        raise InputError(
-            Problem(str(path), f"the groups {', '.join(lacking)}", _AGAIN, value="none", code="damaged-run")
-        )
-    return tree
+    needed = {name: () for name in GROUPS if name != "prior"}
+    return Run(folder, about, open_tree(folder / "posterior.nc", needed, _AGAIN))

@@ -29,7 +29,7 @@ from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import flagged_recordings
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
-from bayestissue.outline import Rows, as_html, as_text, short, span
+from bayestissue.outline import Rows, short, span
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -43,7 +43,7 @@ TABLES = (
 )
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fit(Answering):
     """A finished fit, with all that a run folder tells of it.
 
@@ -66,12 +66,6 @@ class Fit(Answering):
     seed: int
     started: datetime
     wall_time_s: float
-
-    def __repr__(self) -> str:
-        return as_text(*self._outline())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._outline())
 
     def _outline(self) -> tuple[str, Rows]:
         posterior = self.posterior["posterior"].dataset
@@ -289,7 +283,7 @@ def fit_prepared(
         analysis = found
     if dataset.quantity != "displacement":
         analysis = _with_chain(analysis, plain)
-    analysis = _with_notes(analysis)
+    analysis = replace(analysis, summary=noted(analysis.summary, analysis.diagnostics))
     points = point_estimates(dataset, specification.signal, prepared.signal)
     if flagged := flagged_recordings(*(points["exact"][name].tolist() for name in ("impact", "flags"))):
         analysis = replace(analysis, diagnostics=analysis.diagnostics | {"recordings": flagged})
@@ -311,10 +305,6 @@ def _with_chain(analysis: TraceAnalysis, plain: Prepared) -> TraceAnalysis:
     if "model_form" in diagnostics:
         diagnostics["model_form"] = model_form.with_chain(diagnostics["model_form"], chain)
     return replace(analysis, diagnostics=diagnostics | ({"measuring_chain": chain} if chain else {}))
-
-
-def _with_notes(analysis: TraceAnalysis) -> TraceAnalysis:
-    return replace(analysis, summary=noted(analysis.summary, analysis.diagnostics))
 
 
 def point_estimates(

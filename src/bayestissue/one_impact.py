@@ -15,7 +15,7 @@ from bayestissue.dataset.model import Dataset, Recorder, Uncertainty
 from bayestissue.inference.points.estimates import default_options
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.single.estimates import by_impact
-from bayestissue.outline import Rows, as_html, as_text
+from bayestissue.outline import Outlined, Rows
 from bayestissue.report.page import figure
 from bayestissue.report.style import MUTED, POSTERIOR, new_figure, style
 from bayestissue.signal import displacements
@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 _ENDS = ("K_low_N_per_m", "K_high_N_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m")
 
 
-@dataclass(frozen=True, eq=False)
-class Impact:
+@dataclass(frozen=True, eq=False, repr=False)
+class Impact(Outlined):
     """What one recorded impact says of the tissue: the row that `bayestissue.estimate` has for it.
 
     Attributes:
@@ -59,12 +59,9 @@ class Impact:
     deceleration: Float[np.ndarray, " sample"]
     fitted: Float[np.ndarray, " sample"]
 
-    def __repr__(self) -> str:
-        return as_text(*self._outline())
-
     def _repr_html_(self) -> str:
         picture = figure(self.plot(), "The recorded deceleration and that of the fitted spring and damper.")
-        return f"{as_html(*self._outline())}{picture}"
+        return f"{super()._repr_html_()}{picture}"
 
     def _outline(self) -> tuple[str, Rows]:
         rows = [*self._answers()]

@@ -13,20 +13,29 @@ from bayestissue.errors import printable
 Rows = Sequence[tuple[str, str]]
 
 
-def as_text(title: str, rows: Rows) -> str:
-    """The title, and under it a line for each row; nothing in it steers the terminal."""
-    width = max((len(name) for name, _ in rows), default=0)
-    return "\n".join([printable(title), *(f"  {name:{width}}  {printable(words)}" for name, words in rows)])
+class Outlined:
+    """A large object that a console and a notebook show by a few lines."""
 
+    def _outline(self) -> tuple[str, Rows]:
+        """A title, and pairs of a name and words."""
+        raise NotImplementedError
 
-def as_html(title: str, rows: Rows) -> str:
-    """The same as a table, every text of the user's escaped."""
-    cells = "".join(
-        f'<tr><th style="text-align:left">{escape(name)}</th>'
-        f'<td style="text-align:left">{escape(printable(words))}</td></tr>'
-        for name, words in rows
-    )
-    return f"<div><strong>{escape(printable(title))}</strong><table>{cells}</table></div>"
+    def __repr__(self) -> str:
+        """The title, and under it a line for each row; nothing in it steers the terminal."""
+        title, rows = self._outline()
+        width = max(len(name) for name, _ in rows)
+        lines = (f"  {name:{width}}  {printable(words)}" for name, words in rows)
+        return "\n".join([printable(title), *lines])
+
+    def _repr_html_(self) -> str:
+        """The same as a table, every text of the user's escaped."""
+        title, rows = self._outline()
+        cells = "".join(
+            f'<tr><th style="text-align:left">{escape(name)}</th>'
+            f'<td style="text-align:left">{escape(printable(words))}</td></tr>'
+            for name, words in rows
+        )
+        return f"<div><strong>{escape(printable(title))}</strong><table>{cells}</table></div>"
 
 
 def short(text: str, most: int = 60) -> str:

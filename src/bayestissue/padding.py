@@ -9,6 +9,7 @@ marked by `adds_nothing` gets zeros. So does every other axis.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from functools import cache
 from typing import Any, get_args, get_type_hints
 
@@ -18,6 +19,13 @@ AXES = ("impact", "sample", "cell", "level")
 Sizes = Mapping[str, int]
 _Change = Callable[[Any, dict[str, int], bool], Any]
 _ADD_NOTHING: set[type] = set()
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The annotation of rows along one axis more, before those that the annotation of each names."""
+
+    of_each: Any
 
 
 def adds_nothing[Owner: type](owner: Owner) -> Owner:
@@ -76,23 +84,25 @@ def cut(value: Any, annotation: Any, sizes: Sizes) -> Any:
     return _changed(value, annotation, shorter)
 
 
-def _changed(value: Any, annotation: Any, change: _Change, empty: bool = False) -> Any:
-    """Every array in ``value`` that has a named axis, changed."""
+def _changed(value: Any, annotation: Any, change: _Change, empty: bool = False, before: int = 0) -> Any:
+    """Every array in ``value`` that has a named axis, changed; so many axes come before the named ones."""
+    if isinstance(annotation, Rows):
+        return _changed(value, annotation.of_each, change, empty, before + 1)
     if hasattr(value, "_fields"):
         owner: Any = type(value)
         hints, empty = _hints(owner), owner in _ADD_NOTHING
         parts = zip(value._fields, value, strict=True)
         return value._replace(
-            **{name: _changed(part, hints.get(name), change, empty) for name, part in parts}
+            **{name: _changed(part, hints.get(name), change, empty, before) for name, part in parts}
         )
     if isinstance(value, list | tuple):
         own = get_args(annotation) or (None, ...)
         each = own if len(own) == len(value) and own[-1] is not ... else own[:1] * len(value)
-        return type(value)(_changed(*pair, change, empty) for pair in zip(value, each, strict=True))
+        return type(value)(_changed(*pair, change, empty, before) for pair in zip(value, each, strict=True))
     if isinstance(value, dict):
         own = (get_args(annotation) or (None,))[-1]
-        return {name: _changed(part, own, change, empty) for name, part in value.items()}
-    places = _places(annotation)
+        return {name: _changed(part, own, change, empty, before) for name, part in value.items()}
+    places = {name: place if place < 0 else place + before for name, place in _places(annotation).items()}
     return value if value is None or not places else change(value, places, empty)
 
 

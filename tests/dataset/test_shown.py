@@ -9,8 +9,13 @@ import pytest
 
 from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.errors import Problem
-from bayestissue.outline import as_html, as_text, span
+from bayestissue.outline import Outlined, Rows, span
 from dataset_bench import Lab
+
+
+class Evil(Outlined):
+    def _outline(self) -> tuple[str, Rows]:
+        return "<t>\n", [("a", "<i>\x9b"), ("longer", "b\nc")]
 
 
 @pytest.fixture
@@ -44,10 +49,9 @@ def test_text_of_any_origin_is_tame(dataset: Dataset) -> None:
     assert "\x1b" not in repr(evil)
     assert len(repr(evil)) < 400
     assert "<script" not in evil._repr_html_()
-    rows = [("a", "<i>\x9b"), ("longer", "b\nc")]
-    assert as_text("t\n", rows) == "t\\u000a\n  a       <i>\\u009b\n  longer  b\\u000ac"
-    assert "&lt;i&gt;\\u009b" in as_html("<t>", rows)
-    assert "<t>" not in as_html("<t>", rows)
+    assert repr(Evil()) == "<t>\\u000a\n  a       <i>\\u009b\n  longer  b\\u000ac"
+    assert "&lt;i&gt;\\u009b" in Evil()._repr_html_()
+    assert "<t>" not in Evil()._repr_html_()
 
 
 def test_values_that_are_not_stated() -> None:

@@ -10,7 +10,6 @@ from dense_normal import SIZE, Dense
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from bayestissue.hierarchy.gaussian.blocks import stacked
 from bayestissue.hierarchy.gaussian.impacts import (
     ImpactConditional,
     ImpactPrior,
@@ -19,6 +18,7 @@ from bayestissue.hierarchy.gaussian.impacts import (
     cell_sums,
     parameters_first,
 )
+from bayestissue.likelihood.small import stacked
 
 
 @pytest.fixture(scope="module")

@@ -14,6 +14,11 @@ MATRICES = ROOTS @ ROOTS.swapaxes(1, 2) + 0.1 * np.eye(4)
 RIGHT = RNG.normal(size=(5, 4))
 
 
+def entries(matrices: jax.Array | np.ndarray) -> jax.Array:
+    """With the axes of rows and columns first."""
+    return jnp.moveaxis(jnp.asarray(matrices), (-2, -1), (0, 1))
+
+
 def whole(factor: list[list[jax.Array]]) -> np.ndarray:
     full = np.zeros_like(MATRICES)
     for i, row in enumerate(factor):
@@ -23,7 +28,7 @@ def whole(factor: list[list[jax.Array]]) -> np.ndarray:
 
 
 def test_the_factor_is_that_of_the_library() -> None:
-    factor = small.cholesky(small.entries(jnp.asarray(MATRICES)))
+    factor = small.cholesky(entries(MATRICES))
     assert [len(row) for row in factor] == [1, 2, 3, 4]
     # A few dozen roundings of numbers of the order of the matrix, over a condition number below 1000.
     assert_allclose(whole(factor), np.linalg.cholesky(MATRICES), atol=1e-12)
@@ -32,9 +37,9 @@ def test_the_factor_is_that_of_the_library() -> None:
 
 
 def test_both_solutions_are_those_of_the_library() -> None:
-    factor = small.cholesky(small.entries(jnp.asarray(MATRICES)))
+    factor = small.cholesky(entries(MATRICES))
     right = [jnp.asarray(RIGHT[:, a]) for a in range(4)]
-    for solve, transposed in ((small.forward_solve, 0), (small.backward_solve, 1)):
+    for solve, transposed in ((small.solve_lower, 0), (small.solve_upper, 1)):
         for i, full in enumerate(whole(factor)):
             direct = solve_triangular(full, RIGHT[i], lower=True, trans=transposed)
             assert_allclose(np.stack(solve(factor, right), axis=1)[i], direct, rtol=1e-10, atol=1e-12)
@@ -42,13 +47,13 @@ def test_both_solutions_are_those_of_the_library() -> None:
 
 def test_times_is_a_product_of_matrix_and_vector() -> None:
     vector = [jnp.asarray(RIGHT[:, a]) for a in range(4)]
-    made = np.stack(small.times(small.entries(jnp.asarray(MATRICES)), vector), axis=1)
+    made = np.stack(small.times(entries(MATRICES), vector), axis=1)
     assert_allclose(made, np.einsum("iab,ib->ia", MATRICES, RIGHT), rtol=1e-13, atol=1e-13)
 
 
 def test_slopes_of_the_determinant_are_the_inverse() -> None:
     def half_log_determinant(matrix: jax.Array) -> jax.Array:
-        return small.log_diagonal(small.cholesky(small.entries(matrix)))
+        return small.log_diagonal(small.cholesky(entries(matrix)))
 
     slope = jax.grad(half_log_determinant)(jnp.asarray(MATRICES[0]))
     # Only the lower triangle is read: off the diagonal it carries both halves of the slope.

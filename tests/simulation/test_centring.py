@@ -7,7 +7,7 @@ from bayestissue.simulation.centring import MASSES_KG, centring_table
 
 
 def test_centring_on_the_sample_mean_makes_a_mass_dependence_of_one_tissue():
-    table = centring_table(K=3000.0, C=25.0)
+    table = centring_table()
     assert tuple(table["mass_kg"]) == MASSES_KG
     # About the rest position: the truth, to the 0.1 % that noise-free traces promise.
     np.testing.assert_allclose(table["K_rest"], 3000, rtol=1e-3)

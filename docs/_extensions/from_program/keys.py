@@ -24,8 +24,7 @@ from from_program.markdown import code, escaped, table
 
 # Tables that are written on one line, and described once.
 _DISTRIBUTIONS = (priors.Normal, priors.HalfNormal, priors.HalfStudentT, priors.Correlation)
-_PAIRS = (priors.PairOfLocations, priors.PairOfScales)
-_IN_ONE_LINE = (*_DISTRIBUTIONS, *_PAIRS, Range)
+_IN_ONE_LINE = (*_DISTRIBUTIONS, priors.Pair, Range)
 _UNITS = {
     "_N_s_per_m": "N s/m",
     "_N_per_m": "N/m",
@@ -175,7 +174,7 @@ def _shown(value: Any) -> str:
         return ""
     if isinstance(value, _DISTRIBUTIONS):
         return value.words()
-    if isinstance(value, _PAIRS):
+    if isinstance(value, priors.Pair):
         return "; ".join(f"{name}: {each.words()}" for name, each in value)
     if isinstance(value, BaseModel):
         return ""
@@ -233,7 +232,7 @@ def _of_table(annotation: type[BaseModel]) -> str:
         return "a range"
     if issubclass(annotation, _DISTRIBUTIONS):
         return code(annotation.__doc__.split('"')[1])
-    return "`K` and `C`, a distribution each" if issubclass(annotation, _PAIRS) else "a table"
+    return "`K` and `C`, a distribution each" if issubclass(annotation, priors.Pair) else "a table"
 
 
 def _after(text: str) -> str:

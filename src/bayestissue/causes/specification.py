@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -11,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from bayestissue.errors import InputError, Problem
 from bayestissue.settings import checked, parse_toml, read_text
 
+_of_causes = partial(Problem, column="causes", code="option-value")
 Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]+$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -174,15 +176,7 @@ def chosen(specification: CausesSpecification, names: tuple[str, ...], file: str
     if unknown:
         known = ", ".join(specification.causes)
         raise InputError(
-            Problem(
-                file,
-                f"one of {known}",
-                "Name causes of the file.",
-                column="causes",
-                value=name,
-                code="option-value",
-            )
-            for name in unknown
+            _of_causes(file, f"one of {known}", "Name causes of the file.", value=name) for name in unknown
         )
     kept = {name: specification.causes[name] for name in names}
     return specification.model_copy(update={"causes": kept})
@@ -192,13 +186,4 @@ def require_several(specification: CausesSpecification, file: str) -> None:
     """Raise an `InputError` where fewer than two causes are left to compare."""
     if len(specification.causes) < 2:
         named = ", ".join(specification.causes) or "none"
-        raise InputError(
-            Problem(
-                file,
-                "at least two causes to compare",
-                "Name one more.",
-                column="causes",
-                value=named,
-                code="option-value",
-            )
-        )
+        raise InputError(_of_causes(file, "at least two causes to compare", "Name one more.", value=named))

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bayestissue import results, runtime
 
@@ -20,7 +19,6 @@ def answer(
     run: Path,
     of: Callable[[Run], pd.DataFrame],
     show: Callable[[pd.DataFrame], None],
-    page: Callable[[pd.DataFrame, dict[str, Any]], str],
     *,
     command: str,
     name: str,
@@ -36,9 +34,9 @@ def answer(
         run: the run's folder.
         of: makes the table.
         show: prints it.
-        page: makes a page of it and of the content of ``run.json``.
         command: what the folder says wrote it.
-        name: of the table: that of its file, and its key in JSON.
+        name: of the table: that of its file, of its page in `bayestissue.report.answers_page`, and its key in
+            JSON.
         inputs: files and folders that are read and must not be overwritten.
         out: where to write; nowhere unless given.
         overwrite: whether an older result there may be replaced.
@@ -48,10 +46,7 @@ def answer(
     Raises:
         InputError: ``run`` is no finished fit, ``of`` finds something wrong, or ``out`` is not free.
     """
-    claimed: AbstractContextManager[results.Place | None] = nullcontext()
-    if out is not None:
-        claimed = results.claim(out, overwrite=overwrite, command=command, inputs=inputs)
-    with claimed as place:
+    with results.claim_if(out, overwrite=overwrite, command=command, inputs=inputs) as place:
         runtime.configure()
         from bayestissue.commands.console import echo
         from bayestissue.finished import read_run
@@ -60,8 +55,11 @@ def answer(
         table = of(finished)
         if place is not None:
             with place.folder() as folder:
+                from bayestissue.report import answers_page
+
                 table.to_csv(folder / f"{name}.csv", index=False)
-                (folder / "report.html").write_text(page(table, finished.about), encoding="utf-8")
+                page = getattr(answers_page, f"{name}_page")(table, finished.about)
+                (folder / "report.html").write_text(page, encoding="utf-8")
         if as_json:
             echo(json.dumps({name: json.loads(table.to_json(orient="records"))}, ensure_ascii=False))
         elif not quiet:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from bayestissue.commands.answers import answer
 
@@ -27,7 +27,6 @@ def run(
         run,
         lambda finished: finished.ask(*questions),
         print_answers,
-        _page,
         command="ask",
         name="questions",
         inputs=(run,),
@@ -36,12 +35,6 @@ def run(
         quiet=quiet,
         as_json=as_json,
     )
-
-
-def _page(table: pd.DataFrame, about: dict[str, Any]) -> str:
-    from bayestissue.report.answers_page import questions_page
-
-    return questions_page(table, about)
 
 
 def print_answers(table: pd.DataFrame) -> None:

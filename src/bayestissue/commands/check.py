@@ -17,7 +17,7 @@ from bayestissue.errors import Problem
 from bayestissue.remedies import codes_in
 from bayestissue.report.check_page import kinds
 from bayestissue.report.writing import after_results
-from bayestissue.results import Place, claim, whole_file
+from bayestissue.results import Place, claim_if, whole_file
 
 _NAMED = 10
 
@@ -33,23 +33,16 @@ def run(
     Raises:
         InputError: something is wrong with the dataset, or ``out`` is not free.
     """
-    if out is None:
-        _check(dataset, None, skip_bad=skip_bad, quiet=quiet, as_json=as_json)
-        return
-    with claim(out, overwrite=overwrite, command="check", inputs=(dataset,)) as place:
-        _check(dataset, place, skip_bad=skip_bad, quiet=quiet, as_json=as_json)
-
-
-def _check(dataset: Path, place: Place | None, *, skip_bad: bool, quiet: bool, as_json: bool) -> None:
-    found = check(read_dataset(dataset, skip_bad=skip_bad))
-    if place is not None:
-        _write(place, found)
-    if as_json:
-        echo(json.dumps(_plain(found), default=str, ensure_ascii=False))
-    elif not quiet:
-        _print(found)
-    if place is not None and not quiet and not as_json:
-        echo(f"wrote {place.path / 'check.html'}")
+    with claim_if(out, overwrite=overwrite, command="check", inputs=(dataset,)) as place:
+        found = check(read_dataset(dataset, skip_bad=skip_bad))
+        if place is not None:
+            _write(place, found)
+        if as_json:
+            echo(json.dumps(_plain(found), default=str, ensure_ascii=False))
+        elif not quiet:
+            _print(found)
+            if place is not None:
+                echo(f"wrote {place.path / 'check.html'}")
 
 
 def _plain(found: Check) -> dict[str, Any]:

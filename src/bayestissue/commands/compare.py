@@ -5,26 +5,27 @@ from __future__ import annotations
 import json
 import time
 from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from bayestissue import results, runtime
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, all_of
 
 if TYPE_CHECKING:
     import pandas as pd
-    import xarray as xr
 
     from bayestissue.inference.comparing.finished import FinishedRun
 
 _AGAIN = "Give folders of finished runs of `bayestissue fit`."
-_GROUPS = {
+_GROUPS: dict[str, tuple[str, ...]] = {
     "posterior": (),
     "log_likelihood": ("trace",),
     "log_likelihood_of_groups": ("traces_of_subject", "traces_of_trial"),
     "observed_data": ("displacement", "deceleration"),
     "constant_data": ("impact_subject",),
 }
+_unfit = partial(Problem, code="runs-to-compare")
 _OF_IMPACTS = ("K", "C", "K_secant", "C_equivalent")
 
 
@@ -39,60 +40,45 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     _require_distinct(runs)
-    if out is None:
-        _compare(runs, None, started, clock, quiet=quiet, as_json=as_json)
-        return
-    with results.claim(out, overwrite=overwrite, command="compare", inputs=runs) as place:
-        _compare(runs, place, started, clock, quiet=quiet, as_json=as_json)
+    with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as place:
+        runtime.configure()
+        from bayestissue.commands.compared import print_comparison
+        from bayestissue.commands.console import echo
+        from bayestissue.inference.comparing.implied import implied
+        from bayestissue.inference.comparing.runs import compare_runs, side_by_side
+        from bayestissue.report import draw_page
 
-
-def _compare(
-    runs: list[Path],
-    place: results.Place | None,
-    started: datetime,
-    clock: float,
-    *,
-    quiet: bool,
-    as_json: bool,
-) -> None:
-    runtime.configure()
-    from bayestissue.commands.compared import print_comparison
-    from bayestissue.commands.console import echo
-    from bayestissue.inference.comparing.implied import implied
-    from bayestissue.inference.comparing.runs import compare_runs, side_by_side
-    from bayestissue.report import draw_page
-
-    abouts = _abouts(runs)
-    found = _finished(runs, abouts)
-    comparison, posteriors = compare_runs(found), side_by_side(found)
-    of_weights = implied(found, comparison)
-    if place is not None:
-        with place.folder() as folder:
-            comparison.to_csv(folder / "comparison.csv", index=False)
-            posteriors.to_csv(folder / "posteriors.csv", index=False)
-            of_weights.to_csv(folder / "implied.csv", index=False)
-            about = {
-                "program": "bayestissue",
-                "command": "compare",
-                "kind": "comparison",
-                "dataset": abouts[0].get("dataset", ""),
-                "versions": runtime.versions(),
-                "input_hash": abouts[0]["input_hash"],
-                "runs": [
-                    _told(run, path, about) for run, path, about in zip(found, runs, abouts, strict=True)
-                ],
-                "started": started.isoformat(timespec="seconds"),
-                "wall_time_s": round(time.perf_counter() - clock, 1),
-            }
-            results.write_json(about, folder / "run.json")
-        draw_page(place.path)
-    if as_json:
-        tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
-        echo(json.dumps(_plain(tables), ensure_ascii=False))
-    elif not quiet:
-        print_comparison(comparison, posteriors, of_weights)
+        abouts = _abouts(runs)
+        found = _finished(runs, abouts)
+        comparison, posteriors = compare_runs(found), side_by_side(found)
+        of_weights = implied(found, comparison)
         if place is not None:
-            echo(f"wrote {place.path / 'report.html'}")
+            with place.folder() as folder:
+                comparison.to_csv(folder / "comparison.csv", index=False)
+                posteriors.to_csv(folder / "posteriors.csv", index=False)
+                of_weights.to_csv(folder / "implied.csv", index=False)
+                about = {
+                    "program": "bayestissue",
+                    "command": "compare",
+                    "kind": "comparison",
+                    "dataset": abouts[0].get("dataset", ""),
+                    "versions": runtime.versions(),
+                    "input_hash": abouts[0]["input_hash"],
+                    "runs": [
+                        _told(run, path, about) for run, path, about in zip(found, runs, abouts, strict=True)
+                    ],
+                    "started": started.isoformat(timespec="seconds"),
+                    "wall_time_s": round(time.perf_counter() - clock, 1),
+                }
+                results.write_json(about, folder / "run.json")
+            draw_page(place.path)
+        if as_json:
+            tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
+            echo(json.dumps(_plain(tables), ensure_ascii=False))
+        elif not quiet:
+            print_comparison(comparison, posteriors, of_weights)
+            if place is not None:
+                echo(f"wrote {place.path / 'report.html'}")
 
 
 def _told(run: FinishedRun, path: Path, about: dict[str, Any]) -> dict[str, Any]:
@@ -107,98 +93,64 @@ def _told(run: FinishedRun, path: Path, about: dict[str, Any]) -> dict[str, Any]
 
 def _require_distinct(runs: list[Path]) -> None:
     if len(runs) < 2:
-        raise InputError(
-            Problem(
-                "compare",
-                "at least two folders",
-                _AGAIN,
-                value=", ".join(map(str, runs)) or "none",
-                code="runs-to-compare",
-            )
-        )
+        named = ", ".join(map(str, runs)) or "none"
+        raise InputError(_unfit("compare", "at least two folders", _AGAIN, value=named))
     seen: dict[Path, Path] = {}
     problems = []
     for path in runs:
         earlier = seen.setdefault(path.resolve(), path)
         if earlier is not path:
-            problems.append(
-                Problem(
-                    str(path),
-                    f"another run than {earlier}",
-                    "Name each run once.",
-                    value="the same run",
-                    code="runs-to-compare",
-                )
-            )
+            another = f"another run than {earlier}"
+            problems.append(_unfit(str(path), another, "Name each run once.", value="the same run"))
     if problems:
         raise InputError(problems)
 
 
 def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
     """What each run says of itself; all that is wrong is told at once."""
-    from bayestissue.report.run_folder import read_about, require_files
+    from bayestissue.report.run_folder import not_a_fit, read_about, require_files, wrong_in
 
-    abouts: list[dict[str, Any]] = []
-    problems: list[Problem] = []
-    for path in runs:
-        try:
-            about = read_about(path)
-            if about["kind"] != "fit":
-                raise InputError(
-                    Problem(
-                        str(path / "run.json"),
-                        '"fit"',
-                        _AGAIN,
-                        column="kind",
-                        value=about["kind"],
-                        code="not-a-fit",
-                    )
-                )
-            lacking = [key for key in ("input_hash", "model") if not about.get(key)]
-            if lacking:
-                raise InputError(
-                    Problem(
-                        str(path / "run.json"),
-                        "what every fit writes",
-                        _AGAIN,
-                        column=lacking[0],
-                        code="damaged-run",
-                    )
-                )
-            require_files(path, ["posterior.nc"])
-            abouts.append(about)
-        except InputError as error:
-            problems += error.problems
-    for path, about in zip(runs[1:], abouts[1:], strict=False) if not problems else ():
-        if about["input_hash"] != abouts[0]["input_hash"]:
-            problems.append(
-                Problem(
-                    str(path / "run.json"),
-                    f"{abouts[0]['input_hash'][:16]}… (dataset “{abouts[0].get('dataset')}”) as in {runs[0]}",
-                    "Compare runs of the same recordings; fit the one dataset again with each model.",
-                    column="input_hash",
-                    value=f"{about['input_hash'][:16]}… (dataset “{about.get('dataset')}”)",
-                    code="other-data",
-                )
-            )
-    if problems:
+    def read(path: Path) -> dict[str, Any]:
+        about = read_about(path)
+        if about["kind"] != "fit":
+            raise InputError(not_a_fit(path, about, _AGAIN))
+        if lacking := [key for key in ("input_hash", "model") if not about.get(key)]:
+            expected = "what every fit writes"
+            raise InputError(wrong_in(path / "run.json", expected, _AGAIN, column=lacking[0]))
+        require_files(path, ["posterior.nc"])
+        return about
+
+    first, *others = abouts = all_of(read, runs)
+    told = [f"{about['input_hash'][:16]}… (dataset “{about.get('dataset')}”)" for about in abouts]
+    if problems := [
+        Problem(
+            str(path / "run.json"),
+            f"{told[0]} as in {runs[0]}",
+            "Compare runs of the same recordings; fit the one dataset again with each model.",
+            column="input_hash",
+            value=own,
+            code="other-data",
+        )
+        for path, about, own in zip(runs[1:], others, told[1:], strict=True)
+        if about["input_hash"] != first["input_hash"]
+    ]:
         raise InputError(problems)
     return abouts
 
 
 def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRun]:
-    from bayestissue.inference.comparing.finished import FinishedRun
+    import xarray as xr
 
-    found: list[FinishedRun] = []
-    problems: list[Problem] = []
-    for name, path, about in zip(_names(runs), runs, abouts, strict=True):
-        try:
-            found.append(FinishedRun(name, about["model"], _read_tree(path / "posterior.nc")))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    return found
+    from bayestissue.inference.comparing.finished import FinishedRun
+    from bayestissue.report.run_folder import read_groups
+
+    def read(run: tuple[str, Path, dict[str, Any]]) -> FinishedRun:
+        name, path, about = run
+        remedy = "Fit again with this version."
+        groups = read_groups(path / "posterior.nc", _GROUPS, remedy, of_impacts=_OF_IMPACTS)
+        return FinishedRun(name, about["model"], xr.DataTree.from_dict(groups))
+
+    return all_of(read, zip(_names(runs), runs, abouts, strict=True))
 
 
 def _names(runs: list[Path]) -> list[str]:
@@ -209,40 +161,6 @@ def _names(runs: list[Path]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [str(path.resolve()) for path in runs]
-
-
-def _read_tree(path: Path) -> xr.DataTree:
-    """The groups that a comparison needs, most draws of single impacts left on disk."""
-    import xarray as xr
-
-    try:
-        with xr.open_datatree(path, engine="h5netcdf") as tree:
-            lacking = [
-                f"{group}/{name}"
-                for group, names in _GROUPS.items()
-                for name in names or ("",)
-                if group not in tree.children or (name and name not in tree[group].data_vars)
-            ]
-            if lacking:
-                raise InputError(
-                    Problem(
-                        str(path),
-                        f"the parts {', '.join(lacking)}",
-                        "Fit again with this version.",
-                        code="damaged-run",
-                    )
-                )
-            groups = {group: tree[group].to_dataset() for group in _GROUPS}
-            posterior = groups["posterior"]
-            single = [name for name in posterior.data_vars if "impact" in posterior[name].dims]
-            groups["posterior"] = posterior.drop_vars(set(single) - set(_OF_IMPACTS))
-            return xr.DataTree.from_dict({name: data.load() for name, data in groups.items()})
-    except (OSError, KeyError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(
-            Problem(str(path), "a DataTree as a fit writes it", _AGAIN, value=str(error), code="damaged-run")
-        ) from error
 
 
 def _plain(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:

@@ -52,6 +52,7 @@ def run(
         from bayestissue.inference.single.estimates import estimate, method_for
         from bayestissue.report.writing import draw_page
         from bayestissue.signal import alternatives, read_signal_options
+        from bayestissue.simulation.centring import centring_table
 
         file = None if model is None else model_file(model, lambda content: "signal" in content)
         options = (
@@ -63,13 +64,13 @@ def run(
         with on_cluster(scheduler):
             table = estimate(data, method=method, options=options)
             varied = _varied(data, method, choices) if choices else None
-        centring = _centring() if method == "dds" else None
         with place.folder() as staging:
             table.to_csv(staging / "estimates.csv", index=False)
             if varied is not None:
                 varied.to_csv(staging / "vary.csv", index=False)
-            if centring is not None:
-                centring.to_csv(staging / "centring.csv", index=False)
+            if method == "dds":
+                # What this fit makes of one tissue under several masses, so that readers can judge their own.
+                centring_table().to_csv(staging / "centring.csv", index=False)
             if data.left_out:
                 _left_out(data).to_csv(staging / "left_out.csv", index=False)
             about = _about(data, method, options, file, started, perf_counter() - clock)
@@ -79,13 +80,6 @@ def run(
             echo(table.to_json(orient="records", force_ascii=False))
         elif not quiet:
             _print(data, table, varied, place.path)
-
-
-def _centring() -> pd.DataFrame:
-    """What this fit makes of one tissue under several masses, so that its readers can judge their own."""
-    from bayestissue.simulation.centring import centring_table
-
-    return centring_table()
 
 
 def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOptions, ...]]) -> pd.DataFrame:

@@ -22,7 +22,6 @@ def run(run: Path, *, at: Path, out: Path | None, overwrite: bool, quiet: bool, 
         run,
         lambda finished: finished.predict(at),
         _print,
-        _page,
         command="predict",
         name="predictions",
         inputs=(run, at),
@@ -31,12 +30,6 @@ def run(run: Path, *, at: Path, out: Path | None, overwrite: bool, quiet: bool, 
         quiet=quiet,
         as_json=as_json,
     )
-
-
-def _page(table: pd.DataFrame, about: dict[str, Any]) -> str:
-    from bayestissue.report.answers_page import predictions_page
-
-    return predictions_page(table, about)
 
 
 def _print(table: pd.DataFrame) -> None:

@@ -24,7 +24,7 @@ from bayestissue.dataset.samples import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Settings, SignalSettings, parse_settings
 from bayestissue.dataset.tables import Labels, Numbers
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, all_of
 
 # What messages call the tables; the checks count rows as a spreadsheet does, a caller's from 0.
 _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
@@ -215,15 +215,7 @@ def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Sample
 
 
 def _joined(named: list[tuple[str, Any]], columns: tuple[str, str]) -> _Samples:
-    problems: list[Problem] = []
-    pairs: list[tuple[Numbers, Numbers]] = []
-    for name, trace in named:
-        try:
-            pairs.append(_pair(trace, name, columns))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+    pairs = all_of(lambda each: _pair(each[1], each[0], columns), named)
     count = [len(times.array) for times, _ in pairs]
     labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
     rows = np.concatenate([np.empty(0, int), *(np.arange(number) for number in count)]) + _FIRST_ROW

@@ -11,7 +11,7 @@ import pandas as pd
 from jaxtyping import Float64
 
 from bayestissue.errors import Problem
-from bayestissue.outline import Rows, as_html, as_text, counted, short, span
+from bayestissue.outline import Outlined, Rows, counted, short, span
 
 Quantity = Literal["deceleration", "acceleration", "displacement"]
 
@@ -85,8 +85,8 @@ class Recorder:
         return f"{self.kind}, order {self.order}, {self.low_pass_hz:g} Hz{both}"
 
 
-@dataclass(frozen=True, eq=False)
-class Dataset:
+@dataclass(frozen=True, eq=False, repr=False)
+class Dataset(Outlined):
     """A checked dataset.
 
     Attributes:
@@ -138,12 +138,6 @@ class Dataset:
         from bayestissue.dataset.write import write_whole
 
         return write_whole(self, Path(path), overwrite=overwrite)
-
-    def __repr__(self) -> str:
-        return as_text(*self._outline())
-
-    def _repr_html_(self) -> str:
-        return as_html(*self._outline())
 
     def _outline(self) -> tuple[str, Rows]:
         people, trials = (self.impacts[name].nunique() for name in ("subject", "trial"))

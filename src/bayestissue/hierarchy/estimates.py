@@ -11,7 +11,7 @@ coordinates made for sampling, and `marginal_model` that of the hyperparameters 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -25,7 +25,7 @@ from jax import Array
 from jaxtyping import Bool, Float
 
 from bayestissue.hierarchy.design import Design
-from bayestissue.hierarchy.effects import RESPONSES, cholesky_factor
+from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import (
@@ -39,13 +39,9 @@ from bayestissue.hierarchy.priors import Priors
 from bayestissue.hierarchy.published import PublishedObservations
 from bayestissue.hierarchy.traces import Hyperparameters, sample_hyperparameters, sample_warped
 from bayestissue.hierarchy.warp import SinhArcsinh
-from bayestissue.likelihood.averages import (
-    AveragesOfLognormals,
-    PairCovariance,
-    moments_of_people,
-    pair_covariance,
-    pair_log_density,
-)
+from bayestissue.likelihood import small
+from bayestissue.likelihood.averages import AveragesOfLognormals, moments_of_people, pair_covariance
+from bayestissue.padding import adds_nothing
 
 
 @partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["locations", "priors", "correlated"])
@@ -58,6 +54,7 @@ class EstimatesModel(Hyperparameters):
     correlated: bool
 
 
+@adds_nothing
 class EstimatesData(NamedTuple):
     """What the model reads, all of it arrays. A row is the mean of a lost table, or an estimate.
 
@@ -131,35 +128,27 @@ def without(data: EstimatesData, rows: Bool[np.ndarray, " impact"]) -> Estimates
 class Rows(NamedTuple):
     """Each row's density as a function of its v = X b: a constant and a normal of (centre - v)."""
 
-    centre: Float[Array, "impact 2"]
-    covariance: PairCovariance
+    centre: Float[Array, "2 impact"]
+    covariance: Float[Array, "2 2 impact"]
     constant: Float[Array, " impact"]
 
-    def log_density(self, about: Float[Array, "impact 2"]) -> Float[Array, " impact"]:
+    def log_density(self, about: Float[Array, "2 impact"]) -> Float[Array, " impact"]:
         """At v = ``about``."""
-        return self.constant + pair_log_density(self.centre - about, self.covariance)
+        return self.constant + small.normal_log_density(self.centre - about, self.covariance)
 
 
-def _impact_factor(sites: Mapping[str, Array]) -> Float[Array, "2 2"]:
-    sd_K, sd_C = sites["sd_impact_K"], sites["sd_impact_C"]
-    return cholesky_factor(sd_K, sd_C, sites.get("residual_correlation", jnp.zeros_like(sd_K)))
-
-
-def _rows(data: EstimatesData, sites: Mapping[str, Array], scatter: Float[Array, "table 2"]) -> Rows:
+def _rows(data: EstimatesData, covariances: Covariances, scatter: Float[Array, "table 2"]) -> Rows:
     """The estimates, and the lost tables with their people's expectations ``scatter`` apart."""
-    factor, tables = _impact_factor(sites), len(data.roots)
-    impacts = PairCovariance(factor[0, 0] ** 2, factor[0, 0] * factor[1, 0], (factor[1] ** 2).sum())
-    estimates = len(data.value) - tables
+    tables, estimates, own = len(data.roots), len(data.value) - len(data.roots), covariances.of_pair
+    factor = jnp.broadcast_to(jnp.linalg.cholesky(own), (tables, 2, 2))
     offset, sd, correlation = moments_of_people(
-        jnp.zeros((tables, 2)), scatter, jnp.broadcast_to(factor, (tables, 2, 2)), data.people[0].shape[1]
+        jnp.zeros((tables, 2)), scatter, factor, data.people[0].shape[1]
     )
-    means = pair_covariance(sd[:, :2], correlation[:, 0])
-    roots = pair_log_density(data.roots - offset[:, 2:], pair_covariance(sd[:, 2:], correlation[:, 1]))
-    covariance = jax.tree.map(
-        lambda own, table: jnp.concatenate([table, jnp.broadcast_to(own, (estimates,))]), impacts, means
-    )
-    away = jnp.concatenate([offset[:, :2], jnp.zeros((estimates, 2))])
-    return Rows(data.value - away, covariance, jnp.concatenate([roots, jnp.zeros(estimates)]))
+    means, roots = (pair_covariance(*sd[:, a : a + 2].T, correlation[:, a // 2]) for a in (0, 2))
+    constant = small.normal_log_density((data.roots - offset[:, 2:]).T, roots)
+    covariance = jnp.concatenate([means, jnp.broadcast_to(own[..., None], (2, 2, estimates))], axis=-1)
+    centre = jnp.asarray(data.value).T.at[:, :tables].add(-offset[:, :2].T)
+    return Rows(centre, covariance, jnp.append(constant, jnp.zeros(estimates)))
 
 
 def population(model: EstimatesModel, sites: dict[str, Array]) -> Covariances:
@@ -170,16 +159,17 @@ def population(model: EstimatesModel, sites: dict[str, Array]) -> Covariances:
 def _sums(data: EstimatesData, rows: Rows) -> CellSums:
     """What the rows that are kept say of X b, as a constant, a slope and a curvature at b's prior mean."""
     about = expected(data.design, data.location_mean)
-    precision = jax.tree.map(lambda entry: data.kept * entry, rows.covariance.inverse())
-    pull, constant = precision.times(rows.centre.T - about), data.kept * rows.log_density(about.T)
-    weight = jnp.array([[precision.KK, precision.KC], [precision.KC, precision.CC]])
+    weight = data.kept * small.stacked(small.inverse(rows.covariance))
+    pull = jnp.stack(small.times(weight, rows.centre - about))
+    constant = data.kept * rows.log_density(about)
     return CellSums(*(data.design.to_cells(values) for values in (weight, pull, constant)))
 
 
 def log_evidence(model: EstimatesModel, data: EstimatesData, sites: dict[str, Array]) -> Float[Array, ""]:
     """Log density of all rows that are kept, b integrated out and a site in each lost table's place."""
-    sums = _sums(data, _rows(data, sites, data.scatter))
-    return log_density_of_cells(data.design, population(model, sites), sums)
+    covariances = population(model, sites)
+    sums = _sums(data, _rows(data, covariances, data.scatter))
+    return log_density_of_cells(data.design, covariances, sums)
 
 
 def leave_one_out(
@@ -190,7 +180,8 @@ def leave_one_out(
     With residual e about the mean of X b given all rows, C its covariance there and S the row's own, the row
     given the others is normal about y - S (S - C)^-1 e with covariance S (S - C)^-1 S.
     """
-    rows, covariances = _rows(data, sites, data.scatter), population(model, sites)
+    covariances = population(model, sites)
+    rows = _rows(data, covariances, data.scatter)
 
     # By Fisher's identity the slopes are the moments of X b, less its prior mean.
     def density(sums: CellSums) -> Array:
@@ -198,17 +189,11 @@ def leave_one_out(
 
     slopes = jax.grad(density)(_sums(data, rows))
     moved, squares = slopes.pull[:, data.design.cell], -2 * slopes.weight[..., data.design.cell]
-    away = rows.centre.T - expected(data.design, data.location_mean) - moved
-    left_over = squares - moved[:, None] * moved
-    about = PairCovariance(left_over[0, 0], left_over[0, 1], left_over[1, 1])
+    away = rows.centre - expected(data.design, data.location_mean) - moved
     own = rows.covariance
-    left = PairCovariance(*(a - b for a, b in zip(own, about, strict=True))).inverse()
-    away = own.times(left.times(away))
-    first, second = (
-        own.times(left.times(jnp.stack(column))) for column in ((own.KK, own.KC), (own.KC, own.CC))
-    )
-    covariance = PairCovariance(first[0], first[1], second[1])
-    return rows.constant + pair_log_density(away.T, covariance)
+    turned = small.product(own, small.inverse(own - squares + moved[:, None] * moved))
+    covariance = small.product(turned, own)
+    return rows.constant + small.normal_log_density(small.times(turned, away), covariance)
 
 
 class EffectsDraw(NamedTuple):
@@ -240,15 +225,16 @@ def draw_effects(
         sites: the hyperparameters.
         standard: as many standard normals as b has elements.
     """
-    covariances, at_sites = population(model, sites), _rows(data, sites, data.scatter)
+    covariances = population(model, sites)
+    at_sites = _rows(data, covariances, data.scatter)
     sums = _sums(data, at_sites)
     found = integrate_effects(data.design, covariances, sums)
     log_density = sums.constant.sum() + found.log_density() - covariances.log_scale()
     b = effects_from_standard(data.design, found, data.location_mean, standard)
     people = _of_people(data, b)
     scatter = (people**2).sum(1) / (people.shape[1] - 1)
-    about = expected(data.design, b).T
-    rows = _rows(data, sites, scatter).log_density(about)
+    about = expected(data.design, b)
+    rows = _rows(data, covariances, scatter).log_density(about)
     log_ratio = data.kept @ (rows - at_sites.log_density(about))
     return EffectsDraw(b, scatter, log_density, log_ratio, rows)
 
@@ -277,10 +263,10 @@ def sampled_model(model: EstimatesModel, data: EstimatesData, warp: SinhArcsinh)
 def plain_model(model: EstimatesModel, data: EstimatesData) -> None:
     """The model from the top down: hyperparameters, b, every estimate, the lost tables' averages."""
     sites = sample_hyperparameters(model)
-    sd = population(model, sites).locations
-    b = numpyro.sample("locations", dist.Normal(data.location_mean, sd).to_event(1))
+    covariances = population(model, sites)
+    b = numpyro.sample("locations", dist.Normal(data.location_mean, covariances.locations).to_event(1))
     about = expected(data.design, b).T
-    tables, factor = len(data.roots), _impact_factor(sites)
+    tables, factor = len(data.roots), jnp.linalg.cholesky(covariances.of_pair)
     with numpyro.plate("averaged_trial", tables):
         lost = AveragesOfLognormals(about[:tables, None] + _of_people(data, b), factor)
         events = jnp.concatenate([data.value[:tables], data.roots], axis=-1)

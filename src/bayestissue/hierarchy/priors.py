@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -14,113 +14,85 @@ Positive = Annotated[float, Field(gt=0)]
 
 class _Prior(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
+    _words: ClassVar[str]
 
     def numpyro(self) -> Any:
         """The same distribution as a `numpyro.distributions.Distribution` of one number."""
-        raise NotImplementedError
+        import numpyro.distributions as dist
+
+        match self:
+            case Normal(mean=mean, sd=sd):
+                return dist.Normal(mean, sd)
+            case HalfNormal(scale=scale):
+                return dist.HalfNormal(scale)
+            case HalfStudentT(df=df, scale=scale):
+                return dist.FoldedDistribution(dist.StudentT(df, 0.0, scale))
+            case Correlation(concentration=concentration):
+                # For two variables LKJ is this beta distribution stretched over (−1, 1).
+                beta = dist.Beta(concentration, concentration)
+                stretch = dist.transforms.AffineTransform(-1.0, 2.0, domain=dist.constraints.unit_interval)
+                return dist.TransformedDistribution(beta, stretch)
 
     def words(self) -> str:
         """The distribution in words, for the report."""
-        raise NotImplementedError
+        return self._words.format(**self.model_dump())
 
 
 class Normal(_Prior):
     """``{ distribution = "normal", mean = 0.5, sd = 1.0 }``: any real number."""
 
+    _words = "normal, mean {mean:g}, standard deviation {sd:g}"
     distribution: Literal["normal"]
     mean: float
     sd: Positive
-
-    def numpyro(self) -> Any:  # noqa: D102 - as declared above
-        import numpyro.distributions as dist
-
-        return dist.Normal(self.mean, self.sd)
-
-    def words(self) -> str:  # noqa: D102 - as declared above
-        return f"normal, mean {self.mean:g}, standard deviation {self.sd:g}"
 
 
 class HalfNormal(_Prior):
     """``{ distribution = "half-normal", scale = 0.5 }``: a number above zero."""
 
+    _words = "half-normal, scale {scale:g}"
     distribution: Literal["half-normal"]
     scale: Positive
-
-    def numpyro(self) -> Any:  # noqa: D102 - as declared above
-        import numpyro.distributions as dist
-
-        return dist.HalfNormal(self.scale)
-
-    def words(self) -> str:  # noqa: D102 - as declared above
-        return f"half-normal, scale {self.scale:g}"
 
 
 class HalfStudentT(_Prior):
     """``{ distribution = "half-student-t", df = 3, scale = 0.5 }``: above zero, with a long tail."""
 
+    _words = "half-Student-t, {df:g} degrees of freedom, scale {scale:g}"
     distribution: Literal["half-student-t"]
     df: Positive
     scale: Positive
-
-    def numpyro(self) -> Any:  # noqa: D102 - as declared above
-        import numpyro.distributions as dist
-
-        return dist.FoldedDistribution(dist.StudentT(self.df, 0.0, self.scale))
-
-    def words(self) -> str:  # noqa: D102 - as declared above
-        return f"half-Student-t, {self.df:g} degrees of freedom, scale {self.scale:g}"
 
 
 class Correlation(_Prior):
     """``{ distribution = "lkj", concentration = 2 }``: a correlation r, density ∝ (1 − r²)^(2 − 1)."""
 
+    _words = "LKJ, concentration {concentration:g}"
     distribution: Literal["lkj"]
     concentration: Positive
 
-    def numpyro(self) -> Any:  # noqa: D102 - as declared above
-        import numpyro.distributions as dist
 
-        # For two variables LKJ is this beta distribution stretched over (−1, 1).
-        beta = dist.Beta(self.concentration, self.concentration)
-        stretch = dist.transforms.AffineTransform(-1.0, 2.0, domain=dist.constraints.unit_interval)
-        return dist.TransformedDistribution(beta, stretch)
-
-    def words(self) -> str:  # noqa: D102 - as declared above
-        return f"LKJ, concentration {self.concentration:g}"
-
-
-Location = Normal
 Scale = Annotated[HalfNormal | HalfStudentT, Field(discriminator="distribution")]
 
 
-class PairOfLocations(BaseModel):
+class Pair[Prior](BaseModel):
     """One prior for log K and one for log C."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    K: Location
-    C: Location
+    K: Prior
+    C: Prior
 
 
-class PairOfScales(BaseModel):
-    """One prior for log K and one for log C."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-    K: Scale
-    C: Scale
-
-
-class Locations(PairOfLocations):
+class Responses[Prior](Pair[Prior]):
     """The same, and one for the log of each further parameter that has a formula of its own."""
 
     model_config = ConfigDict(extra="allow", frozen=True)
-    __pydantic_extra__: dict[str, Location] = Field(init=False)
+    __pydantic_extra__: dict[str, Prior] = Field(init=False)
 
 
-class Scales(PairOfScales):
-    """The same, and one for the log of each further parameter that has a formula of its own."""
-
-    model_config = ConfigDict(extra="allow", frozen=True)
-    __pydantic_extra__: dict[str, Scale] = Field(init=False)
+# Named in the module, where pickle looks for them.
+PairOfLocations, PairOfScales = Pair[Normal], Pair[Scale]
+Locations, Scales = Responses[Normal], Responses[Scale]
 
 
 def _normal(mean: float, sd: float) -> Normal:
@@ -138,7 +110,7 @@ class ElementPrior(BaseModel):
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
-    log: Location = Field(description="mean over impacts of the log of the parameter.")
+    log: Normal = Field(description="mean over impacts of the log of the parameter.")
     spread: Scale = Field(
         default=_half_normal(0.2), description="standard deviation of that log between impacts."
     )
@@ -217,7 +189,7 @@ class Priors(BaseModel):
         default=Correlation(distribution="lkj", concentration=2.0),
         description="correlation of the deviations of log K and log C of one impact.",
     )
-    noise: Location = Field(
+    noise: Normal = Field(
         default=_normal(-10.0, 5.0),
         description="mean over impacts of the log of the noise's standard deviation as a fraction of the "
         "trace's peak.",
@@ -225,7 +197,7 @@ class Priors(BaseModel):
     sd_noise: Scale = Field(
         default=_half_normal(1.0), description="standard deviation between impacts of the log noise."
     )
-    atanh_theta1: Location = Field(
+    atanh_theta1: Normal = Field(
         default=_normal(0.0, 1.5),
         description="mean over impacts of artanh theta1, the moving-average coefficient. Of the likelihood "
         "arma.",
@@ -233,7 +205,7 @@ class Priors(BaseModel):
     sd_atanh_theta1: Scale = Field(
         default=_half_normal(0.5), description="standard deviation between impacts of artanh theta1."
     )
-    atanh_noise_correlation: Location = Field(
+    atanh_noise_correlation: Normal = Field(
         default=_normal(0.0, 1.0),
         description="mean over impacts of artanh of the noise's correlation from sample to sample. Of "
         'noise = "autoregressive".',
@@ -241,7 +213,7 @@ class Priors(BaseModel):
     sd_atanh_noise_correlation: Scale = Field(
         default=_half_normal(0.3), description="standard deviation between impacts of that."
     )
-    discrepancy: Location = Field(
+    discrepancy: Normal = Field(
         default=_normal(-4.0, 2.0),
         description="mean over impacts of the log of the rms of the force beside the element's, as a "
         "fraction of the trace's peak.",
@@ -266,7 +238,7 @@ class Priors(BaseModel):
 
     def by_name(self) -> dict[str, _Prior]:
         """Of every top-level parameter, by its name: ``intercept_K``, ``sd_subject_side_C``, ``sd_noise``."""
-        pairs = {name: prior for name, prior in self if isinstance(prior, PairOfLocations | PairOfScales)}
+        pairs = {name: prior for name, prior in self if isinstance(prior, Pair)}
         pairs |= {f"sd_{term.stem}": pair for term, pair in self.of_terms().items()}
         found = {f"{stem}_{response}": prior for stem, pair in pairs.items() for response, prior in pair}
         for name, prior in self.element.items():

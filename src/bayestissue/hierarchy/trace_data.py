@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.model import Recorder
+from bayestissue.dataset.model import Dataset, Recorder
 from bayestissue.elements import element
 from bayestissue.elements.element import REFERENCE_DIAMETER_M
 from bayestissue.errors import InputError, Problem
@@ -25,43 +25,11 @@ from bayestissue.likelihood.element.discrepancy import modes
 from bayestissue.likelihood.element.recorder import LowPass
 from bayestissue.likelihood.element.response import ElementRecord
 from bayestissue.signal import Displacements, displacements
-from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES, RecordedImpacts
+from bayestissue.signal.displacement import BEFORE, FEWEST_SAMPLES
 from bayestissue.signal.filters import ahead_s, delay
 from bayestissue.signal.filters import modes as filter_modes
 
 KINDS: tuple[Kind, ...] = ("arma", "a2", "impact")
-
-
-class ChainUncertainty(Protocol):
-    """Standard deviations of the measuring chain: see `bayestissue.dataset.model.Uncertainty`."""
-
-    @property
-    def relative_mass_sd(self) -> float:
-        """Of the mass, as a fraction of it."""
-
-    @property
-    def velocity_sd_m_s(self) -> float:
-        """Of the velocity at contact, m/s."""
-
-    @property
-    def relative_gain_sd(self) -> float:
-        """Of the recorder's sensitivity, as a fraction of it."""
-
-    @property
-    def offset_sd(self) -> float:
-        """Of the recorder's zero, in SI units of what it records."""
-
-
-class MeasuredImpacts(RecordedImpacts, Protocol):
-    """Recorded impacts with the uncertainty of what recorded them: see `bayestissue.dataset.Dataset`."""
-
-    @property
-    def uncertainty(self) -> ChainUncertainty:
-        """Standard deviations of the measuring chain."""
-
-    @property
-    def recorder(self) -> Recorder | None:
-        """A known low-pass that the recordings went through."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +43,7 @@ class Prepared:
     impacts: pd.DataFrame
 
 
-def prepare(dataset: MeasuredImpacts, specification: ModelSpecification, *, source: str) -> Prepared:
+def prepare(dataset: Dataset, specification: ModelSpecification, *, source: str) -> Prepared:
     """Integrate the traces, evaluate the formulas and arrange everything for the model.
 
     Raises:
@@ -103,7 +71,7 @@ def prepare(dataset: MeasuredImpacts, specification: ModelSpecification, *, sour
     return assemble(dataset, specification, design, signal)
 
 
-def too_short(dataset: RecordedImpacts, signal: Displacements, source: str) -> list[Problem]:
+def too_short(dataset: Dataset, signal: Displacements, source: str) -> list[Problem]:
     """Impacts of too few samples for any fit, a problem each; ``source`` is the model file's name."""
     return [
         Problem(
@@ -120,7 +88,7 @@ def too_short(dataset: RecordedImpacts, signal: Displacements, source: str) -> l
 
 
 def assemble(
-    dataset: MeasuredImpacts, specification: ModelSpecification, design: Design, signal: Displacements
+    dataset: Dataset, specification: ModelSpecification, design: Design, signal: Displacements
 ) -> Prepared:
     """Model and data of a fit whose design and displacements are made."""
     kind: Kind = specification.likelihood  # type: ignore[assignment]
@@ -153,15 +121,13 @@ def assemble(
     return Prepared(model, data, design, signal, dataset.impacts)
 
 
-def with_discrepancy(
-    dataset: MeasuredImpacts, specification: ModelSpecification, prepared: Prepared
-) -> Prepared:
+def with_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
     """The same fit with a discrepancy beside the element."""
     wider = specification.model_copy(update={"discrepancy": "always"})
     return assemble(dataset, wider, prepared.design, prepared.signal)
 
 
-def unsuited(dataset: MeasuredImpacts, specification: ModelSpecification, source: str) -> list[Problem]:
+def unsuited(dataset: Dataset, specification: ModelSpecification, source: str) -> list[Problem]:
     """What the model asks for that these recordings can't give; ``source`` is the model file's name."""
     problems = []
     if specification.likelihood not in KINDS:
@@ -238,7 +204,7 @@ def _without_people(design: Design, source: str) -> list[Problem]:
 
 
 def _record(
-    dataset: MeasuredImpacts, specification: ModelSpecification, signal: Displacements
+    dataset: Dataset, specification: ModelSpecification, signal: Displacements
 ) -> tuple[Record, np.ndarray]:
     """The traces with the standard deviations of their linear errors, and each trace's peak."""
     chain, recorded = dataset.uncertainty, dataset.quantity == "displacement"
@@ -276,7 +242,7 @@ def common_depth(signal: Displacements) -> float:
 
 
 def _element_record(
-    dataset: MeasuredImpacts,
+    dataset: Dataset,
     specification: ModelSpecification,
     signal: Displacements,
     offset_sd: np.ndarray,

@@ -281,11 +281,9 @@ def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
         person = dist.Normal(0.0, model.log_mass_sd).expand([len(covariances.shared.effect_on_K)]).to_event(1)
         error = of_impacts(data.design, covariances, numpyro.sample("log_mass_error", person))
         about = about.at[:2].add(-error)
-    kk, kc, cc = covariances.own
-    own = jnp.stack([jnp.stack([kk, kc]), jnp.stack([kc, cc])])
     with numpyro.plate("impacts", data.log_mass.shape[0]):
         # Its check would be compiled in twenty pieces, even within a compiled function.
-        pair = dist.MultivariateNormal(about[:2].T, own, validate_args=False)
+        pair = dist.MultivariateNormal(about[:2].T, covariances.of_pair, validate_args=False)
         logs = numpyro.sample("log_K_and_C", pair)
         rest = [
             numpyro.sample(name, dist.Normal(mean, sd))

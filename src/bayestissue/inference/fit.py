@@ -14,7 +14,6 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
-from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.answers.contrasts import contrasts
@@ -40,12 +39,12 @@ from bayestissue.inference.posterior.scores import LikelihoodApproximation
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
 from bayestissue.inference.quantities.secant_population import of_secant
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
-from bayestissue.inference.results.labels import statistics_of_transitions
+from bayestissue.inference.results.labels import labelled_statistics
 from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose
-from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
+from bayestissue.inference.samplers.sampling import Draws
 
 Say = Callable[[str, int, int], None]
 
@@ -93,11 +92,12 @@ def fit_traces(
     settings = specification.sampler
     if settings.path == "exact":
         return _exactly(prepared, specification, seed, say, checkpoints, Route("exact"))
-    doubted = specification.may_add_discrepancy and not prepared.model.discrepancy
     expansions = expanded(prepared)
-    wrong = _plainly_wrong(prepared, expansions, seed) if doubted else None
-    if wrong is not None:
-        return wrong
+    if specification.may_add_discrepancy and not prepared.model.discrepancy:
+        rows = some_impacts(len(prepared.impacts))
+        wrong = misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
+        if wrong is not None:
+            return wrong
     first = approximate(prepared, expansions=expansions, say=done)
     approximation, draws, correction = corrected_draws(prepared, settings, seed, approximation=first, say=say)
     route = Route(settings.path, correction)
@@ -105,14 +105,6 @@ def fit_traces(
         return _exactly(prepared, specification, seed, say, checkpoints, route, approximation)
     likelihood = LikelihoodApproximation(approximation, correction.of_impacts)
     return label(prepared, specification, approximation, draws, seed, say, likelihood, route)
-
-
-def _plainly_wrong(prepared: Prepared, expansions: Sites, seed: int) -> dict[str, Any] | None:
-    """`misfit_precheck` of some impacts, or all."""
-    rows = some_impacts(len(prepared.impacts))
-    if len(rows) == len(prepared.impacts):
-        return misfit_precheck(prepared, expansions, seed)
-    return misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
 
 
 def _exactly(
@@ -156,25 +148,11 @@ def label(
     likelihood: LikelihoodApproximation,
     route: Route,
 ) -> TraceAnalysis:
-    """Everything that follows from the draws, which are in this approximation's coordinates."""
+    """Labels, tables, checks and scores of the draws, which are in this approximation's coordinates."""
     say("predicting", 0, 1)
     key = jax.random.PRNGKey(seed)
-    constrained = of_secant(
-        prepared, constrained_draws(prepared, approximation, draws, key, likelihood=likelihood)
-    )
-    return analyse(prepared, specification, constrained, draws, seed, say, route)
-
-
-def analyse(
-    prepared: Prepared,
-    specification: ModelSpecification,
-    constrained: ConstrainedDraws,
-    draws: Draws,
-    seed: int,
-    say: Say,
-    route: Route,
-) -> TraceAnalysis:
-    """Labels, tables, checks and scores of draws of everything."""
+    drawn = constrained_draws(prepared, approximation, draws, key, likelihood=likelihood)
+    constrained = of_secant(prepared, drawn)
     tree = posterior_tree(prepared, specification, draws, constrained, seed)
     posterior = tree["posterior"].dataset
     exponents = {
@@ -196,7 +174,7 @@ def analyse(
     summary = summary_table(posterior)
     # Functions of standard deviations that are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
-    diagnostics = diagnose(checked, statistics_of_transitions(draws), route.checks())
+    diagnostics = diagnose(checked, labelled_statistics(draws, of_transitions=True), route.checks())
     responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     return TraceAnalysis(
         tree,

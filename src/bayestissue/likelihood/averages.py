@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +12,8 @@ from jaxtyping import Array, Float
 from numpyro.distributions import constraints
 from numpyro.distributions.util import validate_sample
 
-LOG_2_PI = 1.8378770664093453
+from bayestissue.likelihood import small
+
 REPLICATES = 20_000
 SPREADS = np.geomspace(0.005, 3.0, 40)
 
@@ -72,9 +72,9 @@ class AveragesOfLognormals(dist.Distribution):
         """The synthetic normal density of the event."""
         mean, sd, correlation = average_moments(self.loc, self.scale_tril)
         # Two independent pairs (K, C) of correlated normals: the means of the logs, and the spreads.
-        means, roots = (pair_covariance(sd[..., a : a + 2], correlation[..., a // 2]) for a in (0, 2))
-        away = value - mean
-        return pair_log_density(away[..., :2], means) + pair_log_density(away[..., 2:], roots)
+        away, sd = jnp.moveaxis(value - mean, -1, 0), jnp.moveaxis(sd, -1, 0)
+        means, roots = (pair_covariance(*sd[a : a + 2], correlation[..., a // 2]) for a in (0, 2))
+        return small.normal_log_density(away[:2], means) + small.normal_log_density(away[2:], roots)
 
 
 def average_moments(
@@ -114,42 +114,12 @@ def moments_of_people(
     return moments, sd, jnp.broadcast_to(jnp.stack([r, r**2], axis=-1), (*sd.shape[:-1], 2))
 
 
-class PairCovariance(NamedTuple):
-    """The covariance [[KK, KC], [KC, CC]] of pairs."""
-
-    KK: Float[Array, "*batch"]
-    KC: Float[Array, "*batch"]
-    CC: Float[Array, "*batch"]
-
-    @property
-    def determinant(self) -> Float[Array, "*batch"]:
-        """KK CC - KC²."""
-        return self.KK * self.CC - self.KC**2
-
-    def inverse(self) -> PairCovariance:
-        """The precision."""
-        return PairCovariance(
-            self.CC / self.determinant, -self.KC / self.determinant, self.KK / self.determinant
-        )
-
-    def times(self, values: Float[Array, "2 *#batch"]) -> Float[Array, "2 *#batch"]:
-        """The matrix times a vector."""
-        return jnp.stack(
-            [self.KK * values[0] + self.KC * values[1], self.KC * values[0] + self.CC * values[1]]
-        )
-
-
-def pair_covariance(sd: Float[Array, "*batch 2"], correlation: Float[Array, "*batch"]) -> PairCovariance:
-    """Of two standard deviations and their correlation."""
-    return PairCovariance(sd[..., 0] ** 2, correlation * sd[..., 0] * sd[..., 1], sd[..., 1] ** 2)
-
-
-def pair_log_density(away: Float[Array, "*batch 2"], covariance: PairCovariance) -> Float[Array, "*batch"]:
-    """Log density of normal pairs, ``away`` from their mean."""
-    K, C = away[..., 0], away[..., 1]
-    precision = covariance.inverse()
-    square = precision.KK * K**2 + 2 * precision.KC * K * C + precision.CC * C**2
-    return -(square + jnp.log(covariance.determinant)) / 2 - LOG_2_PI
+def pair_covariance(
+    sd_K: Float[Array, "*batch"], sd_C: Float[Array, "*batch"], correlation: Float[Array, "*batch"]
+) -> Float[Array, "2 2 *batch"]:
+    """Covariance of pairs from their two standard deviations and their correlation."""
+    between = correlation * sd_K * sd_C
+    return small.stacked([[sd_K**2, between], [between, sd_C**2]])
 
 
 @cache

@@ -73,7 +73,7 @@ def marginal_log_likelihood(
         uniform: where the last error is uniform, with that standard deviation above 0; nowhere unless given.
     """
     factor, right, precision = _system(products, log_sigma, error_sd, uniform)
-    solved = small.forward_solve(factor, right)
+    solved = small.solve_lower(factor, right)
     explained = sum(value**2 for value in solved)
     scale = products.n_values * (LOG_2PI + 2 * log_sigma) + products.log_determinant
     found = -(scale + products.gram[0][0] * precision - explained) / 2 - small.log_diagonal(factor)
@@ -110,14 +110,14 @@ def draw_errors(
     """
     factor, right, _ = _system(products, log_sigma, error_sd, uniform)
     standard = jax.random.normal(key, error_sd.shape)
-    mean = small.forward_solve(factor, right)
+    mean = small.solve_lower(factor, right)
     whole = [value + standard[..., a] for a, value in enumerate(mean)]
     if uniform is not None:
         half, centre = factor[-1][-1], mean[-1]
         other = jax.random.fold_in(key, 1)
         within = jax.random.truncated_normal(other, -half - centre, half - centre, centre.shape)
         whole[-1] = jnp.where(uniform, centre + within, whole[-1])
-    return scales(error_sd, uniform) * jnp.stack(small.backward_solve(factor, whole), axis=-1)
+    return scales(error_sd, uniform) * jnp.stack(small.solve_upper(factor, whole), axis=-1)
 
 
 def prior_errors(

@@ -7,7 +7,7 @@ from typing import Any
 
 import pandas as pd
 
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError
 from bayestissue.remedies import codes_in
 from bayestissue.report.comparison_figures import MOST_PEOPLE, comparison_figure, side_by_side_figure
 from bayestissue.report.comparison_weights import (
@@ -16,12 +16,13 @@ from bayestissue.report.comparison_weights import (
     quantity,
     same_element,
     weighted_words,
+    what_is_left_out,
 )
 from bayestissue.report.page import render_page
 from bayestissue.report.remarks import best_explanations
-from bayestissue.report.run_folder import TableFile, read_tables, require_files
+from bayestissue.report.run_folder import TableFile, read_tables, require_files, wrong_in
 from bayestissue.report.settings import settings_table
-from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.tables import Field, Row, Table, columns, table_of
 from bayestissue.report.wording import interval, listed, number, significant
 
 _TABLES = (
@@ -61,9 +62,7 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
     if not isinstance(runs, list) or not all(
         isinstance(r, dict) and {"name", "model"} <= set(r) for r in runs
     ):
-        raise InputError(
-            Problem(str(folder / "run.json"), "the runs compared", _AGAIN, column="runs", code="damaged-run")
-        )
+        raise InputError(wrong_in(folder / "run.json", "the runs compared", _AGAIN, column="runs"))
     require_files(folder, [f"{layout.name}.csv" for layout in _TABLES])
     tables = read_tables(folder, _TABLES)
     comparison, posteriors, implied = (tables[name] for name in ("comparison", "posteriors", "implied"))
@@ -212,25 +211,20 @@ def reference_masses(runs: list[dict[str, Any]]) -> str:
 
 def comparison_table(comparison: pd.DataFrame) -> Table:
     """Every row of `comparison.csv`; what the page says of densities apart is not said again."""
-    numbers = ("elpd", "off the best", "effective parameters", "weight")
     warnings = comparison["warning"].str.replace(*_APART, regex=True)
-    rows = [
-        Row(
-            (
-                row["scheme"].removeprefix("leave one ").removesuffix(" out"),
-                row["model"],
-                row["data"],
-                _with_error(row["elpd"], row["se"]),
-                _with_error(row["elpd_difference"], row["se_difference"]),
-                _given(row["p_effective"], 1),
-                _given(row["weight"], 2),
-                warning,
-            )
-        )
-        for row, warning in zip(comparison.to_dict("records"), warnings, strict=True)
-    ]
-    titles = ("left out", "run", "density of", *numbers, "warning")
-    return Table(columns(*titles, number=numbers, words=("warning",)), rows)
+    return table_of(
+        comparison.assign(warning=warnings).to_dict("records"),
+        Field("left out", lambda row: what_is_left_out(row["scheme"])),
+        Field("run", lambda row: row["model"]),
+        Field("density of", lambda row: row["data"]),
+        Field("elpd", lambda row: _with_error(row["elpd"], row["se"]), "number"),
+        Field(
+            "off the best", lambda row: _with_error(row["elpd_difference"], row["se_difference"]), "number"
+        ),
+        Field("effective parameters", lambda row: _given(row["p_effective"], 1), "number"),
+        Field("weight", lambda row: _given(row["weight"], 2), "number"),
+        Field("warning", lambda row: row["warning"], "words"),
+    )
 
 
 def _with_error(value: float, error: float) -> str:
@@ -243,20 +237,14 @@ def _given(value: float, decimals: int) -> str:
 
 def posteriors_table(posteriors: pd.DataFrame) -> Table:
     """Every row of `posteriors.csv`."""
-    rows = [
-        Row(
-            (
-                quantity(row),
-                row["run"],
-                significant(row["median"]),
-                interval(row["eti90_low"], row["eti90_high"]),
-                "" if row["unit"] == "1" else row["unit"],
-            )
-        )
-        for row in posteriors.to_dict("records")
-    ]
-    titles = ("quantity", "run", "median", "90 % interval", "unit")
-    return Table(columns(*titles, number=("median", "90 % interval")), rows)
+    return table_of(
+        posteriors.to_dict("records"),
+        Field("quantity", quantity),
+        Field("run", lambda row: row["run"]),
+        Field("median", lambda row: significant(row["median"]), "number"),
+        Field("90 % interval", lambda row: interval(row["eti90_low"], row["eti90_high"]), "number"),
+        Field("unit", lambda row: "" if row["unit"] == "1" else row["unit"]),
+    )
 
 
 def differing_settings(runs: list[dict[str, Any]]) -> Table:

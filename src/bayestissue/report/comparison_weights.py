@@ -8,7 +8,7 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.inference.results.meanings import meaning, told
-from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.tables import Field, Table, table_of
 from bayestissue.report.wording import interval, listed, significant
 
 OF_IMPACTS = {"K": "K_secant_of_impacts", "C": "C_equivalent_of_impacts"}
@@ -24,6 +24,11 @@ def quantity(row: Mapping[Any, Any]) -> str:
     return told(row["variable"], row["of"], row["label"])
 
 
+def what_is_left_out(scheme: str) -> str:
+    """One of what a scheme leaves out, such as "subject"."""
+    return scheme.removeprefix("leave one ").removesuffix(" out")
+
+
 def weighted_words(implied: pd.DataFrame) -> list[str]:
     """K and C of the recorded impacts under the weights of each scheme, a sentence a kind of data."""
     sentences = []
@@ -37,7 +42,7 @@ def weighted_words(implied: pd.DataFrame) -> list[str]:
             if (row := by_name.get(name)) is not None
         ]
         several = f", densities of {data}" if many else ""
-        kind = str(scheme).removeprefix("leave one ").removesuffix(" out")
+        kind = what_is_left_out(str(scheme))
         if parts:
             sentences.append(
                 f"Of {meaning(OF_IMPACTS['K']).of}, weighted by how well each {kind} is predicted{several}: "
@@ -48,18 +53,12 @@ def weighted_words(implied: pd.DataFrame) -> list[str]:
 
 def implied_table(implied: pd.DataFrame) -> Table:
     """Every row of `implied.csv`."""
-    rows = [
-        Row(
-            (
-                quantity(row),
-                row["scheme"].removeprefix("leave one ").removesuffix(" out"),
-                row["data"],
-                significant(row["median"]),
-                interval(row["eti90_low"], row["eti90_high"]),
-                row["unit"],
-            )
-        )
-        for row in implied.to_dict("records")
-    ]
-    titles = ("quantity", "weights by", "density of", "median", "90 % interval", "unit")
-    return Table(columns(*titles, number=("median", "90 % interval")), rows)
+    return table_of(
+        implied.to_dict("records"),
+        Field("quantity", quantity),
+        Field("weights by", lambda row: what_is_left_out(row["scheme"])),
+        Field("density of", lambda row: row["data"]),
+        Field("median", lambda row: significant(row["median"]), "number"),
+        Field("90 % interval", lambda row: interval(row["eti90_low"], row["eti90_high"]), "number"),
+        Field("unit", lambda row: row["unit"]),
+    )

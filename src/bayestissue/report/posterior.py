@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
-import pandas as pd
 
+from bayestissue.report.run_folder import PosteriorRun
 from bayestissue.report.wording import (
     UNITS,
     decimals_of,
@@ -27,23 +27,6 @@ COMMON_DEPTH, OWN_DEPTH = "K_common_depth", "K_secant"
 FIXED, CONSTANT = "fixed stiffness", "constant natural frequency"
 # Above this a hypothesis is spoken of as what the data say; below one minus this, as what they rule out.
 SURE = 0.9
-
-
-class PosteriorRun(Protocol):
-    """A finished run with a posterior of K and C."""
-
-    @property
-    def hypotheses(self) -> pd.DataFrame:
-        """The table `hypotheses.csv`."""
-
-    def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
-        """All draws of ``variable``, [draw, ...]."""
-
-    def has(self, variable: str, group: str = "posterior") -> bool:
-        """Whether the model has ``variable``."""
-
-    def labels(self, dimension: str) -> list[str]:
-        """The labels along ``dimension``."""
 
 
 @dataclass(frozen=True)

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 from markupsafe import Markup
+from matplotlib.figure import Figure
 
 from bayestissue.inference.results.meanings import SECANTS
 from bayestissue.report.page import figure
 from bayestissue.report.posterior import PosteriorRun
 from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, new_figure, shown, style
 
+_MOST_ROWS = 60
 NAMES = {"K": "stiffness K", "C": "damping C"}
 
 
@@ -41,17 +46,43 @@ def exponent_figure(run: PosteriorRun, quantity: str) -> Markup:
         )
 
 
+def draw_intervals(
+    axes: Any,
+    height: np.ndarray,
+    drawn: np.ndarray,
+    colour: str = POSTERIOR,
+    mark: str = "o",
+    label: str = "",
+) -> None:
+    """Median, 50 % and 90 % interval of ``drawn`` [draw, row], each row at its ``height``."""
+    low, quarter, median, three_quarters, high = np.percentile(drawn, [5, 25, 50, 75, 95], axis=0)
+    axes.hlines(height, low, high, color=colour, lw=1.2)
+    axes.hlines(height, quarter, three_quarters, color=colour, lw=3.6)
+    axes.plot(median, height, mark, ms=5, mfc="white", color=colour, label=label)
+    axes.grid(visible=False, axis="y")
+
+
+def ranked(drawn: np.ndarray, names: Sequence[str], **labels: str) -> tuple[Figure, Any]:
+    """`draw_intervals` with the greatest on top; of more than 60 the 30 greatest and the 30 least."""
+    order = np.argsort(np.median(drawn, axis=0), kind="stable")
+    if order.size > _MOST_ROWS:
+        order = np.r_[order[: _MOST_ROWS // 2], order[-_MOST_ROWS // 2 :]]
+    height = np.arange(order.size)
+    fig, axes = new_figure((4.8, 0.8 + 0.24 * order.size))
+    draw_intervals(axes, height, drawn[:, order])
+    ticks = [shown(names[place]) for place in order]
+    axes.set(yticks=height, yticklabels=ticks, ylim=(-0.6, order.size - 0.4), **labels)
+    return fig, axes
+
+
 def effects_figure(run: PosteriorRun, quantity: str, level: str) -> Markup:
     """Each person's (``level`` "subject") or condition's ("trial") effect on K or C, in % of the typical."""
     effects = 100 * np.expm1(run.draws(f"{level}_effect_{quantity}"))
-    low, quarter, median, three_quarters, high = np.percentile(effects, [5, 25, 50, 75, 95], axis=0)
     labels, kind = run.labels(level), {"subject": "person", "trial": "condition"}[level]
     height = np.arange(len(labels))[::-1]
     with style():
         fig, axes = new_figure((4.8, 0.8 + 0.24 * len(labels)))
-        axes.hlines(height, low, high, color=POSTERIOR, lw=1.2)
-        axes.hlines(height, quarter, three_quarters, color=POSTERIOR, lw=3.6)
-        axes.plot(median, height, "o", ms=5, mfc="white", color=POSTERIOR)
+        draw_intervals(axes, height, effects)
         axes.axvline(0, color=REFERENCE, ls="--", lw=1)
         axes.set(
             xlabel=f"{quantity} off the typical {kind} (%)",
@@ -59,7 +90,6 @@ def effects_figure(run: PosteriorRun, quantity: str, level: str) -> Markup:
             yticklabels=[shown(each) for each in labels],
             ylabel=kind,
         )
-        axes.grid(visible=False, axis="y")
         return figure(
             fig,
             f"Effect of each {kind} on {NAMES[quantity]} in percent of the typical {kind}: "

@@ -9,29 +9,20 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.inference.results.meanings import SECANTS
-from bayestissue.report.tables import Row, Table, columns, lines, tag
+from bayestissue.report.tables import Field, Table, lines, table_of, tag
 from bayestissue.report.wording import decimals_of, interval, number, probability, significant
 
 
 def hypotheses_table(hypotheses: pd.DataFrame) -> Table:
     """`hypotheses.csv`: the posterior probability that a mass exponent counts as 0, as 1, or as neither."""
-    rows = [
-        Row(
-            (
-                SECANTS.get(line.quantity, line.quantity),
-                line.hypothesis,
-                "" if math.isnan(line.value) else f"{line.value:g}",
-                _region(line.rope_low, line.rope_high),
-                probability(line.probability),
-            )
-        )
-        for line in lines(hypotheses)
-    ]
-    titles = columns(
-        *("quantity", "hypothesis", "exponent", "counts as equal", "probability"),
-        number=("exponent", "counts as equal", "probability"),
+    return table_of(
+        lines(hypotheses),
+        Field("quantity", lambda line: SECANTS.get(line.quantity, line.quantity)),
+        Field("hypothesis", lambda line: line.hypothesis),
+        Field("exponent", lambda line: "" if math.isnan(line.value) else f"{line.value:g}", "number"),
+        Field("counts as equal", lambda line: _region(line.rope_low, line.rope_high), "number"),
+        Field("probability", lambda line: probability(line.probability), "number"),
     )
-    return Table(titles, rows)
 
 
 def _region(low: float, high: float) -> str:
@@ -41,65 +32,50 @@ def _region(low: float, high: float) -> str:
 
 def summary_table(summary: pd.DataFrame, variables: Collection[str]) -> Table:
     """The rows of `summary.csv` for ``variables``, without the impacts' own."""
-    chosen = summary[summary["variable"].isin(variables)]
-    return Table(_SUMMARY_COLUMNS, [_summary_row(line) for _, line in chosen.iterrows()])
 
+    def ends(line: Any, percent: int) -> str:
+        low, high = (getattr(line, f"eti{percent}_{end}") for end in ("low", "high"))
+        return interval(low, high, places(line))
 
-_SUMMARY_COLUMNS = columns(
-    *("variable", "label", "unit", "median", "50 %", "90 %", "effective draws", "R̂"),
-    number=("median", "50 %", "90 %", "effective draws", "R̂"),
-)
+    def places(line: Any) -> int:
+        return decimals_of(line.eti90_high - line.eti90_low)
 
-
-def _summary_row(line: pd.Series) -> Row:
-    places = decimals_of(line["eti90_high"] - line["eti90_low"])
-    return Row(
-        (
-            line["variable"],
-            line["label"],
-            line["unit"],
-            number(line["median"], places),
-            interval(line["eti50_low"], line["eti50_high"], places),
-            interval(line["eti90_low"], line["eti90_high"], places),
-            number(line["ess_bulk"], 0),
-            number(line["r_hat"], 3),
-        )
+    return table_of(
+        lines(summary[summary["variable"].isin(variables)]),
+        Field("variable", lambda line: line.variable),
+        Field("label", lambda line: line.label),
+        Field("unit", lambda line: line.unit),
+        Field("median", lambda line: number(line.median, places(line)), "number"),
+        Field("50 %", lambda line: ends(line, 50), "number"),
+        Field("90 %", lambda line: ends(line, 90), "number"),
+        Field("effective draws", lambda line: number(line.ess_bulk, 0), "number"),
+        Field("R̂", lambda line: number(line.r_hat, 3), "number"),
     )
 
 
 def sensitivity_table(sensitivity: pd.DataFrame) -> Table:
     """`sensitivity.csv`: how much each posterior moves when prior or likelihood is weighted up or down."""
-    rows = [
-        Row((line.variable, number(line.prior, 3), number(line.likelihood, 3), line.diagnosis))
-        for line in lines(sensitivity)
-    ]
-    return Table(
-        columns("variable", "prior", "likelihood", "diagnosis", number=("prior", "likelihood")), rows
+    return table_of(
+        lines(sensitivity),
+        Field("variable", lambda line: line.variable),
+        Field("prior", lambda line: number(line.prior, 3), "number"),
+        Field("likelihood", lambda line: number(line.likelihood, 3), "number"),
+        Field("diagnosis", lambda line: line.diagnosis),
     )
 
 
 def diagnostics_table(diagnostics: Mapping[str, Any]) -> Table:
     """Every check of the sampler: value, limit, verdict, meaning and next step."""
-    rows = [
-        Row(
-            (
-                check["name"],
-                _plain(check["value"]),
-                _plain(check["limit"]),
-                tag("yes", "passed") if check["passed"] else tag("no", "FAILED"),
-                check["meaning"],
-                check["next_step"] or "",
-            ),
-            "" if check["passed"] else "failed",
-        )
-        for check in diagnostics["checks"]
-    ]
-    titles = columns(
-        *("check", "value", "limit", "verdict", "what it means", "next step"),
-        number=("value", "limit"),
-        words=("what it means", "next step"),
+    return table_of(
+        diagnostics["checks"],
+        Field("check", lambda check: check["name"]),
+        Field("value", lambda check: _plain(check["value"]), "number"),
+        Field("limit", lambda check: _plain(check["limit"]), "number"),
+        Field("verdict", lambda check: tag("yes", "passed") if check["passed"] else tag("no", "FAILED")),
+        Field("what it means", lambda check: check["meaning"], "words"),
+        Field("next step", lambda check: check["next_step"] or "", "words"),
+        mark=lambda check: "" if check["passed"] else "failed",
     )
-    return Table(titles, rows)
 
 
 def _plain(value: object) -> str:

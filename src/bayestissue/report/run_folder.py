@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
+import xarray as xr
 
 from bayestissue.errors import InputError, Problem
+from bayestissue.remedies.codes import Code
 from bayestissue.results import damaged
 
-_AGAIN = (
+AGAIN = (
     "Give the folder of a finished run, or make it anew with `bayestissue fit` or `bayestissue reproduce`."
 )
 
@@ -28,6 +32,66 @@ class TableFile:
     further: tuple[str, ...] = ()
 
 
+_MIDDLE = ("median", "eti50_low", "eti50_high", "eti90_low", "eti90_high")
+# Of every run with a posterior.
+POSTERIOR_TABLES = (
+    TableFile(
+        "summary",
+        ("variable", "label", "unit"),
+        ("mean", "sd", *_MIDDLE, "ess_bulk", "ess_tail", "r_hat", "mcse_mean"),
+    ),
+    TableFile("hypotheses", ("quantity", "hypothesis"), ("value", "rope_low", "rope_high", "probability")),
+    TableFile("sensitivity", ("variable", "diagnosis"), ("prior", "likelihood")),
+)
+
+
+@dataclass(frozen=True)
+class PosteriorRun:
+    """What the files of a run with a posterior of K and C say.
+
+    ``groups`` holds the data sets of `posterior.nc` that the report shows; the tables keep their column
+    names, text as it was written and numbers as float64.
+    """
+
+    about: dict[str, Any]
+    diagnostics: dict[str, Any]
+    groups: dict[str, xr.Dataset]
+    summary: pd.DataFrame
+    hypotheses: pd.DataFrame
+    sensitivity: pd.DataFrame
+
+    def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
+        """All draws of ``variable``, [draw, ...]: chains one after the other."""
+        array = self.groups[group][variable]
+        array = array.transpose("chain", "kept_draw" if "kept_draw" in array.dims else "draw", ...)
+        return array.to_numpy().reshape(-1, *array.shape[2:])
+
+    def has(self, variable: str) -> bool:
+        """Whether the model has ``variable``; one without mass, say, has no mass exponent."""
+        return variable in self.groups["posterior"]
+
+    def labels(self, dimension: str) -> list[str]:
+        """The labels along ``dimension``."""
+        return [str(label) for label in self.groups["posterior"][dimension].to_numpy()]
+
+    def constant(self, name: str) -> np.ndarray:
+        """One of the numbers that the model was given, such as ``mass_kg`` [impact] or [trial]."""
+        return self.groups["constant_data"][name].to_numpy()
+
+
+def wrong_in(
+    path: Path, expected: str, remedy: str = AGAIN, *, code: Code = "damaged-run", **found: Any
+) -> Problem:
+    """What is wrong with a file of a run; ``found`` says where in it, and what stands there."""
+    return Problem(str(path), expected, remedy, code=code, **found)
+
+
+def not_a_fit(folder: Path, about: Mapping[str, Any], remedy: str) -> Problem:
+    """That a folder is of another kind of run than a fit."""
+    found = {"column": "kind", "value": about["kind"]}
+    return wrong_in(folder / "run.json", '"fit"', remedy, code="not-a-fit", **found)
+
+
 def read_about(folder: Path) -> dict[str, Any]:
     """The content of ``run.json``, which every finished run holds.
 
@@ -37,55 +101,27 @@ def read_about(folder: Path) -> dict[str, Any]:
     """
     path = folder / "run.json"
     if not path.is_file():
-        raise InputError(
-            Problem(
-                str(path),
-                expected="a file that every finished run holds",
-                remedy=_AGAIN,
-                value="no such file",
-                code="not-a-run",
-            )
-        )
+        expected = "a file that every finished run holds"
+        raise InputError(wrong_in(path, expected, value="no such file", code="not-a-run"))
     if problems := [
-        Problem(
-            str(folder / name),
-            expected=f"{size} bytes, as they were written",
-            remedy=_AGAIN,
-            value=f"{found} bytes",
-            code="damaged-run",
-        )
+        wrong_in(folder / name, f"{size} bytes, as they were written", value=f"{found} bytes")
         for name, (size, found) in damaged(folder).items()
     ]:
         raise InputError(problems)
     about = read_json(path)
     if not isinstance(about.get("kind"), str):
-        raise InputError(
-            Problem(
-                str(path),
-                expected='the key "kind"',
-                remedy=_AGAIN,
-                value=", ".join(about) or "no keys",
-                code="not-a-run",
-            )
-        )
+        keys = ", ".join(about) or "no keys"
+        raise InputError(wrong_in(path, 'the key "kind"', value=keys, code="not-a-run"))
     return about
 
 
 def require_files(folder: Path, names: list[str]) -> None:
     """Raise an `InputError` that names every one of ``names`` that ``folder`` lacks."""
-    problems = [
-        Problem(
-            str(folder / name),
-            expected="a file that a finished run holds",
-            remedy=_AGAIN,
-            value="no such file",
-            code="damaged-run",
+    if lacking := [name for name in names if not (folder / name).is_file()]:
+        raise InputError(
+            wrong_in(folder / name, "a file that a finished run holds", value="no such file")
+            for name in lacking
         )
-        for name in names
-        if not (folder / name).is_file()
-    ]
-    if problems:
-        raise InputError(problems)
 
 
 def read_json(path: Path) -> dict[str, Any]:
@@ -97,26 +133,66 @@ def read_json(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise InputError(
-            Problem(
-                str(path),
-                expected="JSON as a run writes it",
-                remedy=_AGAIN,
-                value=str(error),
-                code="damaged-run",
-            )
-        ) from error
+        raise InputError(wrong_in(path, "JSON as a run writes it", value=str(error))) from error
     if not isinstance(content, dict):
-        raise InputError(
-            Problem(
-                str(path),
-                expected="a JSON object",
-                remedy=_AGAIN,
-                value=type(content).__name__,
-                code="damaged-run",
-            )
-        )
+        raise InputError(wrong_in(path, "a JSON object", value=type(content).__name__))
     return content
+
+
+def open_tree(path: Path, needed: Mapping[str, Sequence[str]], remedy: str = AGAIN) -> xr.DataTree:
+    """The DataTree of a ``posterior.nc``, its draws left on disk.
+
+    Args:
+        path: of the file.
+        needed: variables by group, without which the file is of no use.
+        remedy: what to do if it is not such a file.
+
+    Raises:
+        InputError: it isn't such a file, or lacks some of them.
+    """
+    with _told_of(path, remedy):
+        tree = xr.open_datatree(path, engine="h5netcdf")
+        lacking = [
+            f"{name} in group {group}" if name else f"the group {group}"
+            for group, names in needed.items()
+            for name in names or ("",)
+            if group not in tree.children or (name and name not in tree[group].data_vars)
+        ]
+        if lacking:
+            tree.close()
+            raise InputError(wrong_in(path, each, remedy, value="none") for each in lacking)
+        return tree
+
+
+def read_groups(
+    path: Path,
+    needed: Mapping[str, Sequence[str]],
+    remedy: str = AGAIN,
+    *,
+    of_impacts: Collection[str] | None = None,
+) -> dict[str, xr.Dataset]:
+    """The groups ``needed`` of a ``posterior.nc``, in memory: see `open_tree`.
+
+    Of draws of single impacts, which are most of the file, those of ``of_impacts``; all unless it is given.
+    """
+    with _told_of(path, remedy), open_tree(path, needed, remedy) as tree:
+        groups = {group: tree[group].to_dataset() for group in needed}
+        if of_impacts is not None:
+            posterior = groups["posterior"]
+            single = {name for name in posterior.data_vars if "impact" in posterior[name].dims}
+            groups["posterior"] = posterior.drop_vars(single - set(of_impacts))
+        return {name: data.load() for name, data in groups.items()}
+
+
+@contextmanager
+def _told_of(path: Path, remedy: str) -> Iterator[None]:
+    """Whatever a file of draws can't be read for, as an `InputError`."""
+    try:
+        yield
+    except InputError:
+        raise
+    except (OSError, KeyError, ValueError) as error:
+        raise InputError(wrong_in(path, "a DataTree as a run writes it", remedy, value=str(error))) from error
 
 
 def read_tables(folder: Path, layouts: tuple[TableFile, ...]) -> Mapping[str, pd.DataFrame]:
@@ -136,35 +212,17 @@ def _read_table(path: Path, layout: TableFile, problems: list[Problem]) -> pd.Da
     try:
         table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        problems.append(
-            Problem(
-                str(path),
-                expected="a table as a run writes it",
-                remedy=_AGAIN,
-                value=type(error).__name__,
-                code="damaged-run",
-            )
-        )
+        problems.append(wrong_in(path, "a table as a run writes it", value=type(error).__name__))
         return pd.DataFrame()
     missing = [column for column in (*layout.text, *layout.numbers) if column not in table]
-    problems += [
-        Problem(str(path), row=1, column=column, expected="this column", remedy=_AGAIN, code="damaged-run")
-        for column in missing
-    ]
+    problems += [wrong_in(path, "this column", row=1, column=column) for column in missing]
     for column in (*layout.numbers, *layout.further):
         if column in table:
             values = pd.to_numeric(table[column], errors="coerce")
+            wrong = table[column][values.isna() & ~table[column].str.lower().isin(["", "nan"])]
             problems += [
-                Problem(
-                    str(path),
-                    row=int(index) + 2,
-                    column=column,
-                    value=table.loc[index, column],
-                    expected="a number or nothing",
-                    remedy=_AGAIN,
-                    code="damaged-run",
-                )
-                for index in table.index[values.isna() & ~table[column].str.lower().isin(["", "nan"])]
+                wrong_in(path, "a number or nothing", row=int(index) + 2, column=column, value=cell)
+                for index, cell in wrong.items()
             ]
             table[column] = values.astype("float64")
     return table

@@ -40,33 +40,23 @@ def sheets(
         time: label of the horizontal axes.
         value: label of the vertical axes; none unless given.
     """
+
+    def sheet(part: np.ndarray) -> Markup:
+        lines = -(-len(part) // columns)
+        with style():
+            fig, axes = new_figure((size[0], size[1] + 1.75 * lines), lines, columns, squeeze=False)
+            for ax, index in zip(axes.flat, part, strict=False):
+                panel(ax, int(index))
+                ax.set_title(shown(names[index]), fontsize=8)
+            for ax in axes.flat[len(part) :]:
+                ax.remove()
+            handles, labels = axes[0, 0].get_legend_handles_labels()
+            fig.legend(handles, labels, loc="outside upper right", ncols=4)
+            fig.supxlabel(time, fontsize=9)
+            if value:
+                fig.supylabel(value, fontsize=9)
+            listed = ", ".join(str(names[index]) for index in part)
+            return figure(fig, f"{alt} for the impacts {listed}.", raster=True)
+
     full = rows * columns
-    each = [which[at : at + full] for at in range(0, len(which), full)]
-    return [_sheet(names, part, panel, columns, size, alt, time, value) for part in each]
-
-
-def _sheet(
-    names: Sequence[str],
-    which: np.ndarray,
-    panel: Panel,
-    columns: int,
-    size: tuple[float, float],
-    alt: str,
-    time: str,
-    value: str,
-) -> Markup:
-    rows = -(-len(which) // columns)
-    with style():
-        fig, axes = new_figure((size[0], size[1] + 1.75 * rows), rows, columns, squeeze=False)
-        for ax, index in zip(axes.flat, which, strict=False):
-            panel(ax, int(index))
-            ax.set_title(shown(names[index]), fontsize=8)
-        for ax in axes.flat[len(which) :]:
-            ax.remove()
-        handles, labels = axes[0, 0].get_legend_handles_labels()
-        fig.legend(handles, labels, loc="outside upper right", ncols=4)
-        fig.supxlabel(time, fontsize=9)
-        if value:
-            fig.supylabel(value, fontsize=9)
-        listed = ", ".join(str(names[index]) for index in which)
-        return figure(fig, f"{alt} for the impacts {listed}.", raster=True)
+    return [sheet(which[begin : begin + full]) for begin in range(0, len(which), full)]

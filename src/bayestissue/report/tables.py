@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -33,7 +33,23 @@ class Table:
 
     columns: Sequence[Column]
     rows: Sequence[Row] = field(default_factory=tuple)
-    caption: str = ""
+
+
+@dataclass(frozen=True)
+class Field:
+    """A column with what makes its cell of a row of the data; ``kind`` as of `Column`."""
+
+    title: str
+    cell: Callable[[Any], str]
+    kind: str = "text"
+
+
+def table_of(rows: Iterable[Any], *fields: Field, mark: Callable[[Any], str] = lambda row: "") -> Table:
+    """A table with a row for each of ``rows``, and a cell in it for each of ``fields``."""
+    return Table(
+        [Column(field.title, field.kind) for field in fields],
+        [Row([field.cell(row) for field in fields], mark(row)) for row in rows],
+    )
 
 
 def columns(*titles: str, number: Sequence[str] = (), words: Sequence[str] = ()) -> tuple[Column, ...]:

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 from bayestissue import stopping
-from bayestissue.errors import InputError, PartialResultError, Problem
-from bayestissue.report.run_folder import read_about
+from bayestissue.errors import InputError, PartialResultError
+from bayestissue.outline import short
+from bayestissue.report.run_folder import read_about, wrong_in
 from bayestissue.results import whole_file
 
 
@@ -51,45 +54,32 @@ def after_results(folder: Path, again: str) -> Iterator[None]:
         try:
             yield
         except Exception as error:
-            what = " ".join(f"{type(error).__name__}: {error}".split())
+            what = short(" ".join(f"{type(error).__name__}: {error}".split()), 300)
             raise PartialResultError(
-                f"the results are in {folder}, but their page could not be drawn ({_short(what)}); {again}",
+                f"the results are in {folder}, but their page could not be drawn ({what}); {again}",
                 code="page-not-drawn",
             ) from error
 
 
-def _short(text: str, width: int = 300) -> str:
-    return text if len(text) <= width else f"{text[: width - 1]}…"
+# Of each kind of run: the module with its page, and the function that makes it.
+_PAGES = {
+    "published": ("published.page", "published_page"),
+    "estimates": ("estimates_page", "estimates_page"),
+    "fit": ("fit.page", "fit_page"),
+    "comparison": ("comparison_page", "comparison_page"),
+    "causes": ("causes.page", "causes_page"),
+}
 
 
-def _page(run_dir: Path, about: dict) -> str:
-    if about["kind"] == "published":
-        from bayestissue.report.published.page import published_page
-
-        return published_page(run_dir, about)
-    if about["kind"] == "estimates":
-        from bayestissue.report.estimates_page import estimates_page
-
-        return estimates_page(run_dir, about)
-    if about["kind"] == "fit":
-        from bayestissue.report.fit.page import fit_page
-
-        return fit_page(run_dir, about)
-    if about["kind"] == "comparison":
-        from bayestissue.report.comparison_page import comparison_page
-
-        return comparison_page(run_dir, about)
-    if about["kind"] == "causes":
-        from bayestissue.report.causes.page import causes_page
-
-        return causes_page(run_dir, about)
-    raise InputError(
-        Problem(
-            str(run_dir / "run.json"),
-            column="kind",
-            value=about["kind"],
-            expected='"published", "estimates", "fit", "comparison" or "causes"',
-            remedy="Make the run anew with this version of the program.",
-            code="not-a-run",
+def _page(run_dir: Path, about: dict[str, Any]) -> str:
+    kind = about["kind"]
+    if kind not in _PAGES:
+        kinds = " or ".join(f'"{each}"' for each in _PAGES)
+        remedy, found = (
+            "Make the run anew with this version of the program.",
+            {"column": "kind", "value": kind},
         )
-    )
+        raise InputError(wrong_in(run_dir / "run.json", kinds, remedy, code="not-a-run", **found))
+    module, name = _PAGES[kind]
+    page: str = getattr(import_module(f"bayestissue.report.{module}"), name)(run_dir, about)
+    return page

@@ -2,13 +2,14 @@
 
 from bayestissue.results.files import write_json, write_tree
 from bayestissue.results.mark import damaged
-from bayestissue.results.place import Place, claim
+from bayestissue.results.place import Place, claim, claim_if
 from bayestissue.results.refusals import require_free, require_place
 from bayestissue.results.staging import scratch, whole_file
 
 __all__ = [
     "Place",
     "claim",
+    "claim_if",
     "damaged",
     "require_free",
     "require_place",

@@ -8,7 +8,7 @@ import secrets
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 
 from bayestissue import stopping
@@ -88,6 +88,15 @@ class Place:
             self.path = self._out
             why = error if isinstance(error, OSError) else "it was taken while this command ran"
             self.remark = f"{taken} could not be replaced ({why}); the results are in {self._out}"
+
+
+def claim_if(
+    out: Path | None, *, overwrite: bool, command: str, inputs: Sequence[str | Path | None]
+) -> AbstractContextManager[Place | None]:
+    """`claim` of a folder that a command may do without; None where there is none."""
+    if out is None:
+        return nullcontext()
+    return claim(out, overwrite=overwrite, command=command, inputs=inputs)
 
 
 @contextmanager

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal, Protocol
 
@@ -134,15 +134,13 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
     velocity = dataset.impacts["velocity_m_s"].to_numpy(dtype=float)
     make = _recorded if dataset.quantity == "displacement" else _integrated
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
-    longest = max(len(trace.value) for trace in dataset.traces)
-    size = max(1, _BLOCK // longest)
-    blocks = []
-    for begin in range(0, len(mass), size):
-        chosen = slice(begin, begin + size)
-        recordings = stack(dataset.traces[chosen])
+
+    def block(rows: slice) -> Displacements:
+        recordings = stack(dataset.traces[rows])
         recordings = replace(recordings, value=sign * recordings.value, ahead_s=ahead_s(dataset.recorder))
-        blocks.append(make(recordings, mass[chosen], velocity[chosen], options))
-    return _joined(blocks)
+        return make(recordings, mass[rows], velocity[rows], options)
+
+    return _in_blocks(block, len(mass), max(len(trace.value) for trace in dataset.traces))
 
 
 def integrated(
@@ -159,14 +157,13 @@ def integrated(
     Raises:
         InputError: the filter class asks for a higher sampling rate than an impact has.
     """
-    size = max(1, _BLOCK // recordings.value.shape[1])
-    blocks = []
-    for begin in range(0, len(mass), size):
-        rows = slice(begin, begin + size)
+
+    def block(rows: slice) -> Displacements:
         value, n, start, dt = recordings.value, recordings.n, recordings.start, recordings.dt
         part = Recordings(value[rows], n[rows], start[rows], dt[rows], recordings.ahead_s)
-        blocks.append(_integrated(part, mass[rows], velocity[rows], options))
-    return _joined(blocks)
+        return _integrated(part, mass[rows], velocity[rows], options)
+
+    return _in_blocks(block, len(mass), recordings.value.shape[1])
 
 
 def _integrated(
@@ -303,7 +300,10 @@ def _raised(words: dict[Coded, Mask], count: int) -> list[list[Coded]]:
     return [[text for text, up in words.items() if up[row]] for row in range(count)]
 
 
-def _joined(blocks: list[Displacements]) -> Displacements:
+def _in_blocks(block: Callable[[slice], Displacements], count: int, longest: int) -> Displacements:
+    """All of ``count`` impacts, so many at a time that arrays of ``longest`` samples each stay small."""
+    size = max(1, _BLOCK // longest)
+    blocks = [block(slice(begin, begin + size)) for begin in range(0, count, size)]
     if len(blocks) == 1:
         return blocks[0]
     joined: dict[str, Any] = {

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex
+from jaxtyping import Complex, Float
 
 from bayestissue.dataset.model import Recorder
 from bayestissue.dataset.settings import SAE_CORNER
@@ -91,6 +91,16 @@ def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.
     return own, weights
 
 
+def answers(
+    recorder: Recorder, since: Float[np.ndarray, "*time"]
+) -> tuple[Float[np.ndarray, "*time"], Float[np.ndarray, "*time"]]:
+    """The filter's answers to a unit step and to a unit ramp that began so long ago [s], run forwards."""
+    poles, weights = modes(recorder)
+    late = np.maximum(since, 0.0)[..., None]
+    grown = np.expm1(poles * late) / poles
+    return (weights * grown).sum(-1).real, (weights / poles * (grown - late)).sum(-1).real
+
+
 def ahead_s(recorder: Recorder | None) -> float:
     """How long before contact a filter that is run backwards too answers, s, to a thousandth; else 0."""
     if recorder is None or not recorder.zero_phase:
@@ -103,9 +113,8 @@ def delay(recorder: Recorder) -> float:
     """When the filter's answer to a step passes a half, s; 0 run forwards and backwards."""
     if recorder.zero_phase:
         return 0.0
-    poles, weights = modes(recorder)
     time = np.linspace(0.0, 4 * recorder.order / (2 * np.pi * recorder.low_pass_hz), 401)
-    step = (weights / poles * (np.exp(poles * time[:, None]) - 1)).sum(1).real
+    step, _ = answers(recorder, time)
     return float(np.interp(0.5, np.maximum.accumulate(step), time))
 
 

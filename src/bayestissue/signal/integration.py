@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
+from jaxtyping import Float
 
 from bayestissue.signal.traces import Recordings, Rows
 
@@ -32,12 +33,20 @@ def cumulative(recordings: Recordings, rule: Rule) -> Rows:
     row's end is meaningless.
     """
     y, dt = recordings.value, recordings.dt[:, None]
-    steps = (y[:, 1:] + y[:, :-1]) / 2
-    if rule == "quintic" and y.shape[1] >= 6:
-        padded, width = _extended(recordings), steps.shape[1]
-        quintic = sum(weight * padded[:, k : k + width] for k, weight in enumerate(_WEIGHTS))
-        steps = np.where(recordings.n[:, None] >= 6, quintic, steps)
+    if rule == "trapezoidal" or y.shape[1] < 6:
+        return trapezoids(y, dt)
+    padded, width = _extended(recordings), y.shape[1] - 1
+    quintic = sum(weight * padded[:, k : k + width] for k, weight in enumerate(_WEIGHTS))
+    steps = np.where(recordings.n[:, None] >= 6, quintic, (y[:, 1:] + y[:, :-1]) / 2)
     return np.concatenate([np.zeros((len(y), 1)), np.cumsum(steps * dt, axis=1)], axis=1)
+
+
+def trapezoids(
+    y: Float[np.ndarray, "*row sample"], dt: float | Float[np.ndarray, "*row 1"]
+) -> Float[np.ndarray, "*row sample"]:
+    """∫ y dt from the first sample to each, by the trapezoidal rule along the last axis; the first is 0."""
+    steps = (y[..., 1:] + y[..., :-1]) / 2 * dt
+    return np.concatenate([np.zeros_like(y[..., :1]), np.cumsum(steps, axis=-1)], axis=-1)
 
 
 def _extended(recordings: Recordings) -> Rows:

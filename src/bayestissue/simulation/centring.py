@@ -10,54 +10,35 @@ from bayestissue.simulation.campaign import simulate
 from bayestissue.simulation.specification import Condition, Design, Recording, Simulation, Tissue
 
 MASSES_KG = (0.375, 0.666, 1.0, 1.333)
+_K, _C = 3000.0, 25.0
 
 
-def one_tissue(
-    K: float = 3000.0,
-    C: float = 25.0,
-    masses: tuple[float, ...] = MASSES_KG,
-    velocity: float = 1.5,
-    sampling_rate: float = 10_000.0,
-) -> Dataset:
-    """Noise-free impacts on one and the same tissue.
-
-    Args:
-        K: stiffness, N/m.
-        C: damping, N s/m.
-        masses: of the impactors, kg.
-        velocity: at contact, m/s.
-        sampling_rate: Hz.
-    """
-    conditions = tuple(
-        Condition(trial=f"{mass:g} kg", mass_kg=mass, velocity_m_s=velocity) for mass in masses
-    )
+def one_tissue(sampling_rate: float = 10_000.0) -> Dataset:
+    """Noise-free impacts of `MASSES_KG` on one and the same tissue, sampled at this rate [Hz]."""
+    conditions = tuple(Condition(trial=f"{mass:g} kg", mass_kg=mass, velocity_m_s=1.5) for mass in MASSES_KG)
     simulation = Simulation(
         name="one tissue",
         design=Design(conditions=conditions, subjects=1),
-        tissue=Tissue(K_N_per_m=K, C_N_s_per_m=C),
+        tissue=Tissue(K_N_per_m=_K, C_N_s_per_m=_C),
         recording=Recording(sampling_rate_hz=sampling_rate),
     )
     return simulate(simulation).dataset(simulation.name)
 
 
-def centring_table(K: float = 3000.0, C: float = 25.0) -> pd.DataFrame:
+def centring_table() -> pd.DataFrame:
     """Estimates of one tissue from noise-free impacts of four masses, about the mean and about rest.
 
     Columns: ``mass_kg``; ``K_N_per_m``, ``C_N_s_per_m``, the truth; ``K_centred``, ``C_centred``, the
     thesis's fit to deviations from the sample mean (section 2.3); ``K_rest``, ``C_rest``, the exact fit to
     the displacement from the position at contact.
-
-    Args:
-        K: the tissue's stiffness, N/m.
-        C: its damping, N s/m.
     """
-    dataset = one_tissue(K, C)
+    dataset = one_tissue()
     centred, rest = (estimate(dataset, method=method) for method in ("dds", "exact"))
     return pd.DataFrame(
         {
             "mass_kg": dataset.impacts["mass_kg"],
-            "K_N_per_m": K,
-            "C_N_s_per_m": C,
+            "K_N_per_m": _K,
+            "C_N_s_per_m": _C,
             "K_centred": centred["K_N_per_m"],
             "C_centred": centred["C_N_s_per_m"],
             "K_rest": rest["K_N_per_m"],

@@ -4,26 +4,34 @@ from __future__ import annotations
 
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
+from jaxtyping import Array, Float
 
-from bayestissue.inference.execution.compiling import first_rows, in_calls
+from bayestissue.inference.execution.compiling import by_row
 
 SIZE = 8
 
 
+@by_row(SIZE, given=2, static_argnames="scale")
+def of_row(
+    scale: float, offset: Any, row: Float[Array, " impact"]
+) -> tuple[Float[Array, ""], Float[Array, " impact"]]:
+    return row.sum(), scale * row + offset
+
+
 @pytest.mark.parametrize("count", [1, 7, 8, 9, 50])
 def test_the_calls_are_the_whole(count: int) -> None:
-    rows = np.arange(3.0 * count).reshape(count, 3)
-    sizes: list[tuple[int, int]] = []
+    """Nine numbers a row are filled up to ten, which the result is rid of."""
+    rows = np.arange(9.0 * count).reshape(count, 9)
+    total, moved = of_row(2.0, 1.0, rows)
+    # What is added repeats the first number: a sum over the axis needs what adds nothing.
+    np.testing.assert_array_equal(total, rows.sum(1) + rows[:, 0])
+    np.testing.assert_array_equal(moved, 2 * rows + 1)
 
-    def function(rows: Any, number: int) -> dict[str, Any]:
-        sizes.append((len(rows), number))
-        return first_rows(lambda place: {"sum": rows[place].sum(), "rows": rows[place]}, SIZE, number)
 
-    found = in_calls(lambda rows, number: function(jnp.asarray(rows), number), (rows,), SIZE)
-    np.testing.assert_array_equal(found["sum"], rows.sum(1))
-    np.testing.assert_array_equal(found["rows"], rows)
-    assert {length for length, _ in sizes} == {SIZE}
-    assert sum(number for _, number in sizes) == count
+def test_any_number_of_rows_is_compiled_once() -> None:
+    before = of_row.jitted._cache_size()
+    for count in (3, SIZE, 21):
+        assert of_row(7.0, 1.0, np.ones((count, 9)))[1].shape == (count, 9)
+    assert of_row.jitted._cache_size() == before + 1

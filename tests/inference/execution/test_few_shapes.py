@@ -23,12 +23,12 @@ from bayestissue.inference.execution.compiling import compiled_quickly, filled_u
 from bayestissue.inference.factors.conditional_prior import (
     DRAWS,
     PopulationDraws,
+    population_draw,
     population_draws,
-    population_draws_of,
 )
 from bayestissue.inference.factors.likelihoods import POINTS, densities_at
 from bayestissue.inference.posterior.approximate import _value_and_slope, first_guess
-from bayestissue.inference.posterior.constrained_draws import constrain_rows, constrained_draws
+from bayestissue.inference.posterior.constrained_draws import constrained_draws, constrained_impacts
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.samplers import independence
 from bayestissue.inference.samplers.coordinates import straight
@@ -141,7 +141,7 @@ def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
     raw = {name: np.full(DRAWS, value) for name, value in zip(model.hyperparameters, y, strict=True)}
     found = population_draws(model, own, raw, np.zeros((DRAWS, model.locations.size)))
     at_mean = np.zeros((DRAWS, plain.model.locations.size))
-    wanted = PopulationDraws(raw, *population_draws_of.jitted(plain.model, other, raw, at_mean, DRAWS))
+    wanted = PopulationDraws(raw, *population_draw.jitted(plain.model, other, raw, at_mean, DRAWS))
     pairs = (found, prepared.data.design), (wanted, plain.data.design)
     about, of_plain = (each.priors(design).mean[:, np.asarray(design.cell)] for each, design in pairs)
     assert about.shape == (DRAWS, *sites.centre.shape)
@@ -153,7 +153,7 @@ def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
         # A person who is not there has the prior's mean.
         assert_allclose(b[:, count:], 0.0, atol=ROUNDING)
     u = np.asarray(sites.centre) + 0.1 * np.random.default_rng(4).normal(size=(POINTS, *sites.centre.shape))
-    found = densities_at(model, data, u, POINTS)
+    found = densities_at(model, data, u)
     assert found.shape == u.shape[:2]
     assert_allclose(found, densities_at.jitted(model, data, u, POINTS), rtol=ROUNDING)
 
@@ -202,8 +202,8 @@ def test_another_dataset_of_about_that_size_compiles_nothing(
         assert {each.shape[2] for each in found.impacts.values()} == {impacts}
         assert found.sites["subject_effect_K"].shape[2] == people
 
-    functions = [densities_at, population_draws_of, _value_and_slope, constrain_rows]
-    compiled = [*(function.jitted for function in functions), independence._log_densities]
+    functions = [densities_at, population_draw, _value_and_slope, constrained_impacts]
+    compiled = [*(function.jitted for function in functions), independence.log_densities.jitted]
     fitted(dataset)
     sizes = [function._cache_size() for function in compiled]
     fitted(campaign(tmp_path, 10, 2, 0.004))

@@ -14,7 +14,7 @@ from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import log_likelihood, with_normal_errors
-from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, log_site, points_of
+from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, normals
 from bayestissue.inference.factors.laplace import curvature_floor, laplace_sites, weak_prior
 from bayestissue.inference.factors.likelihoods import POINTS, log_likelihoods
 from bayestissue.inference.posterior.approximate import first_guess
@@ -119,13 +119,13 @@ def test_a_first_guess_is_near_the_truth() -> None:
 def test_points_are_of_the_product_of_summary_and_population(size: int) -> None:
     summaries, anchor = summaries_of(size)
     z = np.concatenate([np.zeros((1, size)), np.eye(size)])
-    mean, *axes = points_of(summaries, anchor, z)
+    mean, *axes = normals(summaries, anchor).at(z[:, None])
     root = np.stack(axes, axis=-1) - mean[..., None]
     covariance = np.linalg.inv(np.asarray(summaries.precision) + anchor.precision)
     np.testing.assert_allclose(root @ root.swapaxes(1, 2), covariance, rtol=1e-9, atol=1e-12)
     # Log of the product falls off from the mean on every side alike.
     step = 0.3 * np.random.default_rng(1).standard_normal(mean.shape)
-    product = [log_site(summaries, u) + anchor.log_density(u) for u in (mean + step, mean - step)]
+    product = [summaries.log_density(u) + anchor.log_density(u) for u in (mean + step, mean - step)]
     np.testing.assert_allclose(product[0], product[1], rtol=1e-9)
 
 

@@ -13,11 +13,12 @@ import pytest
 import xarray as xr
 
 from bayestissue import padding
+from bayestissue.dataset.model import Dataset
 from bayestissue.elements import element_names
 from bayestissue.hierarchy.gaussian.arrangement import arrange
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
-from bayestissue.hierarchy.trace_data import MeasuredImpacts, Prepared, prepare
+from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference import fit as traces
 from bayestissue.inference.execution import chunks as trace_blocks
@@ -120,7 +121,7 @@ def test_intervals_of_few_kept_draws_hold_what_they_promise() -> None:
 
 
 @pytest.fixture(scope="module")
-def dozen() -> MeasuredImpacts:
+def dozen() -> Dataset:
     """Three people in two conditions, twice each."""
     conditions = [{"trial": f"m{mass}", "mass_kg": mass, "velocity_m_s": 1.5} for mass in (0.5, 1.0)]
     campaign = simulate(
@@ -139,7 +140,7 @@ def dozen() -> MeasuredImpacts:
 
 @pytest.mark.parametrize("model", [*("arma", "a2", "impact"), *element_names()])
 def test_few_at_a_time_have_the_sites_of_all_together(
-    dozen: MeasuredImpacts, monkeypatch: pytest.MonkeyPatch, model: str
+    dozen: Dataset, monkeypatch: pytest.MonkeyPatch, model: str
 ) -> None:
     """Blocks of any size: every likelihood is asked by itself, so that sites differ by rounding at most.
 
@@ -167,7 +168,7 @@ def test_few_at_a_time_have_the_sites_of_all_together(
 
 
 def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
-    dozen: MeasuredImpacts, monkeypatch: pytest.MonkeyPatch
+    dozen: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     specification = ModelSpecification.model_validate(
         {"name": "shared", "likelihood": "impact", "mass_error": "subject"}

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from types import SimpleNamespace
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from bayestissue.hierarchy.population import population_design
+from bayestissue.hierarchy.population import covariances_of, population_design
 from bayestissue.hierarchy.specification import ModelSpecification
-from bayestissue.inference.posterior import own_effects as own_effects_module
-from bayestissue.inference.posterior.own_effects import gained, own_effects
+from bayestissue.inference.posterior.own_effects import own_effects
 from designs import EVERYTHING, design_of
 
 FORMULA_C = "(1|subject/side) + (1|session)"
@@ -19,30 +20,26 @@ NUISANCE = ("noise", "log_thickness_m")
 PRIORS = ModelSpecification(name="m", likelihood="impact", element="wall").complete_priors()
 
 
-@pytest.mark.parametrize("most_written_out", [0, 99])
 @pytest.mark.parametrize("mass_error", ["impact", "subject"])
 @pytest.mark.parametrize("name", ["subject", "subject:side", "session", "trial"])
-def test_integrating_a_levels_own_effects_is_the_dense_normal(
-    name: str, mass_error: str, most_written_out: int, monkeypatch
-) -> None:
-    monkeypatch.setattr(own_effects_module, "_MOST_WRITTEN_OUT", most_written_out)
+def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_error: str) -> None:
     design = design_of(EVERYTHING, FORMULA_C, thickness_m="(1|subject) + (1|session)")
     effects, _ = population_design(design, PRIORS, NUISANCE)
     model = SimpleNamespace(locations=effects, mass_error=mass_error, log_mass_sd=0.3, nuisance=NUISANCE)
-    slots, own = own_effects(model, design)[name]
+    own = own_effects(model, design)[name]
     rng = np.random.default_rng(3)
     sd = {spread: rng.uniform(0.2, 1.0) for spread in {*effects.spread} - {""}}
+    sites = sd | dict.fromkeys(["sd_impact_K", "sd_impact_C", *(f"sd_{each}" for each in NUISANCE)], 1.0)
     impacts = len(design.subject)
     size = 2 + len(NUISANCE)
     root = rng.normal(size=(impacts, size, size))
     W, pull = root @ root.swapaxes(1, 2), rng.normal(size=(impacts, size))
     levels = len(design.groupings[name].levels)
-    member = (own.level[:, None] == np.arange(levels)).astype(float)
-    sites = {key: np.asarray(value) for key, value in sd.items()}
-    first = np.moveaxis(W, 0, -1)
-    found = gained(model, slots, own, sites, first, pull.T, lambda values: values @ member)
+    covariances = covariances_of(effects, jax.tree.map(jnp.asarray, sites), 0.3, NUISANCE, mass_error)
+    found = own.gained(covariances, np.moveaxis(W, 0, -1), pull.T)
     if name == "trial":
-        assert not slots.sd_names
+        assert not len(own.parameter)
+        assert_allclose(found, 0.0)
         return
     # Each level by itself, over those columns of X that no other level's impacts have.
     part = design.groupings[name].code
@@ -66,4 +63,4 @@ def test_integrating_a_levels_own_effects_is_the_dense_normal(
         inner = np.eye(len(used)) + S @ A
         wanted = s @ np.linalg.solve(inner, S @ s) / 2 - np.linalg.slogdet(inner)[1] / 2
         # Systems of at most a dozen equations, well conditioned.
-        assert_allclose(np.broadcast_to(found, levels)[level], wanted, rtol=1e-10)
+        assert_allclose(found[level], wanted, rtol=1e-10)

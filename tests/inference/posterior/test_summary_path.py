@@ -15,7 +15,7 @@ from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import gaussian
-from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, normals, standard_points
+from bayestissue.inference.factors.conditional import ConditionalPrior, normals, standard_points
 from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
 from bayestissue.inference.factors.grid import flat_grid
 from bayestissue.inference.factors.importance_ratios import (
@@ -127,7 +127,7 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     tabulated = log_evidence_corrections(summaries, ratios, first)
     u = normals(summaries, first).at(standard_points(3, 2048)[:, None, None])
     flat = u.reshape(-1, *u.shape[2:])
-    ratio = (log_likelihoods(model, data, flat) - log_site(summaries, flat)).reshape(u.shape[:3])
+    ratio = (log_likelihoods(model, data, flat) - summaries.log_density(flat)).reshape(u.shape[:3])
     direct = logsumexp(ratio, axis=0) - np.log(len(ratio))
     error = tabulated - direct
     # The scatter of 64 points, most of which all populations share.

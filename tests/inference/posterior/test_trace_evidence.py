@@ -12,7 +12,7 @@ from scipy.special import logsumexp
 
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence, times
+from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence
 from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
@@ -115,10 +115,10 @@ def test_an_impacts_density_is_its_likelihood_integrated_over_the_population(fit
     anchor, middle = fit.prior, fit.u.mean(0)
     root = WIDER * np.linalg.cholesky(np.stack([np.cov(each.T) for each in fit.u.swapaxes(0, 1)]))
     z = np.random.default_rng(1).standard_normal((POINTS, *middle.shape))
-    points = middle + times(root, z)
+    points = middle + np.matvec(root, z)
     log_proposal = -np.square(z).sum(-1) / 2 - np.log(np.diagonal(root, axis1=1, axis2=2)).sum(-1)
     away, half_log = points - anchor.mean, np.linalg.slogdet(anchor.precision)[1] / 2
-    log_population = half_log - (away * times(anchor.precision, away)).sum(-1) / 2
+    log_population = half_log - (away * np.matvec(anchor.precision, away)).sum(-1) / 2
     likelihood = log_likelihoods(fit.prepared.model, fit.prepared.data, points)
     direct, error = log_mean(likelihood + log_population - log_proposal)
     ratio = np.asarray(fit.ratios.log_ratio)

@@ -86,7 +86,7 @@ def test_ratios_where_one_impact_has_no_likelihood_and_one_no_summary(monkeypatc
         return found
 
     monkeypatch.setattr(ratios, "log_likelihoods", density)
-    monkeypatch.setattr(ratios, "log_site", summary)
+    monkeypatch.setattr(ratios.Sites, "log_density", summary)
     own = np.broadcast_to(np.eye(size), (impacts, size, size))
     zero = np.zeros((impacts, size))
     summaries = ratios.Sites(zero, zero, own, np.zeros(impacts))  # type: ignore[arg-type]

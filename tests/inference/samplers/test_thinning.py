@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from bayestissue.inference.results.labels import labelled_statistics, statistics_of_transitions
+from bayestissue.inference.results.labels import labelled_statistics
 from bayestissue.inference.samplers.sampling import Draws
 
 
@@ -35,7 +35,7 @@ def test_the_last_transition_of_each_block_is_the_draw() -> None:
 
 def test_no_divergence_is_lost() -> None:
     whole = _draws()
-    every, kept = statistics_of_transitions(whole), labelled_statistics(whole.thinned(4))
+    every, kept = labelled_statistics(whole, of_transitions=True), labelled_statistics(whole.thinned(4))
     assert int(every["diverging"].sum()) == int(whole.statistics["diverging"].sum()) > 0
     np.testing.assert_array_equal(
         kept["diverging"], whole.statistics["diverging"].reshape(2, 3, 4).any(axis=-1)
@@ -45,4 +45,4 @@ def test_no_divergence_is_lost() -> None:
 def test_without_thinning_nothing_changes() -> None:
     whole = _draws()
     np.testing.assert_array_equal(whole.thinned(1).sites["x"], whole.sites["x"])
-    assert labelled_statistics(whole).identical(statistics_of_transitions(whole))
+    assert labelled_statistics(whole).identical(labelled_statistics(whole, of_transitions=True))

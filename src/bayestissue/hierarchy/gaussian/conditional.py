@@ -13,7 +13,6 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import (
@@ -31,6 +30,7 @@ from bayestissue.hierarchy.gaussian.impacts import (
     cell_sums,
     parameters_first,
 )
+from bayestissue.likelihood import small
 
 
 class Expansion(NamedTuple):
@@ -64,7 +64,7 @@ class Expansion(NamedTuple):
         return CellSums(weight, sums.pull + turned[:size], constant)
 
     def _bent(self, away: Float[Array, "v place"]) -> Float[Array, "v place"]:
-        return jnp.stack(blocks.times(self.bend, away))
+        return jnp.stack(small.times(self.bend, away))
 
     def _away(self, about: Array, covariances: Covariances) -> Array:
         moved = flat_covariances(covariances) - self.covariances

@@ -10,6 +10,7 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.gaussian.impacts import ImpactPrior
+from bayestissue.likelihood import small
 
 
 class SharedMassError(NamedTuple):
@@ -65,6 +66,12 @@ class Covariances(NamedTuple):
     nuisance: tuple[Array, ...]
     locations: Float[Array, " location"]
     shared: SharedMassError | None = None
+
+    @property
+    def of_pair(self) -> Float[Array, "2 2 *batch"]:
+        """That of (log K, log C) as a matrix."""
+        kk, kc, cc = self.own
+        return small.stacked([[kk, kc], [kc, cc]])
 
     def of_impact(self) -> ImpactPrior:
         """The conditional prior of an impact's parameters about X b."""

@@ -20,10 +20,10 @@ from jax import Array
 from jax.scipy.linalg import cho_solve, solve_triangular
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.impacts import CellSums
+from bayestissue.likelihood import small
 
 
 class EffectsConditional(NamedTuple):
@@ -37,7 +37,7 @@ class EffectsConditional(NamedTuple):
         rest_half: F^-1 times what then pulls the rest.
     """
 
-    factor: blocks.Triangle
+    factor: small.Triangle
     coupling: Float[Array, "own rest level"]
     half: Float[Array, "own level"]
     rest_factor: Float[Array, "rest rest"]
@@ -46,7 +46,7 @@ class EffectsConditional(NamedTuple):
     def log_density(self) -> Float[Array, ""]:
         """What integrating b out adds to the log density at its prior mean, but for the prior's scale."""
         squares = (self.half**2).sum() + (self.rest_half**2).sum()
-        scale = blocks.log_diagonal(self.factor).sum() + jnp.log(jnp.diagonal(self.rest_factor)).sum()
+        scale = small.log_diagonal(self.factor).sum() + jnp.log(jnp.diagonal(self.rest_factor)).sum()
         return squares / 2 - scale
 
     def solve_upper(
@@ -55,7 +55,7 @@ class EffectsConditional(NamedTuple):
         """The inverse of the whole factor's transpose times a vector."""
         rest = solve_triangular(self.rest_factor, rest, lower=True, trans=1)
         left = own - (self.coupling * rest[:, None]).sum(1)
-        return _stacked(blocks.solve_upper(self.factor, left), own), rest
+        return _stacked(small.solve_upper(self.factor, left), own), rest
 
 
 def log_density_of_cells(
@@ -111,28 +111,6 @@ def effects_from_standard(
     return mean + moved[:-1]
 
 
-def integrated_levels(
-    weight: blocks.Matrix, pull: blocks.Vector, root: blocks.Matrix
-) -> Float[Array, "*level"]:
-    """What the log density of each level's data gains by its effects being integrated out, from 0.
-
-    The log of the mean of exp(e'p - e'W e / 2) over e ~ N(0, R R') is (R'p)' M^-1 (R'p) / 2 - log det M / 2
-    with M = 1 + R'W R, whatever standard deviation tends to 0.
-
-    Args:
-        weight: W, sums over each level's data.
-        pull: p, where the effects are 0.
-        root: R.
-    """
-    turned = blocks.transposed(root)
-    inner = blocks.product(blocks.product(turned, weight), root)
-    factor = blocks.cholesky(
-        [[value + (a == b) for b, value in enumerate(row)] for a, row in enumerate(inner)]
-    )
-    half = blocks.solve_lower(factor, blocks.times(turned, pull))
-    return blocks.dot(half, half) / 2 - blocks.log_diagonal(factor)
-
-
 def _elements(design: PopulationDesign) -> tuple[Array, Array]:
     """Elements of b that are each level's own, and the others."""
     return jnp.concatenate(design.inner_element), jnp.concatenate(design.rest_element)
@@ -159,11 +137,11 @@ def _eliminated(
         return left.T @ (_as_rest(weight[a, b], rest[a])[:, None] * right)
 
     size = range(len(weight))
-    factor = blocks.cholesky(_symmetric(of_own, size) + own_prior)
+    factor = small.cholesky(_symmetric(of_own, size) + own_prior)
     coupled = _assembled(across, size)
-    coupling = _stacked(blocks.solve_lower(factor, coupled), coupled)
+    coupling = _stacked(small.solve_lower(factor, coupled), coupled)
     pulled = by_level(jnp.concatenate([(inner[a] * pull[a]).sum(-1) for a in size]))
-    half = _stacked(blocks.solve_lower(factor, pulled), pulled)
+    half = _stacked(small.solve_lower(factor, pulled), pulled)
     left = _symmetric(of_rest, size) + rest_prior - jnp.einsum("iql,ipl->qp", coupling, coupling)
     right = jnp.concatenate([_flat(rest[a]).T @ _as_rest(pull[a], rest[a]) for a in size])
     rest_factor = jnp.linalg.cholesky(left)
@@ -235,11 +213,11 @@ def _backward(kept: tuple[EffectsConditional, PopulationDesign], change: Array) 
     found, design = kept
     size = range(len(design.inner))
     rest_covariance = cho_solve((found.rest_factor, True), jnp.eye(len(found.rest_half)))
-    gain = _stacked(blocks.solve_upper(found.factor, found.coupling), found.coupling)
+    gain = _stacked(small.solve_upper(found.factor, found.coupling), found.coupling)
     across = -jnp.einsum("iql,qp->ipl", gain, rest_covariance)
     covariance = -jnp.einsum("iql,jql->ijl", across, gain)
     if found.factor:
-        covariance = covariance + blocks.stacked(blocks.squared(blocks.inverse_factor(found.factor)))
+        covariance = covariance + small.stacked(small.squared(small.inverse_factor(found.factor)))
     own, rest = found.solve_upper(found.half, found.rest_half)
     inner_parts, rest_parts = _parts(design.inner, 0), _parts(design.rest, 2)
     rows = jnp.asarray(design.level)

@@ -17,8 +17,8 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign
+from bayestissue.likelihood import small
 from bayestissue.padding import adds_nothing
 
 
@@ -71,7 +71,7 @@ class ImpactPrior(NamedTuple):
 
 @dataclass(frozen=True)
 class ImpactConditional:
-    """u of impacts given X b, in entries: see `bayestissue.hierarchy.gaussian.blocks`.
+    """u of impacts given X b, in entries: see `bayestissue.likelihood.small`.
 
     Attributes:
         prior: of u, whose axes behind the parameters broadcast with the sites' own.
@@ -81,83 +81,83 @@ class ImpactConditional:
 
     prior: ImpactPrior
     sites: SitesFirst
-    factor: blocks.Triangle
+    factor: small.Triangle
 
     @classmethod
     def of(cls, prior: ImpactPrior, sites: SitesFirst) -> ImpactConditional:
         """Of sites with the parameters first."""
         size, (p, d) = len(sites.precision), (sites.precision, prior.precision)
         both = [[p[a][b] + d[a][b] for b in range(a + 1)] for a in range(size)]
-        return cls(prior, sites, blocks.cholesky(both))
+        return cls(prior, sites, small.cholesky(both))
 
     @cached_property
-    def _root(self) -> blocks.Triangle:
+    def _root(self) -> small.Triangle:
         """L^-1."""
-        return blocks.inverse_factor(self.factor)
+        return small.inverse_factor(self.factor)
 
     @cached_property
-    def _of_prior(self) -> blocks.Matrix:
+    def _of_prior(self) -> small.Matrix:
         """L^-1 D."""
-        return blocks.product(self._root, self.prior.precision)
+        return small.product(self._root, self.prior.precision)
 
     @cached_property
-    def _of_site(self) -> blocks.Matrix:
+    def _of_site(self) -> small.Matrix:
         """L^-1 P."""
-        return blocks.product(self._root, self.sites.precision)
+        return small.product(self._root, self.sites.precision)
 
     @cached_property
-    def covariance(self) -> blocks.Matrix:
+    def covariance(self) -> small.Matrix:
         """V = L'^-1 L^-1."""
-        return blocks.squared(self._root)
+        return small.squared(self._root)
 
     @cached_property
-    def shrinkage(self) -> blocks.Matrix:
+    def shrinkage(self) -> small.Matrix:
         """V P, by which the mean of u moves from X b towards what the site says."""
-        columns = blocks.transposed(self._of_site)
-        return blocks.transposed([blocks.turned_times(self._root, column) for column in columns])
+        columns = small.transposed(self._of_site)
+        return small.transposed([small.turned_times(self._root, column) for column in columns])
 
     @cached_property
-    def weight(self) -> blocks.Matrix:
+    def weight(self) -> small.Matrix:
         """W = D V P, the precision with which a site tells X b."""
-        columns = [blocks.transposed(part) for part in (self._of_prior, self._of_site)]
-        return blocks.symmetric(len(self.factor), lambda a, b: blocks.dot(columns[0][a], columns[1][b]))
+        columns = [small.transposed(part) for part in (self._of_prior, self._of_site)]
+        return small.symmetric(len(self.factor), lambda a, b: small.dot(columns[0][a], columns[1][b]))
 
-    def _toward_site(self, about: blocks.Vector) -> blocks.Vector:
+    def _toward_site(self, about: small.Vector) -> small.Vector:
         """L^-1 (g - P (X b - m))."""
-        bent = blocks.times(self._of_site, self._away(about))
-        return [g - b for g, b in zip(blocks.times(self._root, self.sites.slope), bent, strict=True)]
+        bent = small.times(self._of_site, self._away(about))
+        return [g - b for g, b in zip(small.times(self._root, self.sites.slope), bent, strict=True)]
 
-    def _away(self, about: blocks.Vector) -> blocks.Vector:
+    def _away(self, about: small.Vector) -> small.Vector:
         return [v - m for v, m in zip(about, self.sites.centre, strict=True)]
 
-    def moved(self, about: blocks.Vector) -> blocks.Vector:
+    def moved(self, about: small.Vector) -> small.Vector:
         """The mean of u less X b, where that is ``about``: V g - V P (X b - m)."""
-        return blocks.turned_times(self._root, self._toward_site(about))
+        return small.turned_times(self._root, self._toward_site(about))
 
-    def pull(self, about: blocks.Vector) -> blocks.Vector:
+    def pull(self, about: small.Vector) -> small.Vector:
         """The slope of `log_density`: D V g - W (X b - m)."""
-        return blocks.times(blocks.transposed(self._of_prior), self._toward_site(about))
+        return small.times(small.transposed(self._of_prior), self._toward_site(about))
 
-    def log_density(self, about: blocks.Vector) -> blocks.Entry:
+    def log_density(self, about: small.Vector) -> small.Entry:
         """Log of the sites, u integrated out, where X b is ``about``."""
-        half = blocks.times(self._root, self.sites.slope)
+        half = small.times(self._root, self.sites.slope)
         toward = self._toward_site(about)
         # (X b - m)' (D V g - W (X b - m) / 2), in factors.
         near = [(h + t) / 2 for h, t in zip(half, toward, strict=True)]
-        gained = blocks.dot(near, blocks.times(self._of_prior, self._away(about)))
-        scale = self.prior.log_determinant / 2 - blocks.log_diagonal(self.factor)
-        return self.sites.log_likelihood + scale + gained + blocks.dot(half, half) / 2
+        gained = small.dot(near, small.times(self._of_prior, self._away(about)))
+        scale = self.prior.log_determinant / 2 - small.log_diagonal(self.factor)
+        return self.sites.log_likelihood + scale + gained + small.dot(half, half) / 2
 
-    def toward(self, about: blocks.Vector) -> blocks.Vector:
+    def toward(self, about: small.Vector) -> small.Vector:
         """L^-1 (g + D (X b - m)), where X b is ``about``."""
-        pulled = blocks.times(self.prior.precision, self._away(about))
+        pulled = small.times(self.prior.precision, self._away(about))
         right = [g + p for g, p in zip(self.sites.slope, pulled, strict=True)]
-        return blocks.solve_lower(self.factor, right)
+        return small.solve_lower(self.factor, right)
 
-    def draw(self, about: blocks.Vector, standard: blocks.Vector) -> blocks.Vector:
+    def draw(self, about: small.Vector, standard: small.Vector) -> small.Vector:
         """U from standard normals: N(m + V (g + D (X b - m)), V)."""
         half = [h + z for h, z in zip(self.toward(about), standard, strict=True)]
-        pairs = zip(self.sites.centre, blocks.solve_upper(self.factor, half), strict=True)
+        pairs = zip(self.sites.centre, small.solve_upper(self.factor, half), strict=True)
         return [m + moved for m, moved in pairs]
 
 
@@ -211,12 +211,12 @@ def cell_sums(prior: ImpactPrior, about: Float[Array, "parameter place"], laid: 
     return CellSums(_whole(weight), jnp.stack(pull), constant)
 
 
-def _lower(matrix: blocks.Matrix) -> blocks.Triangle:
+def _lower(matrix: small.Matrix) -> small.Triangle:
     return [list(row[: a + 1]) for a, row in enumerate(matrix)]
 
 
-def _whole(lower: blocks.Triangle) -> Array:
-    return blocks.stacked(blocks.symmetric(len(lower), lambda a, b: lower[a][b]))
+def _whole(lower: small.Triangle) -> Array:
+    return small.stacked(small.symmetric(len(lower), lambda a, b: lower[a][b]))
 
 
 def _over_blocks(function: Any, laid: SitesFirst) -> Any:
@@ -257,13 +257,13 @@ def _change_of_block(prior: ImpactPrior, about: Array, change: CellSums, sites: 
     """
     given = ImpactConditional.of(prior, sites)
     shrink, mean, covariance = given.shrinkage, given.moved(about), given.covariance
-    bent = blocks.product(shrink, change.weight)
-    pulled = blocks.times(shrink, change.pull)
+    bent = small.product(shrink, change.weight)
+    pulled = small.times(shrink, change.pull)
 
     def entry(a: int, b: int) -> Array:
         across = (pulled[a] * mean[b] + pulled[b] * mean[a]) / 2
         squares = covariance[a][b] + mean[a] * mean[b]
-        return (blocks.dot(bent[a], shrink[b]) + across - change.constant / 2 * squares).sum()
+        return (small.dot(bent[a], shrink[b]) + across - change.constant / 2 * squares).sum()
 
     return [[entry(a, b) for b in range(a + 1)] for a in range(len(mean))]
 

@@ -20,7 +20,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue.errors import Coded, InputError, Problem, printable
+from bayestissue.errors import Coded, InputError, Problem, all_of, printable
 from bayestissue.inference.answers.draws import draws_of
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
@@ -85,15 +85,7 @@ def ask(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
     Raises:
         InputError: some can't be read, or ask for what this run does not have: all that is wrong at once.
     """
-    rows: list[dict[str, Any]] = []
-    problems: list[Problem] = []
-    for question in questions:
-        try:
-            rows.append(_answer(finished, question))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+    rows = all_of(lambda question: _answer(finished, question), questions)
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -111,14 +103,7 @@ def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.Dat
 
 def require_readable(questions: Sequence[Question], recorded: Recorded) -> None:
     """Raise an `InputError` of all that is wrong with questions, as far as it shows before a fit."""
-    problems: list[Problem] = []
-    for question in questions:
-        try:
-            _read(question, recorded, None)
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
+    all_of(lambda question: _read(question, recorded, None), questions)
 
 
 def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) -> Node:

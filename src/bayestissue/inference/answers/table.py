@@ -5,6 +5,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ _POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m"}
 _LARGEST = 1e4
 _LABEL = "impact"
 _TABLE = "table (rows from 0)"
+_in_table = partial(Problem, code="prediction-table")
 
 
 def read_conditions(table: str | Path | pd.DataFrame, recorded: Recorded) -> list[Condition]:
@@ -42,8 +44,7 @@ def read_conditions(table: str | Path | pd.DataFrame, recorded: Recorded) -> lis
         cells, rows = read_cells(Path(table), (), label=label, remedy=remedy)
     if problems := [*_columns(cells, recorded, label), *_lacking(recorded, label)]:
         raise InputError(problems)
-    problems = list(_wrong(cells, rows, recorded, label))
-    if problems:
+    if problems := list(_wrong(cells, rows, recorded, label)):
         raise InputError(problems)
     return [
         {
@@ -77,26 +78,14 @@ def _columns(cells: pd.DataFrame, recorded: Recorded, label: str) -> Iterator[Pr
         if name not in (*usable, _LABEL):
             near = difflib.get_close_matches(name, usable, n=1)
             remedy = f'Is it "{near[0]}"?' if near else "Rename or remove the column."
-            yield Problem(
-                label,
-                f"columns of the run: {', '.join(usable)}",
-                remedy,
-                row=1,
-                column=name,
-                value=name,
-                code="prediction-table",
-            )
+            expected = f"columns of the run: {', '.join(usable)}"
+            yield _in_table(label, expected, remedy, row=1, column=name, value=name)
 
 
 def _lacking(recorded: Recorded, label: str) -> Iterator[Problem]:
+    expected, remedy = "a run that keeps this column", "Fit again with this version."
     for name in recorded.lacking:
-        yield Problem(
-            label,
-            "a run that keeps this column",
-            "Fit again with this version.",
-            column=name,
-            code="damaged-run",
-        )
+        yield Problem(label, expected, remedy, column=name, code="damaged-run")
 
 
 def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str) -> Iterator[Problem]:
@@ -116,9 +105,7 @@ def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str
                 near = difflib.get_close_matches(text, known, n=1)
                 remedy = f'Is it "{near[0]}"? {remedy}' if near else remedy
             if expected:
-                yield Problem(
-                    label, expected, remedy, row=int(row), column=name, value=text, code="prediction-table"
-                )
+                yield _in_table(label, expected, remedy, row=int(row), column=name, value=text)
 
 
 def _no_number(name: str, text: str) -> str:

@@ -33,13 +33,13 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution, with_normal_errors
 from bayestissue.inference.checking import incredible
 from bayestissue.inference.checking.incredible import Groups, Pattern
-from bayestissue.inference.checking.model_form import LIMIT, judged
+from bayestissue.inference.checking.misfit import judged_at
+from bayestissue.inference.checking.model_form import LIMIT
 from bayestissue.inference.checking.words import in_words
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import expanded, first_guess
-from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
@@ -117,8 +117,7 @@ def judge(prepared: Prepared) -> dict[str, Any]:
     """
     if not _rate_is_known(prepared) or prepared.signal.equilibrium.any():
         return {}
-    if len(prepared.impacts) > len(rows := some_impacts(len(prepared.impacts))):
-        prepared = some_of(prepared, rows)
+    prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
     groups = _groups(prepared)
     given = expanded(prepared)
     found = {name: freed(prepared, name, given) for name in JUDGED}
@@ -269,10 +268,5 @@ def _named_groups(prepared: Prepared, pattern: Pattern) -> list[str]:
 def structure_left(prepared: Prepared, name: str, found: Freed) -> float:
     """The score of `bayestissue.inference.checking.model_form` with an error taken as the traces have it."""
     data = _shifted(prepared, with_normal_errors(prepared.data), name, found.error)
-    u = np.broadcast_to(found.centre, (PREDICTIVE_DRAWS, *found.centre.shape))
-    keys = jax.random.split(jax.random.PRNGKey(0), PREDICTIVE_DRAWS)
-    made = replicates(prepared.model, data, u, keys)["deceleration"]
-    inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
     offset = found.error[:, None] if name == OFFSET else 0.0
-    measured = np.where(inside, prepared.signal.deceleration - offset, np.nan)
-    return float(judged(measured, made)["score"])
+    return float(judged_at(prepared, data, found.centre, jax.random.PRNGKey(0), offset)["score"])

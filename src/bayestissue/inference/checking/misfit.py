@@ -10,9 +10,12 @@ from typing import Any
 
 import jax
 import numpy as np
+from jax import Array
+from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.trace_data import Prepared
+from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.checking.model_form import LIMIT, judged
 from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, replicates
 
@@ -37,10 +40,21 @@ def misfit_precheck(prepared: Prepared, expansions: Sites, seed: int) -> dict[st
     noise = np.exp(best[:, 2] + np.asarray(prepared.data.log_peak))
     if np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
         return None
-    keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 31), PREDICTIVE_DRAWS)
-    u = np.broadcast_to(best, (PREDICTIVE_DRAWS, *best.shape))
-    made = replicates(prepared.model, prepared.data, u, keys)["deceleration"]
-    inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
-    measured = np.where(inside, prepared.signal.deceleration, np.nan)
-    found = judged(measured, made)
+    key = jax.random.fold_in(jax.random.PRNGKey(seed), 31)
+    found = judged_at(prepared, prepared.data, best, key)
     return found if found["score"] > _PLAIN else None
+
+
+def judged_at(
+    prepared: Prepared,
+    data: TraceData,
+    u: Float[np.ndarray, "impact parameter"],
+    key: Array,
+    offset: Float[np.ndarray, "impact 1"] | float = 0.0,
+) -> dict[str, Any]:
+    """`model_form` of decelerations less the offset, beside replicates of ``data`` at one u."""
+    keys = jax.random.split(key, PREDICTIVE_DRAWS)
+    each = np.broadcast_to(u, (PREDICTIVE_DRAWS, *u.shape))
+    made = replicates(prepared.model, data, each, keys)["deceleration"]
+    inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
+    return judged(np.where(inside, prepared.signal.deceleration - offset, np.nan), made)

@@ -6,7 +6,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from jaxtyping import Bool, Float
+from jaxtyping import Float
+
+from bayestissue.inference.points.whiteness import autocorrelation
 
 # In standard errors of the pooled score: once in thirty thousand fits of the right model.
 LIMIT = 4.0
@@ -140,18 +142,8 @@ def pooled_score(
     """See `model_form`; NaN past a row's end."""
     middle = np.median(replicated, axis=0)
     used = np.isfinite(measured) & np.isfinite(middle)
-    own = _autocorrelation(measured - middle, used)
-    drawn = _autocorrelation(replicated - middle, used)
+    own, drawn = (
+        autocorrelation(each - middle, used, powers=_SMOOTH, lags=_LAGS) for each in (measured, replicated)
+    )
     distance = (own - drawn.mean(0)) / drawn.std(0, ddof=1)
     return float(distance.sum() / np.sqrt(len(distance)))
-
-
-def _autocorrelation(
-    values: Float[np.ndarray, "*draw impact sample"], used: Bool[np.ndarray, "impact sample"]
-) -> Float[np.ndarray, "*draw impact"]:
-    values = np.where(used, values, 0.0)
-    time = np.linspace(-1, 1, used.shape[-1])
-    smooth = np.linalg.qr(np.where(used[..., None], time[:, None] ** np.arange(_SMOOTH), 0.0)).Q
-    values = values - np.einsum("...isk,...ik->...is", smooth, np.einsum("...is,isk->...ik", values, smooth))
-    products = sum((values[..., lag:] * values[..., :-lag]).sum(-1) for lag in range(1, _LAGS + 1))
-    return products / (values**2).sum(-1)

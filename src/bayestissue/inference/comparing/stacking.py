@@ -10,10 +10,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from jaxtyping import Float
 
 from bayestissue.errors import Coded
-from bayestissue.inference.results.leave_one_out import above, leave_one_out
-from bayestissue.inference.samplers.psis import k_threshold
+from bayestissue.inference.results.leave_one_out import above_limit, high, leave_one_out
 
 COLUMNS = [
     "scheme",
@@ -63,7 +63,7 @@ def by_importance(
         its threshold (`k_threshold`), and says where people or conditions are too few for a standard error to
         be trusted.
     """
-    scores = leave_one_out(trees, variable)
+    scores = {name: leave_one_out(tree, variable) for name, tree in trees.items()}
     pointwise = {name: score.elpd_i.to_numpy().ravel() for name, score in scores.items()}
     table = _table(scheme, pointwise)
     weights = _stacking_weights(scores)
@@ -96,9 +96,8 @@ def _stacking_weights(scores: Mapping[str, Any]) -> dict[str, float]:
 
 
 def _high(score: Any, elements: str) -> str:
-    pareto_k, limit = score.pareto_k.to_numpy(), k_threshold(score.n_samples)
-    count = int((pareto_k > limit).sum())
-    return f"{count} of {pareto_k.size} {elements} with {above(limit)}" if count else ""
+    count = int(high(score).sum())
+    return f"{count} of {score.pareto_k.size} {elements} with {above_limit(score)}" if count else ""
 
 
 def _few(count: int, elements: str) -> str:
@@ -115,29 +114,21 @@ def by_trial(pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:
 
 
 def _table(scheme: str, pointwise: Mapping[str, np.ndarray]) -> pd.DataFrame:
-    totals = {name: float(values.sum()) for name, values in pointwise.items()}
-    order = sorted(totals, key=lambda name: -totals[name])
-    best = pointwise[order[0]]
-    rows = []
-    for name in order:
-        values = pointwise[name]
-        difference = values - best
-        rows.append(
-            {
-                "scheme": scheme,
-                "model": name,
-                "elpd": totals[name],
-                "se": _standard_error(values),
-                "elpd_difference": float(difference.sum()),
-                "se_difference": _standard_error(difference),
-                "p_effective": np.nan,
-                "weight": np.nan,
-                "warning": "",
-            }
-        )
-    return pd.DataFrame(rows, columns=COLUMNS)
+    models = sorted(pointwise, key=lambda name: -pointwise[name].sum())
+    values = np.stack([pointwise[name] for name in models])
+    difference = values - values[0]
+    columns = {
+        "scheme": scheme,
+        "model": models,
+        "elpd": values.sum(axis=1),
+        "se": _standard_errors(values),
+        "elpd_difference": difference.sum(axis=1),
+        "se_difference": _standard_errors(difference),
+    }
+    return pd.DataFrame(columns).reindex(columns=COLUMNS).assign(warning="")
 
 
-def _standard_error(values: np.ndarray) -> float:
+def _standard_errors(values: Float[np.ndarray, "model element"]) -> Float[np.ndarray, " model"]:
+    count = values.shape[1]
     # One value tells nothing of how they scatter.
-    return float(np.sqrt(len(values) * values.var(ddof=1))) if len(values) > 1 else np.nan
+    return np.sqrt(count * values.var(axis=1, ddof=1)) if count > 1 else np.full(len(values), np.nan)

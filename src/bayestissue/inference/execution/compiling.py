@@ -16,11 +16,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from bayestissue.padding import cut, padded, sizes_of
+from bayestissue.padding import Rows, cut, padded, sizes_of
 
 Function = Callable[..., Any]
 Static = str | Sequence[str]
-# XLA spends most of a compilation on making the result fast.
+# XLA spends most of a compilation on making the result fast. Level 1 compiles in a fifth less time and its
+# steps are as fast, but those of slopes were measured to take up to four times as long.
 _QUICKLY, _SOONER = {"xla_backend_optimization_level": 0}, {"xla_backend_optimization_level": 1}
 # XLA's own level, for what runs thousands of times, whatever XLA_FLAGS say.
 FULLY = {"xla_backend_optimization_level": 3}
@@ -39,36 +40,95 @@ def compiled_quickly(static_argnames: Static = ()) -> Callable[[Function], Funct
     return lambda function: _for_few_shapes(function, static_argnames, _QUICKLY)
 
 
-def compiled_sooner(static_argnames: Static = ()) -> Callable[[Function], Function]:
-    """`jax.jit` for what runs about as long as it compiles: a fifth less wait, and steps as fast.
-
-    Not for slopes, which were measured to take up to four times as long; otherwise as `compiled_quickly`.
-    """
-    return lambda function: _for_few_shapes(function, static_argnames, _SOONER)
-
-
 def compiled(static_argnames: Static = ()) -> Callable[[Function], Function]:
     """`jax.jit` for what runs long; otherwise as `compiled_quickly`."""
     return lambda function: _for_few_shapes(function, static_argnames, FULLY)
 
 
-def _for_few_shapes(function: Function, static_argnames: Static, options: dict[str, Any]) -> Function:
+def by_row(
+    size: int, *, given: int, static_argnames: Static = (), options: dict[str, Any] = _SOONER
+) -> Callable[[Function], Function]:
+    """Makes a function of one row one of any number of rows along first axes, its results numpy arrays.
+
+    ``size`` rows go into one compiled call, which makes as many of them as there are: one compilation serves
+    any number. Otherwise as `compiled_quickly`.
+
+    Args:
+        size: about as many rows as are often asked for at once.
+        given: how many arguments come before the row's, the same for all rows.
+        static_argnames: as of `jax.jit`, among these.
+        options: of the compiler.
+    """
+
+    def decorated(function: Function) -> Function:
+        @wraps(function)
+        def first(*arguments: Any) -> Any:
+            same, rows, number = arguments[:given], arguments[given:-1], arguments[-1]
+            return _first_rows(lambda *row: function(*same, *row), rows, number)
+
+        call = _for_few_shapes(first, static_argnames, options, given)
+
+        @wraps(function)
+        def called(*arguments: Any) -> Any:
+            def some(*rows: Any) -> Any:
+                number = len(jax.tree.leaves(rows)[0])
+                places = np.minimum(np.arange(size), number - 1)
+                found = call(*arguments[:given], *jax.tree.map(lambda leaf: leaf[places], rows), number)
+                return jax.tree.map(lambda leaf: leaf[:number], found)
+
+            return in_parts(some, arguments[given:], size)
+
+        called.jitted = call.jitted  # type: ignore[attr-defined]
+        return called
+
+    return decorated
+
+
+def in_parts(function: Function, rows: Any, size: int) -> Any:
+    """``function(*rows)`` of at most ``size`` rows at a time, as numpy arrays."""
+    rows = jax.tree.map(np.asarray, rows)
+    begins = range(0, len(jax.tree.leaves(rows)[0]), size)
+    parts = [function(*jax.tree.map(lambda leaf: leaf[begin : begin + size], rows)) for begin in begins]  # noqa: B023
+    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+
+def _first_rows(one: Function, rows: Any, number: Any) -> Any:
+    """``one(*row)`` of the first ``number`` rows, and 0 behind them."""
+
+    def at(place: Any) -> Any:
+        return one(*jax.tree.map(lambda leaf: leaf[place], rows))
+
+    def add(place: Any, found: Any) -> Any:
+        return jax.tree.map(lambda whole, row: whole.at[place].set(row), found, at(place))
+
+    size, shapes = len(jax.tree.leaves(rows)[0]), jax.eval_shape(at, 0)
+    empty = jax.tree.map(lambda shape: jnp.zeros((size, *shape.shape), shape.dtype), shapes)
+    return jax.lax.fori_loop(0, number, add, empty)
+
+
+def _for_few_shapes(
+    function: Function, static_argnames: Static, options: dict[str, Any], given: int | None = None
+) -> Function:
+    """`jax.jit` of filled up arguments, those behind the first ``given`` being rows and their number."""
     jitted = jax.jit(function, static_argnames=static_argnames, compiler_options=options)
 
     @lru_cache(maxsize=1)
     def annotations() -> tuple[tuple[Any, ...], Any]:
         # Only when it is called is everything defined that the annotations name.
         hints = get_type_hints(function)
-        return tuple(hints.get(name) for name in signature(function).parameters), hints.get("return")
+        own, returned = tuple(hints.get(name) for name in signature(function).parameters), hints.get("return")
+        if given is None:
+            return own, returned
+        return (*own[:given], *map(Rows, own[given:]), None), Rows(returned)
 
     @wraps(function)
     def called(*arguments: Any) -> Any:
-        given, returned = annotations()
-        given = given[: len(arguments)]
-        sizes = sizes_of(arguments, given)
+        own, returned = annotations()
+        own = own[: len(arguments)]
+        sizes = sizes_of(arguments, own)
         if not sizes:
             return jitted(*arguments)
-        pairs = zip(arguments, given, strict=True)
+        pairs = zip(arguments, own, strict=True)
         return cut(jitted(*(_filled(*pair, sizes) for pair in pairs)), returned, sizes)
 
     called.jitted = jitted  # type: ignore[attr-defined]
@@ -82,7 +142,7 @@ def filled_up(value: Any) -> Any:
 
 
 def _filled(value: Any, annotation: Any, sizes: dict[str, int]) -> Any:
-    if not hasattr(value, "_fields"):
+    if not hasattr(value, "_fields") or isinstance(annotation, Rows):
         return padded(value, annotation, sizes)
     return _filled_once(_Same(value), tuple(sizes.items()))
 
@@ -104,28 +164,3 @@ class _Same:
 def _filled_once(same: _Same, sizes: tuple[tuple[str, int], ...]) -> Any:
     """A dataset is asked for hundreds of times."""
     return jax.device_put(padded(same.value, None, dict(sizes)))
-
-
-def in_calls(function: Function, rows: Any, size: int) -> Any:
-    """``function(*rows, number)`` for any number of rows, ``size`` of them a call, as numpy arrays.
-
-    ``function`` makes the first ``number`` of them, by `first_rows`: one compilation serves any number.
-    """
-    count, parts = len(jax.tree.leaves(rows)[0]), []
-    for begin in range(0, count, size):
-        number = min(size, count - begin)
-        places = begin + np.minimum(np.arange(size), number - 1)
-        found = function(*jax.tree.map(lambda leaf: np.asarray(leaf)[places], rows), number)  # noqa: B023
-        parts.append(jax.tree.map(lambda leaf: np.asarray(leaf)[:number], found))  # noqa: B023
-    return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
-
-
-def first_rows(one: Function, size: int, number: Any) -> Any:
-    """``one(place)`` of the first ``number`` places along an axis as long as ``size``, 0 behind them."""
-
-    def add(place: Any, found: Any) -> Any:
-        return jax.tree.map(lambda whole, row: whole.at[place].set(row), found, one(place))
-
-    shapes = jax.eval_shape(one, 0)
-    empty = jax.tree.map(lambda shape: jnp.zeros((size, *shape.shape), shape.dtype), shapes)
-    return jax.lax.fori_loop(0, number, add, empty)

@@ -47,14 +47,7 @@ class ConditionalPrior(NamedTuple):
     ) -> Float[np.ndarray, "*point impact"]:
         """Up to a constant."""
         away = u - self.mean
-        return -(away * times(self.precision, away)).sum(-1) / 2
-
-
-def times(
-    matrices: Float[np.ndarray, "*#batch row column"], vectors: Float[np.ndarray, "*batch column"]
-) -> Float[np.ndarray, "*batch row"]:
-    """Matrices times vectors."""
-    return (matrices @ vectors[..., None])[..., 0]
+        return -np.vecdot(away, np.matvec(self.precision, away)) / 2
 
 
 def standard_points(size: int, number: int = POINTS) -> Float[np.ndarray, "point parameter"]:
@@ -84,34 +77,13 @@ class Normals(NamedTuple):
 
 def normals(sites: Sites, anchor: ConditionalPrior) -> Normals:
     """See `Normals`; of the sites and a conditional prior N(a, D^-1) of one or more draws."""
-    return Normals(conditional_of(sites, anchor), np.moveaxis(anchor.mean, -1, 0))
-
-
-def conditional_of(sites: Sites, anchor: ConditionalPrior) -> ImpactConditional:
-    """The conditional of impacts' parameters under the precision of one or more draws of the population."""
-    prior = ImpactPrior(
-        np.moveaxis(anchor.precision, (-2, -1), (0, 1)),
-        np.linalg.slogdet(anchor.precision)[1],
-    )
-    return ImpactConditional.of(prior, parameters_first(Sites(*map(np.asarray, sites))))
-
-
-def points_of(
-    sites: Sites, anchor: ConditionalPrior, standard: Float[np.ndarray, "point parameter"]
-) -> Float[np.ndarray, "point impact parameter"]:
-    """The same standard normals of every impact taken there."""
-    return normals(sites, anchor).at(standard[:, None])
+    precision = np.moveaxis(anchor.precision, (-2, -1), (0, 1))
+    prior = ImpactPrior(precision, np.linalg.slogdet(anchor.precision)[1])
+    given = ImpactConditional.of(prior, parameters_first(sites))
+    return Normals(given, np.moveaxis(anchor.mean, -1, 0))
 
 
 def log_evidence(sites: Sites, anchor: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
     """Log of the integral of each site over a conditional prior, of one or more draws of the population."""
     given, about = normals(sites, anchor)
     return given.log_density(about)
-
-
-def log_site(
-    sites: Sites, u: Float[np.ndarray, "*point impact parameter"]
-) -> Float[np.ndarray, "*point impact"]:
-    """`Sites.log_density` as a numpy array."""
-    held = Sites._make(map(np.asarray, sites))
-    return np.asarray(held.log_density(u))

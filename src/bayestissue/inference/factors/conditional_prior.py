@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -14,10 +13,10 @@ from jaxtyping import Float
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data, integrate_out
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
-from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
+from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.factors.conditional import ConditionalPrior, evenly_spaced
 
-# Draws of one call: as few as are asked for then, so that one compilation serves any number.
+# Draws of one call.
 DRAWS = 64
 
 
@@ -46,8 +45,7 @@ class PopulationDraws(NamedTuple):
 
     def priors(self, design: PopulationDesign) -> ConditionalPrior:
         """The conditional prior of an impact at every place of the design; see `of_cells`."""
-        about = in_calls(partial(expected_of, design), (self.b,), DRAWS)
-        return ConditionalPrior(about, self.precision[:, None])
+        return ConditionalPrior(_expected(design, self.b), self.precision[:, None])
 
 
 def of_cells(priors: ConditionalPrior, cell: np.ndarray) -> ConditionalPrior:
@@ -66,27 +64,20 @@ def population_draws(
         raw: the hyperparameters, unconstrained, [draw].
         z_b: standard effects: with 0 b has its conditional mean.
     """
-    rows = ({name: np.asarray(raw[name]) for name in model.hyperparameters}, z_b)
-    return PopulationDraws(rows[0], *in_calls(partial(population_draws_of, model, data), rows, DRAWS))
+    raw = {name: np.asarray(raw[name]) for name in model.hyperparameters}
+    return PopulationDraws(raw, *population_draw(model, data, raw, z_b))
 
 
-@compiled_sooner()
-def population_draws_of(
-    model: TraceModel, data: Data, raw: dict[str, Array], z_b: Array, number: int
-) -> tuple[dict[str, Array], Float[Array, "draw location"], Float[Array, "draw parameter parameter"]]:
-    """What is compiled of `population_draws`: the first so many of `DRAWS` draws."""
-
-    def one(place: Any) -> tuple[dict[str, Array], Array, Array]:
-        sites = constrained(model, {name: values[place] for name, values in raw.items()})
-        given = integrate_out(data, population(model, sites))
-        return sites, given.draw_effects(z_b[place]), given.prior.precision
-
-    return first_rows(one, DRAWS, number)
+@by_row(DRAWS, given=2)
+def population_draw(
+    model: TraceModel, data: Data, raw: dict[str, Array], z_b: Float[Array, " location"]
+) -> tuple[dict[str, Array], Float[Array, " location"], Float[Array, "parameter parameter"]]:
+    """What is compiled of `population_draws`."""
+    sites = constrained(model, raw)
+    given = integrate_out(data, population(model, sites))
+    return sites, given.draw_effects(z_b), given.prior.precision
 
 
-@compiled_sooner()
-def expected_of(
-    design: PopulationDesign, b: Float[Array, "draw location"], number: int
-) -> Float[Array, "draw place parameter"]:
-    """What is compiled of `PopulationDraws.priors`."""
-    return first_rows(lambda draw: expected_by_cell(design, b[draw]).T, DRAWS, number)
+@by_row(DRAWS, given=1)
+def _expected(design: PopulationDesign, b: Float[Array, " location"]) -> Float[Array, "place parameter"]:
+    return expected_by_cell(design, b).T

@@ -14,7 +14,7 @@ from scipy.special import logsumexp
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, points_of
+from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.padding import adds_nothing
 
@@ -111,12 +111,12 @@ def integrated_likelihood_grid(
     ``roughly`` is enough to tell where it is greatest, at a quarter of the cost.
     """
     grid = _GRID[:: _ROUGHLY if roughly else 1]
-    u = points_of(cleared, anchor, standard)
+    u = normals(cleared, anchor).at(standard[:, None])
     number, impacts, size = u.shape
     moved = np.repeat(u[None], len(grid), axis=0)
     moved[..., -1] = grid[:, None, None]
     density = log_likelihoods(model, data, moved.reshape(-1, impacts, size))
-    ratios = density.reshape(-1, number, impacts) - log_site(cleared, u)
+    ratios = density.reshape(-1, number, impacts) - cleared.log_density(u)
     table = logsumexp(np.maximum(ratios, _NONE), axis=1) - np.log(number)
     # Cubics overshoot where a steep fall ends; so far down it does not matter.
     table = np.maximum(table, table.max(0) - _DEEPEST)

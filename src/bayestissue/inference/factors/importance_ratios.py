@@ -7,7 +7,6 @@ likelihood with a long tail: no set of points serves all draws there. These are 
 
 from __future__ import annotations
 
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,7 +16,6 @@ from jax import Array
 from jaxtyping import Float
 from scipy.special import logsumexp
 
-from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.impacts import (
     ImpactConditional,
     ImpactPrior,
@@ -25,16 +23,16 @@ from bayestissue.hierarchy.gaussian.impacts import (
     parameters_first,
 )
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.execution.compiling import compiled_quickly, compiled_sooner, first_rows, in_calls
+from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.factors.conditional import (
     ConditionalPrior,
     evenly_spaced,
-    log_site,
     standard_points,
 )
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.samplers.psis import below_greatest
+from bayestissue.likelihood import small
 
 # Among an impact's parameters: the noise, after log K and log C.
 _NOISE = 2
@@ -56,7 +54,7 @@ class TabulatedRatio(NamedTuple):
     Attributes:
         reference: where the others' tables and the points have this parameter, less the site's centre.
         reach: of the table, on either side of the reference.
-        coefficients: of Chebyshev polynomials.
+        coefficients: of a polynomial, the highest power's first.
     """
 
     reference: Float[Array, " impact"]
@@ -66,13 +64,8 @@ class TabulatedRatio(NamedTuple):
     def log_mean(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
         """Log of the mean of the ratio under a normal parameter, its mean less the site's centre."""
         away = mean - self.reference + sd * jnp.asarray(_NORMAL_POINTS)[:, None]
-        x = jnp.clip(away / self.reach, -1.0, 1.0)
-        before, now = jnp.ones_like(x), x
-        total = self.coefficients[0] + self.coefficients[1] * now
-        for coefficient in self.coefficients[2:]:
-            before, now = now, 2 * x * now - before
-            total = total + coefficient * now
-        return jax.nn.logsumexp(total, axis=0, b=jnp.asarray(_NORMAL_WEIGHTS)[:, None])
+        log_ratio = jnp.polyval(self.coefficients, jnp.clip(away / self.reach, -1.0, 1.0))
+        return jax.nn.logsumexp(log_ratio, axis=0, b=jnp.asarray(_NORMAL_WEIGHTS)[:, None])
 
 
 class ImportanceRatios(NamedTuple):
@@ -120,14 +113,14 @@ def importance_ratios(
     """
     known, tables = _known_and_tabulated(model, grid is not None)
     order, free = _order(known, tables), known - tables
-    normals = _Ordered.of(Sites(*map(np.asarray, sites)), anchors, known, tables)
+    normals = _Ordered.of(sites, anchors, known, tables)
     means, sds = map(np.stack, normals.of_tabulated())
     references = means.mean(1)
     reaches = np.abs(means - references[:, None]).max(1) + 4 * sds.max(1)
     lasts = anchors.mean[..., -1] + anchors.precision[..., -1, -1] ** -0.5 * standard[:, -1:]
     of_last = np.zeros(lasts.shape) if grid is None else np.asarray(_of_grid(grid, lasts))
     back = np.argsort(order)
-    centre = np.asarray(sites.centre)[:, :known]
+    centre = sites.centre[:, :known]
 
     def ratio(away: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
         """With the tabulated parameters so far from the centre, the others from their conditional."""
@@ -137,7 +130,7 @@ def importance_ratios(
         u = centre + np.moveaxis(moved, 0, -1)[..., back]
         complete = u if grid is None else np.concatenate([u, lasts[some, :, None]], axis=-1)
         density = log_likelihoods(model, data, complete)
-        of_site = log_site(sites, complete) + of_last[some]
+        of_site = sites.log_density(complete) + of_last[some]
         # Neither infinity less another, where the site fails as well, is a ratio.
         has = np.isfinite(density) & np.isfinite(of_site)
         return u, np.where(has, density - np.where(has, of_site, 0.0), -np.inf)
@@ -158,7 +151,7 @@ def importance_ratios(
         values = np.maximum(below_greatest(values), _LEAST_RATIO)
         # The points have their ratios at the reference, which is the middle node.
         values = values - values[_NODES // 2]
-        return TabulatedRatio(references[number], reaches[number], _chebyshev() @ values)
+        return TabulatedRatio(references[number], reaches[number], np.linalg.solve(np.vander(nodes), values))
 
     made = tuple(table(number) for number in range(tables))
     return ImportanceRatios(u, log_density, log_ratio, made)  # type: ignore[arg-type]
@@ -190,7 +183,7 @@ class _Ordered(NamedTuple):
     """The normal conditional of each impact's parameters less the site's centre, the tabulated ones last.
 
     L' (u - m) - shift is standard normal, with L L' = P + D: the last parameters follow alone, and the others
-    given them. All are entries, as `bayestissue.hierarchy.gaussian.blocks` has them.
+    given them. All are entries, as `bayestissue.likelihood.small` has them.
 
     Attributes:
         shift: L^-1 (g + D (X b - m)).
@@ -198,8 +191,8 @@ class _Ordered(NamedTuple):
         free: how many parameters have no table.
     """
 
-    shift: blocks.Vector
-    factor: blocks.Triangle
+    shift: small.Vector
+    factor: small.Triangle
     free: int
 
     @classmethod
@@ -225,58 +218,29 @@ class _Ordered(NamedTuple):
         shift, factor = jax.tree.map(lambda entry: entry[index], (self.shift, self.factor))
         return _Ordered(shift, factor, self.free)
 
-    def of_tabulated(self) -> tuple[blocks.Vector, blocks.Vector]:
+    def of_tabulated(self) -> tuple[small.Vector, small.Vector]:
         """Mean and standard deviation of each tabulated parameter."""
         factor = [row[self.free :] for row in self.factor[self.free :]]
-        variance = blocks.squared(blocks.inverse_factor(factor))
-        mean = blocks.solve_upper(factor, self.shift[self.free :])
+        variance = small.squared(small.inverse_factor(factor))
+        mean = small.solve_upper(factor, self.shift[self.free :])
         return mean, [row[a] ** 0.5 for a, row in enumerate(variance)]
 
-    def given(self, away: blocks.Vector, z: blocks.Vector) -> blocks.Vector:
+    def given(self, away: small.Vector, z: small.Vector) -> small.Vector:
         """The free parameters from standard normals, the tabulated ones being ``away``."""
         tied, free = self.factor[self.free :], self.factor[: self.free]
-        pulled = [blocks.dot([row[a] for row in tied], away) for a in range(self.free)]
+        pulled = [small.dot([row[a] for row in tied], away) for a in range(self.free)]
         right = [s + own - p for s, own, p in zip(self.shift, z, pulled, strict=False)]
-        return blocks.solve_upper(free, right)
+        return small.solve_upper(free, right)
 
-    def log_density(self, moved: blocks.Vector) -> Any:
+    def log_density(self, moved: small.Vector) -> Any:
         """Of the free parameters given the tabulated ones, up to a constant."""
-        turned = blocks.turned_times(self.factor, moved)[: self.free]
+        turned = small.turned_times(self.factor, moved)[: self.free]
         z = [t - s for t, s in zip(turned, self.shift, strict=False)]
-        return blocks.log_diagonal(self.factor[: self.free]) - blocks.dot(z, z) / 2
-
-
-def _chebyshev() -> np.ndarray:
-    """From values at the nodes to coefficients."""
-    nodes = np.polynomial.chebyshev.chebpts1(_NODES)
-    return np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, _NODES - 1))
-
-
-def log_evidence_corrections(
-    sites: Sites, ratios: ImportanceRatios, anchors: ConditionalPrior
-) -> Float[np.ndarray, "draw impact"]:
-    """`log_corrections` of what each of any number of draws of the population expects."""
-    return in_calls(partial(corrections_of, sites, ratios), tuple(anchors), DRAWS)
-
-
-@compiled_sooner()
-def corrections_of(
-    sites: Sites,
-    ratios: ImportanceRatios,
-    mean: Float[Array, "draw impact parameter"],
-    precision: Array,
-    number: int,
-) -> Float[Array, "draw impact"]:
-    """What is compiled of `log_evidence_corrections`: the first so many of `DRAWS` draws."""
-
-    def one(place: Any) -> Array:
-        return log_corrections(ratios, sites, ConditionalPrior(mean[place], precision[place]))
-
-    return first_rows(one, DRAWS, number)
+        return small.log_diagonal(self.factor[: self.free]) - small.dot(z, z) / 2
 
 
 def log_corrections(
-    ratios: ImportanceRatios, sites: Sites, prior: ConditionalPrior
+    sites: Sites, ratios: ImportanceRatios, prior: ConditionalPrior
 ) -> Float[Array, " impact"]:
     """Log of each trace's true evidence over its site's, given X b and D.
 
@@ -292,6 +256,10 @@ def log_corrections(
     places = zip(*given.of_tabulated(), strict=True)
     means = [table.log_mean(*place) for table, place in zip(ratios.tables, places, strict=True)]
     return weighted - weight + sum(means)
+
+
+# `log_corrections` of what each of any number of draws of the population expects, [draw, impact].
+log_evidence_corrections = by_row(DRAWS, given=2)(log_corrections)
 
 
 def _order(size: int, tables: int) -> list[int]:

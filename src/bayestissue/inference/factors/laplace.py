@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.factors.conditional import ConditionalPrior, times
+from bayestissue.inference.factors.conditional import ConditionalPrior
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 
 ITERATIONS = 60
@@ -48,7 +47,6 @@ def laplace_sites(
         iterations: the most steps tried; with none the expansion is at ``start``.
     """
     start = np.array(start)
-    anchor = ConditionalPrior(np.asarray(anchor.mean), np.asarray(anchor.precision))
     # How sharply a trace tells its parameters is known only once it was expanded.
     nothing = np.zeros((*start.shape, start.shape[1]))
     best = _expansion(model, data, start, _expansion(model, data, start, nothing).curvature)
@@ -64,9 +62,9 @@ def laplace_sites(
         most = np.where(better, value, most)
         damping = np.where(better, np.maximum(damping / 10, 1e-14), np.minimum(damping * 10, _STUCK))
     values, axes = np.linalg.eigh(best.curvature)
-    firm = curvature_floor(values, times(axes.swapaxes(-1, -2), best.slope))
-    precision = (axes * firm[:, None]) @ axes.swapaxes(-1, -2)
-    return Sites(*map(jnp.asarray, (best.u, best.slope, precision, best.value)))
+    firm = curvature_floor(values, np.matvec(axes.mT, best.slope))
+    precision = (axes * firm[:, None]) @ axes.mT
+    return Sites(best.u, best.slope, precision, best.value)
 
 
 class _Expansion(NamedTuple):
@@ -120,12 +118,12 @@ def _next_after(
     at: _Expansion, anchor: ConditionalPrior, damping: Float[np.ndarray, " impact"]
 ) -> tuple[Float[np.ndarray, "impact parameter"], Float[np.ndarray, " impact"]]:
     """The next candidate, and what the best step there is promises."""
-    slope = at.slope - times(anchor.precision, at.u - anchor.mean)
+    slope = at.slope - np.matvec(anchor.precision, at.u - anchor.mean)
     values, axes = np.linalg.eigh(at.curvature + anchor.precision)
     bend = np.abs(values)
-    along = times(axes.swapaxes(-1, -2), slope)
+    along = np.matvec(axes.mT, slope)
     firm = bend + damping[:, None] * bend.max(1, keepdims=True)
-    move = times(axes, along / firm)
+    move = np.matvec(axes, along / firm)
     promised = (along**2 / np.maximum(bend, 1e-300)).sum(1) / 2
     # No step may be longer than a unit of a log parameter.
     longest = np.maximum(np.abs(move).max(1, keepdims=True), 1.0)

@@ -7,16 +7,14 @@ on whole arrays, which needs no compiler.
 
 from __future__ import annotations
 
-from functools import partial
-
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.traces import TraceData, TraceModel, log_likelihood
-from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
+from bayestissue.inference.execution.compiling import by_row
 
-# Points of one call: as few as are asked for then, so that one compilation serves any number.
+# Points of one call.
 POINTS = 64
 
 
@@ -27,13 +25,13 @@ def log_likelihoods(
 
     Minus infinity where there is none.
     """
-    found = in_calls(partial(densities_at, model, data), (u,), POINTS)
+    found = densities_at(model, data, u)
     return np.where(np.isfinite(found), found, -np.inf)
 
 
-@compiled_sooner()
+@by_row(POINTS, given=2)
 def densities_at(
-    model: TraceModel, data: TraceData, u: Float[Array, "point impact parameter"], number: int
-) -> Float[Array, "point impact"]:
-    """What is compiled of `log_likelihoods`: the first so many of `POINTS` points."""
-    return first_rows(lambda place: log_likelihood(model, data, list(u[place].T)), POINTS, number)
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> Float[Array, " impact"]:
+    """What is compiled of `log_likelihoods`."""
+    return log_likelihood(model, data, list(u.T))

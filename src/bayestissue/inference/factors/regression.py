@@ -10,14 +10,13 @@ draws.
 
 from __future__ import annotations
 
-import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.traces import TraceData, TraceModel
-from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, normals
+from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.laplace import least_curvature
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.samplers.psis import effective_size
@@ -61,7 +60,7 @@ def regression_sites(
     made = [np.array(part) for part in sites]
     for whole, part in zip(made, _nearest(u[:, fitted], value[:, fitted], weight[:, fitted]), strict=True):
         whole[fitted] = part
-    return Sites(*(jnp.asarray(part) for part in made))
+    return Sites(*made)
 
 
 def _nearest(
@@ -115,7 +114,7 @@ def _points(
     u = normals(sites, priors).at(rng.standard_normal((_EACH, *priors.mean.shape)))
     flat = u.reshape(-1, *u.shape[2:])
     value = log_likelihoods(model, data, flat)
-    ratio = (value - log_site(sites, flat)).reshape(u.shape[:3])
+    ratio = (value - sites.log_density(flat)).reshape(u.shape[:3])
     with np.errstate(invalid="ignore"):
         weight = softmax(ratio, axis=0)
     return flat, value, weight.reshape(value.shape)

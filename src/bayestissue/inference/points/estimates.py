@@ -142,10 +142,8 @@ def table_of(
     return table.reset_index(drop=True)
 
 
-def interval(
-    estimate: Column, error: Column, n_samples: np.ndarray, probability: float = 0.9
-) -> tuple[Column, Column]:
-    """The interval that should hold the truth with this probability, by Student's t with n - 5 degrees.
+def interval(estimate: Column, error: Column, n_samples: np.ndarray) -> tuple[Column, Column]:
+    """The interval that should hold the truth with a probability of 90 %, by Student's t with n - 5 degrees.
 
     K and C are all but linear in phi1 and phi2, in which the residuals are exactly linear: so the interval
     is laid symmetrically around the estimate, also one below zero, and what lies below zero is cut off. Where
@@ -155,12 +153,11 @@ def interval(
         estimate: `PointFit.K_signed` or `PointFit.C_signed`.
         error: its standard error.
         n_samples: samples of each impact; two of them are given, and phi1, phi2 and theta1 are fitted.
-        probability: of holding the truth, when the noise is as the fit assumes.
 
     Returns:
         Lower and upper end, NaN where there is no interval or no standard error.
     """
-    reach = stdtrit(np.maximum(n_samples - 5, 1), (1 + probability) / 2) * error
+    reach = stdtrit(np.maximum(n_samples - 5, 1), 0.95) * error
     high = np.where(estimate + reach > 0, estimate + reach, np.nan)
     return np.where(np.isfinite(high), np.maximum(estimate - reach, 0), np.nan), high
 

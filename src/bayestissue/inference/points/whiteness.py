@@ -1,9 +1,9 @@
-"""Ljung and Box's portmanteau test of residuals."""
+"""Whether residuals are white: their autocorrelations, and Ljung and Box's portmanteau test."""
 
 from __future__ import annotations
 
 import numpy as np
-from jaxtyping import Float, Num
+from jaxtyping import Bool, Float, Num
 from scipy.special import chdtrc
 
 LAGS = 10
@@ -53,6 +53,32 @@ def ljung_box(shocks: Float[np.ndarray, "residual impact"], size: Count, spent: 
             r = np.einsum("ti,ti->i", shocks[lag:], shocks[:-lag]) / square
         statistic += r**2 / np.maximum(size - lag, 1)
     return np.where(size >= 2 * LAGS, chdtrc(LAGS - spent, size * (size + 2) * statistic), np.nan)
+
+
+def autocorrelation(
+    values: Float[np.ndarray, "*draw impact sample"],
+    used: Bool[np.ndarray, "impact sample"],
+    *,
+    powers: int,
+    lags: int,
+) -> Float[np.ndarray, "*draw impact"]:
+    """The autocorrelations of each row at the first ``lags``, added up, a polynomial in time taken off it.
+
+    Errors of a measuring chain are as smooth as a polynomial; what is left of residuals is noise, or the mark
+    of another law.
+
+    Args:
+        values: residuals; NaN where they are not ``used``.
+        used: whether there is a sample.
+        powers: of time in the polynomial: 3 of a parabola.
+        lags: how many.
+    """
+    values = np.where(used, values, 0.0)
+    time = np.linspace(-1, 1, used.shape[-1])
+    smooth = np.linalg.qr(np.where(used[..., None], time[:, None] ** np.arange(powers), 0.0)).Q
+    values = values - np.einsum("...isk,...ik->...is", smooth, np.einsum("...is,isk->...ik", values, smooth))
+    products = sum((values[..., lag:] * values[..., :-lag]).sum(-1) for lag in range(1, lags + 1))
+    return products / (values**2).sum(-1)
 
 
 def residuals(

@@ -233,7 +233,7 @@ def approximate(
     finder = _ModeFinder(model, data, grid)
     mode = finder.mode(sites, None)
     anchor = finder.conditional_prior(sites, mode)
-    sites = _laplace(model, smooth, np.asarray(sites.centre), anchor, told(1))
+    sites = _laplace(model, smooth, sites.centre, anchor, told(1))
     mode = finder.mode(sites, mode)
     if not model.may_have_grid:
         return Approximation(sites, finder.coordinates(sites, mode), None)
@@ -269,10 +269,10 @@ def last_is_normal(prepared: Prepared, sites: Sites) -> bool:
     an element's further parameter as well as the sites say, unless the likelihood has another end.
     """
     if prepared.model.kind != "arma":
-        covariance = np.linalg.inv(np.asarray(sites.precision))
+        covariance = np.linalg.inv(sites.precision)
         narrow = np.sqrt(np.median(covariance[:, -1, -1])) < _WELL_TOLD
         return bool(narrow) and not _has_another_end(prepared, sites)
-    middle = np.median(np.asarray(sites.centre)[:, -1])
+    middle = np.median(sites.centre[:, -1])
     return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
 
 
@@ -281,7 +281,7 @@ def _has_another_end(prepared: Prepared, sites: Sites) -> bool:
 
     A search may have stopped on a shelf, from which the likelihood rises slowly to where it is level.
     """
-    centre = np.asarray(sites.centre)
+    centre = sites.centre
     last = np.arange(centre.shape[1]) == centre.shape[1] - 1
 
     def densities(part: TraceData, middle: np.ndarray) -> np.ndarray:

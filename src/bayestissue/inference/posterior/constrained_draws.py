@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from functools import partial
-from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -17,7 +16,7 @@ from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
 from bayestissue.inference.execution.chunks import in_blocks
-from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
+from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import kept_draws
 from bayestissue.inference.factors.conditional import normals
 from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
@@ -26,7 +25,7 @@ from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_d
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 
-# Draws of one call, so that one compilation serves any number.
+# Draws of one call.
 DRAWS = 256
 
 
@@ -69,8 +68,7 @@ def constrained_draws(
         shared = people if model.mass_error == "subject" else of_mass
         # Of the design X b of these impacts is asked alone.
         part = part._replace(design=design._replace(cell=cell[rows]))
-        given = (some.sites, some.b, here.mean, u, shared, of_errors)
-        made = in_calls(partial(constrain_rows, model, part), given, DRAWS)
+        made = constrained_impacts(model, part, some.sites, some.b, here.mean, u, shared, of_errors)
         if len(kept) < shape[1]:
             # Seven digits of a draw are more than it knows, and half the memory.
             made = {name: values.astype(np.float32) for name, values in made.items()}
@@ -81,7 +79,7 @@ def constrained_draws(
         name: np.moveaxis(v.reshape(len(v), shape[0], len(kept), *v.shape[2:]), 0, 2)
         for name, v in made.items()
     }
-    b = in_calls(partial(at_true_masses_of, model), (every.sites, every.b, keys), DRAWS)
+    b = _at_true_masses(model, every.sites, every.b, keys)
     scores = of_draws(prepared, likelihood or LikelihoodApproximation(approximation), every)
     values, b, scores = jax.tree.map(
         lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (every.sites, b, scores)
@@ -90,47 +88,32 @@ def constrained_draws(
     return ConstrainedDraws(found, impacts, scores, None if len(kept) == shape[1] else kept)
 
 
-@compiled_sooner()
-def constrain_rows(
+@by_row(DRAWS, given=2)
+def constrained_impacts(
     model: TraceModel,
     data: TraceData,
     sites: dict[str, Array],
-    b: Float[Array, "draw location"],
-    about: Float[Array, "draw impact parameter"],
-    u: Float[Array, "draw impact parameter"],
+    b: Float[Array, " location"],
+    about: Float[Array, "impact parameter"],
+    u: Float[Array, "impact parameter"],
     of_mass: Array,
     of_errors: Array,
-    number: int,
-) -> dict[str, Float[Array, "draw impact ..."]]:
-    """Every impact's quantities, of the first so many draws.
-
-    ``of_mass`` and ``of_errors`` are keys of the errors of mass and of all other errors.
-    """
-
-    def one(place: Any) -> dict[str, Array]:
-        own = {name: values[place] for name, values in sites.items()}
-        covariances, columns, here = population(model, own), list(u[place].T), list(about[place].T)
-        _, shared = at_true_masses(covariances, b[place], of_mass[place])
-        if shared is None:
-            mass_error = impact_error(model, covariances, columns, here, of_mass[place])
-        else:
-            mass_error = of_impacts(data.design, covariances, shared)
-        return impact_quantities(model, data, columns, mass_error, of_errors[place])
-
-    return first_rows(one, DRAWS, number)
+) -> dict[str, Float[Array, "impact ..."]]:
+    """Every impact's quantities; ``of_mass`` and ``of_errors`` are keys of errors of mass and all others."""
+    covariances, columns = population(model, sites), list(u.T)
+    _, shared = at_true_masses(covariances, b, of_mass)
+    if shared is None:
+        mass_error = impact_error(model, covariances, columns, list(about.T), of_mass)
+    else:
+        mass_error = of_impacts(data.design, covariances, shared)
+    return impact_quantities(model, data, columns, mass_error, of_errors)
 
 
-@compiled_sooner()
-def at_true_masses_of(
-    model: TraceModel, sites: dict[str, Array], b: Float[Array, "draw location"], keys: Array, number: int
-) -> Float[Array, "draw location"]:
-    """Effects at people's true masses, by the errors of `constrain_rows`, of the first so many draws."""
-
-    def one(place: Any) -> Array:
-        own = {name: values[place] for name, values in sites.items()}
-        return at_true_masses(population(model, own), b[place], keys[place])[0]
-
-    return first_rows(one, DRAWS, number)
+@by_row(DRAWS, given=1)
+def _at_true_masses(
+    model: TraceModel, sites: dict[str, Array], b: Float[Array, " location"], key: Array
+) -> Float[Array, " location"]:
+    return at_true_masses(population(model, sites), b, key)[0]
 
 
 def impact_quantities(

@@ -225,4 +225,4 @@ def _correction(points: ImportanceRatios, sites: Sites, v: Array) -> Array:
     kk, kc, cc = v[:, size : size + 3].T
     prior = Covariances((kk, kc, cc), tuple(jnp.sqrt(v[:, size + 3 :]).T), jnp.zeros(0)).of_impact()
     precision = jnp.moveaxis(prior.precision, -1, 0)
-    return log_corrections(points, sites, ConditionalPrior(v[:, :size], precision))
+    return log_corrections(sites, points, ConditionalPrior(v[:, :size], precision))

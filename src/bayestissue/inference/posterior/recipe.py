@@ -22,10 +22,10 @@ from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
 from bayestissue.inference.execution.chunks import in_blocks
-from bayestissue.inference.execution.compiling import filled_up, in_calls
+from bayestissue.inference.execution.compiling import filled_up, in_parts
 from bayestissue.inference.execution.kept import all_fit, kept_draws
 from bayestissue.inference.execution.progress import Progress, silent
-from bayestissue.inference.factors.conditional import ConditionalPrior, log_site, normals
+from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior.approximate import (
@@ -247,7 +247,7 @@ def with_impacts(
         own, here = found.approximation.of_rows(rows)[0], of_cells(priors, cell[rows])
         choose = partial(sir_proposals, model, part, own, candidates_for(varies))
         seeds = rng.integers(2**32, size=len(some.b))
-        return in_calls(choose, (here.mean, some.precision, seeds), _DRAWS_AT_ONCE).swapaxes(0, 1)
+        return in_parts(choose, (here.mean, some.precision, seeds), _DRAWS_AT_ONCE).swapaxes(0, 1)
 
     z_u = in_blocks(prepared.data, one, progress=progress).swapaxes(0, 1)
     sites = {**found.draws.raw, "standard_locations": found.z_b}
@@ -312,20 +312,15 @@ def sir_proposals(
     about: Float[np.ndarray, "draw impact parameter"],
     precision: Float[np.ndarray, "draw parameter parameter"],
     seeds: Int[np.ndarray, " draw"],
-    number: int | None = None,
 ) -> Float[np.ndarray, "draw impact parameter"]:
-    """Standard normals of every impact, one of a few candidates each, chosen by likelihood over site.
-
-    Of the first ``number`` draws, all of them unless given.
-    """
-    about, precision, seeds = (values[:number] for values in (about, precision, seeds))
-    given = normals(sites, ConditionalPrior(about, np.asarray(precision)[:, None]))
+    """Standard normals of every impact, one of a few candidates each, chosen by likelihood over site."""
+    given = normals(sites, ConditionalPrior(about, precision[:, None]))
     rng = np.random.default_rng(seeds)
     best, most = np.zeros(about.shape), np.full(about.shape[:2], -np.inf)
     for number in range(candidates):
         z = rng.standard_normal(about.shape)
         u = given.at(z)
-        ratio = log_likelihoods(model, data, u) - log_site(sites, u)
+        ratio = log_likelihoods(model, data, u) - sites.log_density(u)
         # The greatest of these sums is a choice by likelihood over site (Gumbel 1954).
         value = ratio + rng.gumbel(size=ratio.shape)
         better = (value > most) | (number == 0)

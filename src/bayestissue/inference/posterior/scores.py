@@ -9,30 +9,28 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.hierarchy.gaussian import blocks
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, population
 from bayestissue.inference.execution.chunks import impacts_of
-from bayestissue.inference.execution.compiling import compiled_sooner, first_rows, in_calls
+from bayestissue.inference.execution.compiling import by_row, in_parts
 from bayestissue.inference.execution.kept import all_fit, some_impacts
-from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence
+from bayestissue.inference.factors.conditional import log_evidence
 from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import log_evidence_corrections, ratios_among
 from bayestissue.inference.posterior.approximate import Approximation
-from bayestissue.inference.posterior.own_effects import OwnEffects, Slots, gained, own_effects
-from bayestissue.padding import bucket
+from bayestissue.inference.posterior.own_effects import OwnEffects, own_effects
+from bayestissue.likelihood import small
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
@@ -76,10 +74,8 @@ def of_draws(
         ratios = ratios_among(prepared.model, part, own, priors, grid)
         besides = log_evidence_corrections(own, ratios, priors)
     if grid is not None:
-        besides = besides + _of_grid(grid, priors)
-    parts = [slice(begin, begin + _AT_ONCE) for begin in range(0, len(besides), _AT_ONCE)]
-    alone = [log_evidence(own, ConditionalPrior(*(each[some] for each in priors))) for some in parts]
-    scores = {"trace": np.concatenate(alone) + besides}
+        besides = besides + _grid_evidence(grid, priors.mean[..., -1], priors.precision[:, 0, -1, -1] ** -0.5)
+    scores = {"trace": besides + in_parts(partial(log_evidence, own), (priors,), _AT_ONCE)}
     if not whole:
         return scores | groups
     for name, grouping in prepared.design.groupings.items():
@@ -89,77 +85,44 @@ def of_draws(
     return scores
 
 
-def _of_grid(grid: LikelihoodGrid, priors: ConditionalPrior) -> Float[np.ndarray, "draw impact"]:
-    sd = priors.precision[:, 0, -1, -1] ** -0.5
-    return in_calls(partial(_grid_evidence, grid), (priors.mean[..., -1], sd), _AT_ONCE)
-
-
-@compiled_sooner()
-def _grid_evidence(
-    grid: LikelihoodGrid, mean: Float[Array, "draw impact"], sd: Array, number: int
-) -> Float[Array, "draw impact"]:
-    return first_rows(lambda place: grid.log_evidence(mean[place], sd[place]), _AT_ONCE, number)
+@by_row(_AT_ONCE, given=1)
+def _grid_evidence(grid: LikelihoodGrid, mean: Float[Array, " impact"], sd: Array) -> Float[Array, " impact"]:
+    return grid.log_evidence(mean, sd)
 
 
 def _of_groups(
     prepared: Prepared, approximation: Approximation, draws: PopulationDraws
 ) -> dict[str, Float[np.ndarray, " draw ..."]]:
     """The same of groups by the sites, and that of all traces together."""
-    found = own_effects(prepared.model, prepared.design)
-    slots = tuple((name, each) for name, (each, _) in found.items())
-    own = {name: _by_place(prepared, each) for name, (_, each) in found.items()}
-    scored = partial(_group_scores, prepared.model, slots, approximation.data(prepared.data), own)
-    made = in_calls(scored, (draws.sites, draws.b), _AT_ONCE)
-    for name, grouping in prepared.design.groupings.items():
+    model, data, design = prepared.model, approximation.data(prepared.data), prepared.design
+    cell, places = np.asarray(data.design.cell), data.design.members.shape[2]
+    own = {name: each.at_places(cell, places) for name, each in own_effects(model, design).items()}
+    made = _group_scores(model, data, own, draws.sites, draws.b)
+    for name, grouping in design.groupings.items():
         stem = f"traces_of_{stem_of(name)}"
         made[stem] = made[stem][:, : len(grouping.levels)]
     return made
 
 
-def _by_place(prepared: Prepared, own: OwnEffects) -> OwnEffects:
-    """The same of each place, whose impacts are alike; an empty one has level 0 and adds nothing."""
-    cell, places = np.asarray(prepared.data.design.cell), prepared.data.design.members.shape[2]
-    level, value = np.zeros(places, int), np.zeros((len(own.value), places))
-    level[cell], value[:, cell] = own.level, own.value
-    slots, levels = own.element.shape
-    element = np.zeros((slots, bucket(levels)), int)
-    element[:, :levels] = own.element
-    return OwnEffects(level, element, value)
-
-
-@partial(jax.jit, static_argnums=1)
+@by_row(_AT_ONCE, given=3)
 def _group_scores(
     model: TraceModel,
-    groups: tuple[tuple[str, Slots], ...],
     data: Data,
     own_of: dict[str, OwnEffects],
     sites: dict[str, Array],
-    b: Float[Array, "draw location"],
-    number: int,
+    b: Float[Array, " location"],
 ) -> dict[str, Array]:
-    """What is compiled of `_of_groups`: the first so many of the draws."""
+    """What is compiled of `_of_groups`."""
+    covariances = population(model, sites)
+    sums = data.sums(covariances)
+    moved = expected_by_cell(data.design, b) - expected_by_cell(data.design, data.mean)
 
-    def one(place: Any) -> dict[str, Array]:
-        hyperparameters, effects = {name: values[place] for name, values in sites.items()}, b[place]
-        sums = data.sums(population(model, hyperparameters))
-        moved = expected_by_cell(data.design, effects) - expected_by_cell(data.design, data.mean)
+    def at(away: Array) -> tuple[Array, Array]:
+        bent = jnp.stack(small.times(sums.weight, away))
+        return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
 
-        def at(away: Array) -> tuple[Array, Array]:
-            bent = jnp.stack(blocks.times(sums.weight, away))
-            return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
-
-        scores = {"traces": at(moved)[0].sum()}
-        for name, slots in groups:
-            own = own_of[name]
-
-            def total(values: Array, own: OwnEffects = own) -> Array:
-                impact_first = jnp.moveaxis(values, -1, 0)
-                return jnp.moveaxis(jax.ops.segment_sum(impact_first, own.level, own.element.shape[1]), 0, -1)
-
-            alone = [v - own.in_impacts(slots, effects, a) for a, v in enumerate(moved)]
-            value, pull = at(jnp.stack(alone))
-            added = gained(model, slots, own, hyperparameters, sums.weight, pull, total)
-            scores[f"traces_of_{stem_of(name)}"] = total(value) + added
-        return scores
-
-    return first_rows(one, _AT_ONCE, number)
+    scores = {"traces": at(moved)[0].sum()}
+    for name, own in own_of.items():
+        value, pull = at(moved - own.expected(b, len(moved)))
+        scores[f"traces_of_{stem_of(name)}"] = own.total(value) + own.gained(covariances, sums.weight, pull)
+    return scores

@@ -29,7 +29,6 @@ from bayestissue.inference.results.labels import (
     design_dimensions,
     labelled,
     labelled_statistics,
-    statistics_of_transitions,
 )
 from bayestissue.inference.results.predictive_checks import predictive_checks
 from bayestissue.inference.results.summary import summarise
@@ -105,7 +104,7 @@ def analyse(
     return PublishedAnalysis(
         tree,
         summary,
-        diagnose(summary, statistics_of_transitions(found.draws), further),
+        diagnose(summary, labelled_statistics(found.draws, of_transitions=True), further),
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         compare_explanations(model, explanations, trial, settings, seed, progress),
         prior_sensitivity(tree),

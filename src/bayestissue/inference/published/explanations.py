@@ -83,7 +83,6 @@ def log_predictive_density(
     2016, doi:10.48550/arXiv.1412.8163, call this integrated); where Pareto k refuses that, by chains without
     these rows.
     """
-    assert found.chains is not None  # noqa: S101 - the path by sites has them
     others = without(found.data, rows)
     log_weight = _log_evidence_ratios(model, others, found.chains, seed)
     smoothed, k = pareto_smoothed(log_weight)

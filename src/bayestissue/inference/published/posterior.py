@@ -7,13 +7,11 @@ place; b is drawn from its conditional; and the draws are weighted by the tables
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
 from typing import NamedTuple
 
-import jax
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 
 from bayestissue.hierarchy.estimates import (
     EffectsDraw,
@@ -27,7 +25,7 @@ from bayestissue.hierarchy.estimates import (
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.traces import COORDINATES, constrained
 from bayestissue.hierarchy.warp import SinhArcsinh
-from bayestissue.inference.execution.compiling import filled_up, first_rows, in_calls
+from bayestissue.inference.execution.compiling import by_row, filled_up
 from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
@@ -47,7 +45,7 @@ _OTHER_SEED = 1_000_003
 
 
 class Chains(NamedTuple):
-    """Draws of the hyperparameters, and of the effects given each, by the sites and not corrected.
+    """Draws of the hyperparameters, and of the effects given each, not corrected.
 
     Attributes:
         raw: the hyperparameters, unconstrained, along a first axis of all chains' draws.
@@ -71,7 +69,7 @@ class EstimatesPosterior:
         correction: of the draws; None where nothing had to be corrected.
         data: with the place at which the tables' sites were made.
         coordinates: of the hyperparameters.
-        chains: before the correction; None where there was none.
+        chains: that the draws are chosen from.
     """
 
     draws: Draws
@@ -80,7 +78,7 @@ class EstimatesPosterior:
     correction: Correction | None
     data: EstimatesData
     coordinates: Coordinates
-    chains: Chains | None
+    chains: Chains
 
 
 def sample_posterior(
@@ -96,19 +94,24 @@ def sample_posterior(
         progress: told how many of the chains' transitions are done, where it takes long.
     """
     data, coordinates = approximated(model, data, seed)
-    if settings.path == "exact":
-        return _exact(model, data, coordinates, settings, seed, progress)
-    made: list[tuple[Correction, EstimatesPosterior]] = []
-    for again in range(1 + _MOST_AGAIN):
+    made: list[tuple[tuple[int, float], EstimatesPosterior]] = []
+    for again in range(0 if settings.path == "exact" else 1 + _MOST_AGAIN):
         chains = sample_chains(model, data, coordinates, settings, seed + again * _OTHER_SEED, progress)
-        made.append(_corrected(model, data, coordinates, chains, settings, seed))
-        if made[-1][0].relative > _WELL_PLACED:
+        ratios = chains.drawn.log_ratio.reshape(settings.chains, settings.transitions)
+        correction = Correction.of(ratios, settings.chains * settings.draws)
+        chosen = systematic(correction.weight, settings.draws, np.random.default_rng([seed, 22]))
+        found = _labelled(model, data, coordinates, chains, chosen, correction)
+        made.append((correction.rank, found))
+        if correction.relative > _WELL_PLACED:
             break
         data = data._replace(scatter=chains.drawn.scatter.mean(0))
-    correction, best = min(made, key=lambda each: each[0].rank)
-    if settings.path == "summary" or correction.trusted:
-        return best
-    return _exact(model, data, coordinates, settings, seed, progress)
+    if made:
+        (failed, _), best = min(made, key=lambda each: each[0])
+        if settings.path == "summary" or not failed:
+            return best
+    chains = _exact(model, data, coordinates, settings, seed, progress)
+    every = np.tile(np.arange(settings.draws), (settings.chains, 1))
+    return _labelled(model, data, coordinates, chains, every, None)
 
 
 def sample_chains(
@@ -143,26 +146,6 @@ def sample_chains(
     return Chains(raw, draw_all(model, data, raw, z), sampled)
 
 
-def _corrected(
-    model: EstimatesModel,
-    data: EstimatesData,
-    coordinates: Coordinates,
-    chains: Chains,
-    settings: Sampler,
-    seed: int,
-) -> tuple[Correction, EstimatesPosterior]:
-    """Draws chosen by the lost tables' factors over their sites."""
-    shape = (settings.chains, settings.transitions)
-    correction = Correction.of(
-        np.asarray(chains.drawn.log_ratio).reshape(shape), settings.chains * settings.draws
-    )
-    chosen = systematic(correction.weight, settings.draws, np.random.default_rng([seed, 22]))
-    chosen = (chosen + settings.transitions * np.arange(settings.chains)[:, None]).ravel()
-    raw, drawn = chains.raw[chosen], jax.tree.map(lambda values: values[chosen], chains.drawn)
-    found = _by_chain(model, data, coordinates, chains.sampled, raw, drawn, settings)
-    return correction, replace(found, correction=correction, chains=chains)
-
-
 def _exact(
     model: EstimatesModel,
     data: EstimatesData,
@@ -170,7 +153,7 @@ def _exact(
     settings: Sampler,
     seed: int,
     progress: Progress,
-) -> EstimatesPosterior:
+) -> Chains:
     """Chains of everything, on standard normals that the sites make effects of."""
     size = len(coordinates.names)
     centre = {COORDINATES: np.zeros(size), "standard_locations": np.zeros(model.locations.size)}
@@ -180,67 +163,48 @@ def _exact(
     sampled = sampled.thinned(settings.thinning)
     y, z = (sampled.sites[name].reshape(-1, *np.shape(centre[name])) for name in centre)
     raw = np.asarray(coordinates.warp(y))
-    drawn = draw_all(model, data, raw, z)
-    return _by_chain(model, data, coordinates, sampled, raw, drawn, settings)
+    return Chains(raw, draw_all(model, data, raw, z), sampled)
 
 
-def _by_chain(
+def _labelled(
     model: EstimatesModel,
     data: EstimatesData,
     coordinates: Coordinates,
-    sampled: Draws,
-    raw: Float[np.ndarray, "draw hyperparameter"],
-    drawn: EffectsDraw,
-    settings: Sampler,
+    chains: Chains,
+    chosen: Int[np.ndarray, "chain draw"],
+    correction: Correction | None,
 ) -> EstimatesPosterior:
-    shape = (settings.chains, settings.draws)
-    sites = constrained(model, dict(zip(model.hyperparameters, raw.T, strict=True)))
-    draws = replace(sampled, sites={name: np.asarray(v).reshape(shape) for name, v in sites.items()})
-    b, rows = (np.asarray(values).reshape(*shape, -1) for values in (drawn.b, drawn.rows))
-    return EstimatesPosterior(draws, b, rows, None, data, coordinates, None)
+    """Chosen draws of each chain."""
+    length = len(chains.raw) // len(chosen)
+    places = chosen + length * np.arange(len(chosen))[:, None]
+    sites = constrained(model, dict(zip(model.hyperparameters, chains.raw[places].T, strict=True)))
+    draws = replace(chains.sampled, sites={name: np.asarray(v).T for name, v in sites.items()})
+    b, rows = chains.drawn.b[places], chains.drawn.rows[places]
+    return EstimatesPosterior(draws, b, rows, correction, data, coordinates, chains)
 
 
+@by_row(POINTS, given=2)
 def draw_all(
     model: EstimatesModel,
     data: EstimatesData,
-    raw: Float[np.ndarray, "draw hyperparameter"],
-    z: Float[np.ndarray, "draw location"],
+    raw: Float[Array, " hyperparameter"],
+    z: Float[Array, " location"],
 ) -> EffectsDraw:
     """Effects for every draw of the unconstrained hyperparameters, as numpy arrays."""
-    return EffectsDraw(*in_calls(partial(_draw_rows, model, data), (raw, z), POINTS))
-
-
-@partial(jax.jit, static_argnums=0)
-def _draw_rows(
-    model: EstimatesModel,
-    data: EstimatesData,
-    raw: Array,
-    z: Array,
-    number: Array,
-) -> EffectsDraw:
-    def one(place: Array) -> EffectsDraw:
-        sites = constrained(model, dict(zip(model.hyperparameters, raw[place], strict=True)))
-        return draw_effects(model, data, sites, z[place])
-
-    return EffectsDraw(*first_rows(lambda place: tuple(one(place)), POINTS, number))
+    sites = constrained(model, dict(zip(model.hyperparameters, raw, strict=True)))
+    return draw_effects(model, data, sites, z)
 
 
 def leave_one_out_densities(
     model: EstimatesModel, found: EstimatesPosterior
-) -> Float[np.ndarray, "*draw row"]:
+) -> Float[np.ndarray, "chain draw row"]:
     """Log density of every row given all others, for each draw; see `leave_one_out`."""
-    sites = found.draws.sites
-    flat = np.stack([sites[name].ravel() for name in model.hyperparameters], axis=1)
-    rows = in_calls(partial(_left_out_rows, model, found.data), (flat,), POINTS)
-    return rows.reshape(*sites[model.hyperparameters[0]].shape, -1)
+    shape = next(iter(found.draws.sites.values())).shape
+    flat = {name: values.ravel() for name, values in found.draws.sites.items()}
+    return _left_out(model, found.data, flat).reshape(*shape, -1)
 
 
-@partial(jax.jit, static_argnums=0)
-def _left_out_rows(model: EstimatesModel, data: EstimatesData, values: Array, number: Array) -> Array:
-    def one(place: Array) -> Array:
-        return leave_one_out(model, data, dict(zip(model.hyperparameters, values[place], strict=True)))
-
-    return first_rows(one, POINTS, number)
+_left_out = by_row(POINTS, given=2)(leave_one_out)
 
 
 class _Finder(NamedTuple):

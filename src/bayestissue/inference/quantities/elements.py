@@ -112,33 +112,31 @@ def element_quantities(
 
 def element_attributes() -> dict[str, dict[str, str]]:
     """Unit and meaning of the variables that elements have besides K and C."""
-    table = {
-        "noise_correlation": {"unit": "1", "long_name": "correlation of the noise from sample to sample"},
-        "atanh_noise_correlation_mean": {
-            "unit": "1",
-            "long_name": "mean over impacts of artanh of the noise's correlation from sample to sample",
-        },
-        "sd_atanh_noise_correlation": {
-            "unit": "1",
-            "long_name": "standard deviation between impacts of artanh of the noise's correlation",
-        },
-        "discrepancy": {"unit": "1", "long_name": _DISCREPANCY},
-        "discrepancy_mean": {"unit": "1", "long_name": f"mean over impacts of the log of the {_DISCREPANCY}"},
-        "sd_discrepancy": {"unit": "1", "long_name": "standard deviation of that log between impacts"},
+    correlation, of_log = (
+        "of the noise's correlation from sample to sample",
+        "mean over impacts of the log of",
+    )
+    table = COMPARABLE | {
+        "noise_correlation": ("1", "correlation of the noise from sample to sample"),
+        "atanh_noise_correlation_mean": ("1", f"mean over impacts of artanh {correlation}"),
+        "sd_atanh_noise_correlation": (
+            "1",
+            "standard deviation between impacts of artanh of the noise's correlation",
+        ),
+        "discrepancy": ("1", _DISCREPANCY),
+        "discrepancy_mean": ("1", f"{of_log} the {_DISCREPANCY}"),
+        "sd_discrepancy": ("1", "standard deviation of that log between impacts"),
+        COMMON_DEPTH: ("N/m", _AT_ONE_DEPTH),
     }
-    table |= {name: {"unit": unit, "long_name": meaning} for name, (unit, meaning) in COMPARABLE.items()}
-    table[COMMON_DEPTH] = {"unit": "N/m", "long_name": _AT_ONE_DEPTH}
     for name, which in ((COMMON_DEPTH, _AT_ONE_DEPTH), ("K_secant", "that at each impact's greatest depth")):
         meaning = f"slope of the log of the stiffness on log mass, all else equal: {which}"
-        table[f"mass_exponent_{name}"] = {"unit": "1", "long_name": meaning}
-    for name in element_names():
-        for parameter in element(name).extra:
-            own, log = parameter.name, f"log_{parameter.name}"
-            table[own] = {"unit": parameter.unit, "long_name": parameter.meaning}
-            table[f"{log}_mean"] = {"unit": "1", "long_name": f"mean over impacts of the log of {own}"}
-            spread = f"standard deviation between impacts of the log of {own}"
-            table[f"sd_{log}"] = {"unit": "1", "long_name": spread}
-    return table
+        table[f"mass_exponent_{name}"] = "1", meaning
+    for parameter in (each for name in element_names() for each in element(name).extra):
+        own, log = parameter.name, f"log_{parameter.name}"
+        table[own] = parameter.unit, parameter.meaning
+        table[f"{log}_mean"] = "1", f"{of_log} {own}"
+        table[f"sd_{log}"] = "1", f"standard deviation between impacts of the log of {own}"
+    return {name: {"unit": unit, "long_name": meaning} for name, (unit, meaning) in table.items()}
 
 
 def per_impact() -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import pandas as pd
 import xarray as xr
 from jaxtyping import Float
 
-from bayestissue.inference.results.leave_one_out import above, importance_scores, relative_size
+from bayestissue.inference.results.leave_one_out import above_limit, high, leave_one_out, relative_size
 from bayestissue.inference.samplers.convergence import elements_of
 
 COLUMNS = ["scheme", "label", "elpd", "pareto_k", "warning"]
@@ -26,17 +26,21 @@ def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
     By Pareto-smoothed importance sampling (Vehtari, Gelman and Gabry 2017), what is left out having its own
     parameters and effects integrated out in closed form; ``warning`` where Pareto k is above its threshold.
     """
-    rows, reff = [], relative_size(tree)
+    tables, reff = [], relative_size(tree)
     for dimension, (_, variable) in schemes(tree).items():
         only = densities_of(tree, dimension)
         labels = only["log_likelihood"].dataset[dimension].to_numpy()
         if len(labels) < 2:
             continue
-        score = importance_scores({"fit": only}, variable, reff)["fit"]
-        for element, elpd, k, high in zip(labels, score.elpd, score.pareto_k, score.high, strict=True):
-            warning = above(score.limit) if high else ""
-            rows.append((scheme_words(dimension), str(element), float(elpd), float(k), warning))
-    return pd.DataFrame(rows, columns=COLUMNS)
+        score = leave_one_out(only, variable, reff)
+        columns = {
+            "label": labels.astype(str),
+            "elpd": score.elpd_i.to_numpy().ravel(),
+            "pareto_k": score.pareto_k.to_numpy().ravel(),
+            "warning": np.where(high(score), above_limit(score), ""),
+        }
+        tables.append(pd.DataFrame(columns).assign(scheme=scheme_words(dimension))[COLUMNS])
+    return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS)
 
 
 def schemes(tree: xr.DataTree) -> dict[str, tuple[str, str]]:

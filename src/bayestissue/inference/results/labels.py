@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from types import MappingProxyType
-from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -224,37 +224,28 @@ def labelled(
     return xr.Dataset(variables, coords)
 
 
-def statistics_of_transitions(draws: Draws) -> xr.Dataset:
-    """What the sampler tells of every transition, by ArviZ's names."""
-    statistics = labelled(
-        {
-            "diverging": draws.statistics["diverging"],
-            "n_steps": draws.statistics["num_steps"],
-            "tree_depth": np.ceil(np.log2(draws.statistics["num_steps"] + 1)).astype(int),
-            "acceptance_rate": draws.statistics["accept_prob"],
-            "energy": draws.statistics["energy"],
-            "lp": -draws.statistics["potential_energy"],
-        },
-        {},
-        {},
-    )
-    # A tree of the greatest allowed depth that turned by itself is not cut off; only one more step tells.
-    statistics.attrs["max_tree_depth"] = draws.max_tree_depth
-    return statistics
+# By ArviZ's names: the sampler's, and what stands for the transitions that led to one draw.
+_STATISTICS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
+    "diverging": ("diverging", partial(np.any, axis=-1)),
+    "n_steps": ("num_steps", partial(np.sum, axis=-1)),
+    "tree_depth": ("num_steps", lambda steps: np.ceil(np.log2(steps.max(axis=-1) + 1)).astype(int)),
+    "acceptance_rate": ("accept_prob", partial(np.mean, axis=-1)),
+    "energy": ("energy", lambda values: values[..., -1]),
+    "lp": ("potential_energy", lambda values: -values[..., -1]),
+}
 
 
-def labelled_statistics(draws: Draws) -> xr.Dataset:
-    """The same of every draw that was kept.
+def labelled_statistics(draws: Draws, *, of_transitions: bool = False) -> xr.Dataset:
+    """What the sampler tells of every draw that was kept, by ArviZ's names, or of every transition.
 
     Of the transitions that led to a draw: whether any diverged, their steps together, their deepest tree and
     their mean acceptance; energy and density are the last one's.
     """
-    every = statistics_of_transitions(draws)
-    count = next(iter(draws.sites.values())).shape[1]
-    ways: dict[str, Any] = {"diverging": np.any, "n_steps": np.sum, "tree_depth": np.max}
-    ways |= {"acceptance_rate": np.mean}
-    kept = {}
-    for name, values in every.items():
-        blocks = values.to_numpy().reshape(every.sizes["chain"], count, -1)
-        kept[str(name)] = ways[str(name)](blocks, axis=-1) if name in ways else blocks[..., -1]
-    return labelled(kept, {}, {}).assign_attrs(every.attrs)
+    chains, transitions = draws.statistics["num_steps"].shape
+    count = transitions if of_transitions else next(iter(draws.sites.values())).shape[1]
+    found = {
+        name: of_several(draws.statistics[own].reshape(chains, count, -1))
+        for name, (own, of_several) in _STATISTICS.items()
+    }
+    # A tree of the greatest allowed depth that turned by itself is not cut off; only one more step tells.
+    return labelled(found, {}, {}).assign_attrs(max_tree_depth=draws.max_tree_depth)

@@ -8,8 +8,6 @@ shape k (Vehtari, Gelman and Gabry 2017, doi:10.1007/s11222-016-9696-4).
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,61 +19,35 @@ from bayestissue.inference.samplers.convergence import effective_size, elements_
 from bayestissue.inference.samplers.psis import k_threshold
 
 
-def above(limit: float) -> Coded:
+def above_limit(score: Any) -> Coded:
     """What is wrong with a Pareto k̂ beyond its threshold."""
-    return Coded(f"Pareto k above {limit:.2g}", "pareto-k")
+    return Coded(f"Pareto k above {k_threshold(score.n_samples):.2g}", "pareto-k")
 
 
-@dataclass(frozen=True)
-class ImportanceScores:
-    """Pointwise expected log predictive densities, Pareto k̂ of each, and the limit of a trusted k̂."""
+def leave_one_out(tree: xr.DataTree, variable: str, reff: float | None = None) -> Any:
+    """ArviZ's scores: elpd_i and pareto_k of each element, and the effective number of parameters p.
 
-    elpd: np.ndarray
-    pareto_k: np.ndarray
-    limit: float
-
-    @property
-    def high(self) -> np.ndarray:
-        """Where k̂ is beyond the limit."""
-        return self.pareto_k > self.limit
-
-
-def importance_scores(
-    trees: Mapping[str, xr.DataTree], variable: str, reff: float | None = None
-) -> dict[str, ImportanceScores]:
-    """Leave-one-out densities by Pareto-smoothed importance sampling, for each element of ``variable``.
-
-    ``reff`` is the `relative_size` of the draws, if it is at hand.
+    Args:
+        tree: the groups ``posterior`` and ``log_likelihood``.
+        variable: the log densities [chain, draw, element] of what is left out in turn.
+        reff: the `relative_size` of the draws, if it is at hand.
     """
-    return {
-        name: ImportanceScores(
-            np.array(score.elpd_i.to_numpy().ravel()),
-            score.pareto_k.to_numpy().ravel(),
-            k_threshold(score.n_samples),
-        )
-        for name, score in leave_one_out(trees, variable, reff).items()
-    }
-
-
-def leave_one_out(
-    trees: Mapping[str, xr.DataTree], variable: str, reff: float | None = None
-) -> dict[str, Any]:
-    """ArviZ's scores of each tree: elpd_i and pareto_k, and the effective number of parameters p."""
     import arviz_stats as az
 
+    asked = {"var_name": variable, "reff": relative_size(tree) if reff is None else reff, "pointwise": True}
     with warnings.catch_warnings():
-        # Both callers read pareto_k themselves: one reports it, the other refits where it is high.
+        # A high pareto_k stands in the tables.
         warnings.simplefilter("ignore", UserWarning)
-        found = {}
-        for name, tree in trees.items():
-            own = relative_size(tree) if reff is None else reff
-            asked = {"pointwise": True, "var_name": variable, "reff": own}
-            try:
-                found[name] = az.loo(tree, **asked)
-            except ValueError:
-                # Nearly all draws are one and the same, so that the weights have no tail to be smoothed.
-                found[name] = az.loo(tree, **asked, **_unsmoothed(tree, variable))
-        return found
+        try:
+            return az.loo(tree, **asked)
+        except ValueError:
+            # Nearly all draws are one and the same, so that the weights have no tail to be smoothed.
+            return az.loo(tree, **asked, **_unsmoothed(tree, variable))
+
+
+def high(score: Any) -> np.ndarray:
+    """Of each element whether its Pareto k̂ is beyond what the number of draws lets one trust."""
+    return score.pareto_k.to_numpy().ravel() > k_threshold(score.n_samples)
 
 
 def relative_size(tree: xr.DataTree) -> float:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from functools import partial
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -13,12 +11,7 @@ from numpyro.infer import Predictive
 
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, impacts_model, physical, trace_distribution
-from bayestissue.inference.execution.compiling import (
-    compiled_quickly,
-    compiled_sooner,
-    first_rows,
-    in_calls,
-)
+from bayestissue.inference.execution.compiling import by_row, compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, thinned
 from bayestissue.likelihood.element.response import ElementRecord
@@ -39,25 +32,14 @@ def predicted(prepared: Prepared, constrained: ConstrainedDraws, seed: int) -> d
     return {name: v.astype(np.float32).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()}
 
 
+@by_row(PREDICTIVE_DRAWS, given=2)
 def replicates(
-    model: TraceModel, data: TraceData, u: Float[np.ndarray, "draw impact parameter"], keys: Array
-) -> dict[str, Float[np.ndarray, "draw impact sample"]]:
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
+) -> dict[str, Float[Array, "impact sample"]]:
     """A replicate of every trace for each draw of ``u``, as displacement and as deceleration."""
-    return in_calls(partial(replicates_of, model, data), (u, keys), PREDICTIVE_DRAWS)
-
-
-@compiled_sooner()
-def replicates_of(
-    model: TraceModel, data: TraceData, u: Float[Array, "draw impact parameter"], keys: Array, number: int
-) -> dict[str, Float[Array, "draw impact sample"]]:
-    """What is compiled of `replicates`: the first so many of `PREDICTIVE_DRAWS` draws."""
-
-    def one(place: Array) -> dict[str, Array]:
-        made = trace_distribution(model, data, list(u[place].T)).replicate(keys[place])
-        # Else the noise is made anew for every part of the row that is written: three times as long.
-        return jax.lax.optimization_barrier(made)
-
-    return first_rows(one, PREDICTIVE_DRAWS, number)
+    made = trace_distribution(model, data, list(u.T)).replicate(key)
+    # Else the noise is made anew for every part of the row that is written: three times as long.
+    return jax.lax.optimization_barrier(made)
 
 
 @compiled_quickly()

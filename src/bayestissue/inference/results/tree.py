@@ -54,18 +54,12 @@ def posterior_tree(
         dimensions=dimensions(prepared.design, prepared.data.record.errors, _columns(prepared)),
         attributes=design_attributes(prepared.design) | _column_attributes(prepared),
     )
-    put = partial(named, coordinates=_coordinates(prepared))
-    every, whole = put, prepared
-    if constrained.kept is not None:
-        rows = some_impacts(len(prepared.impacts))
-        prepared = some_of(prepared, rows)
-        fewer = {**_coordinates(prepared), "kept_draw": constrained.kept}
-        put = partial(named, coordinates=fewer)
-        every = partial(
-            named,
-            coordinates={**_coordinates(whole), "kept_draw": constrained.kept},
-            kept=frozenset({*PER_IMPACT, *EXPONENTS, *prepared.data.record.errors}),
-        )
+    whole, kept = prepared, constrained.kept
+    every = put = partial(named, coordinates=_coordinates(whole, kept))
+    if kept is not None:
+        prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
+        put = partial(named, coordinates=_coordinates(prepared, kept))
+        every = partial(every, kept=frozenset({*PER_IMPACT, *EXPONENTS, *prepared.data.record.errors}))
     quantities = _quantities(whole, constrained.sites, constrained.impacts, rng)
     quantities |= mass_exponents_of_secants(whole, constrained, seed)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
@@ -90,9 +84,10 @@ def posterior_tree(
     return xr.DataTree.from_dict(groups)
 
 
-def _coordinates(prepared: Prepared) -> dict[str, Any]:
+def _coordinates(prepared: Prepared, kept: np.ndarray | None) -> dict[str, Any]:
     levels = {name: list(grouping.levels) for name, grouping in prepared.design.groupings.items()}
-    return {"impact": prepared.impacts["impact"].astype(str).tolist(), **levels}
+    names = {"impact": prepared.impacts["impact"].astype(str).tolist(), **levels}
+    return names if kept is None else names | {"kept_draw": kept}
 
 
 def dimensions(

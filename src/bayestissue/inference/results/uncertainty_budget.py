@@ -9,7 +9,8 @@ is what a small change of that source alone would change. Of an impact this take
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
 
 import jax
 import jax.numpy as jnp
@@ -35,6 +36,8 @@ from bayestissue.inference.results.errors import (
     trace_errors,
 )
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
+
+type Variance = float | Float[np.ndarray, " impact"]
 
 COLUMNS = ["level", "quantity", "source", "share", "sd"]
 IMPACT, TYPICAL_PERSON, NEW_PERSON = "impact", "typical person", "new person"
@@ -81,13 +84,13 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
     rows = np.arange(len(prepared.impacts))
     if many:
         rows = np.unique(np.linspace(0, rows[-1], MOST_IMPACTS).astype(int))
-    part = some_of(prepared, rows) if many else prepared
+    part = some_of(prepared, rows)
     u = np.median(constrained.impacts["parameters"][:, :, rows].astype(float), axis=(0, 1))
     middle = _Hierarchy(part, _middle(part, constrained, np.median))
     errors = trace_errors(part, u, _RIDGE * np.linalg.inv(middle.omega))
     drawn = {q: np.var(np.log(constrained.impacts[q][:, :, rows]), axis=(0, 1)) for q in RESPONSES}
     scatter = {q: float(np.median(constrained.sites[f"sd_impact_{q}"] ** 2)) for q in RESPONSES}
-    tables = [_of_impacts(middle.of_impacts(errors, not many), drawn)]
+    tables = [_shares(IMPACT, middle.of_impacts(errors, not many), drawn)]
     tables.append(
         _of_traces(middle.of_traces(errors), drawn, scatter, discrepancy=prepared.model.discrepancy)
     )
@@ -268,18 +271,6 @@ def _with_scatter(
     return found
 
 
-def _of_impacts(made: dict[str, dict[str, np.ndarray]], drawn: dict[str, np.ndarray]) -> pd.DataFrame:
-    rows = []
-    for response, by_source in made.items():
-        total = sum(by_source.values())
-        every = {**by_source, ALL: total, DRAWN: drawn[response]}
-        rows += [
-            (IMPACT, response, name, float(np.mean(v / total)), float(np.sqrt(max(np.median(v), 0.0))))
-            for name, v in every.items()
-        ]
-    return pd.DataFrame(rows, columns=COLUMNS)
-
-
 def _of_traces(
     made: dict[str, dict[str, np.ndarray]],
     drawn: dict[str, np.ndarray],
@@ -291,15 +282,36 @@ def _of_traces(
 
     With the scatter I between impacts a trace of variance M leaves v = 1 / (1/M + 1/I).
     """
+    totals = {}
+    if discrepancy:
+        told = np.maximum(1 - drawn["K"] / scatter["K"], _LEAST_TOLD)
+        made, totals = {**made, "K": {}}, {"K": drawn["K"] / told}
+    return _shares(TRACE, made, totals=totals)
+
+
+def _of_population(
+    prepared: Prepared, level: str, made: dict[str, dict[str, float]], constrained: ConstrainedDraws
+) -> pd.DataFrame:
+    drawn = {q: np.var(constrained.sites[f"intercept_{q}"]) for q in made}
+    if level == NEW_PERSON:
+        drawn = {q: v + sum(_new_levels(prepared, constrained, q).values()) for q, v in drawn.items()}
+    return _shares(level, made, drawn)
+
+
+def _shares(
+    level: str,
+    made: Mapping[str, Mapping[str, Variance]],
+    drawn: Mapping[str, Variance] = MappingProxyType({}),
+    totals: Mapping[str, Variance] = MappingProxyType({}),
+) -> pd.DataFrame:
+    """`COLUMNS` of the variances ``made`` by response and source; their sum is the total unless given."""
     rows = []
     for response, by_source in made.items():
-        total = sum(by_source.values())
-        if discrepancy and response == "K":
-            told = np.maximum(1 - drawn[response] / scatter[response], _LEAST_TOLD)
-            by_source, total = {}, drawn[response] / told
+        total = totals.get(response, sum(by_source.values()))
+        every = {**by_source, ALL: total, **({DRAWN: drawn[response]} if drawn else {})}
         rows += [
-            (TRACE, response, name, float(np.mean(v / total)), float(np.sqrt(max(np.median(v), 0.0))))
-            for name, v in {**by_source, ALL: total}.items()
+            (level, response, name, float(np.mean(v / total)), float(np.sqrt(max(np.median(v), 0.0))))
+            for name, v in every.items()
         ]
     return pd.DataFrame(rows, columns=COLUMNS)
 
@@ -308,17 +320,3 @@ def measurement_sd(budget: pd.DataFrame, response: str) -> float:
     """Standard deviation of the log of K or C of the median impact, given its trace alone."""
     own = (budget["level"] == TRACE) & (budget["quantity"] == response) & (budget["source"] == ALL)
     return float(budget.loc[own, "sd"].iloc[0])
-
-
-def _of_population(
-    prepared: Prepared, level: str, made: dict[str, dict[str, float]], constrained: ConstrainedDraws
-) -> pd.DataFrame:
-    rows = []
-    for response, by_source in made.items():
-        total = sum(by_source.values())
-        drawn = float(np.var(constrained.sites[f"intercept_{response}"]))
-        if level == NEW_PERSON:
-            drawn += sum(_new_levels(prepared, constrained, response).values())
-        every = {**by_source, ALL: total, DRAWN: drawn}
-        rows += [(level, response, name, v / total, float(np.sqrt(max(v, 0.0)))) for name, v in every.items()]
-    return pd.DataFrame(rows, columns=COLUMNS)

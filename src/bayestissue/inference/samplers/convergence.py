@@ -12,6 +12,7 @@ import xarray as xr
 from jaxtyping import Bool, Float
 from scipy import fft
 from scipy.special import ndtri
+from scipy.stats import rankdata
 
 # What sorting and transforming them takes at once stays small, and in a processor's cache.
 _AT_ONCE = 64
@@ -90,21 +91,8 @@ def _split(draws: Draws) -> Draws:
 
 def _normal_scores(draws: Draws) -> Draws:
     """Normal quantiles at (rank - 3/8) / (S + 1/4), draws of one value sharing their mean rank."""
-    flat = draws.reshape(len(draws), -1)
-    order = np.argsort(flat, axis=1)
-    ordered = np.take_along_axis(flat, order, axis=1)
-    size = flat.shape[1]
-    place = np.broadcast_to(np.arange(size), flat.shape)
-    begins = np.ones(flat.shape, bool)
-    begins[:, 1:] = ordered[:, 1:] != ordered[:, :-1]
-    ends = np.roll(begins, -1, axis=1)
-    first = np.maximum.accumulate(np.where(begins, place, 0), axis=1)
-    last = np.minimum.accumulate(np.where(ends, place, size)[:, ::-1], axis=1)[:, ::-1]
-    # Twice the mean rank is a whole number: all that can be are made once.
-    scores = ndtri((np.arange(2 * size + 1) / 2 - 3 / 8) / (size + 1 / 4))
-    found = np.empty(flat.shape)
-    np.put_along_axis(found, order, scores[first + last + 2], axis=1)
-    return found.reshape(draws.shape)
+    ranks = rankdata(draws.reshape(len(draws), -1), axis=1)
+    return ndtri((ranks - 3 / 8) / (ranks.shape[1] + 1 / 4)).reshape(draws.shape)
 
 
 def _r_hat(draws: Draws) -> Sizes:

@@ -8,7 +8,6 @@ each of its draws, each of them three times the price of a value.
 from __future__ import annotations
 
 from collections.abc import Callable
-from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -20,7 +19,7 @@ from numpyro.infer.util import potential_energy
 from scipy.stats import multivariate_t
 
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.execution.compiling import FULLY, first_rows, in_calls
+from bayestissue.inference.execution.compiling import FULLY, by_row
 from bayestissue.inference.samplers.psis import below_greatest, effective_size, pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -137,31 +136,18 @@ def _propose(
     return points, np.maximum(log_weight, log_weight.max() - 600), density
 
 
+@by_row(POINTS, given=3, static_argnames=("model", "site"), options=FULLY)
 def log_densities(
     model: Callable[..., None],
     arguments: tuple[Any, ...],
     site: str,
-    points: Float[np.ndarray, "point coordinate"],
-) -> Float[np.ndarray, " point"]:
-    """Log density of a numpyro ``model`` of one site at any number of its points, up to a constant.
+    point: Float[Array, " coordinate"],
+) -> Float[Array, ""]:
+    """Log density of a numpyro ``model`` of one unconstrained site at any number of its points.
 
-    Args:
-        model: a numpyro model.
-        arguments: of the model, arrays that are traced.
-        site: the model's only one, unconstrained.
-        points: of it.
+    Up to a constant.
     """
-    return np.asarray(in_calls(partial(_log_densities, model, site, arguments), (points,), POINTS))
-
-
-@partial(jax.jit, static_argnames=("model", "site"), compiler_options=FULLY)
-def _log_densities(
-    model: Callable[..., None], site: str, arguments: tuple[Any, ...], points: Array, number: Array
-) -> Array:
-    def one(place: Array) -> Array:
-        return -potential_energy(model, arguments, {}, {site: points[place]})
-
-    return first_rows(one, POINTS, number)
+    return -potential_energy(model, arguments, {}, {site: point})
 
 
 @jax.jit

@@ -137,9 +137,7 @@ def by_impact(
         table = estimates_table(dataset, signal, "exact", found)
         return table.assign(noise_sd_m_s2=np.nan, pareto_k=np.nan), None
     design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
-    prepared = assemble(dataset, specification, design, signal)
-    if not rows.all():
-        prepared = some_of(prepared, np.flatnonzero(rows))
+    prepared = some_of(assemble(dataset, specification, design, signal), np.flatnonzero(rows))
     of_long = single_posteriors(prepared)
     peak = np.exp(np.asarray(prepared.data.log_peak))
     noiseless = of_long.sigma.median < _LEAST_NOISE * peak

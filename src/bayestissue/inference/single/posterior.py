@@ -53,7 +53,7 @@ class Marginal(NamedTuple):
     Attributes:
         median: of the posterior.
         sd: its standard deviation.
-        low, high: ends of the interval that leaves out as much probability on either side.
+        low, high: ends of the 90 % interval that leaves out as much probability on either side.
     """
 
     median: Float[np.ndarray, " impact"]
@@ -88,26 +88,24 @@ class SinglePosteriors(NamedTuple):
     pareto_k: Float[np.ndarray, " impact"]
 
 
-def single_posteriors(prepared: Prepared, probability: float = 0.9) -> SinglePosteriors:
+def single_posteriors(prepared: Prepared) -> SinglePosteriors:
     """The posterior of every impact by itself, all of them in one chunked, compiled map.
 
     Args:
         prepared: recorded decelerations under the impact likelihood of a spring and damper with white noise;
             of its population the priors of the intercepts and of the noise alone are used.
-        probability: of the intervals.
     """
     priors = prepared.model.priors
     own = (priors.intercept.K, priors.intercept.C, priors.noise)
     mean, sd = (np.array([getattr(prior, name) for prior in own], float) for name in ("mean", "sd"))
     start = first_guess(prepared)
-    one = partial(_of_block, prepared.model, probability, ConditionalPrior(mean, np.diag(sd**-2.0)))
+    one = partial(_of_block, prepared.model, ConditionalPrior(mean, np.diag(sd**-2.0)))
     found: SinglePosteriors = of_each(one, prepared.data, start)
     return found
 
 
 def _of_block(
     model: TraceModel,
-    probability: float,
     prior: ConditionalPrior,
     data: TraceData,
     start: Float[np.ndarray, "impact parameter"],
@@ -119,7 +117,7 @@ def _of_block(
     # A trace shows omega_n and zeta alone: of the mass, to which K and C are in proportion, it says nothing.
     by_mass = np.exp(model.log_mass_sd * mass_error)[:, None]
     seen = physical(model, data, list(np.moveaxis(u, -1, 0)))
-    middle = np.stack([_marginal(u[..., a], weight, 0.5).median for a in range(u.shape[-1])], axis=-1)
+    middle = np.stack([_marginal(u[..., a], weight).median for a in range(u.shape[-1])], axis=-1)
     quantities = (
         np.exp(u[..., 0]) * by_mass,
         np.exp(u[..., 1]) * by_mass,
@@ -127,7 +125,7 @@ def _of_block(
         np.asarray(seen.zeta),
         np.exp(np.asarray(seen.log_sigma)),
     )
-    K, C, omega_n, zeta, sigma = (_marginal(values, weight, probability) for values in quantities)
+    K, C, omega_n, zeta, sigma = (_marginal(values, weight) for values in quantities)
     # The mass's error, as likely up as down, moves no median.
     K, C = (each._replace(median=np.exp(middle[:, a])) for a, each in enumerate((K, C)))
     return SinglePosteriors(
@@ -198,17 +196,14 @@ def _standard(size: int) -> tuple[Float[np.ndarray, "point parameter"], Float[np
 
 
 def _marginal(
-    values: Float[np.ndarray, "point impact"], weight: Float[np.ndarray, "point impact"], probability: float
+    values: Float[np.ndarray, "point impact"], weight: Float[np.ndarray, "point impact"]
 ) -> Marginal:
     """Weighted quantiles, linear between the middles of the weights, and standard deviation."""
     order = np.argsort(values, axis=0)
     ordered, own = (np.take_along_axis(part, order, axis=0) for part in (values, weight))
     below = np.cumsum(own, axis=0) - own / 2
-    tails = (1 - probability) / 2
     pairs = list(zip(below.T, ordered.T, strict=True))
-    low, median, high = (
-        np.array([np.interp(level, *pair) for pair in pairs]) for level in (tails, 0.5, 1 - tails)
-    )
+    low, median, high = (np.array([np.interp(level, *pair) for pair in pairs]) for level in (0.05, 0.5, 0.95))
     mean = (weight * values).sum(0)
     return Marginal(median, np.sqrt((weight * (values - mean) ** 2).sum(0)), low, high)
 

@@ -9,8 +9,8 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.causes.statistics import WORDS
-from bayestissue.errors import InputError, Problem
-from bayestissue.report.run_folder import TableFile, read_tables, require_files
+from bayestissue.errors import InputError
+from bayestissue.report.run_folder import TableFile, read_tables, require_files, wrong_in
 
 _AGAIN = "Make the run anew with `bayestissue causes`."
 _NUMBERS = (
@@ -81,15 +81,8 @@ def read_causes_run(folder: Path, about: dict[str, Any]) -> CausesRun:
     """
     lacking = [key for key in ("model", "subject") if not isinstance(about.get(key), dict)]
     if lacking or "causes" not in about["model"]:
-        raise InputError(
-            Problem(
-                str(folder / "run.json"),
-                "what every such run writes",
-                _AGAIN,
-                column=(*lacking, "model")[0],
-                code="damaged-run",
-            )
-        )
+        column = (*lacking, "model")[0]
+        raise InputError(wrong_in(folder / "run.json", "what every such run writes", _AGAIN, column=column))
     require_files(folder, [f"{layout.name}.csv" for layout in _TABLES])
     tables = dict(read_tables(folder, _TABLES))
     for name in tables["causes"].columns[tables["causes"].columns.str.startswith("p_")]:

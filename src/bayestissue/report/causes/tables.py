@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from markupsafe import Markup
 
 from bayestissue.causes.statistics import MEANING, WORDS
 from bayestissue.report.causes.answers import failing, p_words
 from bayestissue.report.causes.figures import short
 from bayestissue.report.causes.run import CausesRun
-from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.tables import Field, Row, Table, columns, table_of
 from bayestissue.report.wording import number, significant
 
 _VERDICTS = {"refuted": "ruled out", "doubtful": "hardly", "possible": "possible"}
@@ -16,41 +18,35 @@ _VERDICTS = {"refuted": "ruled out", "doubtful": "hardly", "possible": "possible
 
 def causes_table(run: CausesRun) -> Table:
     """One row a cause."""
-    rows = [
-        Row(
-            (
-                row["title"],
-                _VERDICTS.get(row["verdict"], row["verdict"]),
-                p_words(row),
-                f"{number(row['probability'], 3)} ± {number(row['probability_error'], 3)}",
-                failing(row) or "none by itself",
-                row["nearest"].replace("_m_s ", " in m/s ").replace("_", " ") or "has no strength",
-            ),
-            "disagrees" if row["verdict"] == "refuted" else "",
-        )
-        for row in run.causes.to_dict("records")
-    ]
-    titles = ("cause", "alone", "joint p", "posterior", "misses most", "strength of the nearest campaigns")
-    return Table(
-        columns(*titles, number=("joint p", "posterior"), words=("cause", titles[4], titles[5])), rows
+    return table_of(
+        run.causes.to_dict("records"),
+        Field("cause", lambda row: row["title"], "words"),
+        Field("alone", lambda row: _VERDICTS.get(row["verdict"], row["verdict"])),
+        Field("joint p", p_words, "number"),
+        Field("posterior", _posterior, "number"),
+        Field("misses most", lambda row: failing(row) or "none by itself", "words"),
+        Field("strength of the nearest campaigns", _strength, "words"),
+        mark=lambda row: "disagrees" if row["verdict"] == "refuted" else "",
     )
+
+
+def _posterior(row: dict[str, Any]) -> str:
+    return f"{number(row['probability'], 3)} ± {number(row['probability_error'], 3)}"
+
+
+def _strength(row: dict[str, Any]) -> str:
+    return row["nearest"].replace("_m_s ", " in m/s ").replace("_", " ") or "has no strength"
 
 
 def statistics_table(run: CausesRun) -> Table:
     """What each statistic is, and its observed value."""
-    rows = [
-        Row(
-            (
-                WORDS[name],
-                significant(run.value(name)),
-                "yes" if name in run.compared else "no",
-                MEANING[name],
-            )
-        )
-        for name in run.statistics
-    ]
-    titles = ("number", "observed", "compared", "what it is")
-    return Table(columns(*titles, number=("observed",), words=("what it is",)), rows)
+    return table_of(
+        run.statistics,
+        Field("number", WORDS.__getitem__),
+        Field("observed", lambda name: significant(run.value(name)), "number"),
+        Field("compared", lambda name: "yes" if name in run.compared else "no"),
+        Field("what it is", MEANING.__getitem__, "words"),
+    )
 
 
 def p_table(run: CausesRun) -> Table:
@@ -86,29 +82,27 @@ def _small(value: float) -> str:
 
 def calibration_table(run: CausesRun) -> Table:
     """How often p-values of a cause's own campaigns were at most 0.1 and 0.5."""
-    rows = [
-        Row(
-            (
-                row["title"],
-                number(row["campaigns"], 0),
-                number(row["complete"], 3),
-                number(row["calibration_below_10"], 3),
-                number(row["calibration_below_50"], 3),
-                number((0.09 * 2 / max(row["calibration_campaigns"], 1)) ** 0.5, 3),
-                number(row["calibration_p"], 2),
-            )
-        )
-        for row in run.causes.to_dict("records")
-    ]
-    titles = ("cause", "campaigns", "with all statistics", "p ≤ 0.1", "p ≤ 0.5", "± at 0.1", "uniform: p")
-    return Table(columns(*titles, number=titles[1:], words=("cause",)), rows)
+    return table_of(
+        run.causes.to_dict("records"),
+        Field("cause", lambda row: row["title"], "words"),
+        Field("campaigns", lambda row: number(row["campaigns"], 0), "number"),
+        Field("with all statistics", lambda row: number(row["complete"], 3), "number"),
+        Field("p ≤ 0.1", lambda row: number(row["calibration_below_10"], 3), "number"),
+        Field("p ≤ 0.5", lambda row: number(row["calibration_below_50"], 3), "number"),
+        Field("± at 0.1", lambda row: number(_error_at_10(row["calibration_campaigns"]), 3), "number"),
+        Field("uniform: p", lambda row: number(row["calibration_p"], 2), "number"),
+    )
+
+
+def _error_at_10(campaigns: float) -> float:
+    return (0.09 * 2 / max(campaigns, 1)) ** 0.5
 
 
 def reliability_table(run: CausesRun) -> Table:
     """Probabilities given, and how often they were right."""
-    rows = [
-        Row((number(row["probability"], 3), number(row["right"], 3), number(row["cases"], 0)))
-        for row in run.reliability.to_dict("records")
-    ]
-    titles = ("probability given", "share that was right", "cases")
-    return Table(columns(*titles, number=titles), rows)
+    return table_of(
+        run.reliability.to_dict("records"),
+        Field("probability given", lambda row: number(row["probability"], 3), "number"),
+        Field("share that was right", lambda row: number(row["right"], 3), "number"),
+        Field("cases", lambda row: number(row["cases"], 0), "number"),
+    )

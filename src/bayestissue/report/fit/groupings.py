@@ -11,11 +11,11 @@ from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
 from bayestissue.report.posterior import Spread, spread
+from bayestissue.report.posterior_figures import ranked
 from bayestissue.report.remarks import group_words
-from bayestissue.report.style import POSTERIOR, REFERENCE, new_figure, shown, style
+from bayestissue.report.style import POSTERIOR, REFERENCE, style
 from bayestissue.report.wording import listed
 
-_MOST_ROWS = 60
 _FIRST = ("subject", "trial")
 
 
@@ -121,33 +121,21 @@ def slope_words(run: FitRun, slope: OwnSlope) -> str:
 
 
 def slope_figure(run: FitRun, slope: OwnSlope) -> Markup:
-    """Each level's own coefficient, the greatest on top; of more than 60 the 30 greatest and the 30 least."""
+    """Each level's own coefficient, ranked."""
     drawn = run.draws(slope.name)
-    order = np.argsort(np.median(drawn, axis=0), kind="stable")
-    if order.size > _MOST_ROWS:
-        order = np.r_[order[: _MOST_ROWS // 2], order[-_MOST_ROWS // 2 :]]
-    low, quarter, median, three_quarters, high = np.percentile(drawn[:, order], [5, 25, 50, 75, 95], axis=0)
-    labels, height = run.labels(slope.grouping), np.arange(order.size)
+    xlabel, one = (
+        slope.words if slope.covariate else f"{slope.words} (no unit)",
+        group_words(slope.grouping)[0],
+    )
     with style():
-        fig, axes = new_figure((4.8, 0.8 + 0.24 * order.size))
+        fig, axes = ranked(drawn, run.labels(slope.grouping), xlabel=xlabel, ylabel=one)
         if run.has(slope.shared):
             typical = np.percentile(run.draws(slope.shared), [5, 95])
             axes.axvspan(*typical, color=POSTERIOR, alpha=0.15, lw=0)
-        axes.hlines(height, low, high, color=POSTERIOR, lw=1.2)
-        axes.hlines(height, quarter, three_quarters, color=POSTERIOR, lw=3.6)
-        axes.plot(median, height, "o", ms=5, mfc="white", color=POSTERIOR)
         for value in (0,) if slope.covariate else (0, 1):
             axes.axvline(value, color=REFERENCE, ls="--", lw=1)
-        axes.set(
-            xlabel=f"{slope.words} (no unit)" if not slope.covariate else slope.words,
-            yticks=height,
-            yticklabels=[shown(labels[place]) for place in order],
-            ylabel=group_words(slope.grouping)[0],
-            ylim=(-0.6, order.size - 0.4),
-        )
-        axes.grid(visible=False, axis="y")
         return figure(
             fig,
-            f"The {slope.words} of each {group_words(slope.grouping)[0]} itself, ranked: posterior median, "
+            f"The {slope.words} of each {one} itself, ranked: posterior median, "
             "50 % and 90 % interval; shaded: the 90 % interval of the typical one.",
         )

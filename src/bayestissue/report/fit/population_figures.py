@@ -12,7 +12,7 @@ from bayestissue.report.fit.groupings import groupings
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
 from bayestissue.report.posterior import QUANTITIES, Quantity
-from bayestissue.report.posterior_figures import NAMES
+from bayestissue.report.posterior_figures import NAMES, draw_intervals, ranked
 from bayestissue.report.remarks import group_words
 from bayestissue.report.style import (
     MUTED,
@@ -22,42 +22,21 @@ from bayestissue.report.style import (
     REFERENCE,
     log_ticks,
     new_figure,
-    shown,
     style,
 )
 from bayestissue.report.wording import UNITS
 
 _GRID = 60
-_MOST_ROWS = 60
 
 
 def ranked_figure(run: FitRun, quantity: str, level: str) -> Markup:
-    """K (or C, or another) of every person (``level`` "subject"), condition ("trial") and so on, ranked.
-
-    The greatest is on top. Of more than 60 the 30 greatest and the 30 least.
-    """
+    """K (or C, or another) of every person (``level`` "subject"), condition ("trial") and so on, ranked."""
     variable, (one, _) = f"{quantity}_{stem_of(level)}", group_words(level)
     drawn, name = run.draws(variable), NAMES.get(quantity, quantity)
     unit = UNITS.get(quantity) or run.groups["posterior"][variable].attrs["unit"]
-    order = np.argsort(np.median(drawn, axis=0), kind="stable")
-    if order.size > _MOST_ROWS:
-        order = np.r_[order[: _MOST_ROWS // 2], order[-_MOST_ROWS // 2 :]]
-    low, quarter, median, three_quarters, high = np.percentile(drawn[:, order], [5, 25, 50, 75, 95], axis=0)
     names = _with_ranks(run.labels(level), drawn)
-    height = np.arange(order.size)
     with style():
-        fig, axes = new_figure((4.8, 0.8 + 0.24 * order.size))
-        axes.hlines(height, low, high, color=POSTERIOR, lw=1.2)
-        axes.hlines(height, quarter, three_quarters, color=POSTERIOR, lw=3.6)
-        axes.plot(median, height, "o", ms=5, mfc="white", color=POSTERIOR)
-        axes.set(
-            xlabel=f"{name} ({unit})",
-            yticks=height,
-            yticklabels=[shown(names[place]) for place in order],
-            ylabel=one,
-            ylim=(-0.6, order.size - 0.4),
-        )
-        axes.grid(visible=False, axis="y")
+        fig, _ = ranked(drawn, names, xlabel=f"{name} ({unit})", ylabel=one)
         return figure(
             fig,
             f"{name} of each {one}, ranked: posterior median, 50 % and 90 % interval, "
@@ -151,10 +130,7 @@ def spreads_figure(run: FitRun) -> Markup:
             drawn = 100 * np.expm1(
                 np.stack([run.draws(f"sd_{stem_of(level)}_{quantity}") for level in present], axis=1)
             )
-            low, quarter, median, three_quarters, high = np.percentile(drawn, [5, 25, 50, 75, 95], axis=0)
-            axes.hlines(height, low, high, color=colour, lw=1.2)
-            axes.hlines(height, quarter, three_quarters, color=colour, lw=3.6)
-            axes.plot(median, height, mark, ms=5, mfc="white", color=colour, label=NAMES[quantity])
+            draw_intervals(axes, height, drawn, colour, mark, NAMES[quantity])
         axes.set(
             xlabel="standard deviation (% of K or C)",
             yticks=np.arange(len(names))[::-1],
@@ -162,7 +138,6 @@ def spreads_figure(run: FitRun) -> Markup:
             ylim=(-0.6, len(names) - 0.4),
             xlim=(0, None),
         )
-        axes.grid(visible=False, axis="y")
         fig.legend(loc="outside upper left", ncols=2)
         return figure(
             fig,

@@ -10,7 +10,7 @@ import pandas as pd
 from jaxtyping import Bool, Float
 from scipy.special import chdtrc
 
-from bayestissue.inference.points.whiteness import ljung_box
+from bayestissue.inference.points.whiteness import autocorrelation, ljung_box
 from bayestissue.report.fit.run import FitRun
 
 PANELS = 9
@@ -43,7 +43,10 @@ class Residuals:
     @cached_property
     def _lag_one(self) -> tuple[Float[np.ndarray, "draw impact"], Float[np.ndarray, " impact"]]:
         """Lag-1 autocorrelations of the replicates and of what was measured, as of `lag_one`."""
-        return _lag_one(self.replicated, self.used), _lag_one(self.measured, self.used)
+        replicated, measured = (
+            autocorrelation(each, self.used, powers=4, lags=1) for each in (self.replicated, self.measured)
+        )
+        return replicated, measured
 
     @cached_property
     def lag_one(self) -> pd.DataFrame:
@@ -90,17 +93,6 @@ class Residuals:
         for place, row in enumerate(values):
             columns[: row.size, place] = row - row.mean() if row.size else row
         return ljung_box(columns, size)
-
-
-def _lag_one(
-    residuals: Float[np.ndarray, "*draw impact sample"], used: Bool[np.ndarray, "impact sample"]
-) -> Float[np.ndarray, "*draw impact"]:
-    values = np.where(used, residuals, 0)
-    time = np.linspace(-1, 1, used.shape[-1])
-    powers = np.where(used[..., None], time[:, None] ** np.arange(4), 0)
-    smooth = np.linalg.qr(powers).Q
-    values = values - np.einsum("...isk,...ik->...is", smooth, np.einsum("...is,isk->...ik", values, smooth))
-    return (values[..., 1:] * values[..., :-1]).sum(-1) / (values**2).sum(-1)
 
 
 def residuals(run: FitRun) -> Residuals:

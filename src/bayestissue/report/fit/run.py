@@ -9,25 +9,26 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import xarray as xr
 
-from bayestissue.errors import InputError, Problem
-from bayestissue.report.run_folder import TableFile, read_json, read_tables, require_files
+from bayestissue.errors import InputError, all_of
+from bayestissue.report.run_folder import (
+    POSTERIOR_TABLES,
+    PosteriorRun,
+    TableFile,
+    read_groups,
+    read_json,
+    read_tables,
+    require_files,
+    wrong_in,
+)
 
 COLUMN = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
 # What means the same for every element, where the truth is another element's.
 COMPARABLE = {"K": "K_secant_N_per_m", "C": "C_equivalent_N_s_per_m"}
-_INTERVALS = ("median", "eti50_low", "eti50_high", "eti90_low", "eti90_high")
 _ESTIMATES = (("impact", "subject", "trial", "flags"), ("mass_kg", *COLUMN.values()))
 _TABLES = (
-    TableFile(
-        "summary",
-        ("variable", "label", "unit"),
-        ("mean", "sd", *_INTERVALS, "ess_bulk", "ess_tail", "r_hat", "mcse_mean"),
-    ),
-    TableFile("hypotheses", ("quantity", "hypothesis"), ("value", "rope_low", "rope_high", "probability")),
+    *POSTERIOR_TABLES,
     TableFile("cross_validation", ("scheme", "label", "warning"), ("elpd", "pareto_k")),
-    TableFile("sensitivity", ("variable", "diagnosis"), ("prior", "likelihood")),
     TableFile("estimates_exact", *_ESTIMATES),
     TableFile("estimates_dds", *_ESTIMATES),
 )
@@ -70,22 +71,15 @@ _AGAIN = "Make the run anew with `bayestissue fit`."
 
 
 @dataclass(frozen=True)
-class FitRun:
+class FitRun(PosteriorRun):
     """What the files of a `fit` say.
 
-    ``groups`` holds the data sets of `posterior.nc` that the report shows, draws of single impacts left
-    out: their medians and intervals stand in ``summary``. The tables keep their column names, text as it
-    was written and numbers as float64; ``truth`` is None unless the data were simulated, and so is what
-    follows it where an earlier version made the run.
+    Draws of single impacts are left out of ``groups``: their medians and intervals stand in ``summary``.
+    ``truth`` is None unless the data were simulated, and so is what follows it where an earlier version made
+    the run.
     """
 
-    about: dict[str, Any]
-    diagnostics: dict[str, Any]
-    groups: dict[str, xr.Dataset]
-    summary: pd.DataFrame
-    hypotheses: pd.DataFrame
     cross_validation: pd.DataFrame
-    sensitivity: pd.DataFrame
     estimates_exact: pd.DataFrame
     estimates_dds: pd.DataFrame
     truth: pd.DataFrame | None
@@ -94,24 +88,6 @@ class FitRun:
     contrasts: pd.DataFrame | None = None
     people_compared: pd.DataFrame | None = None
     reliability: pd.DataFrame | None = None
-
-    def draws(self, variable: str, group: str = "posterior") -> np.ndarray:
-        """All draws of ``variable``, [draw, ...]: chains one after the other."""
-        array = self.groups[group][variable]
-        array = array.transpose("chain", "kept_draw" if "kept_draw" in array.dims else "draw", ...)
-        return array.to_numpy().reshape(-1, *array.shape[2:])
-
-    def has(self, variable: str, group: str = "posterior") -> bool:
-        """Whether the model has ``variable``; one without mass, say, has no mass exponent."""
-        return variable in self.groups[group]
-
-    def labels(self, dimension: str) -> list[str]:
-        """The labels along ``dimension``."""
-        return [str(label) for label in self.groups["posterior"][dimension].to_numpy()]
-
-    def constant(self, name: str) -> np.ndarray:
-        """One of the numbers that the model was given, such as ``mass_kg`` [impact]."""
-        return self.groups["constant_data"][name].to_numpy()
 
     def of_impacts(self, variable: str) -> pd.DataFrame:
         """The rows of ``summary`` for an impact's ``variable``, by impact; empty if the model has none."""
@@ -183,60 +159,18 @@ def read_fit_run(folder: Path, about: dict[str, Any]) -> FitRun:
     require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
     present = [each for each in _OPTIONAL.values() if (folder / f"{each.name}.csv").is_file()]
     layouts = (*_TABLES, *present)
-    problems: list[Problem] = []
-    tables = _or(problems, lambda: dict(read_tables(folder, layouts)))
-    groups = _or(problems, lambda: _read_groups(folder / "posterior.nc"))
-    diagnostics = _or(problems, lambda: _read_diagnostics(folder / "diagnostics.json"))
-    if tables is None or groups is None or diagnostics is None:
-        raise InputError(problems)
+    readers: tuple[Callable[[], Any], ...] = (
+        lambda: dict(read_tables(folder, layouts)),
+        lambda: read_groups(folder / "posterior.nc", _NEEDED, _AGAIN, of_impacts=()),
+        lambda: _read_diagnostics(folder / "diagnostics.json"),
+    )
+    tables, groups, diagnostics = all_of(lambda read: read(), readers)
     optional: dict[str, Any] = {field: tables.pop(each.name, None) for field, each in _OPTIONAL.items()}
     return FitRun(about=about, diagnostics=diagnostics, groups=groups, **optional, **tables)
-
-
-def _or[Found](problems: list[Problem], read: Callable[[], Found]) -> Found | None:
-    try:
-        return read()
-    except InputError as error:
-        problems += error.problems
-        return None
 
 
 def _read_diagnostics(path: Path) -> dict[str, Any]:
     content = read_json(path)
     if "checks" not in content:
-        raise InputError(Problem(str(path), expected='the key "checks"', remedy=_AGAIN, code="damaged-run"))
+        raise InputError(wrong_in(path, 'the key "checks"', _AGAIN))
     return content
-
-
-def _read_groups(path: Path) -> dict[str, xr.Dataset]:
-    try:
-        with xr.open_datatree(path, engine="h5netcdf") as tree:
-            problems = [
-                Problem(
-                    f"{path}",
-                    expected=f"{name} in group {group}",
-                    remedy=_AGAIN,
-                    value="no such variable",
-                    code="damaged-run",
-                )
-                for group, names in _NEEDED.items()
-                for name in names
-                if group not in tree.children or name not in tree[group].data_vars
-            ]
-            if problems:
-                raise InputError(problems)
-            groups = {group: tree[group].to_dataset() for group in _NEEDED}
-            groups["posterior"] = groups["posterior"].drop_dims("impact")
-            return {name: data.load() for name, data in groups.items()}
-    except (OSError, KeyError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(
-            Problem(
-                str(path),
-                expected="a DataTree with the groups " + ", ".join(_NEEDED),
-                remedy=_AGAIN,
-                value=str(error),
-                code="damaged-run",
-            )
-        ) from error

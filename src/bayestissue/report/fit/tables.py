@@ -12,7 +12,7 @@ from bayestissue.report.fit.estimates import Held
 from bayestissue.report.fit.groupings import groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import Quantity
-from bayestissue.report.tables import Row, Table, columns, lines
+from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
 from bayestissue.report.wording import listed, number, percent, significant
 
 _ERRORS = {
@@ -136,28 +136,26 @@ def left_out_table(run: FitRun) -> Table:
         or [run.cross_validation]
     )
     ordered = every.groupby("scheme", sort=False).head(MOST_ROWS)
-    rows = [
-        Row(
-            (line.scheme, line.label, number(line.elpd, 1), number(line.pareto_k, 2), line.warning),
-            "disagrees" if line.warning else "",
-        )
-        for line in lines(ordered)
-    ]
-    titles = ("scheme", "left out", "elpd (nats)", "Pareto k", "warning")
-    return Table(columns(*titles, number=titles[2:4]), rows)
+    return table_of(
+        lines(ordered),
+        Field("scheme", lambda line: line.scheme),
+        Field("left out", lambda line: line.label),
+        Field("elpd (nats)", lambda line: number(line.elpd, 1), "number"),
+        Field("Pareto k", lambda line: number(line.pareto_k, 2), "number"),
+        Field("warning", lambda line: line.warning),
+        mark=lambda line: "disagrees" if line.warning else "",
+    )
 
 
 def held_table(held: Mapping[Quantity, list[Held]]) -> Table:
     """How many intervals hold the known truth."""
-    rows = [
-        Row(
-            (quantity, f"{each.level} %", f"{each.held} of {each.impacts}", percent(each.held / each.impacts))
-        )
-        for quantity, found in held.items()
-        for each in found
-    ]
-    titles = ("quantity", "interval", "hold the truth", "share")
-    return Table(columns(*titles, number=titles[1:]), rows)
+    return table_of(
+        [(quantity, each) for quantity, found in held.items() for each in found],
+        Field("quantity", lambda row: row[0]),
+        Field("interval", lambda row: f"{row[1].level} %", "number"),
+        Field("hold the truth", lambda row: f"{row[1].held} of {row[1].impacts}", "number"),
+        Field("share", lambda row: percent(row[1].held / row[1].impacts), "number"),
+    )
 
 
 def population_names(run: FitRun) -> tuple[str, ...]:

@@ -13,7 +13,7 @@ from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.report.fit.depth import depth_words, has_common_depth
 from bayestissue.report.fit.predictions import OTHER_NOISE, STRUCTURED, Residuals, inside_band
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.tables import Row, Table, columns, lines
+from bayestissue.report.tables import Field, Table, lines, table_of
 from bayestissue.report.wording import listed, percent
 
 COVERAGE = files("bayestissue.report.fit").joinpath("coverage.csv")
@@ -171,21 +171,17 @@ def coverage_table(run: FitRun) -> Table | None:
         return None
     with COVERAGE.open(encoding="utf-8") as stream:
         every = pd.read_csv(stream)
-    rows = [
-        Row(
-            (
-                str(line.quantity),
-                f"{line.level:g} %",
-                f"{line.held} of {line.impacts}",
-                percent(line.held / line.impacts),
-                str(line.command),
-                str(line.measured),
-            )
-        )
-        for line in lines(every[every["likelihood"] == run.likelihood])
-    ]
-    titles = ("quantity", "interval", "hold the truth", "share", "measured by", "state")
-    return Table(columns(*titles, number=titles[1:4], words=titles[4:]), rows) if rows else None
+    measured = lines(every[every["likelihood"] == run.likelihood])
+    table = table_of(
+        measured,
+        Field("quantity", lambda line: str(line.quantity)),
+        Field("interval", lambda line: f"{line.level:g} %", "number"),
+        Field("hold the truth", lambda line: f"{line.held} of {line.impacts}", "number"),
+        Field("share", lambda line: percent(line.held / line.impacts), "number"),
+        Field("measured by", lambda line: str(line.command), "words"),
+        Field("state", lambda line: str(line.measured), "words"),
+    )
+    return table if measured else None
 
 
 def other_noise(left: Residuals) -> bool:

@@ -3,61 +3,35 @@
 from __future__ import annotations
 
 from bayestissue.report.published.run import PublishedRun
-from bayestissue.report.tables import Row, Table, columns, lines
-from bayestissue.report.wording import (
-    interval,
-    number,
-    probability,
-    significant,
-)
+from bayestissue.report.tables import Field, Table, lines, table_of
+from bayestissue.report.wording import interval, number, probability, significant
 
 
 def comparison_table(run: PublishedRun) -> Table:
     """`comparison.csv`: every competing explanation under both schemes of leaving out."""
-    rows = [
-        Row(
-            (
-                line.scheme,
-                line.model,
-                number(line.elpd, 1),
-                number(line.se, 1),
-                number(line.elpd_difference, 1),
-                number(line.se_difference, 1),
-                number(line.p_effective, 1),
-                number(line.weight, 2),
-                line.warning,
-            )
-        )
-        for line in lines(run.comparison)
-    ]
-    titles = (
-        "scheme",
-        "model",
-        "elpd",
-        "se",
-        "difference",
-        "se of difference",
-        "effective parameters",
-        "weight",
+    return table_of(
+        lines(run.comparison),
+        Field("scheme", lambda line: line.scheme),
+        Field("model", lambda line: line.model),
+        Field("elpd", lambda line: number(line.elpd, 1), "number"),
+        Field("se", lambda line: number(line.se, 1), "number"),
+        Field("difference", lambda line: number(line.elpd_difference, 1), "number"),
+        Field("se of difference", lambda line: number(line.se_difference, 1), "number"),
+        Field("effective parameters", lambda line: number(line.p_effective, 1), "number"),
+        Field("weight", lambda line: number(line.weight, 2), "number"),
+        Field("warning", lambda line: line.warning, "words"),
     )
-    return Table(columns(*titles, "warning", number=titles[2:], words=("warning",)), rows)
 
 
 def checks_table(run: PublishedRun) -> Table:
     """`predictive_checks.csv`: statistics of the published numbers beside what the model predicts."""
-    rows = [
-        Row(
-            (
-                line.statistic,
-                line.quantity,
-                significant(line.observed, 4),
-                significant(line.predicted_median, 4),
-                interval(line.predicted_low, line.predicted_high),
-                probability(line.p_value),
-            ),
-            "" if line.predicted_low <= line.observed <= line.predicted_high else "disagrees",
-        )
-        for line in lines(run.predictive_checks)
-    ]
-    titles = ("statistic", "quantity", "observed", "predicted", "90 %", "p")
-    return Table(columns(*titles, number=titles[2:]), rows)
+    return table_of(
+        lines(run.predictive_checks),
+        Field("statistic", lambda line: line.statistic),
+        Field("quantity", lambda line: line.quantity),
+        Field("observed", lambda line: significant(line.observed, 4), "number"),
+        Field("predicted", lambda line: significant(line.predicted_median, 4), "number"),
+        Field("90 %", lambda line: interval(line.predicted_low, line.predicted_high), "number"),
+        Field("p", lambda line: probability(line.p_value), "number"),
+        mark=lambda line: "" if line.predicted_low <= line.observed <= line.predicted_high else "disagrees",
+    )

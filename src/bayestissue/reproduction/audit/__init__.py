@@ -7,9 +7,6 @@ about a publication, in a module that is imported below.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from itertools import chain
-
 import pandas as pd
 
 from bayestissue.dataset.published import PublishedTables
@@ -25,29 +22,20 @@ from bayestissue.reproduction.audit import (  # noqa: F401 - importing a module 
     significance,
     window,
 )
-from bayestissue.reproduction.audit.findings import Graded, as_table
+from bayestissue.reproduction.audit.findings import as_table
 from bayestissue.reproduction.audit.impacts import GENERAL, read_impacts
-from bayestissue.reproduction.audit.publication import PUBLISHED, read_publication
+from bayestissue.reproduction.audit.publication import PUBLISHED, read_publication, thickness
 
 __all__ = ["GENERAL", "PUBLISHED", "audit_estimates", "audit_published"]
 
 
-def audit_estimates(
-    frame: pd.DataFrame,
-    *,
-    where: str = "estimates",
-    tissue_m: float | None = None,
-    digits: int | None = None,
-) -> pd.DataFrame:
+def audit_estimates(frame: pd.DataFrame) -> pd.DataFrame:
     """What does not hold together in a table of estimates, worst first.
 
     Args:
         frame: one row per impact: subject, trial, mass_kg, velocity_m_s, K (N/m; or K_N_per_m) and
             C (N s/m; or C_N_s_per_m); optional energy_J, peak_displacement_m, time_to_peak_s. The
             `estimates.csv` of a run of the program will do.
-        where: how the findings name the table.
-        tissue_m: the greatest thickness of the tissue, in m, where it is known.
-        digits: decimals that K and C were rounded to; None if not at all, so that equal ones are copies.
 
     Returns:
         columns where, what, published, implied, severity ("major", "minor", "note") and explanation.
@@ -55,7 +43,7 @@ def audit_estimates(
     Raises:
         InputError: a column is missing, or fewer than two rows are usable.
     """
-    return as_table(GENERAL.run(read_impacts(frame, where=where, tissue_m=tissue_m, digits=digits)))
+    return as_table(GENERAL.run(read_impacts(frame)))
 
 
 def audit_published(published: PublishedTables) -> pd.DataFrame:
@@ -69,19 +57,12 @@ def audit_published(published: PublishedTables) -> pd.DataFrame:
         estimates,
         conditions=published.averages.drop_duplicates("trial").set_index("trial"),
         where=_tables(estimates["table"]),
-        tissue_m=_tissue_m(published.claims),
+        tissue_m=thickness(published.claims)[0] or None,
         digits=int(estimates["K_text"].map(decimals).max()),
     )
-    found: Iterable[Graded] = chain(GENERAL.run(impacts), PUBLISHED.run(read_publication(published)))
-    return as_table(found)
+    return as_table([*GENERAL.run(impacts), *PUBLISHED.run(read_publication(published))])
 
 
 def _tables(names: pd.Series) -> str:
     unique = list(names.unique())
     return f"Tables {unique[0]} to {unique[-1]}" if len(unique) > 1 else f"Table {unique[0]}"
-
-
-def _tissue_m(claims: pd.DataFrame) -> float | None:
-    """The greatest skin and muscle thickness that the text states, together, in m."""
-    layers = claims[claims["quantity"].str.endswith("thickness") & claims["statistic"].eq("maximum (mm)")]
-    return None if layers.empty else float(layers["value"].sum()) / 1000

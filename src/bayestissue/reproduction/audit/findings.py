@@ -4,23 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, get_args
 
 import pandas as pd
 
 Severity = Literal["major", "minor", "note"]
 Bearing = Literal["tissue", "physics", "inputs", "method", "conclusions", "tables", "wording"]
 
-SEVERITIES: tuple[Severity, ...] = ("major", "minor", "note")
-BEARINGS: tuple[Bearing, ...] = (
-    "tissue",
-    "physics",
-    "inputs",
-    "method",
-    "conclusions",
-    "tables",
-    "wording",
-)
+SEVERITIES: tuple[Severity, ...] = get_args(Severity)
+BEARINGS: tuple[Bearing, ...] = get_args(Bearing)
 COLUMNS = ("where", "what", "published", "implied", "severity", "explanation")
 
 
@@ -34,7 +26,8 @@ class Finding:
         published: the figure as it stands there.
         implied: the figure that follows from something else.
         explanation: one or two sentences that hold without the other columns.
-        severity: only where it differs from what the check declares for all its findings.
+        severity: where it differs from what the check declares for all its findings; see `Registry.run`.
+        bearing: what it bears on (`BEARINGS`, most damaging first), the check's.
     """
 
     where: str
@@ -43,29 +36,11 @@ class Finding:
     implied: str
     explanation: str
     severity: Severity | None = None
+    bearing: Bearing | None = None
 
 
-@dataclass(frozen=True)
-class Graded:
-    """A finding with the severity it was given and what it bears on (`BEARINGS`, most damaging first)."""
-
-    finding: Finding
-    severity: Severity
-    bearing: Bearing
-
-
-def as_table(graded: Iterable[Graded]) -> pd.DataFrame:
+def as_table(graded: Iterable[Finding]) -> pd.DataFrame:
     """A table with `COLUMNS`, worst first: by severity, then by what is at stake, then in the order found."""
     ranked = sorted(graded, key=lambda one: (SEVERITIES.index(one.severity), BEARINGS.index(one.bearing)))
-    rows = [
-        (
-            one.finding.where,
-            one.finding.what,
-            one.finding.published,
-            one.finding.implied,
-            one.severity,
-            one.finding.explanation,
-        )
-        for one in ranked
-    ]
+    rows = [[getattr(one, name) for name in COLUMNS] for one in ranked]
     return pd.DataFrame(rows, columns=list(COLUMNS), dtype="str")

@@ -76,30 +76,23 @@ def read_impacts(
     frame = frame.rename(columns={long: short for short, long in _SAME.items() if short not in frame})
     missing = [column for column in _NEEDED if column not in frame]
     if missing:
+        remedy = f"Add it: the audit needs {', '.join(_NEEDED)}."
+        other = {column: f" (or {long})" for column, long in _SAME.items()}
         raise InputError(
-            Problem(
-                where,
-                expected="this column" + (f" (or {_SAME[column]})" if column in _SAME else ""),
-                remedy="Add it: the audit needs " + ", ".join(_NEEDED) + ".",
-                column=column,
-                code="published-table",
-            )
-            for column in missing
+            Problem(where, f"this column{other.get(name, '')}", remedy, column=name, code="published-table")
+            for name in missing
         )
     rows = frame[[column for column in (*_NEEDED, *_OPTIONAL) if column in frame]].copy()
     numbers = list(_NEEDED[2:])
     rows[numbers] = rows[numbers].apply(pd.to_numeric, errors="coerce")
     usable = np.isfinite(rows[numbers]).all(axis=1) & (rows[numbers] > 0).all(axis=1)
     if usable.sum() < 2:
-        raise InputError(
-            Problem(
-                where,
-                expected="at least two rows whose mass, velocity, K and C are above zero",
-                remedy="Check the estimates that the table comes from.",
-                value=f"{usable.sum()} of {len(rows)} rows",
-                code="published-table",
-            )
+        expected = "at least two rows whose mass, velocity, K and C are above zero"
+        remedy, found = (
+            "Check the estimates that the table comes from.",
+            f"{usable.sum()} of {len(rows)} rows",
         )
+        raise InputError(Problem(where, expected, remedy, value=found, code="published-table"))
     below = np.isfinite(rows[numbers]).all(axis=1) & (rows[["K", "C"]] <= 0).any(axis=1)
     rows, left_out = rows[usable].reset_index(drop=True), int((~usable).sum())
     if conditions is None:

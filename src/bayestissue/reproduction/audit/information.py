@@ -34,13 +34,13 @@ class MassExponent:
         return abs(self.slope - 1) < 0.15 and self.low > 0.5
 
 
-def mass_exponent(impacts: Impacts, quantity: str = "K") -> MassExponent | None:
+def mass_exponent(impacts: Impacts) -> MassExponent | None:
     """Least squares of the conditions' mean log K on log M, or None where mass does not vary.
 
     Conditions, not impacts, are the units: mass varies between conditions only. One with fewer than three
     masses has no interval, and None is returned.
     """
-    rows = impacts.rows.assign(log=np.log(impacts.rows[quantity]), log_mass=np.log(impacts.rows["mass_kg"]))
+    rows = impacts.rows.assign(log=np.log(impacts.rows["K"]), log_mass=np.log(impacts.rows["mass_kg"]))
     means = rows.groupby("trial")[["log", "log_mass"]].mean()
     if len(np.unique(means["log_mass"].round(6))) < 3:
         return None

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from bayestissue.reproduction.audit.findings import Finding
-from bayestissue.reproduction.audit.publication import PUBLISHED, Publication, each
+from bayestissue.reproduction.audit.publication import PUBLISHED, Publication, each, thickness
 from bayestissue.reproduction.conditions import QUANTITIES, conditions
 from bayestissue.reproduction.correlations import correlation_of_impacts
 from bayestissue.reproduction.covariates import factors
@@ -78,9 +78,7 @@ Immunization guidelines of the U.S. Centers for Disease Control and Prevention; 
 )
 def thickness_of_the_deltoid(publication: Publication) -> Iterator[Finding]:
     """Skin and muscle of the shoulder too thin to take an injection."""
-    claims = publication.tables.claims
-    layers = claims[claims["quantity"].str.endswith("thickness") & claims["statistic"].eq("maximum (mm)")]
-    thickest = float(layers["value"].sum()) / 1000
+    thickest, layers = thickness(publication.tables.claims)
     if layers.empty or thickest >= _NEEDLE_M:
         return
     yield Finding(

@@ -49,6 +49,12 @@ class Publication:
         return claims[(claims["quantity"] == quantity) & (claims["statistic"] == statistic)]
 
 
+def thickness(claims: pd.DataFrame) -> tuple[float, pd.DataFrame]:
+    """The greatest skin and muscle thickness that the text states, together, in m, and the claims of it."""
+    layers = claims[claims["quantity"].str.endswith("thickness") & claims["statistic"].eq("maximum (mm)")]
+    return float(layers["value"].sum()) / 1000, layers
+
+
 def read_publication(tables: PublishedTables) -> Publication:
     """Add ``statements.csv``, where it lies beside the tables.
 
@@ -61,14 +67,9 @@ def read_publication(tables: PublishedTables) -> Publication:
     statements = pd.read_csv(path, dtype=str, keep_default_na=False)
     missing = [column for column in _COLUMNS if column not in statements]
     if missing:
+        remedy = "Compare it with data/published."
         raise InputError(
-            Problem(
-                str(path),
-                expected="this column",
-                remedy="Compare it with data/published.",
-                column=column,
-                code="published-table",
-            )
+            Problem(str(path), "this column", remedy, column=column, code="published-table")
             for column in missing
         )
     return Publication(tables, statements)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
-from bayestissue.reproduction.audit.findings import Bearing, Finding, Graded, Severity
+from bayestissue.reproduction.audit.findings import Bearing, Finding, Severity
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,9 @@ class Registry[Subject]:
 
         return register
 
-    def run(self, subject: Subject) -> Iterator[Graded]:
-        """Every finding of every check on ``subject``."""
+    def run(self, subject: Subject) -> Iterator[Finding]:
+        """Every finding of every check on ``subject``, with its severity and what it bears on."""
         for check in self.checks.values():
             for finding in check.look(subject):
-                yield Graded(finding, finding.severity or check.severity, check.bearing)
+                severity = finding.severity or check.severity
+                yield replace(finding, severity=severity, bearing=check.bearing)

@@ -11,6 +11,7 @@ from jaxtyping import Float
 from bayestissue.reproduction.audit.findings import Finding
 from bayestissue.reproduction.audit.impacts import GENERAL, Impacts
 from bayestissue.reproduction.audit.information import mass_exponent, variation
+from bayestissue.signal.integration import trapezoids
 
 _STEPS = 2001
 
@@ -26,8 +27,7 @@ def centred_fit(
     ω_n T is NaN where the fitted ω_n² is negative.
     """
     step = 1 / (velocity.shape[-1] - 1)
-    inner = (velocity[..., 1:] + velocity[..., :-1]) / 2 * step
-    depth = np.concatenate([np.zeros_like(inner[..., :1]), np.cumsum(inner, axis=-1)], axis=-1)
+    depth = trapezoids(velocity, step)
     depth -= np.trapezoid(depth, dx=step, axis=-1)[..., None]
     vv, vx, xx, dv, dx = (
         np.trapezoid(product, dx=step, axis=-1)
@@ -58,8 +58,7 @@ def made_up_pulses() -> tuple[Float[np.ndarray, "pulse time"], Float[np.ndarray,
         grid.reshape(-1, 1) for grid in np.meshgrid(np.linspace(0.4, 1.2, 9), (0.25, 0.3, 0.4, 0.5))
     )
     bell = np.exp(-((time - centre) ** 2) / (2 * width**2))
-    steps = (bell[:, 1:] + bell[:, :-1]) / 2 / (_STEPS - 1)
-    lost = np.concatenate([np.zeros_like(steps[:, :1]), np.cumsum(steps, axis=1)], axis=1)
+    lost = trapezoids(bell, 1 / (_STEPS - 1))
     return 1 - lost / lost[:, -1:], bell / lost[:, -1:]
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
+from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.traces import Column, Mask, Rows
 
 type Law = Float[np.ndarray, "impact sample term"]
@@ -23,17 +24,12 @@ LIMITS = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
 
 def motion(d: Rows, dt: Column, x: Column, v: Column) -> tuple[Rows, Rows]:
     """Displacement and velocity from the state at the first sample and the deceleration, by trapezoids."""
-    lost = _integral(d, dt)
+    lost = trapezoids(d, dt[:, None])
     time = np.arange(d.shape[1]) * dt[:, None]
-    return x[:, None] + v[:, None] * time - _integral(lost, dt), v[:, None] - lost
+    return x[:, None] + v[:, None] * time - trapezoids(lost, dt[:, None]), v[:, None] - lost
 
 
-def _integral(y: Rows, dt: Column) -> Rows:
-    steps = np.cumsum((y[:, 1:] + y[:, :-1]) / 2 * dt[:, None], axis=1)
-    return np.concatenate([np.zeros((len(y), 1)), steps], axis=1)
-
-
-def laws(x: Rows, v: Rows, used: Mask, dt: Column) -> Iterator[Law]:
+def laws(x: Rows, v: Rows, used: Mask) -> Iterator[Law]:
     """Terms of force laws that together come near every element of this program.
 
     A damper beside a spring that stiffens evenly or steeply; a spring and damper in series, alone or beside a
@@ -43,16 +39,16 @@ def laws(x: Rows, v: Rows, used: Mask, dt: Column) -> Iterator[Law]:
     fastest = np.maximum(np.where(used, np.abs(v), 0).max(axis=1), 1e-12)[:, None]
     s, u = np.clip(x / deepest, -0.3, 1.5), np.clip(v / fastest, -2, 2)
     positive, one = np.maximum(s, 0), np.ones_like(s)
-    held = _integral(np.where(used, s, 0), 1 / np.maximum(used.sum(axis=1), 1) + 0 * dt)
+    held = trapezoids(np.where(used, s, 0), 1 / np.maximum(used.sum(axis=1, keepdims=True), 1))
     root = np.sqrt(positive)
     yield np.stack([u, s, positive**2, positive**6], axis=-1)
     yield np.stack([u, s, one, held], axis=-1)
     yield np.stack([positive * root, positive * root * u, s, u], axis=-1)
 
 
-def any_law(x: Rows, v: Rows, used: Mask, dt: Column) -> Law:
+def any_law(x: Rows, v: Rows, used: Mask) -> Law:
     """Terms of a law with all of these at once."""
-    first, second, third = laws(x, v, used, dt)
+    first, second, third = laws(x, v, used)
     product = first[..., :1] * first[..., 1:2]
     return np.concatenate([first, second[..., 2:], third[..., :2], product], axis=-1)
 
@@ -73,7 +69,7 @@ def no_law(
     d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column, freedom: Column, peak: Column
 ) -> Mask:
     """Where what the widest law leaves over is more than noise and the laws' own misfit."""
-    law = any_law(*motion(d, dt, x, v), used, dt)
+    law = any_law(*motion(d, dt, x, v), used)
     samples = used.sum(axis=1)
     count = np.maximum(samples - law.shape[-1], 1)
     rest = left_over(law, d, used)
@@ -127,7 +123,6 @@ def best_left(d: Rows, used: Mask, dt: Column, x: Column, v: Column, weight: Row
     """The least sum of squares that any of the laws leaves of each impact."""
     xs, vs = motion(d, dt, x, v)
     squares = [
-        (left_over(law * weight[..., None], d * weight, used) ** 2).sum(axis=1)
-        for law in laws(xs, vs, used, dt)
+        (left_over(law * weight[..., None], d * weight, used) ** 2).sum(axis=1) for law in laws(xs, vs, used)
     ]
     return np.min(squares, axis=0)

@@ -21,7 +21,8 @@ from scipy.special import fdtrc
 
 from bayestissue.dataset.model import Recorder
 from bayestissue.signal.displacement import BEFORE, Displacements
-from bayestissue.signal.filters import modes
+from bayestissue.signal.filters import answers
+from bayestissue.signal.integration import trapezoids
 from bayestissue.signal.quality import law
 from bayestissue.signal.traces import Column
 
@@ -80,14 +81,14 @@ def _asked(
     early = min(int(signal.n_before[row]), BEFORE)
     y = np.concatenate([signal.before[row, BEFORE - early :], signal.deceleration[row, :n]])
     time = (np.arange(len(y)) - early) * dt
-    lost = np.cumsum(np.concatenate([[0.0], (y[1:] + y[:-1]) / 2 * dt]))
-    twice = np.cumsum(np.concatenate([[0.0], (lost[1:] + lost[:-1]) / 2 * dt]))
+    lost = trapezoids(y, dt)
+    twice = trapezoids(lost, dt)
     lowest = max(20.0, 1 / (signal.dt[row] * n))
     best: tuple[float, float, np.ndarray] = (np.inf, np.nan, np.zeros(2))
     for corner in np.geomspace(lowest, max(0.25 / dt, 1.01 * lowest), _CORNERS):
         moments = np.linspace(-2.5 / (2 * np.pi * corner) - 3 * dt, dt, _MOMENTS)
         moments = moments[moments > time[0]]
-        step, ramp = _answers(corner, time - moments[:, None])
+        step, ramp = answers(Recorder(corner), time - moments[:, None])
         terms = np.stack([velocity * step - lost, velocity * ramp - twice])
         squares, each = _fitted(terms, y)
         place = int(np.argmin(squares))
@@ -126,20 +127,6 @@ def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float
     low, high = [-np.inf, -np.inf, begin - reach], [np.inf, np.inf, begin + reach]
     found = least_squares(left, [np.log(a), np.log(b), begin], bounds=(low, high), x_scale=[1, 1, reach])
     return float(np.exp(found.x[0])), float(np.exp(found.x[1]))
-
-
-def _answers(
-    corner: float, since: Float[np.ndarray, "moment sample"]
-) -> tuple[Float[np.ndarray, "moment sample"], Float[np.ndarray, "moment sample"]]:
-    """The filter's answers to a unit step and to a unit ramp that begin at 0."""
-    poles, weights = modes(Recorder(corner))
-    late = np.maximum(since, 0.0)
-    step, ramp = np.zeros_like(late), np.zeros_like(late)
-    for pole, weight in zip(poles, weights, strict=True):
-        grown = np.expm1(pole * late) / pole
-        step += (weight * grown).real
-        ramp += (weight / pole * (grown - late)).real
-    return step, ramp
 
 
 def _fitted(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -14,7 +15,7 @@ from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
 from bayestissue.report.posterior import QUANTITIES
 from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, log_ticks, new_figure, style
-from bayestissue.report.tables import Row, Table, columns, lines
+from bayestissue.report.tables import Field, Table, lines, table_of
 from bayestissue.report.wording import UNITS, interval, significant
 
 _MANY_FOLD = 3.0
@@ -28,21 +29,19 @@ def values_of(run: FitRun, quantity: str) -> pd.DataFrame:
 def agreement_table(run: FitRun) -> Table:
     """The ratio of each method to each other with its limits of agreement."""
     found = agreement({quantity: values_of(run, quantity) for quantity in QUANTITIES})
-    rows = [
-        Row(
-            (
-                line.quantity,
-                f"{METHODS[line.method]} over {METHODS[line.against]}",
-                significant(line.ratio),
-                interval(line.low, line.high) if np.isfinite(line.low) else "not known",
-                f"{line.impacts}",
-                f"{line.left_out}",
-            )
-        )
-        for line in lines(found)
-    ]
-    titles = ("quantity", "methods", "ratio", "95 % limits of agreement", "impacts", "left out")
-    return Table(columns(*titles, number=titles[2:]), rows)
+    return table_of(
+        lines(found),
+        Field("quantity", lambda line: line.quantity),
+        Field("methods", lambda line: f"{METHODS[line.method]} over {METHODS[line.against]}"),
+        Field("ratio", lambda line: significant(line.ratio), "number"),
+        Field("95 % limits of agreement", _limits, "number"),
+        Field("impacts", lambda line: f"{line.impacts}", "number"),
+        Field("left out", lambda line: f"{line.left_out}", "number"),
+    )
+
+
+def _limits(line: Any) -> str:
+    return interval(line.low, line.high) if np.isfinite(line.low) else "not known"
 
 
 def agreement_figure(run: FitRun, quantity: str) -> Markup:

@@ -9,7 +9,7 @@ import pandas as pd
 
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import Spread
-from bayestissue.report.tables import Row, Table, columns, lines
+from bayestissue.report.tables import Field, Table, lines, table_of
 from bayestissue.report.wording import likelihood_words, percent, probability, significant
 
 _ON_FIRST_SCREEN = 2
@@ -70,22 +70,16 @@ def contrasts_table(run: FitRun) -> Table | None:
     """The first 300 rows of `contrasts.csv`; None where there is nothing to compare."""
     if run.contrasts is None or run.contrasts.empty:
         return None
-    rows = []
-    for line in lines(run.contrasts[:MOST_ROWS]):
-        found = _ratio(line)
-        cells = (line.factor, f"{line.level} over {line.against}", line.quantity)
-        told = (probability(line.p_direction), probability(line.p_equivalent))
-        rows.append(Row((*cells, found["value"], found["range"], *told)))
-    titles = (
-        "of",
-        "comparison",
-        "quantity",
-        "ratio",
-        "90 %",
-        "direction",
-        f"within {percent(equivalence(run))}",
+    return table_of(
+        lines(run.contrasts[:MOST_ROWS]),
+        Field("of", lambda line: line.factor),
+        Field("comparison", lambda line: f"{line.level} over {line.against}"),
+        Field("quantity", lambda line: line.quantity),
+        Field("ratio", lambda line: _ratio(line)["value"], "number"),
+        Field("90 %", lambda line: _ratio(line)["range"], "number"),
+        Field("direction", lambda line: probability(line.p_direction), "number"),
+        Field(f"within {percent(equivalence(run))}", lambda line: probability(line.p_equivalent), "number"),
     )
-    return Table(columns(*titles, number=titles[3:]), rows)
 
 
 def matrices(run: FitRun) -> list[dict[str, Any]]:
