@@ -270,11 +270,13 @@ def nutpie_exact(bench: Bench, adaptation: str) -> Outcome:
 def plain_start(bench: Bench, key: jax.Array) -> dict[str, jax.Array]:
     """A point of the plain model where its posterior is: the middle of our summary, errors drawn given it."""
     model, data = bench.prepared.model, bench.prepared.data
-    raw = {name: jnp.asarray(bench.approximation.coordinates.middle[name]) for name in model.hyperparameters}
+    coordinates = bench.approximation.coordinates
+    middle = coordinates.raw(np.zeros(len(coordinates.names)))
+    raw = {name: jnp.asarray(middle[name]) for name in model.hyperparameters}
     sites = constrained(model, raw)
     summaries = bench.approximation.sites
-    middle = jnp.zeros(model.locations.size), jnp.zeros(summaries.centre.shape)
-    found = from_standard(model, data, summaries, sites, *middle)
+    zero = jnp.zeros(model.locations.size), jnp.zeros(summaries.centre.shape)
+    found = from_standard(model, data, summaries, sites, *zero)
     spread = population(model, sites)
     factor = cholesky_factor(sites["sd_impact_K"], sites["sd_impact_C"], sites["residual_correlation"])
     away = [u - about for u, about in zip(found.u, found.about, strict=True)]

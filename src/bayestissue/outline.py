@@ -53,6 +53,12 @@ def span(values: ArrayLike, unit: str) -> str:
     return f"{low} {unit}" if low == high else f"{low} to {high} {unit}"
 
 
-def counted(count: int, name: str) -> str:
-    """A count with its noun."""
-    return f"{count} {name}" if count == 1 else f"{count} {name}s"
+def counted(count: int, one: str, several: str = "") -> str:
+    """A count with its noun: ``1 person``, ``3 people``; with an s unless it is said."""
+    return f"{count} {one if count == 1 else several or f'{one}s'}"
+
+
+def first_of(names: Sequence[str], most: int) -> str:
+    """The first names, and how many more there are."""
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return f"{', '.join(names[:most])}{more}"

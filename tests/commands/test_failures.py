@@ -14,7 +14,7 @@ import pytest
 import xarray as xr
 
 from bayestissue import cli
-from bayestissue.report import comparison_page
+from bayestissue.report.comparison import page as comparison_page
 from bayestissue.results import write_tree
 from make_scored_run import make_scored_run
 

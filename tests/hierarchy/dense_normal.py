@@ -128,7 +128,7 @@ class Dense:
         return log_density_of_cells(self.design, covariances, self.sums(covariances))
 
     def conditional(self) -> EffectsConditional:
-        return integrate_effects(self.design, self.covariances, self.sums(self.covariances))
+        return integrate_effects(self.design, self.covariances, self.sums(self.covariances))[0]
 
     @property
     def whole(self) -> np.ndarray:

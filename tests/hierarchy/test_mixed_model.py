@@ -107,7 +107,7 @@ def test_effects_are_the_best_linear_unbiased_predictions(
     @jax.jit
     def means(sd: jax.Array) -> jax.Array:
         design, *known = told(population, rows, dict(zip(names, sd, strict=True)))
-        found = integrate_effects(design, *known)
+        found, _ = integrate_effects(design, *known)
         return effects_from_standard(design, found, jnp.asarray(effects.mean))
 
     b = np.asarray(means(jnp.array([fitted.sd[name] for name in names])))

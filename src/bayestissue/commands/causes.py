@@ -41,21 +41,6 @@ def run(
     ``reliability.csv``, ``run.json`` and ``report.html``. Finished batches of an interrupted run wait in a
     folder beside ``out``; the same command goes on from there.
 
-    Args:
-        target: a dataset's folder, or ``published``.
-        out: folder for the results.
-        model: what is simulated; ``models/causes.toml`` unless given.
-        only: names of the causes to compare; all of them if empty.
-        campaigns: of every cause; the specification's number unless given.
-        method: of the estimates, for a dataset.
-        jobs: worker processes; as many as cores unless given.
-        scheduler: address of a Dask scheduler.
-        seed: of everything.
-        skip_bad: leave out impacts that can't be used.
-        overwrite: replace what ``out`` holds.
-        quiet: print errors only.
-        as_json: print the table of causes as JSON.
-
     Raises:
         InputError: the dataset, the specification, the scheduler or ``out`` are not usable.
     """

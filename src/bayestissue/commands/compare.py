@@ -13,8 +13,6 @@ from bayestissue import results, runtime
 from bayestissue.errors import InputError, Problem, all_of
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from bayestissue.inference.comparing.finished import FinishedRun
 
 _AGAIN = "Give folders of finished runs of `bayestissue fit`."
@@ -74,7 +72,8 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
             draw_page(place.path)
         if as_json:
             tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
-            echo(json.dumps(_plain(tables), ensure_ascii=False))
+            plain = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
+            echo(json.dumps(plain, ensure_ascii=False))
         elif not quiet:
             print_comparison(comparison, posteriors, of_weights)
             if place is not None:
@@ -161,7 +160,3 @@ def _names(runs: list[Path]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return [str(path.resolve()) for path in runs]
-
-
-def _plain(tables: dict[str, pd.DataFrame]) -> dict[str, Any]:
-    return {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -12,6 +14,7 @@ from bayestissue.errors import InputError, Problem
 from bayestissue.resources import shared
 
 _MEND = "Compare the file with data/published, which comes with the program."
+_wrong = partial(Problem, code="published-table")
 
 
 @dataclass(frozen=True)
@@ -125,35 +128,17 @@ def _read_table(path: Path, name: str, problems: list[Problem]) -> pd.DataFrame:
     try:
         table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8").fillna("")
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
-        problems.append(
-            Problem(
-                str(path),
-                expected="a readable CSV table",
-                remedy=_MEND,
-                value=type(error).__name__,
-                code="published-table",
-            )
-        )
+        problems.append(_wrong(str(path), "a readable CSV table", _MEND, value=type(error).__name__))
         return pd.DataFrame()
     # pandas takes the first cells of rows that are longer than the header for row names.
     if not isinstance(table.index, pd.RangeIndex):
-        problems.append(
-            Problem(
-                str(path),
-                expected="as many cells in a row as in the header",
-                remedy=_MEND,
-                code="published-table",
-            )
-        )
+        problems.append(_wrong(str(path), "as many cells in a row as in the header", _MEND))
         return table
     missing = [column for column in layout.columns if column not in table]
     if missing or table.empty:
-        problems += [
-            Problem(
-                str(path), expected="this column", remedy=_MEND, row=1, column=column, code="published-table"
-            )
-            for column in missing
-        ] or [Problem(str(path), expected="at least one row", remedy=_MEND, code="published-table")]
+        problems += [_wrong(str(path), "this column", _MEND, row=1, column=column) for column in missing] or [
+            _wrong(str(path), "at least one row", _MEND)
+        ]
         return table
     found = _wrong_labels(table, path, name)
     for column in layout.integers + layout.printed:
@@ -182,15 +167,7 @@ def _read_column(table: pd.DataFrame, column: str, layout: _Layout, path: Path) 
         table[f"{column}_text"] = text
     table[column] = values if column in layout.printed or bad.any() else values.astype("int64")
     return [
-        Problem(
-            str(path),
-            expected=expected,
-            remedy=_MEND,
-            row=_line(index),
-            column=column,
-            value=text[index],
-            code="published-table",
-        )
+        _wrong(str(path), expected, _MEND, row=_line(index), column=column, value=text[index])
         for index in table.index[bad]
     ]
 
@@ -205,33 +182,18 @@ def _wrong_labels(table: pd.DataFrame, path: Path, name: str) -> list[Problem]:
             wrong = ~table[column].isin(allowed[column])
             expected = " or ".join(allowed[column])
         problems += [
-            Problem(
-                str(path),
-                expected=expected,
-                remedy=_MEND,
-                row=_line(index),
-                column=column,
-                value=table.loc[index, column],
-                code="published-table",
-            )
-            for index in table.index[wrong]
+            _wrong(str(path), expected, _MEND, row=_line(index), column=column, value=value)
+            for index, value in table.loc[wrong, column].items()
         ]
     return problems
 
 
 def _rows_that_stand_twice(table: pd.DataFrame, layout: _Layout, path: Path) -> list[Problem]:
     keys = list(layout.key)
+    expected, remedy = f"each {', '.join(keys)} once", "Take one of the two rows out, or mend its key."
     return [
-        Problem(
-            str(path),
-            expected="each " + ", ".join(keys) + " once",
-            remedy="Take one of the two rows out, or mend its key.",
-            row=_line(index),
-            column=keys[-1],
-            value=", ".join(str(value) for value in table.loc[index, keys]),
-            code="published-table",
-        )
-        for index in table.index[table.duplicated(keys)]
+        _wrong(str(path), expected, remedy, row=_line(index), column=keys[-1], value=", ".join(map(str, own)))
+        for index, *own in table.loc[table.duplicated(keys), keys].itertuples()
     ]
 
 
@@ -244,22 +206,22 @@ def _conditions_that_disagree(
     for path, table in ((paths["estimates"], estimates), (paths["averages"], averages)):
         for column in _CONDITION:
             expected = table["trial"].map(first[column])
-            problems += [
-                Problem(
-                    str(path),
-                    expected=f"{expected[index]:g}, the first that averages.csv has for the trial"
-                    if np.isfinite(expected[index])
-                    else f"averages of trial {table.loc[index, 'trial']} in averages.csv",
-                    remedy=_MEND,
-                    row=_line(index),
-                    column=column,
-                    value=table.loc[index, column],
-                    code="published-table",
+            for index in table.index[table[column] != expected]:
+                words = f"averages of trial {table.loc[index, 'trial']} in averages.csv"
+                if np.isfinite(expected[index]):
+                    words = f"{expected[index]:g}, the first that averages.csv has for the trial"
+                problems.append(
+                    _wrong(
+                        str(path),
+                        words,
+                        _MEND,
+                        row=_line(index),
+                        column=column,
+                        value=table.loc[index, column],
+                    )
                 )
-                for index in table.index[table[column] != expected]
-            ]
     return problems
 
 
-def _line(index: int) -> int:
+def _line(index: Any) -> int:
     return int(index) + 2

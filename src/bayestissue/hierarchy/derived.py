@@ -93,21 +93,12 @@ def row_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
     return expected
 
 
-def stiffness_and_damping(design: Design, sites: Draws) -> dict[str, np.ndarray]:
-    """K and C of every row, person and condition; ``*_row`` [chain, draw, row] and so on.
-
-    See `people_and_conditions`. All are medians over the impact's own scatter.
-    """
-    rows = {f"{response}_row": np.exp(row_logs(design, sites, response)) for response in RESPONSES}
-    return rows | people_and_conditions(design, sites)
-
-
 def people_and_conditions(design: Design, sites: Draws) -> dict[str, np.ndarray]:
     """Every response of every level of every grouping: ``*_subject`` [chain, draw, subject] and so on.
 
     A level's value holds the effects of the groupings that it lies in too: that of ``subject:side`` the
     subject's and the side's. It is at the reference mass; a condition's is a typical person's at the
-    condition's own mass and covariates.
+    condition's own mass and covariates. All are medians over the impact's own scatter.
     """
     values = {}
     for response, part in design.responses.items():

@@ -97,7 +97,7 @@ def estimates_data(
 ) -> EstimatesData:
     """The observations and one formula's design, in the model's arrangement of b."""
     effects, matrices = effects_of(design, model.priors, ())
-    own, begin = np.concatenate(matrices, axis=1), _begin_of_second(model.locations)
+    own, begin = np.concatenate(matrices, axis=1), model.locations.parts["intercept_C"].start
     whole = np.zeros((len(own), model.locations.size))
     for name, part in effects.parts.items():
         place = model.locations.parts[name].start
@@ -114,10 +114,6 @@ def estimates_data(
         tuple(part[tables] - part[tables].mean(1, keepdims=True) for part in columns),
         np.zeros((len(tables), 2)),
     )
-
-
-def _begin_of_second(effects: Effects) -> int:
-    return min(part.start for name, part in effects.parts.items() if name.endswith("_C"))
 
 
 def without(data: EstimatesData, rows: Bool[np.ndarray, " impact"]) -> EstimatesData:
@@ -144,7 +140,7 @@ def _rows(data: EstimatesData, covariances: Covariances, scatter: Float[Array, "
     offset, sd, correlation = moments_of_people(
         jnp.zeros((tables, 2)), scatter, factor, data.people[0].shape[1]
     )
-    means, roots = (pair_covariance(*sd[:, a : a + 2].T, correlation[:, a // 2]) for a in (0, 2))
+    means, roots = (pair_covariance(sd[:, a : a + 2].T, correlation[:, a // 2]) for a in (0, 2))
     constant = small.normal_log_density((data.roots - offset[:, 2:]).T, roots)
     covariance = jnp.concatenate([means, jnp.broadcast_to(own[..., None], (2, 2, estimates))], axis=-1)
     centre = jnp.asarray(data.value).T.at[:, :tables].add(-offset[:, :2].T)
@@ -207,11 +203,11 @@ class EffectsDraw(NamedTuple):
         rows: log density of every row's data given b, kept or not.
     """
 
-    b: Float[Array, " location"]
-    scatter: Float[Array, "table 2"]
-    log_density: Float[Array, ""]
-    log_ratio: Float[Array, ""]
-    rows: Float[Array, " impact"]
+    b: Float[Any, " location"]
+    scatter: Float[Any, "table 2"]
+    log_density: Float[Any, ""]
+    log_ratio: Float[Any, ""]
+    rows: Float[Any, " impact"]
 
 
 def draw_effects(
@@ -228,8 +224,7 @@ def draw_effects(
     covariances = population(model, sites)
     at_sites = _rows(data, covariances, data.scatter)
     sums = _sums(data, at_sites)
-    found = integrate_effects(data.design, covariances, sums)
-    log_density = sums.constant.sum() + found.log_density() - covariances.log_scale()
+    found, log_density = integrate_effects(data.design, covariances, sums)
     b = effects_from_standard(data.design, found, data.location_mean, standard)
     people = _of_people(data, b)
     scatter = (people**2).sum(1) / (people.shape[1] - 1)

@@ -91,8 +91,10 @@ class Responses[Prior](Pair[Prior]):
 
 
 # Named in the module, where pickle looks for them.
-PairOfLocations, PairOfScales = Pair[Normal], Pair[Scale]
-Locations, Scales = Responses[Normal], Responses[Scale]
+PairOfLocations = Pair[Normal]
+PairOfScales = Pair[Scale]
+Locations = Responses[Normal]
+Scales = Responses[Scale]
 
 
 def _normal(mean: float, sd: float) -> Normal:

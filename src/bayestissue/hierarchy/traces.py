@@ -23,9 +23,10 @@ from numpyro.distributions import biject_to
 from bayestissue.elements import element as element_named
 from bayestissue.hierarchy.effects import intercept
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
-from bayestissue.hierarchy.gaussian.conditional import Conditional, Data, integrate_out
+from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.impacts import Sites, lay
+from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
+from bayestissue.hierarchy.gaussian.impacts import ImpactConditional, Sites, lay, parameters_first
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.population import Effects, MassError, covariances_of, of_impacts
 from bayestissue.hierarchy.priors import HalfNormal, Priors
@@ -317,7 +318,7 @@ def sampled_model(
         y, z_b = z_b[-1], warped(z_b, warp)
         numpyro.factor("warp", jnp.log(warp.part(-1).slope(y)) + (y**2 - z_b[-1] ** 2) / 2)
     found = from_standard(model, data, sites, sampled, z_b, z_u)
-    density = found.conditional.log_marginal - sites.log_density(jnp.stack(found.u, axis=-1)).sum()
+    density = found.log_marginal - sites.log_density(jnp.stack(found.u, axis=-1)).sum()
     numpyro.factor("change_of_variables", density)
     u = found.u
     if present is not None:
@@ -348,7 +349,7 @@ class Drawn(NamedTuple):
     b: Array
     u: list[Array]
     about: Array
-    conditional: Conditional
+    log_marginal: Array
 
 
 def from_standard(
@@ -359,8 +360,11 @@ def from_standard(
     z_b: Float[Array, " location"],
     z_u: Float[Array, "impact parameter"],
 ) -> Drawn:
-    """The affine maps of `bayestissue.hierarchy.gaussian.conditional`, the standard deviations given."""
-    conditional = integrate_out(gaussian(data, sites), population(model, sampled))
-    b = conditional.draw_effects(z_b)
-    u = conditional.draw_impacts(sites, b, z_u)
-    return Drawn(b, list(u), expected(data.design, b), conditional)
+    """The conditionals' affine maps, the standard deviations given, and the sites' `log_marginal`."""
+    covariances = population(model, sampled)
+    sums = gaussian(data, sites).sums(covariances)
+    effects, log_marginal = integrate_effects(data.design, covariances, sums)
+    b = effects_from_standard(data.design, effects, data.location_mean, z_b)
+    about = expected(data.design, b)
+    given = ImpactConditional.of(covariances.of_impact(), parameters_first(sites))
+    return Drawn(b, list(given.draw(about, z_u.T)), about, log_marginal)

@@ -89,40 +89,26 @@ def fit_traces(
     """
     done = partial(say, "summarising each trace")
     done(0, 1)
-    settings = specification.sampler
-    if settings.path == "exact":
-        return _exactly(prepared, specification, seed, say, checkpoints, Route("exact"))
-    expansions = expanded(prepared)
-    if specification.may_add_discrepancy and not prepared.model.discrepancy:
-        rows = some_impacts(len(prepared.impacts))
-        wrong = misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
-        if wrong is not None:
-            return wrong
-    first = approximate(prepared, expansions=expansions, say=done)
-    approximation, draws, correction = corrected_draws(prepared, settings, seed, approximation=first, say=say)
-    route = Route(settings.path, correction)
-    if route.exact:
-        return _exactly(prepared, specification, seed, say, checkpoints, route, approximation)
-    likelihood = LikelihoodApproximation(approximation, correction.of_impacts)
-    return label(prepared, specification, approximation, draws, seed, say, likelihood, route)
-
-
-def _exactly(
-    prepared: Prepared,
-    specification: ModelSpecification,
-    seed: int,
-    say: Say,
-    checkpoints: Path | None,
-    route: Route,
-    scored: Approximation | None = None,
-) -> TraceAnalysis:
+    settings, route, sites = specification.sampler, Route("exact"), None
+    if settings.path != "exact":
+        expansions = expanded(prepared)
+        if specification.may_add_discrepancy and not prepared.model.discrepancy:
+            rows = some_impacts(len(prepared.impacts))
+            wrong = misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
+            if wrong is not None:
+                return wrong
+        first = approximate(prepared, expansions=expansions, say=done)
+        sites, draws, correction = corrected_draws(prepared, settings, seed, approximation=first, say=say)
+        route = Route(settings.path, correction)
+        if not route.exact:
+            likelihood = LikelihoodApproximation(sites, correction.of_impacts)
+            return label(prepared, specification, sites, draws, seed, say, likelihood, route)
     say(f"sampling by the exact path, {route.why}", 0, 1)
-    approximation = approximate(prepared, say=partial(say, "summarising each trace"))
-    settings, sampling = specification.sampler, _with_estimate(say)
-    draws = exact_draws(prepared, approximation, settings, seed, progress=sampling, checkpoints=checkpoints)
+    whitening, told = approximate(prepared, say=done), _with_estimate(say)
+    draws = exact_draws(prepared, whitening, settings, seed, progress=told, checkpoints=checkpoints)
     # Scores ask for sites that stand for the traces; those of the chains only whiten.
-    likelihood = LikelihoodApproximation(scored or approximation)
-    return label(prepared, specification, approximation, draws, seed, say, likelihood, route)
+    likelihood = LikelihoodApproximation(sites or whitening)
+    return label(prepared, specification, whitening, draws, seed, say, likelihood, route)
 
 
 def _with_estimate(say: Say) -> Progress:

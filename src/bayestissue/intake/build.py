@@ -18,6 +18,7 @@ from bayestissue.intake.cutting import cut
 from bayestissue.intake.facts import Facts
 from bayestissue.intake.folder import File, Found
 from bayestissue.intake.rows import RECORDINGS, Cutting, impact_rows, oriented, stated_rate
+from bayestissue.outline import first_of
 
 _FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
 _CHAIN = (
@@ -166,10 +167,8 @@ def _notes(dataset: Dataset, cutting: Cutting | None) -> tuple[str, ...]:
     several = [] if cutting else _with_several(dataset)
     if not several:
         return (_CHAIN,)
-    more = f" and {len(several) - 5} more" if len(several) > 5 else ""
-    named = f"{', '.join(several[:5])}{more}"
     advice = "the impact with the highest peak is used; --several cuts them apart"
-    return (f"{named}: the recording seems to hold several impacts; {advice}.", _CHAIN)
+    return (f"{first_of(several, 5)}: the recording seems to hold several impacts; {advice}.", _CHAIN)
 
 
 def _with_several(dataset: Dataset) -> list[str]:

@@ -120,7 +120,7 @@ def write(
         raise intake.unanswered()
     inputs = (intake.found.folder, intake.choices.table)
     with claim(Path(out), overwrite=overwrite, command="init", inputs=inputs) as place:
-        from bayestissue.report.init_page import init_page
+        from bayestissue.report.recordings.init_page import init_page
 
         with place.folder() as staging:
             name = name or intake.found.folder.resolve().name

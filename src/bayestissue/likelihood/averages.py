@@ -73,7 +73,7 @@ class AveragesOfLognormals(dist.Distribution):
         mean, sd, correlation = average_moments(self.loc, self.scale_tril)
         # Two independent pairs (K, C) of correlated normals: the means of the logs, and the spreads.
         away, sd = jnp.moveaxis(value - mean, -1, 0), jnp.moveaxis(sd, -1, 0)
-        means, roots = (pair_covariance(*sd[a : a + 2], correlation[..., a // 2]) for a in (0, 2))
+        means, roots = (pair_covariance(sd[a : a + 2], correlation[..., a // 2]) for a in (0, 2))
         return small.normal_log_density(away[:2], means) + small.normal_log_density(away[2:], roots)
 
 
@@ -115,11 +115,11 @@ def moments_of_people(
 
 
 def pair_covariance(
-    sd_K: Float[Array, "*batch"], sd_C: Float[Array, "*batch"], correlation: Float[Array, "*batch"]
+    sd: Float[Array, "2 ..."], correlation: Float[Array, "*batch"]
 ) -> Float[Array, "2 2 *batch"]:
     """Covariance of pairs from their two standard deviations and their correlation."""
-    between = correlation * sd_K * sd_C
-    return small.stacked([[sd_K**2, between], [between, sd_C**2]])
+    between = correlation * sd[0] * sd[1]
+    return small.stacked([[sd[0] ** 2, between], [between, sd[1] ** 2]])
 
 
 @cache

@@ -9,11 +9,12 @@ import numpy as np
 import pandas as pd
 from markupsafe import Markup
 
+from bayestissue.outline import counted
 from bayestissue.report.fit.questions import question_lines, questions_table
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.style import POSTERIOR, log_ticks, new_figure, style
 from bayestissue.report.tables import Row, Table, columns
-from bayestissue.report.wording import PREDICTED, counted, given_of, significant
+from bayestissue.report.wording import PREDICTED, given_of, significant
 
 MOST_DRAWN = 60
 _MANY_FOLD = 3.0
@@ -29,7 +30,7 @@ def questions_page(asked: pd.DataFrame, about: Mapping[str, Any]) -> str:
     """
     return render_page(
         "questions.html",
-        title=f"{counted(len(asked), 'question', 'questions')} to a fit of {about['dataset']}",
+        title=f"{counted(len(asked), 'question')} to a fit of {about['dataset']}",
         subtitle=_of(about),
         about=about,
         questions=question_lines(asked, len(asked)),
@@ -48,7 +49,7 @@ def predictions_page(made: pd.DataFrame, about: Mapping[str, Any]) -> str:
     first = made[:MOST_DRAWN]
     return render_page(
         "predictions.html",
-        title=f"{counted(len(made), 'new impact', 'new impacts')} by a fit of {about['dataset']}",
+        title=f"{counted(len(made), 'new impact')} by a fit of {about['dataset']}",
         subtitle=_of(about),
         about=about,
         figures=[found for name in PREDICTED if (found := _intervals(first, name)) is not None],

@@ -128,14 +128,10 @@ def _interval(table: pd.DataFrame, column: str) -> tuple[pd.Series, pd.Series]:
 
 def _further(folder: Path) -> list[tuple[str, str, str, Table]]:
     return [
-        (name, heading, words, plain_table(_read_text(folder / f"{name}.csv")))
+        (name, heading, words, plain_table(pd.read_csv(path, dtype=str, keep_default_na=False)))
         for name, heading, words in _FURTHER
-        if (folder / f"{name}.csv").is_file()
+        if (path := folder / f"{name}.csv").is_file()
     ]
-
-
-def _read_text(path: Path) -> pd.DataFrame:
-    return pd.read_csv(path, dtype=str, keep_default_na=False)
 
 
 def _level(table: pd.DataFrame, name: str) -> dict[str, str]:

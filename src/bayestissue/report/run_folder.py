@@ -153,14 +153,14 @@ def open_tree(path: Path, needed: Mapping[str, Sequence[str]], remedy: str = AGA
     with _told_of(path, remedy):
         tree = xr.open_datatree(path, engine="h5netcdf")
         lacking = [
-            f"{name} in group {group}" if name else f"the group {group}"
+            f"{group}/{name}" if name else group
             for group, names in needed.items()
             for name in names or ("",)
             if group not in tree.children or (name and name not in tree[group].data_vars)
         ]
         if lacking:
             tree.close()
-            raise InputError(wrong_in(path, each, remedy, value="none") for each in lacking)
+            raise InputError(wrong_in(path, f"the parts {', '.join(lacking)}", remedy, value="none of them"))
         return tree
 
 
@@ -222,7 +222,7 @@ def _read_table(path: Path, layout: TableFile, problems: list[Problem]) -> pd.Da
             wrong = table[column][values.isna() & ~table[column].str.lower().isin(["", "nan"])]
             problems += [
                 wrong_in(path, "a number or nothing", row=int(index) + 2, column=column, value=cell)
-                for index, cell in wrong.items()
+                for index, cell in zip(wrong.index, wrong, strict=True)
             ]
             table[column] = values.astype("float64")
     return table

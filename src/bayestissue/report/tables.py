@@ -48,7 +48,7 @@ def table_of(rows: Iterable[Any], *fields: Field, mark: Callable[[Any], str] = l
     """A table with a row for each of ``rows``, and a cell in it for each of ``fields``."""
     return Table(
         [Column(field.title, field.kind) for field in fields],
-        [Row([field.cell(row) for field in fields], mark(row)) for row in rows],
+        [Row(tuple(field.cell(row) for field in fields), mark(row)) for row in rows],
     )
 
 

@@ -91,11 +91,6 @@ def likelihood_words(value: float) -> str:
     return next((words for bound, words in bounds if value >= bound), "almost certainly not")
 
 
-def counted(number: int, one: str, several: str) -> str:
-    """``1 person``, ``3 people``."""
-    return f"{number} {one if number == 1 else several}"
-
-
 def listed(words: list[str]) -> str:
     """``a``, ``a and b``, or ``a, b and c``."""
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""

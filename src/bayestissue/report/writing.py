@@ -66,7 +66,7 @@ _PAGES = {
     "published": ("published.page", "published_page"),
     "estimates": ("estimates_page", "estimates_page"),
     "fit": ("fit.page", "fit_page"),
-    "comparison": ("comparison_page", "comparison_page"),
+    "comparison": ("comparison.page", "comparison_page"),
     "causes": ("causes.page", "causes_page"),
 }
 

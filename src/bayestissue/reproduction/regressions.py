@@ -65,15 +65,8 @@ def regression_lines(published: PublishedTables) -> list[Line]:
             )
             if term in found
         ]
-        lines.append(
-            line(
-                f"equation of {quantity}",
-                len(printed) + 1,
-                "R²",
-                printed["r_squared_text"].iloc[0],
-                found["R²"],
-            )
-        )
+        text = printed["r_squared_text"].iloc[0]
+        lines.append(line(f"equation of {quantity}", len(printed) + 1, "R²", text, found["R²"]))
     return lines
 
 
@@ -97,23 +90,16 @@ def _equation(table: pd.DataFrame, printed: pd.DataFrame) -> dict[str, Recompute
     extra = [term for term in printed["term"] if term not in ("constant", "Mass")]
     without = f"fitted without {', '.join(extra)}: {NEVER_TABULATED}" if extra else ""
     full = unrounded_mass(table)
-    other = None if full is None else straight_line(table, full)
+    other = None if full is None else straight_line(table, full).params
+
+    def hint(term: str) -> str:
+        return "" if other is None else f"{other[term]:.5g} with masses not cut to three decimals"
+
+    of_constant = error * float(np.sqrt(1 / len(mass) + (mass.mean() / spread) ** 2))
     found = {
-        "constant": Recomputed(
-            fit.params["const"],
-            rounding=error * float(np.sqrt(1 / len(mass) + (mass.mean() / spread) ** 2)),
-            note=without,
-            hint=""
-            if other is None
-            else f"{other.params['const']:.5g} with masses not cut to three decimals",
-        ),
-        "Mass": Recomputed(
-            fit.params["Mass"],
-            rounding=error / spread,
-            note=without,
-            hint="" if other is None else f"{other.params['Mass']:.5g} with masses not cut to three decimals",
-        ),
-        "R²": Recomputed(fit.rsquared, rounding=2 * angle, note=without),
+        "constant": Recomputed(fit.params["const"], of_constant, without, hint("const")),
+        "Mass": Recomputed(fit.params["Mass"], error / spread, without, hint("Mass")),
+        "R²": Recomputed(fit.rsquared, 2 * angle, without),
     }
     return found | {term: Recomputed(None, note=NEVER_TABULATED) for term in extra}
 

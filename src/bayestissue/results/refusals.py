@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from bayestissue.errors import InputError, Problem
+from bayestissue.outline import first_of
 from bayestissue.results.mark import foreign, is_result
 
 _BELOW = "Choose another --out, such as a new folder in it."
@@ -77,14 +78,13 @@ def require_free(out: Path, *, overwrite: bool) -> None:
             )
         )
     if others:
-        more = f" and {len(others) - _NAMED} more" if len(others) > _NAMED else ""
         raise InputError(
             Problem(
                 str(out),
                 expected="a folder that holds results of bayestissue and nothing else, which alone "
                 "--overwrite replaces",
                 remedy="Choose another --out, or move what is in it elsewhere.",
-                value=f"{', '.join(others[:_NAMED])}{more}",
+                value=first_of(others, _NAMED),
                 code="out-taken",
             )
         )

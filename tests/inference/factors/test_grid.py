@@ -7,14 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from bayestissue.inference.factors.grid import LikelihoodGrid, flat_grid
+from bayestissue.inference.factors.grid import PLACES, LikelihoodGrid
 
 
 def grid_of(sd: np.ndarray, centre: float = 0.83) -> LikelihoodGrid:
     """Normal likelihoods so wide, about a centre between two places."""
-    level = flat_grid(len(sd))
-    places = float(level.first) + float(level.step) * np.arange(len(level.log_likelihood))
-    return level._replace(log_likelihood=jnp.asarray(-(((places[:, None] - centre) / sd) ** 2) / 2))
+    return LikelihoodGrid(jnp.asarray(-(((PLACES[:, None] - centre) / sd) ** 2) / 2))
 
 
 @pytest.mark.parametrize(

@@ -26,7 +26,7 @@ from bayestissue.inference.execution import kept as many_kept
 from bayestissue.inference.execution.chunks import in_blocks, of_each
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
 from bayestissue.inference.factors.conditional_prior import population_draws
-from bayestissue.inference.factors.grid import LikelihoodGrid, flat_grid
+from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.grid_sum import surface_of
 from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import Approximation, first_guess
@@ -83,7 +83,7 @@ def test_a_surface_is_the_traces_evidence_together() -> None:
     # Traces that say nothing of a parameter far below, and rule it out above, as of theta1 near -1.
     turns, sharpness = rng.normal(-2.5, 0.5, count), rng.uniform(3, 12, count)
     table = -np.logaddexp(0, 3 * (grid - turns)) * sharpness
-    profile: LikelihoodGrid = flat_grid(1)._replace(log_likelihood=jnp.asarray(table))
+    profile = LikelihoodGrid(jnp.asarray(table))
     low, high = np.array([-6.0, np.log(0.03)]), np.array([-2.0, np.log(2.0)])
     surface = surface_of(profile, low, high)
     fine = np.linspace(-12, 4, 40_001)

@@ -17,7 +17,7 @@ from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import gaussian
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals, standard_points
 from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
-from bayestissue.inference.factors.grid import flat_grid
+from bayestissue.inference.factors.grid import PLACES, LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
     importance_ratios,
     log_evidence_corrections,
@@ -70,11 +70,9 @@ def test_points_have_the_moments_of_a_standard_normal_to_their_number() -> None:
 
 
 def test_a_profile_interpolates_cubics_and_integrates_against_a_normal() -> None:
-    profile = flat_grid(2)
-    grid = np.asarray(profile.first) + np.asarray(profile.step) * np.arange(profile.log_likelihood.shape[0])
     # exp(a x - x^2 / 2) against N(m, s^2) is a normal integral in closed form.
     slope = np.array([0.3, -1.0])
-    profile = profile._replace(log_likelihood=jnp.asarray(slope * grid[:, None] - grid[:, None] ** 2 / 2))
+    profile = LikelihoodGrid(jnp.asarray(slope * PLACES[:, None] - PLACES[:, None] ** 2 / 2))
     at = np.array([0.123, -2.345])
     # A quadratic is its own cubic interpolant, to rounding.
     np.testing.assert_allclose(profile.at(jnp.asarray(at)), slope * at - at**2 / 2, rtol=1e-10)

@@ -64,7 +64,7 @@ def test_where_nothing_is_likely_or_known_the_warp_stays_increasing() -> None:
 
 def test_values_come_back_by_name() -> None:
     coordinates = Coordinates(("a", "b"), straight(2)._replace(location=np.array([1.0, 2.0])), np.eye(2))
-    assert coordinates.middle == {"a": 1.0, "b": 2.0}
+    assert coordinates.raw(np.zeros(2)) == {"a": 1.0, "b": 2.0}
     found = coordinates.raw(np.zeros((4, 5, 2)))
     assert found["b"].shape == (4, 5)
     assert (found["b"] == 2.0).all()

@@ -35,27 +35,20 @@ class Terms:
     """What a formula asks for, in its own order.
 
     Attributes:
-        common: the terms of covariates, as written.
-        variables: the columns that each of them names.
+        common: the terms of covariates, as written, and the columns that each names.
         groups: the group terms.
         slopes: the columns that each covariate in a group term names.
     """
 
-    common: tuple[str, ...]
-    variables: tuple[frozenset[str], ...]
+    common: Mapping[str, frozenset[str]]
     groups: tuple[GroupTerm, ...]
     slopes: Mapping[str, frozenset[str]]
 
     def without(self, gone: Iterable[str]) -> Terms:
         """The same less some terms."""
         gone = set(gone)
-        kept = [i for i, name in enumerate(self.common) if name not in gone]
-        return Terms(
-            tuple(self.common[i] for i in kept),
-            tuple(self.variables[i] for i in kept),
-            tuple(term for term in self.groups if str(term) not in gone),
-            self.slopes,
-        )
+        common = {name: columns for name, columns in self.common.items() if name not in gone}
+        return Terms(common, tuple(term for term in self.groups if str(term) not in gone), self.slopes)
 
     def __str__(self) -> str:
         """The formula that asks for these terms, and an intercept."""
@@ -144,7 +137,7 @@ def _read(formula: str) -> tuple[Terms, list[Fault]]:
     import formulae
 
     description = formulae.model_description(formula)
-    names, variables, faults = [], [], []
+    common, faults = {}, []
     if not any(term.name == _INTERCEPT for term in description.common_terms):
         faults.append(
             Fault("", "an intercept, since K at the reference mass is reported", "a 0 or -1 takes it out")
@@ -153,12 +146,11 @@ def _read(formula: str) -> tuple[Terms, list[Fault]]:
         if term.name == _INTERCEPT:
             continue
         used = _columns_of(term)
-        names.append(f"`{term.name}`" if used == {term.name} and not term.name.isidentifier() else term.name)
-        variables.append(used)
+        common[f"`{term.name}`" if used == {term.name} and not term.name.isidentifier() else term.name] = used
     faults += written_twice([_groups(part) for part in _parentheses(formula)])
     groups = {frozenset((*term.factors, f"|{term.slope}")): term for term in reversed(_groups(description))}
     slopes = {term.expr.name: _columns_of(term.expr) for term in description.group_terms}
-    return Terms(tuple(names), tuple(variables), tuple(reversed(groups.values())), slopes), faults
+    return Terms(common, tuple(reversed(groups.values())), slopes), faults
 
 
 def _columns_of(term: Any) -> frozenset[str]:
@@ -203,7 +195,7 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
         if strange := sorted(terms.slopes.get(group.slope, frozenset()) - set(usable)):
             expected = f"columns of the data: {', '.join(usable)}"
             faults.append(Fault(str(group), expected, f"there is no column {', '.join(strange)}"))
-    for term, variables in zip(terms.common, terms.variables, strict=True):
+    for term, variables in terms.common.items():
         strange = sorted(variables - set(usable))
         labels = sorted(variables & set(LABELS))
         if strange:
@@ -244,7 +236,7 @@ def _covariates_of_groups(
 def _tied(terms: Terms) -> list[Fault]:
     """The last of three terms that E = ½MV² ties together."""
     seen: set[str] = set()
-    for term, variables in zip(terms.common, terms.variables, strict=True):
+    for term, variables in terms.common.items():
         seen |= {name for name, columns in _TIED.items() if variables & columns}
         if len(seen) == len(_TIED):
             expected = "at most two of mass, energy and velocity, which are tied by E = ½MV²"
@@ -260,7 +252,7 @@ def _evaluated(
         columns, names, owners = _design(terms.common, rows, reference_mass_kg)
     except Exception:  # as in `judge`; each term by itself tells which it is of
         return np.empty((len(rows), 0)), [], [], _unusable(terms, rows, reference_mass_kg)
-    owned = [terms.common[place] for place in owners]
+    owned = [list(terms.common)[place] for place in owners]
     faults = []
     for name in dict.fromkeys(owned):
         mine = columns[:, [owner == name for owner in owned]]
@@ -331,18 +323,20 @@ def evaluated_at(
 
 def variables_of_terms(formula: str) -> tuple[frozenset[str], ...]:
     """The columns that each of a formula's covariate terms names."""
-    return _read(formula)[0].variables
+    return tuple(_read(formula)[0].common.values())
 
 
 def columns_named(formula: str) -> tuple[str, ...]:
     """The columns that a formula needs: of its covariates, of its slopes and of its groups."""
     terms, _ = _read(formula)
-    covariates = [name for names in (*terms.variables, *terms.slopes.values()) for name in sorted(names)]
+    covariates = [
+        name for names in (*terms.common.values(), *terms.slopes.values()) for name in sorted(names)
+    ]
     return tuple(dict.fromkeys([*covariates, *(name for term in terms.groups for name in term.factors)]))
 
 
 def _design(
-    terms: Sequence[str], rows: pd.DataFrame, reference_mass_kg: float, new: pd.DataFrame | None = None
+    terms: Iterable[str], rows: pd.DataFrame, reference_mass_kg: float, new: pd.DataFrame | None = None
 ) -> tuple[np.ndarray, list[str], list[int]]:
     """Columns less the reference row's, their names, and the number of the term that each is of.
 

@@ -13,23 +13,10 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected, expected_by_cell
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances
-from bayestissue.hierarchy.gaussian.effects import (
-    EffectsConditional,
-    effects_from_standard,
-    integrate_effects,
-    log_density_of_cells,
-)
-from bayestissue.hierarchy.gaussian.impacts import (
-    CellSums,
-    ImpactConditional,
-    ImpactPrior,
-    Sites,
-    SitesFirst,
-    cell_sums,
-    parameters_first,
-)
+from bayestissue.hierarchy.gaussian.effects import log_density_of_cells
+from bayestissue.hierarchy.gaussian.impacts import CellSums, SitesFirst, cell_sums
 from bayestissue.likelihood import small
 
 
@@ -105,42 +92,3 @@ def log_marginal(data: Data, covariances: Covariances) -> Float[Array, ""]:
     Differentiable by the standard deviations alone, once, and backwards.
     """
     return log_density_of_cells(data.design, covariances, data.sums(covariances))
-
-
-class Conditional(NamedTuple):
-    """What `integrate_out` leaves.
-
-    Attributes:
-        design: X, arranged.
-        mean: b's prior mean.
-        prior: of u about X b.
-        sums: what the impacts of each place say of X b.
-        effects: b's conditional.
-        log_marginal: as the function of that name.
-    """
-
-    design: PopulationDesign
-    mean: Float[Array, " location"]
-    prior: ImpactPrior
-    sums: CellSums
-    effects: EffectsConditional
-    log_marginal: Float[Array, ""]
-
-    def draw_effects(self, standard: Float[Array, " location"] | None = None) -> Float[Array, " location"]:
-        """B from standard normals, its conditional mean without them."""
-        return effects_from_standard(self.design, self.effects, self.mean, standard)
-
-    def draw_impacts(
-        self, sites: Sites, b: Float[Array, " location"], standard: Float[Array, "impact parameter"]
-    ) -> Float[Array, "parameter impact"]:
-        """Each impact's u from standard normals, given b."""
-        given = ImpactConditional.of(self.prior, parameters_first(sites))
-        return jnp.stack(given.draw(expected(self.design, b), standard.T))
-
-
-def integrate_out(data: Data, covariances: Covariances) -> Conditional:
-    """Integrate all u out, and b so that it can be drawn."""
-    sums = data.sums(covariances)
-    effects = integrate_effects(data.design, covariances, sums)
-    density = sums.constant.sum() + effects.log_density() - covariances.log_scale()
-    return Conditional(data.design, data.mean, covariances.of_impact(), sums, effects, density)

@@ -78,11 +78,12 @@ def log_density_of_cells(
 
 def integrate_effects(
     design: PopulationDesign, covariances: Covariances, sums: CellSums
-) -> EffectsConditional:
-    """All that is needed to integrate b out and to draw it."""
+) -> tuple[EffectsConditional, Float[Array, ""]]:
+    """What is needed to draw b, and `log_density_of_cells`."""
     own, rest = _elements(design)
     precision = covariances.of_effects()
-    return _eliminated(precision.among(own), precision.among(rest), sums.weight, sums.pull, design)
+    found = _eliminated(precision.among(own), precision.among(rest), sums.weight, sums.pull, design)
+    return found, sums.constant.sum() + found.log_density() - covariances.log_scale()
 
 
 def effects_from_standard(

@@ -14,6 +14,8 @@ from functools import cache
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
+from bayestissue.outline import short
+
 if TYPE_CHECKING:
     from lark import Lark
 
@@ -84,7 +86,7 @@ class QuestionError(ValueError):
 
     def __init__(self, place: int, found: str, expected: str, remedy: str = "") -> None:
         super().__init__(expected)
-        self.place, self.found, self.expected, self.remedy = place, _cut(found), expected, remedy
+        self.place, self.found, self.expected, self.remedy = place, short(found, 40), expected, remedy
 
 
 @dataclass(frozen=True)
@@ -192,10 +194,6 @@ def _made(symbol: str, operands: list[Node], place: int, *, claim: bool) -> Oper
         found = f"parts within parts, {depth} deep"
         raise QuestionError(place, found, f"at most {DEEPEST}", "Ask it in parts.")
     return Operation(symbol, tuple(operands), place, depth)
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= 40 else f"{text[:39]}…"
 
 
 class _Maker:

@@ -104,13 +104,9 @@ class Recorded:
         """Whether a column holds numbers."""
         return bool(pd.api.types.is_numeric_dtype(self.rows[column]))
 
-    def levels(self, column: str) -> list[str]:
-        """The levels of a column in order of appearance, as effects call them."""
-        return self.among(column, self.rows)
-
-    def among(self, column: str, rows: pd.DataFrame) -> list[str]:
-        """The same of some of the rows."""
-        return list(dict.fromkeys(labels_of(rows[column])))
+    def levels(self, column: str, rows: pd.DataFrame | None = None) -> list[str]:
+        """The levels of a column, in some of the rows, in order of appearance, as effects call them."""
+        return list(dict.fromkeys(labels_of((self.rows if rows is None else rows)[column])))
 
     def matching(self, condition: Condition) -> pd.DataFrame:
         """The recorded rows that have these values."""

@@ -17,6 +17,7 @@ import xarray as xr
 from bayestissue.hierarchy.formulas.formula import columns_named, group_terms
 from bayestissue.inference.answers.grammar import OF_MANY, Level, Node, Number, Quantity, QuestionError
 from bayestissue.inference.answers.levels import Condition, Recorded
+from bayestissue.outline import first_of
 
 NEW = "new"
 _DRAWN = ("chain", "draw")
@@ -53,7 +54,7 @@ def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
     if not free:
         return [given]
     named = {k: v for k, v in given.items() if isinstance(v, str) and v != NEW}
-    return [given | {free[0]: level} for level in recorded.among(free[0], recorded.matching(named))]
+    return [given | {free[0]: level} for level in recorded.levels(free[0], recorded.matching(named))]
 
 
 def mistakes(
@@ -173,7 +174,7 @@ def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError
         moves = {each.column, *recorded.followers(each.column)} & set(needed)
         if each.column not in recorded.rows or not (moves or free):
             usable = [str(c) for c in recorded.rows if {str(c), *recorded.followers(str(c))} & set(needed)]
-            expected = f"a column that {quantity.name} depends on here: {_some(usable)}"
+            expected = f"a column that {quantity.name} depends on here: {first_of(usable, _SHOWN) or 'none'}"
             remedy = f'The formula is "{formula}". {_near(each.column, usable)}'
             yield QuestionError(each.place, each.column, expected, remedy)
         elif each.value is None:
@@ -209,18 +210,13 @@ def _is_group(column: str, recorded: Recorded, formula: str) -> bool:
 
 
 def _strange(level: Level, levels: Sequence[str]) -> QuestionError:
-    expected = f"a level of {level.column}: {_some(levels)}"
+    expected = f"a level of {level.column}: {first_of(levels, _SHOWN) or 'none'}"
     return QuestionError(level.value_place, str(level.value), expected, _near(str(level.value), levels))
 
 
 def _near(name: str, names: Sequence[str]) -> str:
     found = difflib.get_close_matches(name[:100], names, n=3, cutoff=0.5)
     return f"Near: {', '.join(found)}." if found else ""
-
-
-def _some(names: Sequence[str]) -> str:
-    more = f" and {len(names) - _SHOWN} more" if len(names) > _SHOWN else ""
-    return f"{', '.join(names[:_SHOWN])}{more}" or "none"
 
 
 def _such(quantity: Quantity, column: str) -> str:

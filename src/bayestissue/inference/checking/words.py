@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
+from bayestissue.outline import first_of
+
 _MOST_NAMED = 12
 _UNTRUSTED = (
     "K and C of these impacts can't be trusted: their intervals rest on the declared errors. "
@@ -49,13 +51,8 @@ def _where(told: dict[str, Any]) -> str:
     if told["kind"] == "all":
         return f"all {of} impacts" if of > 1 else "the only impact"
     if told["kind"] in _OF_GROUP:
-        return f"all impacts of {told['kind']} {_named(told['groups'])} ({count} of {of})"
-    return f"{count} of {of} impacts ({_named(told['impacts'])})"
-
-
-def _named(names: list[str]) -> str:
-    more = len(names) - _MOST_NAMED
-    return ", ".join(names[:_MOST_NAMED]) + (f" and {more} more" if more > 0 else "")
+        return f"all impacts of {told['kind']} {first_of(told['groups'], _MOST_NAMED)} ({count} of {of})"
+    return f"{count} of {of} impacts ({first_of(told['impacts'], _MOST_NAMED)})"
 
 
 def _what(told: dict[str, Any]) -> str:

@@ -11,7 +11,8 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
-from bayestissue.hierarchy.gaussian.conditional import Data, integrate_out
+from bayestissue.hierarchy.gaussian.conditional import Data
+from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.factors.conditional import ConditionalPrior, evenly_spaced
@@ -74,8 +75,10 @@ def population_draw(
 ) -> tuple[dict[str, Array], Float[Array, " location"], Float[Array, "parameter parameter"]]:
     """What is compiled of `population_draws`."""
     sites = constrained(model, raw)
-    given = integrate_out(data, population(model, sites))
-    return sites, given.draw_effects(z_b), given.prior.precision
+    covariances = population(model, sites)
+    effects, _ = integrate_effects(data.design, covariances, data.sums(covariances))
+    b = effects_from_standard(data.design, effects, data.mean, z_b)
+    return sites, b, covariances.of_impact().precision
 
 
 @by_row(DRAWS, given=1)

@@ -18,27 +18,27 @@ from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.padding import adds_nothing
 
+PLACES = np.linspace(-8.0, 8.0, 161)
+STEP = float(PLACES[1] - PLACES[0])
+
 
 @adds_nothing
 class LikelihoodGrid(NamedTuple):
-    """Log likelihood of each impact's last parameter on an even grid, the others integrated out.
+    """Log likelihood of each impact's last parameter at `PLACES`, the others integrated out.
 
     For theta1, which a trace may leave open all the way to -1, and for what an element has besides K and C,
     which it leaves open where that is not needed: no normal describes such a likelihood.
 
     Attributes:
-        first, step: of the grid.
         log_likelihood: relative to the site, which is level along the last parameter.
     """
 
-    first: Array
-    step: Array
     log_likelihood: Float[Array, "grid impact"]
 
     def at(self, value: Float[Array, "*batch impact"]) -> Float[Array, "*batch impact"]:
         """Cubic interpolation, level beyond the grid."""
         number = self.log_likelihood.shape[0]
-        place = jnp.clip((value - self.first) / self.step, 0.0, number - 1.0)
+        place = jnp.clip((value - PLACES[0]) / STEP, 0.0, number - 1.0)
         index = jnp.clip(jnp.floor(place).astype(int), 1, number - 3)
         t = place - index
         columns = jnp.arange(self.log_likelihood.shape[1])
@@ -56,7 +56,7 @@ class LikelihoodGrid(NamedTuple):
         table = np.asarray(self.log_likelihood)
         place = np.clip(table.argmax(0), 1, len(table) - 2)
         before, top, after = (np.take_along_axis(table, (place + k)[None], 0)[0] for k in (-1, 0, 1))
-        narrow = 2 * top - before - after > (float(self.step) / LEAST_SD) ** 2
+        narrow = 2 * top - before - after > (STEP / LEAST_SD) ** 2
         return bool(narrow.mean() < _FEW_NARROW)
 
     def total(self, mean: Array, sd: Array) -> Float[Array, ""]:
@@ -70,19 +70,12 @@ class LikelihoodGrid(NamedTuple):
         return jax.nn.logsumexp(self.at(points), axis=0, b=weights)
 
 
-def flat_grid(impacts: int) -> LikelihoodGrid:
-    """A level grid."""
-    first, step = jnp.asarray(_GRID[0]), jnp.asarray(_GRID[1] - _GRID[0])
-    return LikelihoodGrid(first, step, jnp.zeros((len(_GRID), impacts)))
-
-
 # The narrowest likelihood of a last parameter, as its standard deviation: cubics between places 0.1 apart are
 # off by some tenths there, and by anything below. No trace tells theta1 so well.
 LEAST_SD, _FEW_NARROW = 0.025, 0.1
 _DEEPEST = 200.0
 # Stands for the log of no likelihood.
 _NONE = -1e6
-_GRID = np.linspace(-8.0, 8.0, 161)
 # Where only the place is asked for, every so many points of the grid are enough.
 _ROUGHLY = 4
 # At most 1.6 of a likelihood's standard deviations apart where that is a fourth of its population's or more:
@@ -110,7 +103,7 @@ def integrated_likelihood_grid(
 
     ``roughly`` is enough to tell where it is greatest, at a quarter of the cost.
     """
-    grid = _GRID[:: _ROUGHLY if roughly else 1]
+    grid = PLACES[:: _ROUGHLY if roughly else 1]
     u = normals(cleared, anchor).at(standard[:, None])
     number, impacts, size = u.shape
     moved = np.repeat(u[None], len(grid), axis=0)
@@ -121,5 +114,5 @@ def integrated_likelihood_grid(
     # Cubics overshoot where a steep fall ends; so far down it does not matter.
     table = np.maximum(table, table.max(0) - _DEEPEST)
     if roughly:
-        table = pchip_interpolate(grid, table, _GRID)
-    return flat_grid(impacts)._replace(log_likelihood=jnp.asarray(table))
+        table = pchip_interpolate(grid, table, PLACES)
+    return LikelihoodGrid(jnp.asarray(table))

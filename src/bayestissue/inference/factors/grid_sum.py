@@ -18,7 +18,7 @@ from jax.scipy.stats import norm
 from jaxtyping import Float
 from numpy.polynomial import chebyshev
 
-from bayestissue.inference.factors.grid import LEAST_SD, LikelihoodGrid
+from bayestissue.inference.factors.grid import LEAST_SD, PLACES, STEP, LikelihoodGrid
 
 DEGREES = (31, 23)
 BLOCK = 2048
@@ -72,9 +72,9 @@ def surface_of(grid: LikelihoodGrid, low: np.ndarray, high: np.ndarray) -> GridS
     count = grid.log_likelihood.shape[1]
     table = np.zeros((len(means), len(log_sds)))
     for begin in range(0, count, BLOCK):
-        part = grid._replace(log_likelihood=jnp.asarray(grid.log_likelihood[:, begin : begin + BLOCK]))
+        part = LikelihoodGrid(jnp.asarray(grid.log_likelihood[:, begin : begin + BLOCK]))
         for column, sd in enumerate(np.exp(log_sds)):
-            finer = int(2 ** np.ceil(np.log2(max(1.0, _STEPS * float(grid.step) / sd))))
+            finer = int(2 ** np.ceil(np.log2(max(1.0, _STEPS * STEP / sd))))
             table[:, column] += np.asarray(_evidence(part, jnp.asarray(means), jnp.asarray(sd), finer))
     by_mean, by_sd = (
         np.linalg.inv(chebyshev.chebvander(each, degree)) for each, degree in zip(nodes, DEGREES, strict=True)
@@ -86,7 +86,7 @@ def surface_of(grid: LikelihoodGrid, low: np.ndarray, high: np.ndarray) -> GridS
 def _evidence(grid: LikelihoodGrid, means: Array, sd: Array, finer: int) -> Array:
     """Log evidence of all impacts for each mean: a sum over the grid, refined so that sd spans its steps."""
     number = (grid.log_likelihood.shape[0] - 1) * finer + 1
-    places = grid.first + grid.step / finer * jnp.arange(number)
+    places = PLACES[0] + STEP / finer * jnp.arange(number)
     width = (grid.log_likelihood.shape[1],)
     likelihood = jax.lax.map(lambda value: grid.at(jnp.full(width, value)), places)
     greatest = likelihood.max(axis=0)
@@ -112,7 +112,7 @@ def grid_sum_around(
     """
     count = grid.log_likelihood.shape[1]
     rows = np.unique(np.linspace(0, count - 1, min(count, BLOCK)).astype(int))
-    some = grid._replace(log_likelihood=jnp.asarray(grid.log_likelihood)[:, rows])
+    some = LikelihoodGrid(jnp.asarray(grid.log_likelihood)[:, rows])
     weight = count / len(rows)
     rough = surface_of(some, *_rectangle(start, np.full(2, np.inf)))
     mode, sd = posterior(rough._replace(coefficients=rough.coefficients * weight))

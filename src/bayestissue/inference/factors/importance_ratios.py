@@ -57,9 +57,9 @@ class TabulatedRatio(NamedTuple):
         coefficients: of a polynomial, the highest power's first.
     """
 
-    reference: Float[Array, " impact"]
-    reach: Float[Array, " impact"]
-    coefficients: Float[Array, "power impact"]
+    reference: Float[Any, " impact"]
+    reach: Float[Any, " impact"]
+    coefficients: Float[Any, "power impact"]
 
     def log_mean(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
         """Log of the mean of the ratio under a normal parameter, its mean less the site's centre."""

@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from bayestissue.errors import Coded
+from bayestissue.outline import first_of
 from bayestissue.remedies import entries
 from bayestissue.signal.displacement import NO_OFFSET
 
@@ -53,11 +54,10 @@ def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str
         return {}
     counts = Counter(flag for found in named.values() for flag in found)
     commonest = ", ".join(f"{flag} ({count})" for flag, count in counts.most_common(3))
-    more = f" and {len(named) - _NAMED} more" if len(named) > _NAMED else ""
-    which = ", ".join(list(named)[:_NAMED]) + more
     words = (
         f"NOTE: of {len(own)} recordings {len(named)} {'is' if len(named) == 1 else 'are'} flagged: "
-        f"{commonest}; {which}. Their K and C may be wrong. `bayestissue check` says what to do."
+        f"{commonest}; {first_of(list(named), _NAMED)}. Their K and C may be wrong. `bayestissue check` "
+        "says what to do."
     )
     return {"flagged": named, "of": len(own), "words": words}
 

@@ -35,9 +35,9 @@ from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.factors.conditional import ConditionalPrior, standard_points
 from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
 from bayestissue.inference.factors.grid import (
+    PLACES,
     LikelihoodGrid,
     cleared_of_last,
-    flat_grid,
     integrated_likelihood_grid,
 )
 from bayestissue.inference.factors.grid_sum import BLOCK, GridSum, grid_sum_around
@@ -153,7 +153,7 @@ class Approximation:
         """Some impacts' sites, and their grid of the last parameter if there is one."""
         sites, grid = rows_of(self.sites, rows), self.grid
         if grid is not None:
-            grid = grid._replace(log_likelihood=jnp.asarray(np.asarray(grid.log_likelihood)[:, rows]))
+            grid = LikelihoodGrid(jnp.asarray(np.asarray(grid.log_likelihood)[:, rows]))
         return sites, grid
 
 
@@ -195,7 +195,7 @@ def _grid(
         return np.asarray(found.log_likelihood).T
 
     table = of_each(one, data, cleared, prior.of_each(), progress=say)
-    return flat_grid(1)._replace(log_likelihood=jnp.asarray(np.ascontiguousarray(table.T)))
+    return LikelihoodGrid(jnp.asarray(np.ascontiguousarray(table.T)))
 
 
 def approximate(
@@ -229,7 +229,8 @@ def approximate(
     impacts = len(sites.centre)
     say(1, passes)
     # One flat grid stands for those of however many impacts.
-    grid = flat_grid(impacts if impacts <= BLOCK else 1) if model.may_have_grid else None
+    columns = impacts if impacts <= BLOCK else 1
+    grid = LikelihoodGrid(jnp.zeros((len(PLACES), columns))) if model.may_have_grid else None
     finder = _ModeFinder(model, data, grid)
     mode = finder.mode(sites, None)
     anchor = finder.conditional_prior(sites, mode)

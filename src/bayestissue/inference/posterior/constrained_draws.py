@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +13,7 @@ from jax import Array
 from jaxtyping import Float
 
 from bayestissue.hierarchy.derived import named_sites
-from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
+from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.population import of_impacts
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, population, trace_distribution
@@ -101,11 +103,11 @@ def constrained_impacts(
 ) -> dict[str, Float[Array, "impact ..."]]:
     """Every impact's quantities; ``of_mass`` and ``of_errors`` are keys of errors of mass and all others."""
     covariances, columns = population(model, sites), list(u.T)
-    _, shared = at_true_masses(covariances, b, of_mass)
-    if shared is None:
-        mass_error = impact_error(model, covariances, columns, list(about.T), of_mass)
+    if covariances.shared is None:
+        own = [entry - model.log_mass_sd**2 for entry in covariances.own]
+        mass_error = error_given(model.log_mass_sd**2, own, (u - about).T, of_mass)
     else:
-        mass_error = of_impacts(data.design, covariances, shared)
+        mass_error = of_impacts(data.design, covariances, error_of_people(covariances, b, of_mass))
     return impact_quantities(model, data, columns, mass_error, of_errors)
 
 
@@ -113,7 +115,12 @@ def constrained_impacts(
 def _at_true_masses(
     model: TraceModel, sites: dict[str, Array], b: Float[Array, " location"], key: Array
 ) -> Float[Array, " location"]:
-    return at_true_masses(population(model, sites), b, key)[0]
+    """People's effects in b put at their true mass."""
+    covariances = population(model, sites)
+    if covariances.shared is None:
+        return b
+    error = error_of_people(covariances, b, key)
+    return b.at[covariances.shared.effect_on_K].add(error).at[covariances.shared.effect_on_C].add(error)
 
 
 def impact_quantities(
@@ -147,42 +154,30 @@ def impact_quantities(
     return impacts
 
 
-def at_true_masses(
-    covariances: Covariances, b: Array, key: Array
-) -> tuple[Array, Float[Array, " person"] | None]:
-    """People's effects in b put at their true mass, and the errors that all impacts of a person share.
+def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Array, " person"]:
+    """The error of the log mass that a person's impacts share, given the effects at the recorded mass."""
+    assert covariances.shared is not None  # noqa: S101 - the callers ask
+    on_K, on_C, variance = covariances.shared
+    K, C = covariances.locations[on_K] ** 2, covariances.locations[on_C] ** 2
+    return error_given(variance, (K, 0.0, C), (b[on_K], b[on_C]), key)
 
-    Everything seen is log K - e and log C - e. Where e is an impact's own, Var(e) is part of the covariance
-    of u; where it is a person's, of that of the person's effects, from which it is taken apart here. Either
-    way e is normal given what is seen.
+
+def error_given(
+    variance: Any, own: Sequence[Any], seen: Sequence[Any] | Array, key: Array
+) -> Float[Array, " one"]:
+    """A draw of the error e of the log mass, N(0, v), given log K - e and log C - e: all that is seen.
+
+    With the covariance (KK, KC, CC) of log K and log C its mean is -v ((CC - KC) f_K + (KK - KC) f_C) / d and
+    its variance v (KK CC - KC^2) / d, where d = KK CC - KC^2 + v (KK + CC - 2 KC).
+
+    Args:
+        variance: v.
+        own: the covariance without the error.
+        seen: f, what is seen of log K and log C less their means.
+        key: of the draw.
     """
-    if covariances.shared is None:
-        return b, None
-    error = error_of_people(covariances.locations, covariances.shared, b, key)
-    return b.at[covariances.shared.effect_on_K].add(error).at[covariances.shared.effect_on_C].add(
-        error
-    ), error
-
-
-def impact_error(
-    model: TraceModel, covariances: Covariances, u: list[Array], about: list[Array], key: Array
-) -> Array:
-    """The error of the log mass where it is each impact's own, given u and its expectation."""
-    kk, kc, cc = covariances.own
-    variance = model.log_mass_sd**2
-    determinant = kk * cc - kc**2
-    pull_K, pull_C = variance * (cc - kc) / determinant, variance * (kk - kc) / determinant
-    mean = -pull_K * (u[0] - about[0]) - pull_C * (u[1] - about[1])
-    left = jnp.maximum(variance * (1 - pull_K - pull_C), 0.0)
-    return mean + jnp.sqrt(left) * jax.random.normal(key, mean.shape)
-
-
-def error_of_people(sd: Array, shared: SharedMassError, b: Array, key: Array) -> Array:
-    """The error e given what is seen of a person's effects, f = s - e, all of them normal and independent.
-
-    Its mean is -v (C f_K + K f_C) / (K C + v (K + C)), with variances v of e, K of s_K and C of s_C.
-    """
-    K, C = sd[shared.effect_on_K] ** 2, sd[shared.effect_on_C] ** 2
-    over = shared.variance / (K * C + shared.variance * (K + C))
-    mean = -over * (C * b[shared.effect_on_K] + K * b[shared.effect_on_C])
-    return mean + jnp.sqrt(over * K * C) * jax.random.normal(key, mean.shape)
+    kk, kc, cc = own
+    determinant = jnp.maximum(kk * cc - kc**2, 0.0)
+    over = variance / (determinant + variance * (kk + cc - 2 * kc))
+    mean = -over * ((cc - kc) * seen[0] + (kk - kc) * seen[1])
+    return mean + jnp.sqrt(over * determinant) * jax.random.normal(key, mean.shape)

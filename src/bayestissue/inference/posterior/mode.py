@@ -36,7 +36,8 @@ def find_mode(
         value_and_slope: of the function, at unconstrained coordinates.
         start: where to begin.
     """
-    by_log = np.array([_is_half_normal(model, name) for name in names])
+    priors = {name: model.prior_of(name) for name in model.hyperparameters}
+    by_log = np.array([isinstance(priors.get(name), HalfNormalSpread) for name in names])
 
     def at(place: np.ndarray) -> tuple[float, np.ndarray]:
         sd = np.exp(np.where(by_log, place, 0.0))
@@ -74,7 +75,3 @@ def _unconstrained(place: np.ndarray, by_log: np.ndarray) -> np.ndarray:
     sd = np.exp(np.where(by_log, place, 0.0))
     # log(e^s - 1), whose exponential must not overflow.
     return np.where(by_log, sd + np.log(-np.expm1(-sd)), place)
-
-
-def _is_half_normal(model: Hyperparameters, name: str) -> bool:
-    return name in model.hyperparameters and isinstance(model.prior_of(name), HalfNormalSpread)

@@ -124,7 +124,7 @@ def corrected_draws(
     best = _best(made)
     if best.correction.lacks_only_draws:
         longer = int(np.ceil(1.2 * best.correction.needed / best.correction.effective))
-        lengthened = _lengthened(settings, longer)
+        lengthened = settings.model_copy(update={"thinning": longer * settings.thinning})
         if longer <= _LONGEST and _all_weighed(prepared, lengthened):
             made.append(sample(best.approximation, lengthened))
             best = _best(made)
@@ -187,11 +187,6 @@ def _limit(prepared: Prepared, settings: Sampler) -> float:
 def _all_weighed(prepared: Prepared, settings: Sampler) -> bool:
     """Whether every draw gets a weight: of many impacts some do, and judge all."""
     return all_fit(settings.chains * settings.transitions, len(prepared.impacts))
-
-
-def _lengthened(settings: Sampler, times: int) -> Sampler:
-    """So many times as many transitions for as many draws."""
-    return settings.model_copy(update={"thinning": times * settings.thinning})
 
 
 def population_attempt(

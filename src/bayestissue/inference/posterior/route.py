@@ -48,7 +48,8 @@ class Route:
         """One sentence for whoever reads the results."""
         if self.exact:
             return f"Sampled by the exact path, every trace in every step, {self.why}."
-        again = "" if self.correction is None else _again(len(self.correction.attempts))
+        attempts = 0 if self.correction is None else len(self.correction.attempts)
+        again = f" ({attempts} attempts)" if attempts > 1 else ""
         return (
             f"Sampled with a normal approximation of each trace's likelihood and corrected by importance "
             f"weights{again}, {self.why}."
@@ -63,10 +64,6 @@ class Route:
         attempts = () if self.correction is None else self.correction.attempts
         path = "exact" if self.exact else "summary"
         return {"path": path, "asked": self.asked, "words": self.words, "attempts": list(attempts)}
-
-
-def _again(attempts: int) -> str:
-    return f" ({attempts} attempts)" if attempts > 1 else ""
 
 
 def duration(seconds: float) -> str:

@@ -146,17 +146,15 @@ def _quantities(
     design: Design, observations: PublishedObservations, sites: derived.Draws, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
     values = derived.reported_sites(design, sites)
-    made = derived.stiffness_and_damping(design, sites)
     cell = np.full((len(design.subjects), len(design.trials)), -1)
     cell[design.subject, design.trial] = np.arange(len(design.subject))
     for q in RESPONSES:
-        row = made.pop(f"{q}_row")
+        row = np.exp(derived.row_logs(design, sites, q))
         values[q] = row[..., observations.impact_cell]
         values[f"{q}_cell"] = row[..., cell]
     mass = observations.cells["mass_kg"].to_numpy(float)
-    return (
-        values | made | derived.new_impact(design, sites, rng) | derived.straight_lines(design, sites, mass)
-    )
+    values |= derived.people_and_conditions(design, sites)
+    return values | derived.new_impact(design, sites, rng) | derived.straight_lines(design, sites, mass)
 
 
 def _replicates(

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping
 from functools import partial
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -225,7 +226,7 @@ def labelled(
 
 
 # By ArviZ's names: the sampler's, and what stands for the transitions that led to one draw.
-_STATISTICS: dict[str, tuple[str, Callable[[np.ndarray], np.ndarray]]] = {
+_STATISTICS: dict[str, tuple[str, Callable[[np.ndarray], Any]]] = {
     "diverging": ("diverging", partial(np.any, axis=-1)),
     "n_steps": ("num_steps", partial(np.sum, axis=-1)),
     "tree_depth": ("num_steps", lambda steps: np.ceil(np.log2(steps.max(axis=-1) + 1)).astype(int)),

@@ -51,11 +51,6 @@ class Coordinates:
         values = np.asarray(self.warp(np.asarray(y)))
         return {name: values[..., place] for place, name in enumerate(self.names)}
 
-    @property
-    def middle(self) -> dict[str, Float[np.ndarray, ""]]:
-        """Those at y = 0."""
-        return self.raw(np.zeros(len(self.names)))
-
 
 def straight(size: int) -> SinhArcsinh:
     """The map of so many numbers that changes nothing."""

@@ -45,8 +45,8 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
         statistics: of the sampler's transitions.
         further: checks to be added.
     """
-    worst_r = _worst(summary, "r_hat", largest=True)
-    worst_bulk, worst_tail = (_worst(summary, column) for column in ("ess_bulk", "ess_tail"))
+    worst = {column: _worst(summary, column) for column in ("r_hat", "ess_bulk", "ess_tail")}
+    sizes = {"bulk": "is the middle of each posterior known", "tail": "are the ends of the intervals known"}
     divergences = int(statistics["diverging"].sum())
     saturated = int((statistics["tree_depth"] >= statistics.attrs["max_tree_depth"]).sum())
     bfmi = float(_bfmi(statistics["energy"].to_numpy()).min())
@@ -54,30 +54,24 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
     checks = [
         Check(
             "R-hat",
-            worst_r[1],
+            worst["r_hat"]["value"],
             f"below {R_HAT_LIMIT}",
-            worst_r[1] < R_HAT_LIMIT,
-            f"do the chains agree? The worst is {worst_r[0]}",
+            worst["r_hat"]["value"] < R_HAT_LIMIT,
+            f"do the chains agree? The worst is {worst['r_hat']['variable']}",
             longer,
             "r-hat",
         ),
-        Check(
-            "bulk effective sample size",
-            worst_bulk[1],
-            f"above {ESS_LIMIT}",
-            worst_bulk[1] > ESS_LIMIT,
-            f"is the middle of each posterior known? The worst is {worst_bulk[0]}",
-            longer,
-            "effective-sample-size",
-        ),
-        Check(
-            "tail effective sample size",
-            worst_tail[1],
-            f"above {ESS_LIMIT}",
-            worst_tail[1] > ESS_LIMIT,
-            f"are the ends of the intervals known? The worst is {worst_tail[0]}",
-            longer,
-            "effective-sample-size",
+        *(
+            Check(
+                f"{part} effective sample size",
+                worst[f"ess_{part}"]["value"],
+                f"above {ESS_LIMIT}",
+                worst[f"ess_{part}"]["value"] > ESS_LIMIT,
+                f"{question}? The worst is {worst[f'ess_{part}']['variable']}",
+                longer,
+                "effective-sample-size",
+            )
+            for part, question in sizes.items()
         ),
         Check(
             "divergent transitions",
@@ -111,11 +105,7 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
     return {
         "passed": all(check.passed for check in checks),
         "checks": [asdict(check) for check in checks],
-        "worst": {
-            "r_hat": {"variable": worst_r[0], "value": worst_r[1]},
-            "ess_bulk": {"variable": worst_bulk[0], "value": worst_bulk[1]},
-            "ess_tail": {"variable": worst_tail[0], "value": worst_tail[1]},
-        },
+        "worst": worst,
     }
 
 
@@ -190,10 +180,11 @@ def verdict_in_words(diagnostics: dict[str, Any]) -> str:
     return f"Failed: {', '.join(failed)}. Do not use these numbers yet.{warning}"
 
 
-def _worst(summary: pd.DataFrame, column: str, *, largest: bool = False) -> tuple[str, float]:
+def _worst(summary: pd.DataFrame, column: str) -> dict[str, Any]:
+    """The greatest R-hat, or the least sample size, and the variable that has it."""
     values = summary[column].to_numpy(float)
-    row = int(np.nanargmax(values) if largest else np.nanargmin(values))
-    return str(summary["variable"].iloc[row]), float(values[row])
+    row = int(np.nanargmax(values) if column == "r_hat" else np.nanargmin(values))
+    return {"variable": str(summary["variable"].iloc[row]), "value": float(values[row])}
 
 
 def _bfmi(energy: np.ndarray) -> np.ndarray:

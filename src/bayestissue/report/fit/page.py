@@ -11,6 +11,7 @@ from bayestissue.hierarchy.formulas.formula import left_out_words
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.inference.results.meanings import ONE_IMPACT
 from bayestissue.inference.samplers.diagnostics import warned_codes
+from bayestissue.outline import counted
 from bayestissue.remedies import Code, codes_in
 from bayestissue.report import model_words, posterior, posterior_tables, remarks
 from bayestissue.report.fit import answers, depth, estimates, predictions, sources, tables, words
@@ -26,7 +27,7 @@ from bayestissue.report.posterior_figures import exponent_figure
 from bayestissue.report.settings import settings_table
 from bayestissue.report.style import style
 from bayestissue.report.tables import Row, Table, columns
-from bayestissue.report.wording import counted, listed
+from bayestissue.report.wording import listed
 
 _CONTENTS = (
     ("estimates", "Impacts"),
@@ -84,9 +85,9 @@ def _codes(run: FitRun) -> list[Code]:
 
 def _subtitle(run: FitRun) -> str:
     counts = (
-        counted(len(run.impacts), "impact", "impacts"),
+        counted(len(run.impacts), "impact"),
         counted(run.people, "person", "people"),
-        counted(len(run.labels("trial")), "condition", "conditions"),
+        counted(len(run.labels("trial")), "condition"),
     )
     return f"{', '.join(counts)}; model “{run.about.get('model', {}).get('name', '')}”"
 

@@ -10,7 +10,7 @@ from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.remedies import Code, codes_in
 from bayestissue.report import model_words, posterior, remarks
 from bayestissue.report import posterior_tables as shared_tables
-from bayestissue.report.comparison_figures import comparison_figure
+from bayestissue.report.comparison.figures import comparison_figure
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior_figures import effects_figure, exponent_figure
 from bayestissue.report.published import (

@@ -87,32 +87,19 @@ def arithmetic_of_claims(publication: Publication) -> Iterator[Finding]:
                 )
 
 
-def _rounding_of_difference(low: pd.Series, high: pd.Series) -> float:
-    return half_unit(low["value_text"]) + half_unit(high["value_text"])
-
-
 def _rounding_of_ratio(low: pd.Series, high: pd.Series) -> float:
     relative = [half_unit(end["value_text"]) / abs(end["value"]) for end in (low, high)]
     return sum(relative) * high["value"] / low["value"]
 
 
-def _difference_of(low: float, high: float) -> float:
-    return high - low
-
-
-def _ratio_of(low: float, high: float) -> float:
-    return high / low
-
-
+# What follows from two ends, and how far their rounding may move it.
+_RANGE = (
+    lambda low, high: high - low,
+    lambda low, high: half_unit(low["value_text"]) + half_unit(high["value_text"]),
+)
+_RATIO = (lambda low, high: high / low, _rounding_of_ratio)
 _DERIVED = tuple(
-    (
-        f"minimum{of}",
-        f"maximum{of}",
-        {
-            f"range{of}": (_difference_of, _rounding_of_difference),
-            ratio: (_ratio_of, _rounding_of_ratio),
-        },
-    )
+    (f"minimum{of}", f"maximum{of}", {f"range{of}": _RANGE, ratio: _RATIO})
     for of, ratio in (("", "ratio of maximum to minimum"), (" of trial averages", "ratio of trial averages"))
 )
 

@@ -14,6 +14,7 @@ from jaxtyping import Float
 from scipy import stats
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
+from bayestissue.outline import first_of
 from bayestissue.reproduction.audit.findings import Finding
 from bayestissue.reproduction.audit.impacts import GENERAL, Impacts
 
@@ -184,14 +185,13 @@ def impacts_off_the_curve(impacts: Impacts) -> Iterator[Finding]:
         return
     rows = impacts.rows[curve.off]
     names = [f"{trial}/{subject}" for trial, subject in zip(rows["trial"], rows["subject"], strict=True)]
-    more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     yield Finding(
         impacts.where,
         "impacts off the common curve of ω_n and ζ",
         f"{len(impacts.rows)} impacts",
         f"{len(rows)} off the curve",
         "These impacts (trial/subject) stand apart from the curve that holds for the others: "
-        f"{', '.join(names[:_NAMED])}{more}. It may be worth looking for what was done differently there.",
+        f"{first_of(names, _NAMED)}. It may be worth looking for what was done differently there.",
     )
 
 

@@ -9,8 +9,8 @@ import pandas as pd
 
 from bayestissue.errors import InputError
 from bayestissue.remedies import codes_in
-from bayestissue.report.comparison_figures import MOST_PEOPLE, comparison_figure, side_by_side_figure
-from bayestissue.report.comparison_weights import (
+from bayestissue.report.comparison.figures import MOST_PEOPLE, comparison_figure, side_by_side_figure
+from bayestissue.report.comparison.weights import (
     OF_IMPACTS,
     implied_table,
     quantity,

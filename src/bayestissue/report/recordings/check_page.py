@@ -12,8 +12,9 @@ import pandas as pd
 
 from bayestissue.dataset import Dataset
 from bayestissue.errors import Problem
+from bayestissue.outline import first_of
 from bayestissue.report.page import render_page
-from bayestissue.report.sheets import sheets
+from bayestissue.report.recordings.sheets import sheets
 from bayestissue.report.style import FAINT, MUTED, PALETTE
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.signal import Displacements
@@ -145,8 +146,7 @@ def _problems(severity: str, problems: Sequence[Problem]) -> list[Row]:
     rows = []
     for some in kinds(problems):
         impacts = list(dict.fromkeys(problem.impact for problem in some if problem.impact))
-        listed = ", ".join(impacts[:12]) + (f" and {len(impacts) - 12} more" if len(impacts) > 12 else "")
-        rows.append(Row([severity, listed, str(replace(some[0], impact=None))]))
+        rows.append(Row([severity, first_of(impacts, 12), str(replace(some[0], impact=None))]))
     return rows
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from bayestissue.dataset import Dataset
 from bayestissue.errors import Problem
 from bayestissue.report.page import render_page
-from bayestissue.report.sheets import sheets
+from bayestissue.report.recordings.sheets import sheets
 from bayestissue.report.style import FAINT, MUTED, PALETTE
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.signal import Displacements, displacements

@@ -1,0 +1,1 @@
+"""The page of a comparison: how well finished fits predict, and what they estimate."""

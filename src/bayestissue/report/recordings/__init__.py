@@ -1,0 +1,1 @@
+"""The pages of `check` and `init`: a small panel for each recording."""
