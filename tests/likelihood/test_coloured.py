@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -221,7 +223,13 @@ def test_a_discrepancy_beside_it_takes_up_what_the_element_leaves():
 
 
 def seen_directly(recorder: Recorder, time: np.ndarray) -> np.ndarray:
-    """The filter's answer to the impact by its transform, sampled so often that the jump does no harm."""
+    """The filter's answer to the impact at some times."""
+    return np.interp(time, *answer(recorder))
+
+
+@cache
+def answer(recorder: Recorder) -> tuple[np.ndarray, np.ndarray]:
+    """By its transform, sampled so often that the jump does no harm: times and values."""
     fine, span = DT / 40, 0.08
     grid = np.arange(-span, span, fine)
     own = np.roots([1, C / MASS, K / MASS])
@@ -229,7 +237,7 @@ def seen_directly(recorder: Recorder, time: np.ndarray) -> np.ndarray:
     late = np.maximum(grid + fine / 2, 0)
     force = np.where(grid + fine / 2 > 0, (size * np.exp(own * late[:, None])).sum(1).real, 0)
     poles, weights = modes(recorder)
-    answer = (weights * np.exp(poles * np.abs(grid)[:, None])).sum(1).real
-    answer = answer if recorder.zero_phase else np.where(grid >= 0, answer, 0)
-    found = np.fft.irfft(np.fft.rfft(force) * np.fft.rfft(np.fft.ifftshift(answer)), len(grid)) * fine
-    return np.interp(time, grid + fine / 2, found)
+    given = (weights * np.exp(poles * np.abs(grid)[:, None])).sum(1).real
+    given = given if recorder.zero_phase else np.where(grid >= 0, given, 0)
+    found = np.fft.irfft(np.fft.rfft(force) * np.fft.rfft(np.fft.ifftshift(given)), len(grid)) * fine
+    return grid + fine / 2, found
