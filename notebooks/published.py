@@ -17,8 +17,9 @@
 # DataTree with everything the sampler drew. The report shows what was asked most often. This notebook opens
 # the draws themselves, for whatever else you want to ask.
 #
-# It is kept as text. `jupytext --to ipynb notebooks/published.py` makes a notebook of it. Set the environment
-# variable `BAYESTISSUE_RUN` to look at another run than `reports/published`.
+# It is kept as text. In `make shell`, `pip install jupytext notebook` and then
+# `jupytext --to ipynb notebooks/published.py` make a notebook of it. Set the environment variable `BAYESTISSUE_RUN`
+# to look at another run than `reports/published`.
 
 # %%
 import os

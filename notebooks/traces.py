@@ -19,7 +19,8 @@
 # The data are simulated, so that the truth is known: ten people, nine conditions, and a tissue whose K and C do
 # not depend on the mass at all. Set the environment variable `BAYESTISSUE_DATASET` to use your own folder.
 #
-# It is kept as text. `jupytext --to ipynb notebooks/traces.py` makes a notebook of it.
+# To run it yourself, type in the project's folder `make shell`, `pip install notebook`, and
+# `jupyter notebook docs/tutorial/notebook.ipynb`. The project keeps its text in `notebooks/traces.py`.
 
 # %%
 import os
@@ -105,8 +106,9 @@ one
 # ## The fit
 #
 # All impacts together: people and conditions have effects of their own, and what the measuring chain may have
-# got wrong is part of the model. The model file is commented; `models/a2.toml` is a good one to copy. Fewer
-# draws than it asks for are enough to look around.
+# got wrong is part of the model. The model `a2` is one of the displacement, which this notebook looks
+# at. Its intervals are too narrow for the noise of an accelerometer: for your own decelerations take `impact.toml`.
+# Fewer draws than it asks for are enough to look around.
 
 # %%
 model = read_specification(shared("models", "a2.toml"))
@@ -188,7 +190,8 @@ if exponents:
 # ## Would this model have given these traces?
 #
 # Traces drawn from the fitted model, over what was recorded. The share of recorded samples inside the 90 %
-# intervals should be near 0.9; a share far from it says that the noise, or the motion, is not as modelled.
+# intervals should be near 0.9; a share far from it says that the noise, or the motion, is not as modelled. Of the
+# example it is far above: `a2` assumes another noise than that of an accelerometer.
 
 # %%
 predicted = run["posterior_predictive"]["displacement"].isel(impact=first).to_numpy()

@@ -25,8 +25,9 @@ def code(text: object) -> str:
     return f"`{text}`" if str(text) else ""
 
 
-def table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """A table that is stacked where the screen is narrow."""
+def table(header: Sequence[str], rows: Iterable[Sequence[str]], *, stacked: bool = True) -> str:
+    """A table; stacked where the screen is narrow, without its header, unless its cells need that."""
     lines = [header, ["---"] * len(header), *rows]
     cells = ("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
-    return "\n".join([":::{table}", ":class: stacked", "", *cells, ":::", ""])
+    about = [":class: stacked"] if stacked else []
+    return "\n".join([":::{table}", *about, "", *cells, ":::", ""])

@@ -30,6 +30,7 @@ def exponents() -> str:
     return table(
         ["of", "median", "90 % interval", "probability of 0 in practice", "probability of 1 in practice"],
         rows,
+        stacked=False,
     )
 
 
@@ -62,7 +63,7 @@ def causes() -> str:
         (escaped(each.title), _probability(each.p_joint), _probability(each.probability), code(each.verdict))
         for each in found.itertuples()
     ]
-    return table(["cause", "p value", "posterior probability", "verdict"], rows)
+    return table(["cause", "p value", "posterior probability", "verdict"], rows, stacked=False)
 
 
 def _read(run: str, name: str) -> pd.DataFrame:

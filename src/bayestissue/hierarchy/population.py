@@ -199,11 +199,8 @@ def covariances_of(
     correlation = sites.get("residual_correlation", jnp.zeros_like(sd_K))
     error = log_mass_sd**2 if mass_error == "impact" else 0.0
     own = (sd_K**2 + error, correlation * sd_K * sd_C + error, sd_C**2 + error)
-    known = jnp.asarray(np.nan_to_num(locations.sd, nan=1.0))
-    sd = known
-    for name in sorted({name for name in locations.spread if name}):
-        chosen = np.array([each == name for each in locations.spread])
-        sd = jnp.where(chosen, sites[name], sd)
+    each = [(part.width, sites[part.spread] if part.sd is None else part.sd) for part in locations.each]
+    sd = jnp.concatenate([jnp.full(width, value) for width, value in each])
     shared = None
     if mass_error == "subject":
         on_K, on_C = (np.r_[locations.parts[f"subject_effect_{q}"]] for q in RESPONSES)

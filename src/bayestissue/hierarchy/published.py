@@ -63,14 +63,8 @@ def published_observations(published: PublishedTables) -> PublishedObservations:
     cells = conditions[columns].loc[conditions.index.repeat(len(subjects))].reset_index(drop=True)
     cells["subject"] = [f"s{subject:02d}" for subject in np.tile(subjects, len(conditions))]
     cells["trial"] = cells["trial"].astype(str)
-    number = {key: i for i, key in enumerate(zip(cells["trial"], cells["subject"], strict=True))}
-    trials = estimates["trial"].astype(str)
-    impact_cell = np.array(
-        [
-            number[trial, f"s{subject:02d}"]
-            for trial, subject in zip(trials, estimates["subject"], strict=True)
-        ]
-    )
+    number = pd.Series(cells.index, index=pd.MultiIndex.from_frame(cells[["trial", "subject"]]))
+    trials, people = estimates["trial"].astype(str), (f"s{subject:02d}" for subject in estimates["subject"])
     lost = [trial for trial in conditions["trial"].astype(str) if trial not in set(trials)]
     averaged = np.array([np.flatnonzero(cells["trial"] == trial) for trial in lost], dtype=int)
     by_trial = averages.assign(trial=averages["trial"].astype(str)).set_index(["quantity", "trial"])
@@ -79,7 +73,7 @@ def published_observations(published: PublishedTables) -> PublishedObservations:
     means, roots = average_statistics(average, sd)
     return PublishedObservations(
         cells,
-        impact_cell,
+        number.loc[list(zip(trials, people, strict=True))].to_numpy(),
         np.log(estimates[["K", "C"]].to_numpy(float)),
         averaged.reshape(len(lost), len(subjects)),
         np.concatenate([means, roots]).T,

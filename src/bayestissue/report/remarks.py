@@ -36,7 +36,7 @@ def who_differs(run: PosteriorRun, level: str, quantities: Iterable[str] = QUANT
     if not parts:
         return f"This model has no effects of {several}."
     text = "; ".join(parts)
-    return f"Told apart from the typical {one} by a 90 % interval without zero: {text}."
+    return f"Differ from the typical {one}, by a 90 % interval without zero: {text}."
 
 
 def best_explanations(comparison: pd.DataFrame) -> list[str]:

@@ -208,15 +208,7 @@ def cell_sums(prior: ImpactPrior, about: Float[Array, "parameter place"], laid: 
         laid: the sites, see `lay`.
     """
     weight, pull, constant = _over_blocks(partial(_sums_of_block, prior, about), laid)
-    return CellSums(_whole(weight), jnp.stack(pull), constant)
-
-
-def _lower(matrix: small.Matrix) -> small.Triangle:
-    return [list(row[: a + 1]) for a, row in enumerate(matrix)]
-
-
-def _whole(lower: small.Triangle) -> Array:
-    return small.stacked(small.symmetric(len(lower), lambda a, b: lower[a][b]))
+    return CellSums(small.stacked(weight), jnp.stack(pull), constant)
 
 
 def _over_blocks(function: Any, laid: SitesFirst) -> Any:
@@ -233,7 +225,7 @@ def _over_blocks(function: Any, laid: SitesFirst) -> Any:
 
 def _sums_of_block(prior: ImpactPrior, about: Array, sites: SitesFirst) -> Any:
     given = ImpactConditional.of(prior, sites)
-    made = _lower(given.weight), given.pull(about), given.log_density(about)
+    made = given.weight, given.pull(about), given.log_density(about)
     return jax.tree.map(lambda values: values.sum(-2), made)
 
 
@@ -247,7 +239,7 @@ def _backward(given: Any, change: CellSums) -> tuple[ImpactPrior, None, None]:
     change = change._replace(weight=(change.weight + change.weight.swapaxes(0, 1)) / 2)
     of_precision = _over_blocks(partial(_change_of_block, prior, about, change), laid)
     slots = laid.log_likelihood.shape[0] * laid.log_likelihood.shape[1]
-    return ImpactPrior(_whole(of_precision), slots * change.constant.sum() / 2), None, None
+    return ImpactPrior(small.stacked(of_precision), slots * change.constant.sum() / 2), None, None
 
 
 def _change_of_block(prior: ImpactPrior, about: Array, change: CellSums, sites: SitesFirst) -> Any:
@@ -265,7 +257,7 @@ def _change_of_block(prior: ImpactPrior, about: Array, change: CellSums, sites: 
         squares = covariance[a][b] + mean[a] * mean[b]
         return (small.dot(bent[a], shrink[b]) + across - change.constant / 2 * squares).sum()
 
-    return [[entry(a, b) for b in range(a + 1)] for a in range(len(mean))]
+    return small.symmetric(len(mean), entry)
 
 
 cell_sums.defvjp(_forward, _backward)
