@@ -38,7 +38,7 @@ STAGES = {
     "report.page": ("figure",),
     "report": ("draw_page",),
 }
-# What a study asks of a finished fit: comparisons, reliability, agreement of methods, their part of the page.
+# What a study asks of a fit: comparisons, reliability, agreement of methods, and their part of a page.
 STUDY = ("contrasts", "people_compared", "coefficients", "as_variables", "reliability", "agreement", "_study")
 spent: dict[str, float] = {}
 with_all_within: dict[str, float] = {}
