@@ -21,7 +21,7 @@ from bayestissue.hierarchy.gaussian.effects import (
 )
 from bayestissue.hierarchy.gaussian.impacts import CellSums
 from bayestissue.hierarchy.population import Effects, covariances_of, population_design
-from bayestissue.hierarchy.priors import Locations, Normal, Priors
+from bayestissue.hierarchy.priors import Normal, Priors
 from designs import REFERENCE, design_of, impacts, indicator
 
 FORMULA = "log(mass_kg) + (log(mass_kg)|subject) + (1|subject:side) + (1|session)"
@@ -76,8 +76,8 @@ def fitted(rows: pd.DataFrame) -> Fitted:
 @pytest.fixture(scope="module")
 def population(rows: pd.DataFrame) -> tuple[Effects, PopulationDesign]:
     """The design with flat priors of the fixed effects."""
-    flat = Locations(**dict.fromkeys("KC", Normal(distribution="normal", mean=0.0, sd=1e5)))
-    priors = Priors(intercept=flat, mass_exponent=flat)
+    flat = dict.fromkeys("KC", Normal(distribution="normal", mean=0.0, sd=1e5))
+    priors = Priors.model_validate({"intercept": flat, "mass_exponent": flat})
     return population_design(design_of(FORMULA, "1", rows), priors, ("noise",))
 
 
