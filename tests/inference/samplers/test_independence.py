@@ -9,9 +9,14 @@ import numpyro
 import numpyro.distributions as dist
 import pytest
 import xarray as xr
+from scipy.special import digamma, polygamma
 
 from bayestissue.hierarchy.specification import Sampler
-from bayestissue.inference.samplers.independence import IndependenceDraws, independence_chains
+from bayestissue.inference.samplers.independence import (
+    LEAST_EFFECTIVE,
+    IndependenceDraws,
+    independence_chains,
+)
 
 COUNT, MEAN, SQUARE = 60.0, 0.1, 0.04
 
@@ -66,3 +71,22 @@ def test_proposals_that_miss_the_posterior_say_so() -> None:
 
     found = independence_chains(far, (30.0,), "x", np.array([[1e-4]]), Sampler(chains=2, draws=500), 2)
     assert found.pareto_k > 0.7 or np.abs(found.draws.sites["x"]).max() > 10
+
+
+def test_draws_are_nearly_independent_down_to_the_least_effective_share_that_serves() -> None:
+    def skewed(shape: float) -> None:
+        # Logarithms of gamma variables, about their modes: independent, each skewed to the left.
+        x = numpyro.sample("x", dist.ImproperUniform(dist.constraints.real_vector, (), (7,)))
+        numpyro.factor("gammas", shape * (x - jnp.exp(x)).sum())
+
+    shape = 3.0
+    sampler = Sampler(chains=4, draws=1000)
+    found = independence_chains(skewed, (shape,), "x", np.eye(7) / shape, sampler, 3)
+    assert LEAST_EFFECTIVE < found.effective < 0.5
+    draws = xr.Dataset({"x": (("chain", "draw", "part"), found.draws.sites["x"])})
+    size = az.ess(draws)["x"].to_numpy()
+    assert size.min() > 2000
+    # E[log Gamma(a, a)] = digamma(a) - log(a), its variance trigamma(a).
+    error = np.sqrt(polygamma(1, shape) / size)
+    mean = found.draws.sites["x"].mean((0, 1))
+    assert (np.abs(mean - (digamma(shape) - np.log(shape))) < 4 * error).all()

@@ -43,14 +43,14 @@ from bayestissue.inference.posterior.expansion import (
     to_second_order,
     with_expansion,
 )
-from bayestissue.inference.samplers.independence import independence_chains
+from bayestissue.inference.samplers.independence import LEAST_EFFECTIVE, independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
 from bayestissue.inference.samplers.resampling import systematic
 from bayestissue.inference.samplers.sampling import Draws
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
-# Independent proposals serve where their weights are bounded well and most of them count.
-PROPOSAL_LIMIT, _LEAST_EFFECTIVE = 0.5, 0.5
+# Independent proposals serve where their weights have a variance (and enough of them count).
+PROPOSAL_LIMIT = 0.5
 # A matrix of each impact under each of so many draws takes little memory.
 _DRAWS_AT_ONCE = 500
 # Sites are fitted so often about so many draws to second order, before any chain, fewer of them the more
@@ -264,7 +264,7 @@ def sample_marginal(
     progress(0, 1)
     covariance = approximation.coordinates.covariance
     found = independence_chains(marginal_model, arguments, COORDINATES, covariance, settings, seed)
-    if found.pareto_k < PROPOSAL_LIMIT and found.effective > _LEAST_EFFECTIVE:
+    if found.pareto_k < PROPOSAL_LIMIT and found.effective > LEAST_EFFECTIVE:
         progress(1, 1)
         return found.draws
     return run_chains(

@@ -26,8 +26,9 @@ from bayestissue.inference.samplers.sampling import Draws
 DEGREES = 7.0
 ROUNDS = 3
 POINTS = 500
-# More where still more are refused would not help: such proposals do not serve.
+# So many for a transition make consecutive draws nearly independent down to this effective share.
 MOST_PROPOSALS = 8
+LEAST_EFFECTIVE = 3 / (MOST_PROPOSALS + 2)
 
 
 class IndependenceDraws(NamedTuple):
