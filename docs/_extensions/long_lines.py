@@ -1,4 +1,4 @@
-"""Messages that are longer than a terminal's line are wrapped, as a terminal wraps them; tables and code are not."""
+"""Messages longer than a terminal's line are wrapped, as a terminal wraps them; tables and code are not."""
 
 from __future__ import annotations
 
