@@ -13,7 +13,7 @@ project = "bayestissue"
 author = "the bayestissue developers"
 release = tomllib.loads((HERE.parent / "pyproject.toml").read_text(encoding="utf-8"))["project"]["version"]
 
-extensions = ["myst_nb", "mathml", "from_program"]
+extensions = ["myst_nb", "mathml", "from_program", "long_lines"]
 exclude_patterns = ["_build", "_extensions"]
 # A word in single backquotes is code where the program's own docstrings have it.
 default_role = "code"

@@ -106,12 +106,11 @@ one
 # ## The fit
 #
 # All impacts together: people and conditions have effects of their own, and what the measuring chain may have
-# got wrong is part of the model. The model `a2` is one of the displacement, which this notebook looks
-# at. Its intervals are too narrow for the noise of an accelerometer: for your own decelerations take `impact.toml`.
-# Fewer draws than it asks for are enough to look around.
+# got wrong is part of the model. `impact.toml` is the model for decelerations: a spring and a damper, seen through
+# an accelerometer. Fewer draws than it asks for are enough to look around.
 
 # %%
-model = read_specification(shared("models", "a2.toml"))
+model = read_specification(shared("models", "impact.toml"))
 model = model.model_copy(update={"sampler": Sampler(path="summary", chains=4, warmup=400, draws=600)})
 fit = bt.fit(dataset, model, seed=1)
 print("diagnostics passed:", fit.diagnostics["passed"])
@@ -190,19 +189,19 @@ if exponents:
 # ## Would this model have given these traces?
 #
 # Traces drawn from the fitted model, over what was recorded. The share of recorded samples inside the 90 %
-# intervals should be near 0.9; a share far from it says that the noise, or the motion, is not as modelled. Of the
-# example it is far above: `a2` assumes another noise than that of an accelerometer.
+# intervals should be 0.9 or a little more, since the curve to which noise is added is itself uncertain. A share far
+# below it says that the noise, or the motion, is not as modelled.
 
 # %%
-predicted = run["posterior_predictive"]["displacement"].isel(impact=first).to_numpy()
-predicted = 1e3 * predicted.reshape(-1, predicted.shape[-1])[:, :n]
+predicted = run["posterior_predictive"]["deceleration"].isel(impact=first).to_numpy()
+predicted = predicted.reshape(-1, predicted.shape[-1])[:, :n]
 low, high = np.percentile(predicted, [5, 95], axis=0)
-measured = 1e3 * run["observed_data"]["displacement"].isel(impact=first).to_numpy()[:n]
+measured = run["observed_data"]["deceleration"].isel(impact=first).to_numpy()[:n]
 print(f"inside: {np.mean((measured >= low) & (measured <= high)):.2f}")
 figure, axes = plt.subplots()
 axes.fill_between(time, low, high, alpha=0.3, label="predicted, 90 %")
-axes.plot(time, measured, "k", lw=1, label="recorded, integrated")
-axes.set(xlabel="time since contact (ms)", ylabel="displacement (mm)")
+axes.plot(time, measured, "k", lw=1, label="recorded")
+axes.set(xlabel="time since contact (ms)", ylabel="deceleration (m/s²)")
 axes.legend()
 plt.show()
 

@@ -151,7 +151,10 @@ def _posterior(rng, impacts, true, exponent, likelihood) -> xr.Dataset:
         "subject": [f"s{i}" for i in range(PEOPLE)],
         "trial": [f"t{i}" for i in range(CONDITIONS)],
     }
-    return xr.Dataset({k: (("chain", "draw", *dims), v) for k, (dims, v) in found.items()}, coords)
+    posterior = xr.Dataset({k: (("chain", "draw", *dims), v) for k, (dims, v) in found.items()}, coords)
+    for name, values in posterior.items():
+        values.attrs = {"unit": UNITS.get(str(name)[0], "1")}
+    return posterior
 
 
 def _prior(posterior: xr.Dataset, seed: int) -> xr.Dataset:

@@ -61,6 +61,14 @@ def test_reading_it_fetches_nothing(manual):
         assert not re.search(r"url\(['\"]?(?:https?:)?//", style.read_text(encoding="utf-8")), style.name
 
 
+def test_a_long_message_is_wrapped_and_a_table_is_not(manual):
+    page = (manual / "how-to" / "write-a-dataset.html").read_text(encoding="utf-8")
+    marked = re.findall(r'<span class="long-line">(.*?)</span>\n', page)
+    assert len(marked) == 1
+    assert "[impossible-value]" in marked[0]
+    assert ".long-line { white-space: pre-wrap" in (manual / "_static" / "manual.css").read_text()
+
+
 def test_a_broken_link_and_an_equation_that_cannot_be_shown_fail(tmp_path):
     (tmp_path / "docs").mkdir()
     for name in ("_extensions", "_static", "conf.py"):

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import pandas as pd
@@ -21,6 +22,7 @@ def test_answers_are_printed_and_written(run: Path, tmp_path: Path) -> None:
     assert told.status == 0
     assert "probability of each claim" in told.out
     assert "median and 90 % interval" in told.out
+    assert "N/m" in told.out
     assert "200 draws of the posterior, 300 of the prior" in told.out
     table = pd.read_csv(tmp_path / "out" / "questions.csv")
     assert table["question"].tolist() == list(questions)
@@ -31,6 +33,7 @@ def test_answers_are_printed_and_written(run: Path, tmp_path: Path) -> None:
     # No question has a name, so that there is no column of names.
     assert ">question</th>" in page
     assert ">name</th>" not in page
+    assert re.search(r'<p class="figure">[\d,]+ N/m <span', page)
     shown = json.loads(bayestissue("ask", run, *questions, "--json").out)["questions"]
     assert shown[0]["posterior"] == table["posterior"][0]
 

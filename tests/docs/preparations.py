@@ -54,16 +54,17 @@ def recorders(folder: Path) -> None:
 
 
 def long_recording(folder: Path) -> None:
-    """One recording of three drops, a second apart."""
-    (folder / "sessions").mkdir()
-    rng = np.random.default_rng(3)
-    value = rng.normal(0, 0.05, int(3.5 * RATE))
-    for number in range(3):
-        start = int((number + 0.99) * RATE)
-        _, hit = deceleration(0.5 * (1 + 0.01 * number), 1.5)
-        value[start : start + len(hit)] += hit
-    table = pd.DataFrame({"Time (s)": np.arange(len(value)) / RATE, "Impact (m/s^2)": value.round(3)})
-    table.to_csv(folder / "sessions" / "s01.csv", index=False)
+    """Recordings of three drops each, a second apart: by one mass, and by two."""
+    for name, last in (("sessions", 0.5), ("mixed", 1.2)):
+        (folder / name).mkdir()
+        rng = np.random.default_rng(3)
+        value = rng.normal(0, 0.05, int(3.5 * RATE))
+        for number, mass in enumerate((0.5, 0.5, last)):
+            start = int((number + 0.99) * RATE)
+            _, hit = deceleration(mass * (1 + 0.01 * number), 1.5)
+            value[start : start + len(hit)] += hit
+        table = pd.DataFrame({"Time (s)": np.arange(len(value)) / RATE, "Impact (m/s^2)": value.round(3)})
+        table.to_csv(folder / name / "s01.csv", index=False)
 
 
 def sides(folder: Path) -> None:

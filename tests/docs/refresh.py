@@ -97,7 +97,8 @@ def render(page: Path) -> None:
         client = NotebookClient(
             notebook, timeout=1800, kernel_name="python3", resources={"metadata": {"path": folder}}
         )
-        client.execute()
+        # A kernel without widgets says so when a progress bar's library loads; the notebook shows no bar.
+        client.execute(env=os.environ | {"PYTHONWARNINGS": "ignore:IProgress not found"})
     for cell in notebook.cells:
         cell.id = hashlib.sha256(cell.source.encode()).hexdigest()[:8]
         cell.metadata.pop("execution", None)

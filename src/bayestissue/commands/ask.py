@@ -63,11 +63,13 @@ def print_answers(table: pd.DataFrame) -> None:
         shown = Table(
             Column("quantity", overflow="fold"), title="median and 90 % interval", title_justify="left"
         )
-        for heading in ("median", "from", "to", "Monte Carlo error"):
+        for heading in ("median", "from", "to"):
             shown.add_column(heading, justify="right")
+        shown.add_column("unit")
+        shown.add_column("Monte Carlo error", justify="right")
         for row in table[numbers].to_dict("records"):
             cells = [f"{row[name]:.4g}" for name in ("median", "low", "high")]
-            shown.add_row(plain(row["question"]), *cells, f"{row['mcse']:.2g}")
+            shown.add_row(plain(row["question"]), *cells, row["unit"], f"{row['mcse']:.2g}")
         console.print(shown)
     for row in table[table["note"] != ""].to_dict("records"):
         console.print(plain(f"  {row['question']}: {row['note']}"), soft_wrap=True)

@@ -219,7 +219,8 @@ FILES: dict[str, File] = {
     "questions.csv": _table(
         "fit ask",
         "a question",
-        "question posterior prior bayes_factor mcse prior_mcse median low high draws prior_draws name note",
+        "question posterior prior bayes_factor mcse prior_mcse median low high unit draws prior_draws name "
+        "note",
         question="as it was asked",
         posterior="probability of a claim after the data",
         prior="probability of a claim before the data",
@@ -227,6 +228,7 @@ FILES: dict[str, File] = {
         mcse="Monte Carlo standard error of the probability, or of the median",
         prior_mcse="that of the prior probability",
         median="posterior median of an expression",
+        unit="unit of the median and the interval; empty if it is not that of a quantity",
         draws="draws of the posterior",
         prior_draws="draws of the prior",
         name="what the model file calls it",

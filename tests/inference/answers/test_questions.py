@@ -85,6 +85,23 @@ def test_what_quantities_mean(run: Run, draws: xr.Dataset) -> None:
         assert found[question] == pytest.approx(float(values.median())), question
 
 
+def test_a_number_has_the_unit_of_its_quantities_where_they_share_one(run: Run) -> None:
+    expected = {
+        "K": "N/m",
+        "C[subject=s1]": "N s/m",
+        "K[impact=t0-s1]": "N/m",
+        "mean(K[subject])": "N/m",
+        "max(K_subject) - min(K_subject)": "N/m",
+        "abs(K[subject=s1] - K[subject=s2])": "N/m",
+        "K[subject=s1] / K[subject=s2]": "",
+        "K / 1000": "",
+        "K + C": "",
+        "mass_exponent_K": "",
+        "K > 2000": "",
+    }
+    assert run.ask(*expected).set_index("question")["unit"].to_dict() == expected
+
+
 def test_a_bayes_factor_that_draws_can_not_give_is_left_out_with_the_reason(run: Run) -> None:
     table = run.ask("mass_exponent_K < 0.5", "K > 1", "K_new / K_new > 0")
     assert table["bayes_factor"].isna().all()

@@ -21,6 +21,7 @@ from bayestissue.outline import first_of
 
 NEW = "new"
 _DRAWN = ("chain", "draw")
+_KEEP_UNIT = ("+", "-", "abs", *OF_MANY)
 # As many as a line can show.
 _SHOWN = 8
 
@@ -55,6 +56,20 @@ def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
         return [given]
     named = {k: v for k, v in given.items() if isinstance(v, str) and v != NEW}
     return [given | {free[0]: level} for level in recorded.levels(free[0], recorded.matching(named))]
+
+
+def unit_of(node: Node, posterior: xr.Dataset) -> str:
+    """The unit of a quantity, and of a sum or mean of quantities that share it; otherwise empty.
+
+    Of K / 1000 the unit can't be known: the number may stand for a change of unit.
+    """
+    if isinstance(node, Quantity):
+        unit = posterior[node.name].attrs.get("unit", "1") if node.name in posterior else "1"
+        return "" if unit == "1" else str(unit)
+    if isinstance(node, Number) or node.symbol not in _KEEP_UNIT:
+        return ""
+    units = {unit_of(operand, posterior) for operand in node.operands}
+    return units.pop() if len(units) == 1 else ""
 
 
 def mistakes(

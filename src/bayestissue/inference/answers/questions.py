@@ -25,7 +25,7 @@ from bayestissue.inference.answers.draws import draws_of
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
 from bayestissue.inference.answers.levels import Recorded
-from bayestissue.inference.answers.meaning import mistakes, quantities
+from bayestissue.inference.answers.meaning import mistakes, quantities, unit_of
 from bayestissue.inference.results.prior_overlap import MOSTLY, prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
 
@@ -40,6 +40,7 @@ COLUMNS = [
     "median",
     "low",
     "high",
+    "unit",
     "draws",
     "prior_draws",
     "name",
@@ -79,8 +80,8 @@ def ask(finished: Finished, questions: Sequence[Question]) -> pd.DataFrame:
 
     A claim has ``posterior`` and ``prior`` probability, ``bayes_factor`` and the Monte Carlo standard errors
     ``mcse`` and ``prior_mcse`` of the two. An expression has ``median`` and 90 % interval ``low`` to
-    ``high``, ``mcse`` being the median's. Everything else is empty; ``note`` says why where it could be
-    expected.
+    ``high``, with their ``unit`` if it is that of a quantity; its ``mcse`` is the median's. Everything else
+    is empty; ``note`` says why where it could be expected.
 
     Raises:
         InputError: some can't be read, or ask for what this run does not have: all that is wrong at once.
@@ -97,7 +98,7 @@ def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.Dat
             rows.append(_answer(finished, question))
         except InputError as error:
             told = "; ".join(f"no answer: found {p.value}, expected {p.expected}" for p in error.problems)
-            rows.append({"question": question.text, "name": question.name, "note": told})
+            rows.append({"question": question.text, "name": question.name, "note": told, "unit": ""})
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -134,7 +135,14 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
     except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
     prior, note = _prior(finished, node)
-    row = {"question": question.text, "name": question.name, "note": note, "draws": posterior.size}
+    unit = "" if claims(node) else unit_of(node, finished.posterior)
+    row = {
+        "question": question.text,
+        "name": question.name,
+        "note": note,
+        "unit": unit,
+        "draws": posterior.size,
+    }
     if not claims(node):
         return row | _interval(posterior) | {"note": _largely_prior(posterior, prior)}
     p, error, size = _probability(posterior)

@@ -20,8 +20,10 @@ _TITLES = (
     "Monte Carlo error",
     "median",
     "90 % interval",
+    "unit",
     "note",
 )
+_NUMBERS = _TITLES[2:-2]
 
 
 def question_lines(asked: pd.DataFrame | None, most: int = FIRST) -> list[dict[str, str]]:
@@ -35,7 +37,8 @@ def _line(row: dict[str, Any]) -> dict[str, str]:
         answer = f"probability {probability(row['posterior'])}"
         beside = f"before the data {probability(row['prior'])}" if pd.notna(row["prior"]) else row["note"]
     elif pd.notna(row["median"]):
-        answer, beside = significant(row["median"]), interval(row["low"], row["high"])
+        answer = f"{significant(row['median'])} {row['unit']}".rstrip()
+        beside = interval(row["low"], row["high"])
     else:
         answer, beside = "no answer", row["note"].removeprefix("no answer: ")
     return {"question": asked, "answer": answer, "beside": beside}
@@ -48,7 +51,7 @@ def questions_table(asked: pd.DataFrame | None) -> Table:
         place for place, title in enumerate(_TITLES) if title == "question" or any(c[place] for c in cells)
     ]
     return Table(
-        columns(*(_TITLES[place] for place in kept), number=_TITLES[2:-1], words=("question", "note")),
+        columns(*(_TITLES[place] for place in kept), number=_NUMBERS, words=("question", "unit", "note")),
         [Row([row[place] for place in kept]) for row in cells],
     )
 
@@ -66,9 +69,14 @@ def _cells(row: dict[str, Any]) -> list[str]:
         shown(row["mcse"], significant(row["mcse"], 2)),
         shown(row["median"], significant(row["median"], 4)),
         shown(row["low"], interval(row["low"], row["high"])),
+        row["unit"],
         row["note"],
     ]
 
 
 def _rows(asked: pd.DataFrame | None) -> list[dict[str, Any]]:
-    return [] if asked is None else asked.to_dict("records")  # type: ignore[return-value]
+    if asked is None:
+        return []
+    # Tables of older runs have no units.
+    unit = asked["unit"].fillna("") if "unit" in asked else ""
+    return asked.assign(unit=unit).to_dict("records")  # type: ignore[return-value]
