@@ -68,3 +68,8 @@ def test_values_come_back_by_name() -> None:
     found = coordinates.raw(np.zeros((4, 5, 2)))
     assert found["b"].shape == (4, 5)
     assert (found["b"] == 2.0).all()
+
+
+def test_a_density_that_is_nowhere_is_no_place_for_coordinates() -> None:
+    with pytest.raises(FloatingPointError, match="no finite value along an axis"):
+        warp_about(lambda points: np.full(len(points), np.nan), np.zeros(2), np.ones(2))

@@ -66,6 +66,9 @@ def warp_about(
         log_densities: of points, each of all coordinates, up to a constant.
         mode: where it is greatest.
         scale: of each coordinate there.
+
+    Raises:
+        FloatingPointError: no point along an axis has a density.
     """
     warp = SinhArcsinh(mode, scale, np.zeros_like(mode))
     last = np.full((3, len(mode)), np.inf)
@@ -87,6 +90,8 @@ def _quantiles(log_densities: Densities, warp: SinhArcsinh, place: int) -> Float
     points = np.repeat(np.array(warp.location)[None], len(_POINTS), axis=0)
     points[:, place] = own(_POINTS)
     values = np.nan_to_num(log_densities(points), nan=-np.inf)
+    if not np.isfinite(values.max()):
+        raise FloatingPointError("the density has no finite value along an axis about its mode")
     values = np.maximum(values - values.max(), _DEEPEST)
     density = np.exp(PchipInterpolator(_POINTS, values)(_FINELY)) * np.asarray(own.slope(_FINELY))
     below = np.cumsum(density) - density / 2
