@@ -28,7 +28,7 @@ from PIL import Image  # noqa: E402
 
 from bayestissue import runtime  # noqa: E402
 
-COLOURS = 64
+COLOURS = 128
 BROWSER = os.environ.get("CHROMIUM", "chromium")
 HEADLESS = (
     "--headless --no-sandbox --disable-gpu --no-first-run --disable-background-networking --hide-scrollbars"
@@ -111,8 +111,12 @@ def render(page: Path) -> None:
 
 
 def _few_colours(picture: Image.Image) -> Image.Image:
-    """The same with a palette: figures and pages have few colours, and the file is a third."""
-    return picture.convert("RGB").quantize(COLOURS)
+    """The same with a palette: figures and pages have few colours, and the file is a third.
+
+    Colours are chosen by how far they are from others, and not by how much of the picture has them: a few
+    markers keep theirs.
+    """
+    return picture.convert("RGB").quantize(COLOURS, method=Image.Quantize.MAXCOVERAGE)
 
 
 if __name__ == "__main__":
