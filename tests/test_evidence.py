@@ -302,6 +302,14 @@ def test_a_page_prints_what_the_files_say(path):
     assert not list(pages.misplaced(text)), "a figure within a sentence can't begin a line"
 
 
+def test_figures_are_filled_in_containers_and_left_alone_in_examples():
+    name = "evidence.summary"
+    marked = f"<!-- evidence: {name} -->\n\nof long ago\n\n<!-- end -->"
+    assert "of long ago" not in pages.filled(f":::{{container}} stacked\n\n{marked}\n\n:::\n")
+    shown = f"```markdown\n{marked}\n```\n"
+    assert pages.filled(shown) == shown
+
+
 def test_no_measured_figure_is_typed():
     found = {path.relative_to(ROOT).as_posix(): pages.prose(path) for path in pages.sources()}
     typed = [(name, sentence) for name, text in found.items() for sentence in pages.typed(name, text)]

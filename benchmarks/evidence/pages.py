@@ -24,7 +24,7 @@ from evidence.texts import Figure
 MARKED = re.compile(
     r"(?P<indent>^[ ]*)?<!-- evidence: (?P<name>\S+) -->(?P<text>.*?)<!-- end -->", re.M | re.S
 )
-FENCED = re.compile(r"^ *(```+|~~~+|:::+).*?^ *\1 *$", re.M | re.S)
+FENCED = re.compile(r"^ *(```+|~~~+).*?^ *\1 *$", re.M | re.S)
 # The coverage that a fit's page shows.
 SHOWN = ROOT / "src" / "bayestissue" / "report" / "fit" / "coverage.csv"
 

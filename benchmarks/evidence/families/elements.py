@@ -93,8 +93,10 @@ def compare_elements() -> Named:
         f"the element that made the data {own}"
     )
     yield "refused", Figure(text, names("compare_elements"))
+    each = whole.drop("all")["campaigns"]
+    shares = "as many" if each.min() == each.max() else f"{each.min()} to {each.max()}"
     text = (
-        f"of {every['campaigns']} simulated campaigns of 20 impacts, as many of each element, the one that "
+        f"of {every['campaigns']} simulated campaigns of 20 impacts, {shares} of each element, the one that "
         f"made the data won by more than two standard errors and four nats in {every['right']}, and lost so "
         f"in {every['wrong']}; the secant stiffness that the weights imply held the truth in {every['held']}"
     )
