@@ -30,6 +30,12 @@ def test_likelihoods_between_the_places_are_refused(sd: list[float], resolved: b
     assert grid_of(np.array(sd)).resolved == resolved
 
 
+def test_a_grid_without_a_number_is_refused() -> None:
+    table = np.array(grid_of(np.full(20, 0.3)).log_likelihood)
+    table[:, 7] = np.nan
+    assert not LikelihoodGrid(jnp.asarray(table)).resolved
+
+
 def test_the_evidence_of_a_resolved_grid_is_the_normals() -> None:
     sd, spread, mean = np.array([0.3, 0.1, 0.05]), 0.2, 0.9
     with jax.enable_x64(True):

@@ -23,11 +23,15 @@ from bayestissue.inference.factors.importance_ratios import (
     log_evidence_corrections,
 )
 from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.posterior import approximate as approximation_module
+from bayestissue.inference.posterior import expansion
 from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.exact import exact_draws
+from bayestissue.inference.posterior.expansion import refitted, to_second_order
 from bayestissue.inference.posterior.recipe import corrected_draws, placed
+from bayestissue.inference.samplers.coordinates import Coordinates
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.simulation import simulate
@@ -102,6 +106,32 @@ def test_summaries_stand_for_the_traces(
     constrained = constrained_draws(prepared, sites, draws, jax.random.PRNGKey(1))
     assert constrained.impacts["K"].shape == (2, 500, 16)
     assert np.isfinite(constrained.log_likelihood["trace"]).all()
+
+
+def test_a_grid_without_numbers_gives_way_to_normals(
+    dataset: Dataset, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As a wall's is on creeping tissue, where the sites that it was made about were none."""
+    arma = prepare(dataset, ModelSpecification(name="arma", likelihood="arma"), source="model")
+    nothing = LikelihoodGrid(jnp.full((len(PLACES), len(arma.impacts)), jnp.nan))
+    monkeypatch.setattr(approximation_module, "_grid", lambda *_, **__: nothing)
+    found = approximate(arma, normal=False)
+    assert found.grid is None
+    assert np.isfinite(found.coordinates.covariance).all()
+
+
+def test_sites_whose_marginal_has_no_mode_are_not_taken(
+    prepared: Prepared,
+    summary_route: tuple[Approximation, Draws, Correction],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def nowhere(*_: object) -> Coordinates:
+        raise FloatingPointError("nowhere")
+
+    approximation = summary_route[0]
+    draws = to_second_order(prepared, approximation, 64, np.random.default_rng(5))
+    monkeypatch.setattr(expansion, "coordinates_given_sites", nowhere)
+    assert refitted(prepared, approximation, draws, 5) is approximation
 
 
 def test_corrections_are_what_many_points_of_each_population_say(dataset: Dataset) -> None:

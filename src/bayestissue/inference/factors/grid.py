@@ -48,12 +48,14 @@ class LikelihoodGrid(NamedTuple):
 
     @property
     def resolved(self) -> bool:
-        """Whether the likelihoods are wide enough not to fall between the places.
+        """Whether the likelihoods are finite, and wide enough not to fall between the places.
 
         Where they do, the nearest place stands for each, and impacts that share it for a population without
         spread. A few such among many have their parameter off by half a step, and matter little.
         """
         table = np.asarray(self.log_likelihood)
+        if not np.isfinite(table).all():
+            return False
         place = np.clip(table.argmax(0), 1, len(table) - 2)
         before, top, after = (np.take_along_axis(table, (place + k)[None], 0)[0] for k in (-1, 0, 1))
         narrow = 2 * top - before - after > (STEP / LEAST_SD) ** 2

@@ -256,9 +256,11 @@ def approximate(
         sites = cleared_of_last(sites)
         anchor = finder.conditional_prior(sites, mode)
         grid = _grid(model, data, sites, anchor, silent)
-        finder.tabulate(grid, sites, mode)
-        mode = finder.mode(sites, mode)
+        if grid.resolved:
+            finder.tabulate(grid, sites, mode)
+            mode = finder.mode(sites, mode)
     if not grid.resolved:
+        # Sites made where such a grid led may be none at all.
         return approximate(prepared, expansions=expansions, normal=True, say=say)
     return Approximation(sites, finder.coordinates(sites, mode), grid, finder.grid)
 

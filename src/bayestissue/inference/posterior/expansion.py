@@ -122,7 +122,10 @@ def refitted(
     seed: int,
     progress: Progress = silent,
 ) -> Approximation:
-    """Regression sites about draws of the population; a grid of the last parameter is not made anew."""
+    """Regression sites about draws of the population; a grid of the last parameter is not made anew.
+
+    The approximation as it was where its marginal density has none about the sites that these draws give.
+    """
     cell, priors = np.asarray(prepared.data.design.cell), draws.priors(prepared.data.design)
 
     def one(part: TraceData, rows: np.ndarray) -> Sites:
@@ -132,7 +135,11 @@ def refitted(
 
     found = replace(approximation, sites=in_blocks(prepared.data, one, progress=progress), expansion=None)
     near = {name: np.asarray(values.mean()) for name, values in draws.raw.items()}
-    return replace(found, coordinates=coordinates_given_sites(prepared, found, near))
+    try:
+        return replace(found, coordinates=coordinates_given_sites(prepared, found, near))
+    except FloatingPointError:
+        # Draws of few effective ones may be far from the traces.
+        return approximation
 
 
 def with_expansion(
