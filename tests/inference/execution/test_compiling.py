@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import pickle
+from importlib import import_module
+from pkgutil import walk_packages
 from typing import Any
 
 import numpy as np
 import pytest
 from jaxtyping import Array, Float
 
+import bayestissue
 from bayestissue.inference.execution.compiling import by_row
 
 SIZE = 8
@@ -35,3 +39,18 @@ def test_any_number_of_rows_is_compiled_once() -> None:
     for count in (3, SIZE, 21):
         assert of_row(7.0, 1.0, np.ones((count, 9)))[1].shape == (count, 9)
     assert of_row.jitted._cache_size() == before + 1
+
+
+def test_what_is_compiled_is_found_by_its_name() -> None:
+    """As a step's function has it, when that is sent to another process."""
+    packages = [each.name for each in walk_packages(bayestissue.__path__, "bayestissue.") if not each.ispkg]
+    modules = [import_module(name) for name in packages if ".inference." in name]
+    public = {
+        f"{module.__name__}.{name}": value
+        for module in modules
+        for name, value in vars(module).items()
+        if hasattr(value, "jitted") and not name.startswith("_")
+    }
+    lost = [name for name, value in public.items() if pickle.loads(pickle.dumps(value)) is not value]  # noqa: S301
+    assert len(public) > 10
+    assert lost == []

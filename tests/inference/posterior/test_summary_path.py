@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import pickle
 import tomllib
+from collections.abc import Iterator
+from typing import Any
 
+import cloudpickle
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -15,6 +19,7 @@ from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import gaussian
+from bayestissue.inference.execution import chunks
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals, standard_points
 from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
 from bayestissue.inference.factors.grid import PLACES, LikelihoodGrid
@@ -106,6 +111,33 @@ def test_summaries_stand_for_the_traces(
     constrained = constrained_draws(prepared, sites, draws, jax.random.PRNGKey(1))
     assert constrained.impacts["K"].shape == (2, 500, 16)
     assert np.isfinite(constrained.log_likelihood["trace"]).all()
+
+
+def test_what_other_processes_make_of_each_impact_is_the_same(
+    prepared: Prepared,
+    summary_route: tuple[Approximation, Draws, Correction],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A step's function is sent to them by value, and what it calls by name."""
+    sent = []
+
+    def elsewhere(function: Any, items: Any, **_: Any) -> Iterator[tuple[int, Any]]:
+        for place, item in enumerate(items):
+            sent.append(cloudpickle.dumps(item))
+            yield place, function(pickle.loads(sent[-1]))  # noqa: S301 - our own
+
+    def found() -> list[np.ndarray]:
+        constrained = constrained_draws(prepared, summary_route[0], draws, jax.random.PRNGKey(1))
+        return [*draws.sites.values(), *constrained.impacts.values()]
+
+    draws = summary_route[1]
+    here = found()
+    monkeypatch.setattr(chunks, "cluster", lambda: "elsewhere")
+    monkeypatch.setattr(chunks, "computed", elsewhere)
+    _, draws, _ = corrected_draws(prepared, SETTINGS, 1)
+    for own, other in zip(here, found(), strict=True):
+        np.testing.assert_array_equal(own, other)
+    assert len(sent) > 3
 
 
 def test_a_grid_without_numbers_gives_way_to_normals(

@@ -258,8 +258,12 @@ def log_corrections(
     return weighted - weight + sum(means)
 
 
-# `log_corrections` of what each of any number of draws of the population expects, [draw, impact].
-log_evidence_corrections = by_row(DRAWS, given=2)(log_corrections)
+@by_row(DRAWS, given=2)
+def log_evidence_corrections(
+    sites: Sites, ratios: ImportanceRatios, prior: ConditionalPrior
+) -> Float[Array, " impact"]:
+    """`log_corrections` of what each of any number of draws of the population expects, [draw, impact]."""
+    return log_corrections(sites, ratios, prior)
 
 
 def _order(size: int, tables: int) -> list[int]:
