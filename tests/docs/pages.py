@@ -9,6 +9,8 @@ A page is Markdown. What the runner takes from it:
 - HTML comments, on a line of their own, for the block or picture that follows:
   `<!-- prepare: NAME -->` calls a function of preparations.py in the page's folder,
   `<!-- not run: REASON -->` leaves the block out (its commands' options are checked all the same),
+  `<!-- takes long: REASON -->` does too, unless all of the page is asked for,
+  `<!-- stays: REASON -->` also, and its commands then run in the background until the page ends,
   `<!-- exit status: 2 -->` is what the last command of the block ends with, and
   `<!-- picture of: PAGE.html, WIDTHxHEIGHT -->` says of what refresh.py takes the picture.
 
@@ -23,8 +25,9 @@ import os
 import re
 import shlex
 import subprocess
+import sys
 from collections.abc import Callable, Iterator
-from contextlib import chdir, redirect_stdout
+from contextlib import ExitStack, chdir, contextmanager, redirect_stdout
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -44,7 +47,9 @@ NOTEBOOKS = {"notebook.ipynb": ROOT / "notebooks" / "traces.py"}
 WIDTH = "96"
 SHARED = ("data", "models")
 RUN = ("console", "python")
-APART = ("not run", "exit status", "picture of", "prepare")
+# Of blocks that run only where all of a page is asked for.
+LONG = ("takes long", "stays")
+APART = ("not run", *LONG, "exit status", "picture of", "prepare")
 ADDED = " (add at the end)"
 _NOTE = re.compile(rf"^<!-- ({'|'.join(APART)}): (.*?) -->$")
 _FENCE = re.compile(r"^(```+)(\{[\w-]+\})? ?(.*)$")
@@ -110,25 +115,37 @@ def commands(text: str) -> list[Command]:
     return found
 
 
-def run(page: Path, folder: Path, preparations: object = None, told: Callable | None = None) -> None:
+def run(
+    page: Path,
+    folder: Path,
+    preparations: object = None,
+    told: Callable | None = None,
+    *,
+    whole: bool = False,
+) -> None:
     """Run a page in ``folder``; an output other than the page's is an AssertionError.
 
     ``told``, called with each block, the command or None, and what was printed, replaces the comparison.
+    ``whole`` runs what takes long, too.
     """
+    left_out = ("not run",) if whole else ("not run", *LONG)
     for name in SHARED:
         if not (folder / name).exists():
             (folder / name).symlink_to(ROOT / name)
     names: dict[str, object] = {}
     told = told or (lambda block, command, out: compare(page, block, command, out))
     last, printed = Block("", "", 0), ""
-    with chdir(folder), mpl.rc_context({"backend": "agg"}):
+    with chdir(folder), mpl.rc_context({"backend": "agg"}), ExitStack() as staying:
         for block in blocks(page.read_text(encoding="utf-8")):
             if "prepare" in block.notes:
                 getattr(preparations, block.notes["prepare"])(folder)
             if block.caption:
                 _write(block)
-            elif "not run" in block.notes:
+            elif any(note in block.notes for note in left_out):
                 parse(block)
+            elif "stays" in block.notes:
+                for command in commands(block.text):
+                    staying.enter_context(_in_the_background(command.words))
             elif block.language == "console":
                 _console(block, told)
             elif block.language == "python":
@@ -159,6 +176,19 @@ def _console(block: Block, told: Callable) -> None:
         told(block, command, out)
 
 
+@contextmanager
+def _in_the_background(words: str) -> Iterator[None]:
+    """A program of this environment, stopped when it is left."""
+    name, *arguments = shlex.split(words)
+    command = [Path(sys.executable).with_name(name), *arguments]
+    quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+    with subprocess.Popen(command, **quiet) as begun:  # noqa: S603 - as the page has it
+        try:
+            yield
+        finally:
+            begun.terminate()
+
+
 def _execute(words: str) -> tuple[int, str]:
     if words.startswith("bayestissue "):
         os.environ["COLUMNS"] = WIDTH
@@ -170,7 +200,7 @@ def _execute(words: str) -> tuple[int, str]:
 
 
 def parse(block: Block) -> None:
-    """Of commands that are not run: an unknown option, or a fit that would be refused, is an error."""
+    """Of commands that do not run here: an unknown option, or a fit that would be refused, is an error."""
     if block.language == "python":
         compile(block.text, "block", "exec")
     group = typer.main.get_command(cli.app)

@@ -11,7 +11,7 @@ import jupytext
 import pandas as pd
 import preparations
 import pytest
-from pages import DOCS, NOTEBOOKS, ROOT, Block, blocks, commands, compare, parse, run, same
+from pages import DOCS, LONG, NOTEBOOKS, ROOT, Block, blocks, commands, compare, parse, run, same
 
 PAGES = sorted(
     page
@@ -19,15 +19,28 @@ PAGES = sorted(
     for page in (DOCS / folder).glob("*.md")
     if any(block.language for block in blocks(page.read_text(encoding="utf-8")))
 )
+WITH_LONG_BLOCKS = [
+    page for page in PAGES if any(set(LONG) & set(block.notes) for block in blocks(page.read_text("utf-8")))
+]
 pytestmark = pytest.mark.usefixtures("undrawn")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}/{page.stem}")
+def name_of(page: Path) -> str:
+    return f"{page.parent.name}/{page.stem}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_a_page_does_what_it_says(page: Path, tmp_path: Path) -> None:
     if page == preparations.TUTORIAL:
         preparations.tutorial(tmp_path)
     else:
         run(page, tmp_path, preparations)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("page", WITH_LONG_BLOCKS, ids=name_of)
+def test_a_page_with_its_long_fits_does_what_it_says(page: Path, tmp_path: Path) -> None:
+    run(page, tmp_path, preparations, whole=True)
 
 
 def test_an_output_that_is_not_the_page_s_is_found() -> None:
