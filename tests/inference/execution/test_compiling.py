@@ -42,7 +42,7 @@ def test_any_number_of_rows_is_compiled_once() -> None:
 
 
 def test_what_is_compiled_is_found_by_its_name() -> None:
-    """As a step's function has it, when that is sent to another process."""
+    """Otherwise no function that calls it can be sent to another process."""
     packages = [each.name for each in walk_packages(bayestissue.__path__, "bayestissue.") if not each.ispkg]
     modules = [import_module(name) for name in packages if ".inference." in name]
     public = {

@@ -126,16 +126,15 @@ def test_what_other_processes_make_of_each_impact_is_the_same(
             sent.append(cloudpickle.dumps(item))
             yield place, function(pickle.loads(sent[-1]))  # noqa: S301 - our own
 
-    def found() -> list[np.ndarray]:
-        constrained = constrained_draws(prepared, summary_route[0], draws, jax.random.PRNGKey(1))
+    def values_of(approximation: Approximation, draws: Draws) -> list[np.ndarray]:
+        constrained = constrained_draws(prepared, approximation, draws, jax.random.PRNGKey(1))
         return [*draws.sites.values(), *constrained.impacts.values()]
 
-    draws = summary_route[1]
-    here = found()
+    here = values_of(*summary_route[:2])
     monkeypatch.setattr(chunks, "cluster", lambda: "elsewhere")
     monkeypatch.setattr(chunks, "computed", elsewhere)
-    _, draws, _ = corrected_draws(prepared, SETTINGS, 1)
-    for own, other in zip(here, found(), strict=True):
+    approximation, draws, _ = corrected_draws(prepared, SETTINGS, 1)
+    for own, other in zip(here, values_of(approximation, draws), strict=True):
         np.testing.assert_array_equal(own, other)
     assert len(sent) > 3
 

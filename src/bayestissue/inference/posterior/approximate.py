@@ -260,7 +260,7 @@ def approximate(
             finder.tabulate(grid, sites, mode)
             mode = finder.mode(sites, mode)
     if not grid.resolved:
-        # Sites made where such a grid led may be none at all.
+        # Its sites were made at a mode that the grid led to, and may be useless: begin anew.
         return approximate(prepared, expansions=expansions, normal=True, say=say)
     return Approximation(sites, finder.coordinates(sites, mode), grid, finder.grid)
 

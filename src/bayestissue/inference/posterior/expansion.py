@@ -124,7 +124,7 @@ def refitted(
 ) -> Approximation:
     """Regression sites about draws of the population; a grid of the last parameter is not made anew.
 
-    The approximation as it was where its marginal density has none about the sites that these draws give.
+    If the marginal density has no mode with the new sites, the approximation is returned as it was.
     """
     cell, priors = np.asarray(prepared.data.design.cell), draws.priors(prepared.data.design)
 
@@ -138,7 +138,7 @@ def refitted(
     try:
         return replace(found, coordinates=coordinates_given_sites(prepared, found, near))
     except FloatingPointError:
-        # Draws of few effective ones may be far from the traces.
+        # If few draws are effective, they may be far from what the traces say.
         return approximation
 
 
