@@ -16,7 +16,6 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import bayestissue as bt
-from bayestissue.causes.specification import CausesSpecification, Range
 from bayestissue.cli import app
 from bayestissue.commands.estimate import PROBLEM_COLUMNS
 from bayestissue.dataset.impacts import COLUMNS, RESERVED
@@ -31,6 +30,7 @@ from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS
 from bayestissue.results.contents import FILES
 from bayestissue.settings import _table_in
 from bayestissue.simulation.specification import Simulation
+from bayestissue.thesis.causes.specification import CausesSpecification, Range
 
 ROOT = Path(__file__).resolve().parents[1]
 

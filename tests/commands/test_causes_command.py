@@ -10,10 +10,10 @@ import pandas as pd
 import pytest
 
 from bayestissue import cli
-from bayestissue.causes import attribution
 from bayestissue.dataset import write_dataset
 from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
+from bayestissue.thesis.causes import attribution
 from page_reader import Reader
 
 FILES = [

@@ -20,7 +20,7 @@ HEAD = 'name = "mine"\nlikelihood = "published-estimates"\n'
 @pytest.fixture
 def refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
     """Run ``reproduce`` on a model file that must be refused, and return what it says."""
-    from bayestissue.inference.published import analysis as published
+    from bayestissue.thesis.reanalysis import analysis as published
 
     def never(*_: object, **__: object) -> None:
         pytest.fail("sampling began before the input was checked")

@@ -5,8 +5,8 @@ from numpy.testing import assert_allclose
 
 from bayestissue.dataset.published import read_published
 from bayestissue.hierarchy.derived import hypotheses, straight_lines
-from bayestissue.hierarchy.published import published_design, published_observations
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.thesis.reanalysis.observations import published_design, published_observations
 
 
 def test_probabilities_of_the_regions_add_up_to_one() -> None:

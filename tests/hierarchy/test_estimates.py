@@ -14,7 +14,11 @@ from scipy.special import logsumexp
 from scipy.stats import multivariate_normal, norm
 
 from bayestissue.dataset.published import read_published
-from bayestissue.hierarchy.estimates import (
+from bayestissue.hierarchy.gaussian.arrangement import expected
+from bayestissue.hierarchy.specification import Formulas, ModelSpecification
+from bayestissue.padding import padded, sizes_of
+from bayestissue.thesis.reanalysis.averages import AveragesOfLognormals
+from bayestissue.thesis.reanalysis.model import (
     EstimatesModel,
     common_effects,
     draw_effects,
@@ -25,11 +29,7 @@ from bayestissue.hierarchy.estimates import (
     population,
     without,
 )
-from bayestissue.hierarchy.gaussian.arrangement import expected
-from bayestissue.hierarchy.published import published_design, published_observations
-from bayestissue.hierarchy.specification import Formulas, ModelSpecification
-from bayestissue.likelihood.averages import AveragesOfLognormals
-from bayestissue.padding import padded, sizes_of
+from bayestissue.thesis.reanalysis.observations import published_design, published_observations
 
 OWN_EXPONENTS = "log(mass_kg) + (log(mass_kg)|subject) + (1|trial)"
 SPECIFICATION = ModelSpecification(

@@ -254,7 +254,7 @@ def test_a_prior_of_no_term_is_refused(key: str) -> None:
 
 def test_published_estimates_take_the_columns_of_their_tables() -> None:
     from bayestissue.dataset.published import read_published
-    from bayestissue.hierarchy.published import published_design, published_observations
+    from bayestissue.thesis.reanalysis.observations import published_design, published_observations
 
     observations = published_observations(read_published())
     content = {"name": "x", "likelihood": "published-estimates"}

@@ -3,8 +3,8 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from bayestissue.report.causes.answers import alike, answer, cannot_tell, failing, p_words, ruled_out
-from bayestissue.report.causes.run import CausesRun
+from bayestissue.thesis.pages.causes.answers import alike, answer, cannot_tell, failing, p_words, ruled_out
+from bayestissue.thesis.pages.causes.run import CausesRun
 
 MECHANISMS = {"own_time": "own time", "anticipation": "active", "none": "none"}
 

@@ -7,10 +7,10 @@ import pytest
 
 from bayestissue.report import posterior
 from bayestissue.report.posterior import Spread
-from bayestissue.report.published import answers
-from bayestissue.report.published.posterior_figures import kept_share
-from bayestissue.report.published.run import read_published_run
 from bayestissue.report.run_folder import read_about
+from bayestissue.thesis.pages.published import answers
+from bayestissue.thesis.pages.published.posterior_figures import kept_share
+from bayestissue.thesis.pages.published.run import read_published_run
 from make_published_run import make_published_run
 
 

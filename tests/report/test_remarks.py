@@ -6,8 +6,8 @@ import pandas as pd
 import pytest
 
 from bayestissue.report import remarks
-from bayestissue.report.published.run import read_published_run
 from bayestissue.report.run_folder import read_about
+from bayestissue.thesis.pages.published.run import read_published_run
 
 
 @pytest.fixture(scope="module")

@@ -9,8 +9,8 @@ from typer.testing import CliRunner
 from bayestissue.cli import app
 from bayestissue.errors import InputError
 from bayestissue.report import write_report
-from bayestissue.report.published.run import read_published_run
 from bayestissue.report.run_folder import read_about
+from bayestissue.thesis.pages.published.run import read_published_run
 
 
 @pytest.fixture

@@ -13,13 +13,13 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from bayestissue.causes.specification import STRENGTHS, CausesSpecification, Range
 from bayestissue.dataset.impacts import COLUMNS, wanted
 from bayestissue.dataset.settings import Settings
 from bayestissue.elements import element, element_names
 from bayestissue.hierarchy import priors
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.simulation.specification import Simulation
+from bayestissue.thesis.causes.specification import STRENGTHS, CausesSpecification, Range
 from from_program.markdown import code, escaped, table
 
 # Tables that are written on one line, and described once.

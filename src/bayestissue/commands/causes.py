@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from bayestissue import resources, results, runtime
 
 if TYPE_CHECKING:
-    from bayestissue.causes.subject import Subject
-    from bayestissue.causes.verdict import Verdict
     from bayestissue.inference.points.fit import Method
+    from bayestissue.thesis.causes.subject import Subject
+    from bayestissue.thesis.causes.verdict import Verdict
 
 _TABLES = ("causes", "predictive", "observed", "confusion", "reliability")
 
@@ -51,13 +51,13 @@ def run(
         runtime.configure(one_core=jobs == 1 and scheduler is None)
         import pandas as pd
 
-        from bayestissue.causes.batches import batches
-        from bayestissue.causes.schedule import run_batches
-        from bayestissue.causes.specification import chosen, read_causes, require_several
-        from bayestissue.causes.subject import subject
-        from bayestissue.causes.verdict import judge
         from bayestissue.commands.console import Stages, echo
         from bayestissue.report import draw_page
+        from bayestissue.thesis.causes.batches import batches
+        from bayestissue.thesis.causes.schedule import run_batches
+        from bayestissue.thesis.causes.specification import chosen, read_causes, require_several
+        from bayestissue.thesis.causes.subject import subject
+        from bayestissue.thesis.causes.verdict import judge
 
         model = resources.model_file(
             "causes" if model is None else model, lambda content: "causes" in content

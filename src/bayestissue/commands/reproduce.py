@@ -34,13 +34,13 @@ def run(
         runtime.configure()
         from bayestissue.commands.console import Stages, echo, explained
         from bayestissue.dataset.published import read_published
-        from bayestissue.hierarchy.published import published_design, published_observations
         from bayestissue.hierarchy.specification import read_specification
-        from bayestissue.inference.published.analysis import analyse, competing_designs
         from bayestissue.inference.samplers.diagnostics import verdict_in_words, warned_codes
         from bayestissue.report import draw_page
-        from bayestissue.reproduction import reproduce_published
-        from bayestissue.reproduction.audit import audit_published
+        from bayestissue.thesis.audit import audit_published
+        from bayestissue.thesis.reanalysis.analysis import analyse, competing_designs
+        from bayestissue.thesis.reanalysis.observations import published_design, published_observations
+        from bayestissue.thesis.reproduction import reproduce_published
 
         started, clock = datetime.now(UTC), time.perf_counter()
         model = resources.model_file(

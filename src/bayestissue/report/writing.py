@@ -63,11 +63,11 @@ def after_results(folder: Path, again: str) -> Iterator[None]:
 
 # Of each kind of run: the module with its page, and the function that makes it.
 _PAGES = {
-    "published": ("published.page", "published_page"),
-    "estimates": ("estimates_page", "estimates_page"),
-    "fit": ("fit.page", "fit_page"),
-    "comparison": ("comparison.page", "comparison_page"),
-    "causes": ("causes.page", "causes_page"),
+    "published": ("thesis.pages.published.page", "published_page"),
+    "estimates": ("report.estimates_page", "estimates_page"),
+    "fit": ("report.fit.page", "fit_page"),
+    "comparison": ("report.comparison.page", "comparison_page"),
+    "causes": ("thesis.pages.causes.page", "causes_page"),
 }
 
 
@@ -81,5 +81,5 @@ def _page(run_dir: Path, about: dict[str, Any]) -> str:
         )
         raise InputError(wrong_in(run_dir / "run.json", kinds, remedy, code="not-a-run", **found))
     module, name = _PAGES[kind]
-    page: str = getattr(import_module(f"bayestissue.report.{module}"), name)(run_dir, about)
+    page: str = getattr(import_module(f"bayestissue.{module}"), name)(run_dir, about)
     return page

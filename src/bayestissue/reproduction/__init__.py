@@ -1,6 +1,0 @@
-"""The published results: recomputed, audited, compared."""
-
-from bayestissue.reproduction.figures_data import MassFigure, correlation_figure, mass_figure
-from bayestissue.reproduction.reproduce import reproduce_published
-
-__all__ = ["MassFigure", "correlation_figure", "mass_figure", "reproduce_published"]

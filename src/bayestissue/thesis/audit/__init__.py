@@ -1,0 +1,68 @@
+"""The audit: the program finds what does not hold together, and says why.
+
+A check is a function that yields a `Finding` for everything it does not believe. It is registered with
+``@GENERAL.check(...)`` if it needs no more than a table of estimates, with ``@PUBLISHED.check(...)`` if it is
+about a publication, in a module that is imported below.
+"""
+
+from __future__ import annotations
+
+import pandas as pd
+
+from bayestissue.dataset.published import PublishedTables
+from bayestissue.thesis.audit import (  # noqa: F401 - importing a module registers its checks
+    contradictions,
+    figures,
+    information,
+    models,
+    people,
+    physics,
+    rows,
+    significance,
+    window,
+)
+from bayestissue.thesis.audit.findings import as_table
+from bayestissue.thesis.audit.impacts import GENERAL, read_impacts
+from bayestissue.thesis.audit.publication import PUBLISHED, read_publication, thickness
+from bayestissue.thesis.reproduction.agreement import decimals
+
+__all__ = ["GENERAL", "PUBLISHED", "audit_estimates", "audit_published"]
+
+
+def audit_estimates(frame: pd.DataFrame) -> pd.DataFrame:
+    """What does not hold together in a table of estimates, worst first.
+
+    Args:
+        frame: one row per impact: subject, trial, mass_kg, velocity_m_s, K (N/m; or K_N_per_m) and
+            C (N s/m; or C_N_s_per_m); optional energy_J, peak_displacement_m, time_to_peak_s. The
+            `estimates.csv` of a run of the program will do.
+
+    Returns:
+        columns where, what, published, implied, severity ("major", "minor", "note") and explanation.
+
+    Raises:
+        InputError: a column is missing, or fewer than two rows are usable.
+    """
+    return as_table(GENERAL.run(read_impacts(frame)))
+
+
+def audit_published(published: PublishedTables) -> pd.DataFrame:
+    """What does not hold together in the published tables and the text about them, worst first.
+
+    Returns:
+        columns as `audit_estimates`.
+    """
+    estimates = published.estimates
+    impacts = read_impacts(
+        estimates,
+        conditions=published.averages.drop_duplicates("trial").set_index("trial"),
+        where=_tables(estimates["table"]),
+        tissue_m=thickness(published.claims)[0] or None,
+        digits=int(estimates["K_text"].map(decimals).max()),
+    )
+    return as_table([*GENERAL.run(impacts), *PUBLISHED.run(read_publication(published))])
+
+
+def _tables(names: pd.Series) -> str:
+    unique = list(names.unique())
+    return f"Tables {unique[0]} to {unique[-1]}" if len(unique) > 1 else f"Table {unique[0]}"

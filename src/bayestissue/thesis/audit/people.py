@@ -1,0 +1,162 @@
+"""Whether the people can be told apart by their estimates."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from bayestissue.thesis.audit.findings import Finding
+from bayestissue.thesis.audit.impacts import GENERAL, Impacts
+
+_EXACT = 1e-9
+"""Logarithms that differ by less differ by rounding errors only, as in estimates without noise."""
+
+_TELLING = 0.5
+"""An intraclass correlation that may be as high as this is not refuted by a table with few people."""
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """How alike the same person's estimates are in different conditions.
+
+    Attributes:
+        correlation: intraclass correlation (one person, any two conditions) of the logarithms, condition
+            means removed; ICC(C,1) of McGraw and Wong (1996).
+        high: its upper 95 % limit, from the F distribution.
+        p_value: of the hypothesis that there are no differences between people (F test).
+        rank_correlation: mean Spearman correlation between two conditions.
+        people, conditions: size of the complete table that was used.
+    """
+
+    correlation: float
+    high: float
+    p_value: float
+    rank_correlation: float
+    people: int
+    conditions: int
+
+
+def agreement(impacts: Impacts, quantity: str) -> Agreement | None:
+    """Two-way analysis of variance of log ``quantity``; None where that says nothing.
+
+    It takes at least 3 people in 2 conditions, and estimates that are not the same for all or for each.
+    """
+    logs = impacts.rows.assign(value=np.log(impacts.rows[quantity]))
+    table = logs.pivot_table(index="subject", columns="trial", values="value").dropna(axis=1)
+    n, k = table.shape
+    if n < 3 or k < 2 or (table.std() < _EXACT).any():
+        return None
+    centred = table - table.mean()
+    people = k * centred.mean(axis=1).pow(2).sum() / (n - 1)
+    rest = centred.sub(centred.mean(axis=1), axis=0).pow(2).to_numpy().sum() / ((n - 1) * (k - 1))
+    if rest < _EXACT**2:
+        return None
+    ratio = people / rest
+    degrees = (n - 1, (n - 1) * (k - 1))
+    upper = ratio * stats.f.ppf(0.975, degrees[1], degrees[0])
+    ranks = np.corrcoef(table.rank().to_numpy().T)
+    return Agreement(
+        correlation=float((ratio - 1) / (ratio + k - 1)),
+        high=float((upper - 1) / (upper + k - 1)),
+        p_value=float(stats.f.sf(ratio, *degrees)),
+        rank_correlation=float(ranks[np.triu_indices(k, 1)].mean()),
+        people=n,
+        conditions=k,
+    )
+
+
+@GENERAL.check(
+    severity="major",
+    bearing="conclusions",
+    reason="a property of a person's tissue must show in the same person twice",
+)
+def people_not_told_apart(impacts: Impacts) -> Iterator[Finding]:
+    """The same people, struck again, do not come out in the same order."""
+    found = {quantity: agreement(impacts, quantity) for quantity in ("K", "C")}
+    alike = {
+        name: one
+        for name, one in found.items()
+        if one is not None and one.p_value > 0.05 and one.high < _TELLING
+    }
+    if not alike:
+        return
+    some = next(iter(alike.values()))
+    names = " or ".join(alike)
+    figures = "; ".join(
+        f"{name}: mean rank correlation between trials {one.rank_correlation:.2f}, p = {one.p_value:.2f}"
+        for name, one in alike.items()
+    )
+    yield Finding(
+        impacts.where,
+        f"{names} of the same person in other trials",
+        f"{some.people} people, {some.conditions} trials",
+        "; ".join(
+            f"{name}: intraclass correlation {one.correlation:.2f}, at most {one.high:.2f}"
+            for name, one in alike.items()
+        ),
+        f"Whoever has a high {names} in one trial has no higher one than others in the next ({figures}, F "
+        "test of differences between people). Either the people hardly differ, or the estimates do not "
+        "measure what they differ in; that personal factors do not matter can't be concluded from them.",
+    )
+
+
+@GENERAL.check(
+    severity="minor",
+    bearing="tissue",
+    reason="a damper that differs so much between shoulders of one age and stiffness is not credible",
+)
+def damping_without_bounds(impacts: Impacts) -> Iterator[Finding]:
+    """C that differs many times over within one condition while K hardly differs."""
+    ends = impacts.rows.groupby("trial")[["K", "C"]].agg(["min", "max"])
+    if impacts.rows.groupby("trial").size().max() < 3:
+        return
+    stiffness, damping = (ends[name]["max"] / ends[name]["min"] for name in ("K", "C"))
+    wide = (damping > 4) & (np.log(damping) > 5 * np.log(stiffness))
+    if not wide.any():
+        return
+    worst = damping[wide].idxmax()
+    yield Finding(
+        impacts.where,
+        "C within one trial",
+        f"{ends.loc[worst, ('C', 'min')]:g} to {ends.loc[worst, ('C', 'max')]:g} in trial {worst}",
+        f"{damping[worst]:.0f} times, beside {stiffness[worst]:.2f} times for K",
+        f"In {wide.sum()} of {len(ends)} trials C differs more than fourfold between people struck alike, "
+        f"{damping[worst]:.0f} times in trial {worst}, while their K differs by "
+        f"{stiffness[wide].max() - 1:.0%} at most; of dampers in tissue of one stiffness that is hard to "
+        "believe.",
+    )
+
+
+@GENERAL.check(
+    severity="note",
+    bearing="method",
+    reason="correlation and regression took the scatter to be the same in every condition",
+)
+def unequal_scatter(impacts: Impacts) -> Iterator[Finding]:
+    """Scatter within conditions that differs by more than chance (Brown and Forsythe's test)."""
+    for quantity in ("K", "C"):
+        groups = {trial: rows[quantity].to_numpy() for trial, rows in impacts.rows.groupby("trial")}
+        groups = {trial: values for trial, values in groups.items() if len(values) >= 3}
+        if len(groups) < 2:
+            continue
+        logs = [np.log(values) for values in groups.values()]
+        if max(map(np.ptp, logs)) < _EXACT:
+            continue
+        test = stats.levene(*logs, center="median")
+        if not test.pvalue < 0.01:
+            continue
+        spread = pd.Series({trial: float(np.std(np.log(values), ddof=1)) for trial, values in groups.items()})
+        yield Finding(
+            impacts.where,
+            f"scatter of {quantity} within a trial",
+            "one scatter for all",
+            f"{spread.min():.1%} (trial {spread.idxmin()}) to {spread.max():.1%} (trial {spread.idxmax()})",
+            f"The people scatter about their trial's mean {quantity} by {spread.min():.1%} in trial "
+            f"{spread.idxmin()} and by {spread.max():.1%} in trial {spread.idxmax()} (Brown-Forsythe "
+            f"p = {test.pvalue:.1g}); least squares with one residual variance gives the noisy trials too "
+            f"much weight.",
+        )

@@ -1,0 +1,159 @@
+"""The truth of simulated campaigns: tissue, people, measuring chain, and the strength of one cause."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from bayestissue.oscillator import peak_displacement, spring_damper_inverse, time_to_peak
+from bayestissue.thesis.causes.design import Design
+from bayestissue.thesis.causes.recording import peak_over
+from bayestissue.thesis.causes.specification import Cause, CausesSpecification
+
+type PerCampaign = Float[np.ndarray, " campaign"]
+type PerImpact = Float[np.ndarray, "campaign impact"]
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What is true of a batch of campaigns.
+
+    Attributes:
+        strength: of the cause, by name, [campaign].
+        element: what is hit, a name of `bayestissue.elements`.
+        parameters: of the element by name, [campaign, impact].
+        velocity: at contact, [campaign, impact], m/s.
+        gain: of the recorder, [campaign].
+        offset_sd: of the recorder, relative to each peak, [campaign].
+        noise: standard deviation, relative to each peak, [campaign].
+        time_to_peak: of the typical person at the reference mass, [campaign], s.
+        samples_to_peak: samples in that time, [campaign].
+    """
+
+    strength: Mapping[str, PerCampaign]
+    element: str
+    parameters: Mapping[str, PerImpact]
+    velocity: PerImpact
+    gain: PerCampaign
+    offset_sd: PerCampaign
+    noise: PerCampaign
+    time_to_peak: PerCampaign
+    samples_to_peak: PerCampaign
+
+    @property
+    def dt(self) -> PerCampaign:
+        """Sampling interval, s: one for all impacts of a campaign."""
+        return self.time_to_peak / self.samples_to_peak
+
+
+def draw_truth(
+    cause: Cause,
+    specification: CausesSpecification,
+    design: Design,
+    random: np.random.Generator,
+    count: int,
+) -> Truth:
+    """Draw ``count`` campaigns in which only ``cause`` acts.
+
+    log K of an impact is that of the typical person plus a person's effect plus an impact's own, all
+    normal; the same for C. Masses are the design's, exactly; contact velocities scatter about the design's.
+    """
+    tissue, recording = specification.tissue, specification.recording
+    strength = {name: cause.strength[name].draw(random, count) for name in sorted(cause.strength)}
+    K0, zeta0 = tissue.K_N_per_m.draw(random, count), tissue.zeta.draw(random, count)
+    mass, velocity = design.reference_mass, design.reference_velocity
+    C0 = 2 * zeta0 * np.sqrt(K0 * mass)
+    omega, zeta = spring_damper_inverse(K0, C0, mass)
+    linear_peak = np.asarray(time_to_peak(omega, zeta))
+    depth = np.asarray(peak_displacement(omega, zeta, velocity))
+    K, C = (
+        typical[:, None] * np.exp(_effects(of_people, of_impacts, design, random))
+        for typical, of_people, of_impacts in (
+            (K0, tissue.sd_subject_K.draw(random, count), tissue.sd_impact_K.draw(random, count)),
+            (C0, tissue.sd_subject_C.draw(random, count), tissue.sd_impact_C.draw(random, count)),
+        )
+    )
+    scatter = recording.relative_velocity_sd.draw(random, count)[:, None] * random.standard_normal(K.shape)
+    error = strength.get("error_m_s", np.zeros(count))[:, None]
+    element, parameters = _element(cause, strength, K, C, design, depth, linear_peak)
+    peak = _typical_peak(element, parameters, linear_peak, design)
+    return Truth(
+        strength=strength,
+        element=element,
+        parameters=parameters,
+        velocity=np.maximum(design.velocity * (1 + scatter) + error, 0.05 * design.velocity),
+        gain=recording.gain.draw(random, count),
+        offset_sd=recording.offset_relative_to_peak_sd.draw(random, count),
+        noise=recording.noise_relative_to_peak.draw(random, count),
+        time_to_peak=peak,
+        samples_to_peak=recording.samples_to_peak.draw(random, count),
+    )
+
+
+def _typical_peak(
+    element: str, parameters: Mapping[str, PerImpact], linear: PerCampaign, design: Design
+) -> PerCampaign:
+    """Time to peak of the element's median impact at the reference mass and velocity.
+
+    A damper in series may let the impactor creep on for ever: then four times that of the linear tissue.
+    """
+    if element == "kelvin_voigt":
+        return linear
+    typical = {name: np.median(value, axis=1) for name, value in parameters.items()}
+    mass, velocity = (np.full_like(linear, v) for v in (design.reference_mass, design.reference_velocity))
+    return linear * np.asarray(peak_over(element, typical, mass, velocity, linear))
+
+
+def _effects(
+    of_people: PerCampaign, of_impacts: PerCampaign, design: Design, random: np.random.Generator
+) -> PerImpact:
+    count = len(of_people)
+    people = random.standard_normal((count, design.subjects))[:, design.subject]
+    impacts = random.standard_normal((count, len(design.mass)))
+    return of_people[:, None] * people + of_impacts[:, None] * impacts
+
+
+def _element(
+    cause: Cause,
+    strength: Mapping[str, PerCampaign],
+    K: PerImpact,
+    C: PerImpact,
+    design: Design,
+    depth: PerCampaign,
+    peak: PerCampaign,
+) -> tuple[str, dict[str, PerImpact]]:
+    """What is hit, and its parameters; C is what the element's own damper takes where there is one beside."""
+    s = {name: value[:, None] for name, value in strength.items()}
+    depth, peak = depth[:, None], peak[:, None]
+    match cause.mechanism:
+        case "active":
+            driven = np.log(_driver(cause, design))
+            grown = s["power_K"] * driven
+            return "kelvin_voigt", {
+                "K": K * np.exp(grown),
+                "C": C * np.exp(s["power_C_over_power_K"] * grown),
+            }
+        case "stiffening":
+            scale = depth / np.sqrt(s["stiffening"]) + np.zeros_like(K)
+            return "stiffening", {"K": K, "C": C, "stiffening_depth_m": scale}
+        case "wall":
+            return "wall", {
+                "K": K,
+                "C": C,
+                "thickness_m": s["thickness_over_depth"] * depth + np.zeros_like(K),
+            }
+        case "maxwell":
+            return "maxwell", {"K": K, "C": s["relaxation"] * peak * K}
+        case "standard linear":
+            ratio = s["spring_over_spring"] + np.zeros_like(K)
+            return "standard_linear", {"K": K, "C": s["relaxation"] * peak * ratio * K, "arm_ratio": ratio}
+    return "kelvin_voigt", {"K": K, "C": C}
+
+
+def _driver(cause: Cause, design: Design) -> Float[np.ndarray, " impact"]:
+    """What the muscles answer to, as a multiple of its value at the reference mass and velocity."""
+    mass, velocity = design.mass / design.reference_mass, design.velocity / design.reference_velocity
+    return {"mass": mass, "energy": mass * velocity**2, "momentum": mass * velocity}[cause.driver or "mass"]

@@ -1,0 +1,207 @@
+"""Why K grows with the mass, in words that follow from the tables of a run."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+
+from bayestissue.report.wording import likelihood_words, listed, number, probability, significant
+from bayestissue.thesis.causes.statistics import LEVEL, WORDS
+from bayestissue.thesis.pages.causes.run import CausesRun
+
+_ALIKE = 0.2
+_GRAVITY = 9.80665
+# How each mechanism makes K look as it does.
+_HOW = {
+    "none": "the estimates then scatter as they do by chance",
+    "centring": "a fit about the window’s own mean takes part of the motion for the rest position",
+    "conversion": "the conversion from the discrete to the continuous model then goes astray",
+    "fixed window": "a fit about its own mean then takes its natural frequency from the window, which is the "
+    "same for every mass, and K = Mωₙ² is the mass rescaled",
+    "own time": "every impact then gets the natural frequency of its window, the same for every mass, and "
+    "K = Mωₙ² is the mass rescaled",
+    "velocity": "the displacement is then integrated from a wrong start, up to a wrong moment",
+    "active": "the tissue itself is then stiffer under harder blows",
+    "stiffening": "a heavier blow then goes deeper, where the tissue is stiffer",
+    "wall": "a heavier blow then comes nearer to the bone",
+    "maxwell": "one spring and damper side by side then stand for tissue that they are not",
+    "standard linear": "one spring and damper side by side then stand for tissue that they are not",
+}
+
+Row = dict[Any, Any]
+
+
+def p_words(row: Row) -> str:
+    """A joint p-value, or "below" the next above the smallest that so many campaigns can give."""
+    p = float(row["p_joint"])
+    if p <= float(row["smallest_p"]) * 1.001:
+        return f"below {significant(2 * p, 1)}"
+    return number(p, 3 if p < 0.1 else 2)
+
+
+def failing(row: Row, most: int = 3) -> str:
+    """The statistics that a cause misses, worst first, in words."""
+    names = [name for name in str(row["fails"]).split(", ") if name]
+    words = [WORDS[name] for name in names[:most]]
+    more = len(names) - len(words)
+    return listed([*words, f"{more} more"] if more > 0 else words)
+
+
+def standing(run: CausesRun) -> list[Row]:
+    """Causes that are not ruled out, the most probable first."""
+    left = run.causes[run.causes["verdict"] != "refuted"]
+    return left.sort_values("probability", ascending=False).to_dict("records")
+
+
+def answer(run: CausesRun) -> list[str]:
+    """The whole answer, a sentence each: what was found, where its cause lies, and how sure that is."""
+    rows = run.causes.sort_values("probability", ascending=False).to_dict("records")
+    sentences = [_question(run), *_lead(run, rows[0]), _alone(run)]
+    tissue = run.causes[~run.of_method]
+    if not _fixed_tissue(run, rows[0]) and len(tissue) and (tissue["verdict"] == "refuted").all():
+        best = max(tissue.to_dict("records"), key=lambda row: row["probability"])
+        missed = f": it misses the {failing(best)}" if best["fails"] else ""
+        sentences.append(
+            f"No change of the tissue does it, not even the best of them, “{best['title']}” "
+            f"(p {_relation(best)}){missed}."
+        )
+    return sentences
+
+
+def _question(run: CausesRun) -> str:
+    exponents = [
+        f"{quantity} to the power {number(run.value(f'mass_exponent_{quantity}'), 2)}"
+        for quantity in ("K", "C")
+        if f"mass_exponent_{quantity}" in run.statistics
+    ]
+    told = listed(exponents).replace("K to", "K goes with the mass to", 1)
+    return f"In {run.about['subject']['title']} {told}."
+
+
+def _lead(run: CausesRun, best: Row) -> list[str]:
+    """Method or tissue, and the likeliest cause."""
+    if fixed := _fixed_tissue(run, best):
+        return [
+            f"That needs no cause: “{fixed['title']}” makes such numbers (p {_relation(fixed)}, posterior "
+            f"probability {_probability(fixed)})."
+        ]
+    how = f"“{best['title']}” ({_probability(best)}): {_HOW[run.mechanism(best['cause'])]}."
+    in_method = float(run.causes.loc[run.of_method, "probability"].sum())
+    if in_method >= 0.5:
+        where = f"{likelihood_words(in_method)} lies in how K was found and not in the tissue"
+        share = in_method
+    else:
+        where = f"{likelihood_words(1 - in_method)} lies in the tissue and not in how K was found"
+        share = 1 - in_method
+    return [
+        f"If one of the {len(run.causes)} proposed causes made that, it {where} (posterior probability "
+        f"{probability(share)}).",
+        f"The likeliest is {how}",
+    ]
+
+
+def _fixed_tissue(run: CausesRun, best: Row) -> Row | None:
+    """The cause that is none, if it is not ruled out and the likeliest or not to be told from that."""
+    for row in run.causes.to_dict("records"):
+        if run.mechanism(row["cause"]) == "none" and row["verdict"] != "refuted":
+            alike_best = {row["title"], best["title"]} in [set(pair) for pair in alike(run)]
+            return row if row["cause"] == best["cause"] or alike_best else None
+    return None
+
+
+def _alone(run: CausesRun) -> str:
+    left, count = standing(run), len(run.compared)
+    if not left:
+        return f"But none of them, acting alone, makes all {count} numbers compared (every p below 0.01)."
+    named = listed([f"“{row['title']}” (p {_relation(row)})" for row in left])
+    rest = "; every other misses" if len(left) < len(run.causes) else ""
+    if any(row["verdict"] == "possible" for row in left):
+        return (
+            f"Acting alone {named} can have made all {count} numbers compared{rest}{' some' if rest else ''}."
+        )
+    return (
+        f"Acting alone even {named} would rarely make all {count} numbers compared at once"
+        f"{', and every other more rarely than once in a hundred times' if rest else ''}."
+    )
+
+
+def _relation(row: Row) -> str:
+    words = p_words(row)
+    return words if words.startswith("below") else f"= {words}"
+
+
+def _probability(row: Row) -> str:
+    return f"{probability(row['probability'])} ± {number(row['probability_error'], 2)}"
+
+
+def ruled_out(run: CausesRun) -> list[str]:
+    """What the numbers exclude, cause by cause."""
+    refuted = run.causes[run.causes["verdict"] == "refuted"].to_dict("records")
+    return [
+        f"{row['title']}: misses the {failing(row)}"
+        if row["fails"]
+        else f"{row['title']}: can make each number by itself, not all together"
+        for row in sorted(refuted, key=lambda row: -row["probability"])
+    ]
+
+
+def alike(run: CausesRun) -> list[tuple[str, str]]:
+    """Pairs of causes that these statistics confuse: each gives the other a fifth of its probability."""
+    table: pd.DataFrame = run.confusion.set_index("truth")
+    titles = run.causes.set_index("cause")["title"]
+    names = list(table.index)
+    return [
+        (str(titles[a]), str(titles[b]))
+        for i, a in enumerate(names)
+        for b in names[i + 1 :]
+        if min(float(table.loc[a, b]), float(table.loc[b, a])) > _ALIKE
+    ]
+
+
+def alike_words(run: CausesRun) -> str:
+    """Which causes can't be told from each other; empty if all can."""
+    named = "; ".join(f"“{a}” and “{b}”" for a, b in alike(run))
+    return (
+        f"These look alike, and no such table of estimates can tell one from the other: {named}."
+        if named
+        else ""
+    )
+
+
+def _hindsight(run: CausesRun) -> str:
+    """What becomes of the answer without the likeliest cause, if that was proposed in view of the data."""
+    best, *others = run.causes.sort_values("probability", ascending=False).to_dict("records")
+    if not others or not run.about["model"]["causes"][best["cause"]].get("after_the_fact"):
+        return ""
+    rest = sum(float(row["probability"]) for row in others)
+    share = f", with {probability(others[0]['probability'] / rest)} of what is left" if rest > 0 else ""
+    return (
+        f"How probable “{best['title']}” was beforehand: it was proposed, and its ranges set, with these "
+        f"numbers in view. Without it the likeliest is “{others[0]['title']}” "
+        f"(p {_relation(others[0])}){share}."
+    )
+
+
+def cannot_tell(run: CausesRun) -> list[str]:
+    """What the numbers leave open."""
+    words = [hindsight] if (hindsight := _hindsight(run)) else []
+    words += [
+        "Whether several causes acted together, or one that is not in the list: probabilities compare the "
+        "listed ones, p-values judge each by itself."
+    ]
+    if all(row["verdict"] != "possible" for row in standing(run)):
+        words.append(
+            "How far to trust the probabilities: what was observed lies at the edge of every cause’s "
+            "campaigns, where few decide."
+        )
+    if LEVEL not in run.compared:
+        length = _GRAVITY / run.value(LEVEL)
+        words.append(
+            "What the size of K means: no unit was printed. Were it N/m, K/M would also be that of a pendulum"
+            f" of {number(100 * length, 0)} cm swinging freely; the pendulum’s length was not printed either."
+        )
+        words.append(
+            "Recordings would settle it: they show where each window ended and how its time was counted."
+        )
+    return words

@@ -1,0 +1,120 @@
+"""Competing explanations of published estimates: how well each predicts impacts and trials not seen."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from functools import partial
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from jaxtyping import Bool, Float
+from scipy.special import logsumexp
+
+from bayestissue.hierarchy.specification import Sampler
+from bayestissue.inference.comparing import stacking
+from bayestissue.inference.execution.progress import Progress, silent
+from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
+from bayestissue.thesis.reanalysis.model import EstimatesData, EstimatesModel, without
+from bayestissue.thesis.reanalysis.posterior import (
+    Chains,
+    EstimatesPosterior,
+    draw_all,
+    leave_one_out_densities,
+    sample_chains,
+    sample_posterior,
+)
+
+# The path by sites has what the comparison asks for: evidences.
+SAMPLER = {"chains": 2, "draws": 500, "path": "summary"}
+
+
+def compare_explanations(
+    model: EstimatesModel,
+    explanations: Mapping[str, EstimatesData],
+    trial: np.ndarray,
+    sampler: Sampler,
+    seed: int,
+    progress: Progress = silent,
+) -> pd.DataFrame:
+    """Leave-one-impact-out and leave-one-trial-out accuracy of explanations of the same data.
+
+    Args:
+        model: what all of them assume.
+        explanations: the data by each one's formula, which differ in X alone.
+        trial: the label of each row's trial.
+        sampler: settings, of which the comparison changes what `SAMPLER` says.
+        seed: of all draws.
+        progress: told how many explanations are done.
+
+    Returns:
+        The tables of `bayestissue.inference.comparing.stacking`, one below the other.
+    """
+    if not explanations:
+        return pd.DataFrame(columns=stacking.COLUMNS)
+    settings = Sampler.model_validate(sampler.model_dump() | SAMPLER)
+    held_out = [trial == label for label in dict.fromkeys(trial)]
+    trees, scores, fitted = {}, {}, {}
+    for number, (name, data) in enumerate(explanations.items()):
+        progress(number, len(explanations))
+        found = sample_posterior(model, data, settings, seed)
+        left_out = leave_one_out_densities(model, found)[..., len(data.roots) :]
+        trees[name] = _scored(found, left_out)
+        fitted[name] = _log_mean(found.rows[..., len(data.roots) :]).sum()
+        score = partial(log_predictive_density, model, found, settings=settings, seed=seed)
+        scores[name] = np.array([score(rows) for rows in held_out])
+    progress(len(explanations), len(explanations))
+    by_impact = stacking.by_impact(trees, "estimates")
+    by_impact["p_effective"] = by_impact["model"].map(fitted) - by_impact["elpd"]
+    return pd.concat([by_impact, stacking.by_trial(scores)], ignore_index=True)
+
+
+def log_predictive_density(
+    model: EstimatesModel,
+    found: EstimatesPosterior,
+    rows: Bool[np.ndarray, " row"],
+    *,
+    settings: Sampler,
+    seed: int,
+) -> float:
+    """Log density of some rows given all others: the ratio of the evidences with them and without.
+
+    By Pareto-smoothed importance sampling of the hyperparameters, all effects integrated out (Vehtari et al.
+    2016, doi:10.48550/arXiv.1412.8163, call this integrated); where Pareto k refuses that, by chains without
+    these rows.
+    """
+    others = without(found.data, rows)
+    log_weight = _log_evidence_ratios(model, others, found.chains, seed)
+    smoothed, k = pareto_smoothed(log_weight)
+    if k <= k_threshold(len(log_weight)):
+        return float(logsumexp(smoothed - log_weight + found.chains.drawn.log_ratio))
+    chains = sample_chains(model, others, found.coordinates, settings, seed)
+    back = _log_evidence_ratios(model, found.data, chains, seed)
+    return float(logsumexp(back) - logsumexp(chains.drawn.log_ratio))
+
+
+def _log_evidence_ratios(
+    model: EstimatesModel, data: EstimatesData, chains: Chains, seed: int
+) -> Float[np.ndarray, " draw"]:
+    """Of every draw of the hyperparameters: evidence of ``data`` over that by which the chains drew.
+
+    The lost tables' factors over their sites are averaged over the effects that ``data`` say: one draw each.
+    Over the chains' draws the mean, over that of their own ``log_ratio``, is the ratio of the evidences.
+    """
+    rng = np.random.default_rng([seed, 25])
+    z = rng.standard_normal((len(chains.raw), model.locations.size))
+    drawn = draw_all(model, data, chains.raw, z)
+    return np.asarray(drawn.log_density + drawn.log_ratio - chains.drawn.log_density)
+
+
+def _log_mean(log_density: Float[np.ndarray, "chain draw row"]) -> Float[np.ndarray, " row"]:
+    return logsumexp(log_density, axis=(0, 1)) - np.log(log_density[..., 0].size)
+
+
+def _scored(found: EstimatesPosterior, left_out: Float[np.ndarray, "chain draw impact"]) -> xr.DataTree:
+    """The log density of each estimate given all others, for cross-validation."""
+    over = ("chain", "draw")
+    posterior = {name: (over, values) for name, values in found.draws.sites.items()}
+    densities = {"estimates": ((*over, "impact"), left_out)}
+    groups = {"posterior": xr.Dataset(posterior), "log_likelihood": xr.Dataset(densities)}
+    return xr.DataTree.from_dict(groups)

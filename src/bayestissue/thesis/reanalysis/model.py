@@ -1,0 +1,271 @@
+"""The hierarchy over published estimates: a latent Gaussian model, lost tables its only other factors.
+
+A printed estimate y of an impact is known exactly: y ~ N(X b, S), with S the covariance of an impact's
+(log K, log C). The averages of a lost table are a factor over its trial, normal in the mean of its people's
+expectations; but its spread depends on how much these differ, v = Var(X b) over the people, which is no
+Gaussian function of b. Its Gaussian site holds v at a value; factor over site puts things right.
+
+Written twice. `plain_model` says what is believed, top down. `sampled_model` is the same density in
+coordinates made for sampling, and `marginal_model` that of the hyperparameters given the sites.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import numpyro
+import numpyro.distributions as dist
+from jax import Array
+from jaxtyping import Bool, Float
+
+from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, arrange, expected
+from bayestissue.hierarchy.gaussian.covariances import Covariances
+from bayestissue.hierarchy.gaussian.effects import (
+    effects_from_standard,
+    integrate_effects,
+    log_density_of_cells,
+)
+from bayestissue.hierarchy.gaussian.impacts import CellSums
+from bayestissue.hierarchy.population import EffectPart, Effects, covariances_of, effects_of
+from bayestissue.hierarchy.priors import Priors
+from bayestissue.hierarchy.traces import Hyperparameters, sample_hyperparameters, sample_warped
+from bayestissue.hierarchy.warp import SinhArcsinh
+from bayestissue.likelihood import small
+from bayestissue.padding import adds_nothing
+from bayestissue.thesis.reanalysis.averages import AveragesOfLognormals, moments_of_people, pair_covariance
+from bayestissue.thesis.reanalysis.observations import PublishedObservations
+
+
+@partial(jax.tree_util.register_dataclass, data_fields=[], meta_fields=["locations", "priors", "correlated"])
+@dataclass(frozen=True)
+class EstimatesModel(Hyperparameters):
+    """What is assumed: the parts of b and the priors. Competing formulas share it: see `common_effects`."""
+
+    locations: Effects
+    priors: Priors
+    correlated: bool
+
+
+@adds_nothing
+class EstimatesData(NamedTuple):
+    """What the model reads, all of it arrays. A row is the mean of a lost table, or an estimate.
+
+    Attributes:
+        design: X over rows; that of a lost table is the mean over its people.
+        location_mean: prior mean of b.
+        value: (log K, log C) of an estimate; (m_K, m_C) of a lost table, see `AveragesOfLognormals`.
+        kept: 1, or 0 for a row that is held out.
+        roots: of each lost table, the cube roots of its variances of logs.
+        people: of log K and of log C, X of each lost table's people less their mean.
+        scatter: variance of X b over these people, at which the tables' sites are made.
+    """
+
+    design: PopulationDesign
+    location_mean: Float[Any, " location"]
+    value: Float[Any, "impact 2"]
+    kept: Float[Any, " impact"]
+    roots: Float[Any, "table 2"]
+    people: tuple[Float[Any, "table person part"], ...]
+    scatter: Float[Any, "table 2"]
+
+
+def common_effects(designs: Iterable[Design], priors: Priors) -> Effects:
+    """One arrangement of b for all formulas, so that what is compiled for one serves every other.
+
+    Each part is as wide as in the formula that needs most of it. A coefficient whose columns are zero keeps
+    its prior and changes nothing else.
+    """
+    found = [effects_of(design, priors, ())[0] for design in designs]
+    widest: dict[str, EffectPart] = {}
+    for part in (part for effects in found for part in effects.each):
+        other = widest.setdefault(part.name, part)
+        widest[part.name] = max(part, other, key=lambda each: each.width)
+    # All of log K's parts before those of log C.
+    return Effects(tuple(sorted(widest.values(), key=lambda part: RESPONSES.index(part.name[-1]))))
+
+
+def estimates_data(
+    design: Design, observations: PublishedObservations, model: EstimatesModel
+) -> EstimatesData:
+    """The observations and one formula's design, in the model's arrangement of b."""
+    effects, matrices = effects_of(design, model.priors, ())
+    own, begin = np.concatenate(matrices, axis=1), model.locations.parts["intercept_C"].start
+    whole = np.zeros((len(own), model.locations.size))
+    for name, part in effects.parts.items():
+        place = model.locations.parts[name].start
+        whole[:, place : place + part.stop - part.start] = own[:, part]
+    columns = (whole[:, :begin], whole[:, begin:])
+    cells, tables = observations.impact_cell, observations.averaged_cells
+    rows = tuple(np.concatenate([part[tables].mean(1), part[cells]]) for part in columns)
+    return EstimatesData(
+        arrange(rows, np.arange(len(rows[0])), model.locations.groups),
+        model.locations.mean,
+        np.concatenate([observations.averages[:, :2], observations.log_estimates]),
+        np.ones(len(rows[0])),
+        observations.averages[:, 2:],
+        tuple(part[tables] - part[tables].mean(1, keepdims=True) for part in columns),
+        np.zeros((len(tables), 2)),
+    )
+
+
+def without(data: EstimatesData, rows: Bool[np.ndarray, " impact"]) -> EstimatesData:
+    """The same with some rows held out; they stay in place and say nothing."""
+    return data._replace(kept=np.where(rows, 0.0, data.kept))
+
+
+class Rows(NamedTuple):
+    """Each row's density as a function of its v = X b: a constant and a normal of (centre - v)."""
+
+    centre: Float[Array, "2 impact"]
+    covariance: Float[Array, "2 2 impact"]
+    constant: Float[Array, " impact"]
+
+    def log_density(self, about: Float[Array, "2 impact"]) -> Float[Array, " impact"]:
+        """At v = ``about``."""
+        return self.constant + small.normal_log_density(self.centre - about, self.covariance)
+
+
+def _rows(data: EstimatesData, covariances: Covariances, scatter: Float[Array, "table 2"]) -> Rows:
+    """The estimates, and the lost tables with their people's expectations ``scatter`` apart."""
+    tables, estimates, own = len(data.roots), len(data.value) - len(data.roots), covariances.of_pair
+    factor = jnp.broadcast_to(jnp.linalg.cholesky(own), (tables, 2, 2))
+    offset, sd, correlation = moments_of_people(
+        jnp.zeros((tables, 2)), scatter, factor, data.people[0].shape[1]
+    )
+    means, roots = (pair_covariance(sd[:, a : a + 2].T, correlation[:, a // 2]) for a in (0, 2))
+    constant = small.normal_log_density((data.roots - offset[:, 2:]).T, roots)
+    covariance = jnp.concatenate([means, jnp.broadcast_to(own[..., None], (2, 2, estimates))], axis=-1)
+    centre = jnp.asarray(data.value).T.at[:, :tables].add(-offset[:, :2].T)
+    return Rows(centre, covariance, jnp.append(constant, jnp.zeros(estimates)))
+
+
+def population(model: EstimatesModel, sites: dict[str, Array]) -> Covariances:
+    """See `covariances_of`; a published mass is taken as exact."""
+    return covariances_of(model.locations, sites, 0.0, ())
+
+
+def _sums(data: EstimatesData, rows: Rows) -> CellSums:
+    """What the rows that are kept say of X b, as a constant, a slope and a curvature at b's prior mean."""
+    about = expected(data.design, data.location_mean)
+    weight = data.kept * small.stacked(small.inverse(rows.covariance))
+    pull = jnp.stack(small.times(weight, rows.centre - about))
+    constant = data.kept * rows.log_density(about)
+    return CellSums(*(data.design.to_cells(values) for values in (weight, pull, constant)))
+
+
+def log_evidence(model: EstimatesModel, data: EstimatesData, sites: dict[str, Array]) -> Float[Array, ""]:
+    """Log density of all rows that are kept, b integrated out and a site in each lost table's place."""
+    covariances = population(model, sites)
+    sums = _sums(data, _rows(data, covariances, data.scatter))
+    return log_density_of_cells(data.design, covariances, sums)
+
+
+def leave_one_out(
+    model: EstimatesModel, data: EstimatesData, sites: dict[str, Array]
+) -> Float[Array, " impact"]:
+    """Log density of each row given all others that are kept, b integrated out and the tables by their sites.
+
+    With residual e about the mean of X b given all rows, C its covariance there and S the row's own, the row
+    given the others is normal about y - S (S - C)^-1 e with covariance S (S - C)^-1 S.
+    """
+    covariances = population(model, sites)
+    rows = _rows(data, covariances, data.scatter)
+
+    # By Fisher's identity the slopes are the moments of X b, less its prior mean.
+    def density(sums: CellSums) -> Array:
+        return log_density_of_cells(data.design, covariances, sums)
+
+    slopes = jax.grad(density)(_sums(data, rows))
+    moved, squares = slopes.pull[:, data.design.cell], -2 * slopes.weight[..., data.design.cell]
+    away = rows.centre - expected(data.design, data.location_mean) - moved
+    own = rows.covariance
+    turned = small.product(own, small.inverse(own - squares + moved[:, None] * moved))
+    covariance = small.product(turned, own)
+    return rows.constant + small.normal_log_density(small.times(turned, away), covariance)
+
+
+class EffectsDraw(NamedTuple):
+    """A draw of b, and the densities of the data.
+
+    Attributes:
+        b: the effects.
+        scatter: variance of X b over each lost table's people.
+        log_density: of all rows that are kept, b integrated out and a site in each lost table's place.
+        log_ratio: of the lost tables' factors over their sites, given b.
+        rows: log density of every row's data given b, kept or not.
+    """
+
+    b: Float[Any, " location"]
+    scatter: Float[Any, "table 2"]
+    log_density: Float[Any, ""]
+    log_ratio: Float[Any, ""]
+    rows: Float[Any, " impact"]
+
+
+def draw_effects(
+    model: EstimatesModel, data: EstimatesData, sites: dict[str, Array], standard: Float[Array, " location"]
+) -> EffectsDraw:
+    """A draw of b from its conditional, by standard normals, and its densities.
+
+    Args:
+        model: the model.
+        data: the rows.
+        sites: the hyperparameters.
+        standard: as many standard normals as b has elements.
+    """
+    covariances = population(model, sites)
+    at_sites = _rows(data, covariances, data.scatter)
+    sums = _sums(data, at_sites)
+    found, log_density = integrate_effects(data.design, covariances, sums)
+    b = effects_from_standard(data.design, found, data.location_mean, standard)
+    people = _of_people(data, b)
+    scatter = (people**2).sum(1) / (people.shape[1] - 1)
+    about = expected(data.design, b)
+    rows = _rows(data, covariances, scatter).log_density(about)
+    log_ratio = data.kept @ (rows - at_sites.log_density(about))
+    return EffectsDraw(b, scatter, log_density, log_ratio, rows)
+
+
+def _of_people(data: EstimatesData, b: Float[Array, " location"]) -> Float[Array, "table person 2"]:
+    """X b of each lost table's people less their mean."""
+    begin = data.people[0].shape[-1]
+    return jnp.stack([data.people[0] @ b[:begin], data.people[1] @ b[begin:]], axis=-1)
+
+
+def marginal_model(model: EstimatesModel, data: EstimatesData, warp: SinhArcsinh) -> None:
+    """The numpyro model of the hyperparameters alone, in the coordinates that ``warp`` is the map from."""
+    sites, _ = sample_warped(model, warp)
+    numpyro.factor("estimates", log_evidence(model, data, sites))
+
+
+def sampled_model(model: EstimatesModel, data: EstimatesData, warp: SinhArcsinh) -> None:
+    """`plain_model` over standard normals, which `draw_effects` makes b of."""
+    sites, _ = sample_warped(model, warp)
+    normal = dist.Normal().expand([model.locations.size]).to_event(1)
+    standard = numpyro.sample("standard_locations", normal)
+    drawn = draw_effects(model, data, sites, standard)
+    numpyro.factor("estimates", drawn.log_density + drawn.log_ratio)
+
+
+def plain_model(model: EstimatesModel, data: EstimatesData) -> None:
+    """The model from the top down: hyperparameters, b, every estimate, the lost tables' averages."""
+    sites = sample_hyperparameters(model)
+    covariances = population(model, sites)
+    b = numpyro.sample("locations", dist.Normal(data.location_mean, covariances.locations).to_event(1))
+    about = expected(data.design, b).T
+    tables, factor = len(data.roots), jnp.linalg.cholesky(covariances.of_pair)
+    with numpyro.plate("averaged_trial", tables):
+        lost = AveragesOfLognormals(about[:tables, None] + _of_people(data, b), factor)
+        events = jnp.concatenate([data.value[:tables], data.roots], axis=-1)
+        numpyro.sample("averages", lost.mask(data.kept[:tables] > 0), obs=events)
+    with numpyro.plate("impact", len(data.value) - tables):
+        each = dist.MultivariateNormal(about[tables:], scale_tril=factor)
+        numpyro.sample("estimates", each.mask(data.kept[tables:] > 0), obs=data.value[tables:])

@@ -1,0 +1,153 @@
+"""Tables 5.12 to 5.15 recomputed: correlations of K and C with the conditions of the impacts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+from scipy import stats
+
+from bayestissue.dataset.published import PublishedTables
+from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line
+from bayestissue.thesis.reproduction.conditions import (
+    QUANTITIES,
+    Quantity,
+    between_sum_of_squares,
+    conditions,
+    rounding_norm,
+    within_sum_of_squares,
+)
+from bayestissue.thesis.reproduction.covariates import NEVER_TABULATED, NEVER_VARIES, covariate
+
+ALL_IMPACTS: dict[str, Quantity] = {"5.12": "K", "5.13": "C"}
+_LOST_TABLE = "the body of Table 5.13 is lost"
+
+
+def correlation_of_averages(name: str, table: pd.DataFrame) -> Recomputed:
+    """Pearson's r between a covariate and the averages of the conditions (Tables 5.14 and 5.15).
+
+    r is the cosine of the angle between the two centred vectors. Moving one by an error of norm e turns it
+    by at most arcsin(e / its norm), and a cosine changes no faster than its angle: this is ``rounding``.
+    """
+    x = covariate(name, table)
+    if x is None:
+        # The same ten people were hit in every condition, so their average thickness can't vary.
+        return Recomputed(
+            None,
+            note=f"{NEVER_TABULATED}; over the same ten people their averages can't differ between trials",
+        )
+    if np.ptp(x) == 0:
+        return Recomputed(None, note=NEVER_VARIES)
+    y = table["average"].to_numpy()
+    norm = float(np.linalg.norm(y - y.mean()))
+    error = float(np.linalg.norm(table["average_rounding"]))
+    return Recomputed(float(np.corrcoef(x, y)[0, 1]), rounding=_angle(error, norm))
+
+
+def correlation_of_impacts(name: str, table: pd.DataFrame) -> Recomputed:
+    """Pearson's r between a covariate and all impacts, lost ones included (Tables 5.12 and 5.13).
+
+    Within a condition the covariate is constant, so impacts enter through their averages and through the
+    sum of squares within the conditions only:
+    r = Σ n (x - x̄)(average - ȳ) / √(Σ n (x - x̄)² · (SS_between + SS_within)).
+    """
+    x = covariate(name, table)
+    if x is None:
+        return Recomputed(None, note=NEVER_TABULATED)
+    n, y = table["impacts"].to_numpy(float), table["average"].to_numpy()
+    deviation = x - np.average(x, weights=n)
+    if np.ptp(x) == 0:
+        return Recomputed(None, note=NEVER_VARIES)
+    total = between_sum_of_squares(table) + within_sum_of_squares(table)
+    r = float((n * deviation * (y - np.average(y, weights=n))).sum())
+    r /= float(np.sqrt((n * deviation**2).sum() * total))
+    return Recomputed(r, rounding=_angle(rounding_norm(table), float(np.sqrt(total))))
+
+
+def p_value(r: float, n: float) -> float:
+    """Two-sided p-value of Pearson's ``r`` of ``n`` pairs: t = r √((n-2)/(1-r²)) with n - 2 degrees."""
+    if abs(r) >= 1:
+        return 0.0
+    return float(2 * stats.t.sf(abs(r) * np.sqrt((n - 2) / (1 - r * r)), n - 2))
+
+
+def correlation_lines(published: PublishedTables) -> list[Line]:
+    """Every correlation and p-value of Tables 5.12 to 5.15; the lost Table 5.13 is filled in."""
+    tables: dict[str, pd.DataFrame] = {quantity: conditions(published, quantity) for quantity in QUANTITIES}
+    lines = []
+    for table, quantity in ALL_IMPACTS.items():
+        rows = variables_of_all_impacts(published, quantity)
+        lines += [line for _, row in rows.iterrows() for line in _impact_lines(table, row, tables[quantity])]
+    averaged = published.correlations[~published.correlations["table"].isin(ALL_IMPACTS)]
+    for _, row in averaged.iterrows():
+        found = correlation_of_averages(row["variable"], tables[row["quantity"]])
+        lines.append(_correlation_line(row, found))
+    return lines
+
+
+def variables_of_all_impacts(published: PublishedTables, quantity: Quantity) -> pd.DataFrame:
+    """The rows of Table 5.12, or those that the lost Table 5.13 must have had.
+
+    The latter are the variables of Table 5.12; printed text is empty but for the correlations that the
+    running text of section 5.3 gives.
+    """
+    rows = published.correlations
+    found = rows[(rows["table"] == "5.12") & (rows["quantity"] == "K")]
+    if quantity == "K":
+        return found
+    claims = published.claims.query("section == '5.3' and quantity == @quantity")
+    said = dict(zip(claims["statistic"], claims["value_text"], strict=True))
+    return found.assign(
+        table="5.13",
+        quantity=quantity,
+        correlation_text=[said.get(f"correlation with {name}", "") for name in found["variable"]],
+        p_value_text="",
+    )
+
+
+def _impact_lines(table: str, row: pd.Series, condition: pd.DataFrame) -> list[Line]:
+    found = correlation_of_impacts(row["variable"], condition)
+    n = float(condition["impacts"].sum())
+    if table == "5.13":
+        said = row["correlation_text"]
+        source = f"{_LOST_TABLE}; {'section 5.3 prints this number' if said else 'no number is printed'}"
+        found = _with_note(found, source)
+    if found.value is None:
+        return [_correlation_line(row, found), _p_line(row, Recomputed(None, note=_p_note(row, found, n)))]
+    p = p_value(found.value, n)
+    # p falls as |r| grows, so the ends of r's interval give the ends of p's.
+    nearer_zero = max(abs(found.value) - found.rounding, 0.0)
+    rounding = p_value(nearer_zero, n) - p
+    note = _LOST_TABLE if table == "5.13" else ""
+    return [_correlation_line(row, found), _p_line(row, Recomputed(p, rounding=rounding, note=note))]
+
+
+def _p_note(row: pd.Series, found: Recomputed, n: float) -> str:
+    """What a p-value may be when only the printed correlation is known."""
+    if not row["p_value_text"]:
+        return found.note
+    # Correlations of the thesis are cut off, so a printed one may stand for anything up to one unit more.
+    low, unit = abs(float(row["correlation"])), 2 * half_unit(row["correlation_text"])
+    least, most = p_value(low + unit, n), p_value(max(low - unit / 2, 0.0), n)
+    printed = row["p_value"]
+    verdict = "" if least <= printed <= most else f", not {row['p_value_text']}"
+    return f"{found.note}; the printed correlation allows {least:.3f} to {most:.3f}{verdict}"
+
+
+def _correlation_line(row: pd.Series, found: Recomputed) -> Line:
+    what = "all impacts" if row["table"] in ALL_IMPACTS else "averages"
+    name = f"correlation of {row['quantity']} with {row['variable']}, {what}"
+    return line(row["table"], int(row["row"]), name, row["correlation_text"], found)
+
+
+def _p_line(row: pd.Series, found: Recomputed) -> Line:
+    name = f"p-value of {row['quantity']} with {row['variable']}, all impacts"
+    return line(row["table"], int(row["row"]), name, row["p_value_text"], found)
+
+
+def _with_note(found: Recomputed, note: str) -> Recomputed:
+    joined = "; ".join(filter(None, [note, found.note]))
+    return Recomputed(found.value, found.rounding, joined, found.hint)
+
+
+def _angle(error: float, norm: float) -> float:
+    return float(np.arcsin(min(1.0, error / norm))) if norm > 0 else 0.0

@@ -1,0 +1,134 @@
+from __future__ import annotations
+
+from dataclasses import replace
+
+import arviz as az
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+from numpyro.infer import MCMC, NUTS
+
+from bayestissue.dataset.published import read_published
+from bayestissue.hierarchy.derived import named_sites
+from bayestissue.hierarchy.specification import ModelSpecification, Sampler
+from bayestissue.thesis.reanalysis import explanations
+from bayestissue.thesis.reanalysis.averages import average_statistics
+from bayestissue.thesis.reanalysis.explanations import log_predictive_density
+from bayestissue.thesis.reanalysis.model import EstimatesModel, common_effects, estimates_data, plain_model
+from bayestissue.thesis.reanalysis.observations import published_design, published_observations
+from bayestissue.thesis.reanalysis.posterior import sample_posterior
+
+TRUTH = {"mass_exponent_K": 0.4, "mass_exponent_C": 1.2, "intercept_K": 3.0, "intercept_C": 0.5}
+SPECIFICATION = ModelSpecification(
+    name="small",
+    likelihood="published-estimates",
+    sampler=Sampler(chains=2, warmup=150, draws=1000, target_accept=0.8, max_tree_depth=7),
+)
+
+
+@pytest.fixture(scope="module")
+def campaign():
+    """Ten people in the published nine conditions, made from `TRUTH`; two conditions left as averages."""
+    observations = published_observations(read_published())
+    design = published_design(observations, SPECIFICATION)
+    rng = np.random.default_rng(17)
+    people, trials = 0.15 * rng.standard_normal((10, 2)), 0.1 * rng.standard_normal((9, 2))
+    scatter = rng.multivariate_normal([0, 0], [[0.04, -0.03], [-0.03, 0.09]], len(design.subject))
+    logs = (
+        np.array([TRUTH["intercept_K"], TRUTH["intercept_C"]])
+        + np.outer(design.responses["K"].log_mass, [TRUTH["mass_exponent_K"], TRUTH["mass_exponent_C"]])
+        + people[design.subject]
+        + trials[design.trial]
+        + scatter
+    )
+    lost = np.exp(logs[observations.averaged_cells])
+    averages = average_statistics(jnp.asarray(lost.mean(1)), jnp.asarray(lost.std(1, ddof=1)))
+    made = replace(
+        observations,
+        log_estimates=logs[observations.impact_cell],
+        averages=np.concatenate([np.asarray(part) for part in averages], axis=1),
+    )
+    return made, design
+
+
+@pytest.fixture(scope="module")
+def problem(campaign):
+    observations, design = campaign
+    model = EstimatesModel(common_effects([design], SPECIFICATION.priors), SPECIFICATION.priors, True)
+    return model, estimates_data(design, observations, model)
+
+
+@pytest.fixture(scope="module")
+def found(problem):
+    return sample_posterior(*problem, SPECIFICATION.sampler, 3)
+
+
+@pytest.fixture(scope="module")
+def sites(campaign, problem, found):
+    return named_sites(problem[0].locations, campaign[1], found.draws.sites, found.b)
+
+
+def test_known_parameters_are_recovered(sites) -> None:
+    for name, value in TRUTH.items():
+        # Four posterior standard deviations: one data set in ten thousand would miss.
+        assert abs(sites[name].mean() - value) < 4 * sites[name].std(), name
+    # And the data must have said something: the priors' standard deviations are 1 and 3.
+    assert sites["mass_exponent_K"].std() < 0.3
+
+
+def test_the_tables_sites_stand_for_their_factors(found) -> None:
+    assert found.correction.pareto_k < 0.7
+    assert found.correction.relative > 0.7
+
+
+def test_the_same_seed_gives_the_same_draws(problem, found) -> None:
+    again = sample_posterior(*problem, SPECIFICATION.sampler, 3)
+    for name, values in found.draws.sites.items():
+        assert_array_equal(values, again.draws.sites[name], err_msg=name)
+    assert_array_equal(found.b, again.b)
+    other = sample_posterior(*problem, SPECIFICATION.sampler, 4)
+    assert not np.array_equal(other.b, found.b)
+    assert not np.array_equal(found.b[0], found.b[1])
+
+
+def test_of_several_transitions_one_draw_is_kept(problem) -> None:
+    thinned = SPECIFICATION.sampler.model_copy(update={"thinning": 2, "draws": 100})
+    found = sample_posterior(*problem, thinned, 0)
+    assert found.draws.sites["sd_impact_K"].shape == (2, 100)
+    assert found.draws.statistics["diverging"].shape == (2, 200)
+
+
+def test_a_trial_is_scored_alike_with_it_and_without_it(campaign, problem, found, monkeypatch) -> None:
+    """Importance sampling of the posterior that has a trial, and chains that do not, estimate one number."""
+    observations, design = campaign
+    trial = np.r_[design.trial[observations.averaged_cells[:, 0]], design.trial[observations.impact_cell]]
+    rows, settings = trial == trial[-1], SPECIFICATION.sampler
+    by_weights = log_predictive_density(problem[0], found, rows, settings=settings, seed=0)
+    monkeypatch.setattr(explanations, "k_threshold", lambda _: -np.inf)
+    refitted = log_predictive_density(problem[0], found, rows, settings=settings, seed=0)
+    # Both have some two hundred independent draws, over which the density varies by about its size.
+    assert abs(by_weights - refitted) < 4 * np.sqrt(2 / 200)
+
+
+@pytest.mark.long
+def test_the_recipe_agrees_with_trajectories_over_the_plain_model(campaign, problem) -> None:
+    """The referee: the No-U-Turn sampler on the model from the top down, with no site and no correction."""
+    model, data = problem
+    settings = SPECIFICATION.sampler.model_copy(update={"draws": 1000, "warmup": 1000, "chains": 4})
+    found = sample_posterior(model, data, settings, 0)
+    kernel = NUTS(plain_model, target_accept_prob=0.95, dense_mass=True)
+    chains = MCMC(kernel, num_warmup=1500, num_samples=4000, num_chains=4, chain_method="sequential")
+    chains.run(jax.random.key(0), model, data)
+    referee = chains.get_samples(group_by_chain=True)
+    ours = found.draws.sites | {"b": found.b[..., [0, 1]]}
+    theirs = {name: np.asarray(referee[name]) for name in model.hyperparameters}
+    theirs["b"] = np.asarray(referee["locations"])[..., [0, 1]]
+    for name, values in ours.items():
+        own, other = (az.convert_to_dataset({"x": each[name]})["x"] for each in (ours, theirs))
+        for statistic in (lambda x: x.mean(("chain", "draw")), lambda x: x.quantile(0.95, ("chain", "draw"))):
+            size = [az.ess(each.to_dataset(), method="tail")["x"] for each in (own, other)]
+            # Of a 95 % quantile the standard error is about twice that of a mean.
+            error = 2.1 * values.std((0, 1)) * np.sqrt(sum(1 / each.to_numpy() for each in size))
+            assert (np.abs((statistic(own) - statistic(other)).to_numpy()) < 4 * error).all(), name
