@@ -52,7 +52,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, gaussian
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.levels import Recorded
+from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.people import people_compared
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
 from bayestissue.inference.answers.questions import ask, numbered

@@ -247,12 +247,9 @@ def require_answerable(prepared: Prepared, specification: ModelSpecification, so
     """Raise an `InputError` of every question of the model file that can't be read or fits no such data."""
     if not specification.questions:
         return
-    from bayestissue.inference.answers.levels import Recorded
     from bayestissue.inference.answers.questions import of_model, require_readable
 
-    design = prepared.design
-    recorded = Recorded.of_rows(prepared.impacts, design.formulas.model_dump(), design.reference_mass_kg)
-    require_readable(of_model(specification.questions, source), recorded)
+    require_readable(of_model(specification.questions, source), prepared.design.recorded)
 
 
 def fit_prepared(

@@ -135,7 +135,8 @@ def test_results_are_named_as_those_of_k_and_c() -> None:
         sites[each.name] = rng.normal(size=(2, 5, each.width) if several else (2, 5))
     for name in {*effects.spread, "sd_impact_K", "sd_impact_C", "sd_log_thickness_m"} - {""}:
         sites[name] = rng.uniform(0.1, 1, size=(2, 5))
-    found = derived.reported_sites(design, sites) | derived.people_and_conditions(design, sites)
+    found = derived.reported_sites(design, sites)
+    found |= derived.values_at_levels(design, found)
     scale = impacts()["room"].std(ddof=0)
     slope = sites["covariate_effect_thickness_m"] / scale
     assert_allclose(found["effect_of_room_thickness_m"], slope[..., 0])

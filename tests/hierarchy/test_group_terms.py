@@ -195,12 +195,13 @@ def test_a_persons_own_exponent_is_the_populations_and_the_persons_deviation() -
 def test_the_k_of_a_level_holds_the_effects_that_it_lies_in() -> None:
     design = design_of(EVERYTHING, "(1|trial)")
     sites = draws(design, Priors())
-    found = derived.people_and_conditions(design, sites)
+    found = derived.values_at_levels(design, derived.reported_sites(design, sites))
     side = np.log(found["K_subject_side"][..., 3])  # s1:right
     whole = sites["intercept_K"] + sites["subject_effect_K"][..., 1] + sites["subject_side_effect_K"][..., 3]
     assert_allclose(side, whole)
     person = sites["intercept_K"] + sites["subject_effect_K"][..., 1]
-    assert_allclose(np.log(found["K_subject"][..., 1]), person)
+    sides = sites["subject_side_effect_K"][..., 2:4].mean(-1)  # s1's
+    assert_allclose(np.log(found["K_subject"][..., 1]), person + sides)
     exponent = sites["mass_exponent_K"] * np.log(1.2 / REFERENCE)
     assert_allclose(np.log(found["K_trial"][..., 2]), sites["intercept_K"] + exponent)
 
@@ -212,8 +213,8 @@ def test_a_new_impact_has_a_new_level_of_every_grouping() -> None:
     terms = [term for term in design.responses["K"].terms if not term.slope]
     sites = {term.sd("K"): np.full((1, count), 0.1 * (1 + n)) for n, term in enumerate(terms)}
     sites |= {f"sd_impact_{q}": np.full((1, count), 0.05) for q in "KC"}
-    sites |= {f"intercept_{q}": np.zeros((1, count)) for q in "KC"}
-    found = np.log(derived.new_impact(design, sites, np.random.default_rng(1))["K_new"])
+    typical = {f"{q}_typical_person": np.ones((1, count)) for q in "KC"}
+    found = np.log(derived.new_impact(design, sites, typical, np.random.default_rng(1))["K_new"])
     variance = 0.05**2 + sum((0.1 * (1 + n)) ** 2 for n in range(len(terms)))
     # Five standard errors of a normal's variance.
     assert_allclose(found.var(), variance, rtol=5 * np.sqrt(2 / count))

@@ -36,10 +36,11 @@ def test_dimensions_and_meanings_follow_the_columns() -> None:
     }
     single = {*effects.spread, "sd_impact_K", "sd_impact_C", "intercept_K", "intercept_C", "mass_exponent_K"}
     sites |= {name: rng.uniform(0.1, 1, (2, 3)) for name in single - {""}}
+    reported = derived.reported_sites(design, sites)
     found = labelled(
-        derived.reported_sites(design, sites) | derived.people_and_conditions(design, sites),
+        reported | derived.values_at_levels(design, reported),
         design_dimensions(design),
-        {name: list(grouping.levels) for name, grouping in design.groupings.items()},
+        design.levels(),
         attributes=design_attributes(design),
     )
     dims = {str(name): array.dims[2:] for name, array in found.data_vars.items()}

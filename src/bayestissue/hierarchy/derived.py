@@ -6,10 +6,12 @@ from collections.abc import Mapping
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import RESPONSES, intercept, sd_impact
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL, stem_of
+from bayestissue.hierarchy.levels import Condition, log_at_levels
 from bayestissue.hierarchy.population import Effects
 
 Draws = Mapping[str, np.ndarray]
@@ -93,42 +95,57 @@ def row_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
     return expected
 
 
-def people_and_conditions(design: Design, sites: Draws) -> dict[str, np.ndarray]:
-    """Every response of every level of every grouping: ``*_subject`` [chain, draw, subject] and so on.
+def values_at_levels(design: Design, reported: Draws) -> dict[str, np.ndarray]:
+    """Every response of every level, [chain, draw, level]: see `bayestissue.hierarchy.levels`.
 
-    A level's value holds the effects of the groupings that it lies in too: that of ``subject:side`` the
-    subject's and the side's. It is at the reference mass; a condition's is a typical person's at the
-    condition's own mass and covariates. All are medians over the impact's own scatter.
+    A response stands by its name and what it is of: ``K_subject``, ``K_subject_side``, ``K_side`` of a
+    covariate with categories, and ``K_typical_person`` [chain, draw]. All are at the reference mass, but a
+    condition's at its own mass and velocity; all are medians over the impact's own scatter.
     """
+    draws, recorded = _dataset(design, reported), design.recorded
     values = {}
-    for response, part in design.responses.items():
-        for name, grouping in design.groupings.items():
-            logs = sites[intercept(part.parameter)][..., None] + np.zeros(len(grouping.levels))
-            first = np.unique(grouping.code, return_index=True)[1]
-            at_trial = name == "trial"
-            if at_trial:
-                logs = common_logs(design, sites, response, first)
-            for term, column in part.terms.items():
-                if set(term.factors) <= set(grouping.factors) and (at_trial or not term.slope):
-                    level = design.groupings[term.grouping].code[first]
-                    logs = logs + sites[term.effect(response)][..., level] * column.covariate[first]
-            values[f"{response}_{stem_of(name)}"] = np.exp(logs)
+    for response in design.responses:
+        asked: dict[str, list[Condition]] = {
+            stem_of(name): recorded.conditions_of(grouping) for name, grouping in design.groupings.items()
+        }
+        for name in recorded.named_by(response):
+            asked[stem_of(name)] = [{name: level} for level in recorded.rows[name].drop_duplicates()]
+        for stem, conditions in asked.items():
+            values[f"{response}_{stem}"] = np.exp(log_at_levels(draws, recorded, response, conditions))
+        typical = log_at_levels(draws, recorded, response, [{}])
+        values[f"{response}_typical_person"] = np.exp(typical[..., 0])
     return values
 
 
-def new_impact(design: Design, sites: Draws, rng: np.random.Generator) -> dict[str, np.ndarray]:
+def _dataset(design: Design, reported: Draws) -> xr.Dataset:
+    """What `reported_sites` has, with the levels of each group term's effects."""
+    levels = {
+        (term.own if term.slope else term.effect)(q): term.grouping
+        for q, part in design.responses.items()
+        for term in part.terms
+    }
+    coords = {name: list(design.groupings[name].levels) for name in set(levels.values())}
+    return xr.Dataset(
+        {k: (("chain", "draw", *([levels[k]] if k in levels else [])), v) for k, v in reported.items()},
+        coords,
+    )
+
+
+def new_impact(
+    design: Design, sites: Draws, typical: Mapping[str, np.ndarray], rng: np.random.Generator
+) -> dict[str, np.ndarray]:
     """K and C of one new impact at the reference mass, [chain, draw].
 
     Every grouping has a new level: a new person, a new condition. A covariate whose coefficient differs
-    between levels is zero there.
+    between levels is zero there. ``typical`` has the K and C of a typical person, ``K_typical_person``.
     """
-    shape = sites["intercept_K"].shape
+    shape = typical["K_typical_person"].shape
     scatter = rng.standard_normal((2, *shape))
     r = sites.get("residual_correlation", np.zeros(shape))
     scatter[1] = r * scatter[0] + np.sqrt(1 - r**2) * scatter[1]
     values = {}
     for number, response in enumerate(RESPONSES):
-        log = sites[f"intercept_{response}"] + sites[f"sd_impact_{response}"] * scatter[number]
+        log = np.log(typical[f"{response}_typical_person"]) + sites[f"sd_impact_{response}"] * scatter[number]
         terms = [term for term in design.responses[response].terms if not term.slope]
         # Numbers of both are drawn whether a formula has them or not, so that the others stay the same.
         for term in dict.fromkeys((SUBJECT, TRIAL, *terms)):

@@ -21,6 +21,7 @@ from bayestissue.hierarchy.formulas.group_terms import (
     grouping_of,
 )
 from bayestissue.hierarchy.formulas.identifiability import Fault
+from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import Formulas
 
 
@@ -73,6 +74,7 @@ class Design:
     ``groupings`` by name, such as ``subject:side``: subject and trial, whether a formula has them or not, and
     then the others of all formulas. ``formulas`` are the right-hand sides that were evaluated, ``left_out``
     of each response what a formula that nobody wrote would have had besides, and why the rows can't tell it.
+    ``recorded`` is what all responses at given levels are told from.
     """
 
     responses: dict[str, ResponseDesign]
@@ -80,6 +82,7 @@ class Design:
     reference_mass_kg: float
     formulas: Formulas = field(default_factory=Formulas)
     left_out: Mapping[str, tuple[Fault, ...]] = field(default_factory=dict)
+    recorded: Recorded = field(kw_only=True)
 
     @property
     def subject(self) -> np.ndarray:
@@ -105,6 +108,13 @@ class Design:
     def terms(self) -> tuple[GroupTerm, ...]:
         """The group terms of all responses, each once."""
         return tuple(dict.fromkeys(term for part in self.responses.values() for term in part.terms))
+
+    def levels(self) -> dict[str, list[str]]:
+        """The names of the levels of every grouping and category, by dimension."""
+        categories = dict.fromkeys(name for q in self.responses for name in self.recorded.named_by(q))
+        return {name: list(grouping.levels) for name, grouping in self.groupings.items()} | {
+            name: self.recorded.levels(name) for name in categories
+        }
 
     def resolved(self) -> dict[str, Any]:
         """What ``run.json`` says of the model beside its file: the formulas and the reference mass."""
@@ -152,12 +162,14 @@ def build_design(
         raise InputError(problems)
     terms = (SUBJECT, TRIAL, *(term for judged in found.values() for term in judged.groups))
     groupings = (grouping_of(rows, factors) for factors in dict.fromkeys(term.factors for term in terms))
+    written = {response: str(judged.terms) for response, judged in found.items()}
     return Design(
         {response: _response(parameter_of(response), judged) for response, judged in found.items()},
         {grouping.name: grouping for grouping in groupings},
         float(reference),
-        Formulas(**{response: str(judged.terms) for response, judged in found.items()}),
+        Formulas(**written),
         left_out,
+        recorded=Recorded.of_rows(rows, written, float(reference)),
     )
 
 

@@ -14,10 +14,10 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.answers.contrasts import contrasts
-from bayestissue.inference.answers.levels import Recorded
 from bayestissue.inference.answers.people import people_compared
 from bayestissue.inference.answers.reliability import (
     Variances,
@@ -148,7 +148,7 @@ def label(
     }
     say("checking and scoring", 0, 1)
     form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
-    recorded = Recorded.of_run(tree["constant_data"].dataset, prepared.design.resolved())
+    recorded = prepared.design.recorded
     budget = uncertainty_budget(prepared, constrained)
     repeatable = {
         name: coefficients(_variances(prepared, tree[name].dataset, recorded, budget), tree[name].dataset)

@@ -22,9 +22,9 @@ from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, Grouping, Grou
 # columns below it, is rounding and not information.
 PRECISION = 1e-3
 # Dimensions of a posterior that are no grouping's.
-_TAKEN = ("impact", "chain", "draw", "kept_draw", "sample")
+RESERVED_DIMENSIONS = ("impact", "chain", "draw", "kept_draw", "sample")
 # Names that a level's K or C would have to share, such as K_new.
-_TAKEN_AFTER = ("new", "typical_person", "secant", "tangent", "equivalent", "common_depth")
+RESERVED_STEMS = ("new", "typical_person", "secant", "tangent", "equivalent", "common_depth")
 _WORDS = {"subject": "person", "trial": "condition"}
 
 
@@ -59,18 +59,21 @@ def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
 def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fault]:
     """Terms whose grouping is not made of complete columns, or whose names are another's."""
     faults, stems = [], set()
+    taken = (*RESERVED_DIMENSIONS, *RESERVED_STEMS)
     for term in terms:
         strange = [name for name in term.factors if name not in rows.columns]
         missing = [name for name in term.factors if name not in strange and rows[name].isna().any()]
         if strange:
-            usable = [name for name in rows.columns if name not in _TAKEN]
+            usable = [name for name in rows.columns if name not in RESERVED_DIMENSIONS]
             expected = f"columns of the data: {', '.join(usable)}"
             faults.append(Fault(str(term), expected, f"there is no column {', '.join(strange)}"))
         elif "impact" in term.factors:
             reason = "an impact's own scatter is in every model, as sd_impact_K and sd_impact_C"
             faults.append(Fault(str(term), "levels of several impacts", reason))
-        elif term.grouping in (*_TAKEN, *_TAKEN_AFTER) or any("/" in name for name in term.factors):
-            expected = f"a column of another name than {', '.join((*_TAKEN[1:], *_TAKEN_AFTER))}, without /"
+        elif term.grouping in taken or any(
+            "/" in name for name in term.factors
+        ):
+            expected = f"a column of another name than {', '.join(taken[1:])}, without /"
             reason = "results need that name for something else; rename the column"
             faults.append(Fault(str(term), expected, reason))
         elif missing:

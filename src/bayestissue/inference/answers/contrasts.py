@@ -36,7 +36,7 @@ from jaxtyping import Float
 
 from bayestissue.hierarchy.formulas.formula import group_terms, variables_of_terms
 from bayestissue.hierarchy.formulas.group_terms import labels_of
-from bayestissue.inference.answers.levels import Condition, Recorded, log_at_levels
+from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
 
 COLUMNS = ["factor", "level", "against", "quantity", "ratio", "low", "high", "p_direction", "p_equivalent"]
 ALL = "mean of all"
@@ -110,7 +110,8 @@ def log_ratios(
         for sign, side in ((1, contrast.upper), (-1, contrast.lower)):
             for each in side:
                 weights[place[_key(each)], column] += sign / len(side)
-    logs = log_at_levels(draws, recorded, response, list(every.values()))
+    # All else equal: with a session comes nothing of what else was so in it.
+    logs = log_at_levels(draws, recorded, response, list(every.values()), follow=False)
     return logs.reshape(-1, len(every)) @ weights
 
 

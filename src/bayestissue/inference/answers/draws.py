@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from bayestissue.hierarchy.levels import Recorded, log_at_levels
 from bayestissue.inference.answers.grammar import OF_MANY, Node, Number, Quantity, QuestionError, claims
-from bayestissue.inference.answers.levels import Recorded, log_at_levels
 from bayestissue.inference.answers.meaning import conditions_of, is_response, open_columns
 
 _OPERATORS: dict[str, Callable[..., Any]] = {

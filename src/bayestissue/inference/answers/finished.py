@@ -8,8 +8,8 @@ from typing import Any
 
 import xarray as xr
 
+from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
-from bayestissue.inference.answers.levels import Recorded
 
 GROUPS = ("posterior", "prior", "constant_data")
 

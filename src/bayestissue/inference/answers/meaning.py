@@ -1,7 +1,7 @@
 """What the quantities of a question mean in a run, and what in it can't be answered.
 
 A response of the hierarchy (K, C, a further parameter with a formula) is that of an impact at the levels in
-its brackets, all else at the reference: see `bayestissue.inference.answers.levels`. Any other name is a
+its brackets, all else at the reference: see `bayestissue.hierarchy.levels`. Any other name is a
 variable of the posterior, its brackets choosing along its dimensions; so are K and C of a recorded impact, as
 in K[impact=7].
 """
@@ -15,8 +15,8 @@ from collections.abc import Iterator, Sequence
 import xarray as xr
 
 from bayestissue.hierarchy.formulas.formula import columns_named, group_terms
+from bayestissue.hierarchy.levels import Condition, Recorded
 from bayestissue.inference.answers.grammar import OF_MANY, Level, Node, Number, Quantity, QuestionError
-from bayestissue.inference.answers.levels import Condition, Recorded
 from bayestissue.outline import first_of
 
 NEW = "new"

@@ -14,7 +14,7 @@ import xarray as xr
 
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT
-from bayestissue.inference.answers.levels import Recorded, log_at_levels
+from bayestissue.hierarchy.levels import Recorded, log_at_levels
 
 COLUMNS = ["quantity", "person", "against", "p_greater", "ratio", "low", "high"]
 MOST_PEOPLE = 60

@@ -21,8 +21,8 @@ from bayestissue.elements.peaks import Peaks, peaks_of
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.formula import group_terms
+from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.inference.answers.levels import Condition, Recorded, log_at_levels
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
 QUANTITIES = {
@@ -48,7 +48,7 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
 
     Args:
         finished: the fit.
-        conditions: what is given in each, by column; see `bayestissue.inference.answers.levels`.
+        conditions: what is given in each, by column; see `bayestissue.hierarchy.levels`.
 
     Returns:
         A row a condition: what it was given, which levels are ``new``, `QUANTITIES` with median and 90 %

@@ -21,10 +21,10 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.errors import Coded, InputError, Problem, all_of, printable
+from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.draws import draws_of
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
-from bayestissue.inference.answers.levels import Recorded
 from bayestissue.inference.answers.meaning import mistakes, quantities, unit_of
 from bayestissue.inference.results.prior_overlap import MOSTLY, prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size

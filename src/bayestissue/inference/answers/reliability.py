@@ -51,7 +51,7 @@ from jaxtyping import Float
 from bayestissue.hierarchy.effects import intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm, grouping_of
-from bayestissue.inference.answers.levels import Recorded
+from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.results.prior_overlap import prior_overlap
 
 COLUMNS = ["quantity", "measure", "form", "median", "low", "high", "unit", "prior_overlap"]

@@ -14,7 +14,7 @@ import pandas as pd
 from bayestissue.dataset.impact_cells import cells_of, read_cells
 from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.hierarchy.formulas.formula import group_terms
-from bayestissue.inference.answers.levels import Condition, Recorded
+from bayestissue.hierarchy.levels import Condition, Recorded
 
 _POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m"}
 _LARGEST = 1e4

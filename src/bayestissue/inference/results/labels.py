@@ -27,7 +27,7 @@ _MEANINGS = {
     "linear_intercept_{q}": "constant of the straight line of the conditions' mean {name} against mass",
 }
 _NAMES = {"K": "stiffness K", "C": "damping C"}
-_OF = ("cell", "subject", "trial", "new")
+_OF = ("cell", "subject", "trial", "new", "typical_person")
 _ONE_COLUMN = ("subject", "trial")
 
 _TRACE_ATTRIBUTES = {
@@ -110,7 +110,7 @@ def _attributes() -> dict[str, dict[str, str]]:
         name = _NAMES[q]
         table |= {
             variable: {"unit": unit, "long_name": f"{name} of {meaning(variable).of}"}
-            for variable in (q, f"{q}_typical_person", *(f"{q}_{of}" for of in _OF))
+            for variable in (q, *(f"{q}_{of}" for of in _OF))
         }
         table |= {
             f"linear_slope_{q}": {
@@ -145,7 +145,7 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
     table: dict[str, dict[str, str]] = {}
     for name in design.groupings:
         stem = stem_of(name)
-        own = f"a {name} at the reference mass, a typical one of what {name} does not hold"
+        own = f"each {name} at the reference mass"
         of = meaning(f"K_{name}").of if name in _ONE_COLUMN else own
         for q, unit in units.items():
             table[f"{q}_{stem}"] = {"unit": unit, "long_name": f"{names[q]} of {of}"}
@@ -172,14 +172,34 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
                 table[term.effect(q)] = {"unit": "1", "long_name": f"effect of the {term.grouping} on {what}"}
             between = f"standard deviation between levels of {term.grouping} of {what}"
             table[term.sd(q)] = {"unit": "1", "long_name": between}
+        for name in design.recorded.named_by(q):
+            of = f"a typical person at the reference mass, of each {name}"
+            table[f"{q}_{stem_of(name)}"] = {"unit": units[q], "long_name": f"{names[q]} of {of}"}
     # People and conditions have words of their own for K and C.
-    return {name: words for name, words in table.items() if name not in ATTRIBUTES}
+    table = {name: words for name, words in table.items() if name not in ATTRIBUTES}
+    return table | _averaged(design, ATTRIBUTES | table)
+
+
+def _averaged(design: Design, known: Mapping[str, dict[str, str]]) -> dict[str, dict[str, str]]:
+    """Words of what is averaged over categories that its name does not give, and ``averaged_over`` which."""
+    table = {}
+    for q in design.responses:
+        given: dict[str, tuple[str, ...]] = {stem_of(n): each.factors for n, each in design.groupings.items()}
+        given |= {stem_of(name): (name,) for name in design.recorded.named_by(q)}
+        for stem, columns in (given | {"typical_person": (), "new": ()}).items():
+            over = " and ".join(design.recorded.averaged(q, columns))
+            if over and (words := known.get(f"{q}_{stem}")):
+                told = f"{words['long_name']}, averaged over {over} with equal weight"
+                table[f"{q}_{stem}"] = {**words, "long_name": told, "averaged_over": over}
+    return table
 
 
 def design_dimensions(design: Design) -> dict[str, tuple[str, ...]]:
     """Of each response of the levels of a grouping, and of the effects of each group term."""
     found: dict[str, tuple[str, ...]] = {
-        f"{q}_{stem_of(name)}": (name,) for q in design.responses for name in design.groupings
+        f"{q}_{stem_of(name)}": (name,)
+        for q in design.responses
+        for name in (*design.groupings, *design.recorded.named_by(q))
     }
     return found | {
         (term.own if term.slope else term.effect)(q): (term.grouping,)
@@ -193,8 +213,11 @@ def of_one_person(draws: xr.Dataset) -> None:
     for q in _UNITS:
         for variable in (f"{q}_{of}" for of in _OF):
             if variable in draws:
-                told = f"{_NAMES[q]} of {meaning(variable, people=1).of}"
-                draws[variable].attrs["long_name"] = told
+                words = draws[variable].attrs
+                over = words.get("averaged_over", "")
+                words["long_name"] = f"{_NAMES[q]} of {meaning(variable, people=1).of}" + (
+                    f", averaged over {over} with equal weight" if over else ""
+                )
 
 
 def labelled(

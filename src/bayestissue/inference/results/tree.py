@@ -85,7 +85,7 @@ def posterior_tree(
 
 
 def _coordinates(prepared: Prepared, kept: np.ndarray | None) -> dict[str, Any]:
-    levels = {name: list(grouping.levels) for name, grouping in prepared.design.groupings.items()}
+    levels = prepared.design.levels()
     names = {"impact": prepared.impacts["impact"].astype(str).tolist(), **levels}
     return names if kept is None else names | {"kept_draw": kept}
 
@@ -118,13 +118,14 @@ def _quantities(
     values = derived.reported_sites(design, sites)
     for name in prepared.model.nuisance:
         values |= {f"{name}_mean": sites[f"{name}_mean"], f"sd_{name}": sites[f"sd_{name}"]}
-    values |= derived.people_and_conditions(design, sites)
+    levels = derived.values_at_levels(design, values)
+    values |= levels
     values |= {name: impacts[name] for name in PER_IMPACT if name in impacts}
     if "chain_error" in impacts:
         record = prepared.data.record
         known = np.asarray(record.error_sd).any(axis=0)
         values |= {name: impacts["chain_error"][..., i] for i, name in enumerate(record.errors) if known[i]}
-    return values | derived.new_impact(design, sites, rng)
+    return values | derived.new_impact(design, sites, levels, rng)
 
 
 def _observed(prepared: Prepared) -> dict[str, np.ndarray]:

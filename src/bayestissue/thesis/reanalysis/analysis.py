@@ -113,8 +113,7 @@ def analyse(
 
 
 def _coordinates(design: Design, observations: PublishedObservations) -> dict[str, list[str]]:
-    levels = {name: list(grouping.levels) for name, grouping in design.groupings.items()}
-    return {"impact": observations.impacts, **levels, "averaged_trial": observations.averaged_trials}
+    return {"impact": observations.impacts, **design.levels(), "averaged_trial": observations.averaged_trials}
 
 
 _DIMENSIONS: dict[str, tuple[str, ...]] = {
@@ -153,8 +152,9 @@ def _quantities(
         values[q] = row[..., observations.impact_cell]
         values[f"{q}_cell"] = row[..., cell]
     mass = observations.cells["mass_kg"].to_numpy(float)
-    values |= derived.people_and_conditions(design, sites)
-    return values | derived.new_impact(design, sites, rng) | derived.straight_lines(design, sites, mass)
+    levels = derived.values_at_levels(design, derived.reported_sites(design, sites))
+    values |= levels | derived.new_impact(design, sites, levels, rng)
+    return values | derived.straight_lines(design, sites, mass)
 
 
 def _replicates(

@@ -8,7 +8,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.design import Design
-from bayestissue.inference.answers.levels import Recorded, log_at_levels
+from bayestissue.hierarchy.levels import Recorded, log_at_levels
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from designs import REFERENCE, design_of, impacts
 
@@ -34,9 +34,9 @@ def known() -> tuple[Design, dict[str, np.ndarray], xr.Dataset, Recorded]:
     rows = impacts()
     design = design_of(FORMULA, rows=rows)
     sites = sites_of(design, np.random.default_rng(1))
-    values = derived.reported_sites(design, sites) | derived.people_and_conditions(design, sites)
-    coordinates = {name: list(grouping.levels) for name, grouping in design.groupings.items()}
-    draws = labelled(values, design_dimensions(design), coordinates)
+    values = derived.reported_sites(design, sites)
+    values |= derived.values_at_levels(design, values)
+    draws = labelled(values, design_dimensions(design), design.levels())
     table = rows[["subject", "trial", "side", "mass_kg", "age", "session"]].assign(velocity_m_s=1.5)
     return design, sites, draws, Recorded(table, design.formulas.model_dump(), REFERENCE)
 
@@ -50,17 +50,105 @@ def test_every_recorded_row_has_the_value_that_the_fit_gave_it(known) -> None:
     assert_allclose(found, derived.row_logs(design, sites, "K"), rtol=1e-9, atol=1e-9)
 
 
-def test_a_level_alone_is_at_the_reference(known) -> None:
+def test_a_variable_has_what_a_question_answers(known) -> None:
     _, _, draws, recorded = known
-    # The mean age is of the reference; a person's own follows the person unless it is given.
-    at = {"age": recorded.reference["age"], "side": recorded.reference["side"]}
-    conditions = [{"subject": name, **at} for name in recorded.levels("subject")]
-    own = log_at_levels(
-        draws, recorded, "K", [{k: v for k, v in c.items() if k != "side"} for c in conditions]
-    )
-    assert_allclose(own, np.log(draws["K_subject"]), rtol=1e-9)
-    typical = log_at_levels(draws, recorded, "K", [{}])
-    assert_allclose(typical[..., 0], draws["intercept_K"])
+    asked = {
+        "K_subject": [{"subject": name} for name in recorded.levels("subject")],
+        "K_side": [{"side": name} for name in recorded.levels("side")],
+        "K_subject_side": [
+            dict(zip(("subject", "side"), name.split(":"), strict=True))
+            for name in draws["subject:side"].to_numpy()
+        ],
+        "K_typical_person": [{}],
+    }
+    for name, conditions in asked.items():
+        found = log_at_levels(draws, recorded, "K", conditions)
+        assert_allclose(found, np.log(draws[name].to_numpy().reshape(found.shape)), rtol=1e-9)
+    both = log_at_levels(draws, recorded, "K", [{"side": name} for name in ("left", "right")])
+    assert_allclose(np.log(draws["K_typical_person"]), both.mean(-1))
+
+
+# Formula, and of each variable by its levels the truth in log K: 8 + 0.2 right + 0.3 hard + people's
+# 0.01 and 0.02, of their sides +- 0.001 and +- 0.002, of sessions 0.05 and 0.06, team b 0.1.
+TABLE = [
+    ("side + (1|subject)", {"typical_person": [8.1], "side": [8, 8.2], "subject": [8.11, 8.12]}),
+    (
+        "side + (1|subject/side)",
+        {
+            "typical_person": [8.1],
+            "side": [8, 8.2],
+            "subject": [8.11, 8.12],
+            "subject_side": [8.011, 8.209, 8.022, 8.218],
+        },
+    ),
+    (
+        "(1|subject/side)",
+        {"typical_person": [8], "subject": [8.01, 8.02], "subject_side": [8.011, 8.009, 8.022, 8.018]},
+    ),
+    (
+        "side + surface + (1|subject) + (1|session)",
+        {
+            "typical_person": [8.25],
+            "side": [8.15, 8.35],
+            "surface": [8.1, 8.4],
+            "subject": [8.26, 8.27],
+            "session": [8.3, 8.31],
+        },
+    ),
+    (
+        "side + team + (1|subject/side)",
+        {
+            "typical_person": [8.15],
+            "team": [8.1, 8.2],
+            "subject": [8.11, 8.22],
+            "subject_side": [8.011, 8.209, 8.122, 8.318],
+        },
+    ),
+    ("side*surface + (1|subject)", {"typical_person": [8.2], "side": [8.15, 8.25], "surface": [8.0, 8.4]}),
+]
+
+
+@pytest.mark.parametrize(("formula", "truth"), TABLE)
+def test_every_value_is_the_truth_at_the_levels_that_it_names(formula, truth) -> None:
+    cells = [
+        (person, team, side, surface, session)
+        for person, team in (("s1", "a"), ("s2", "b"))
+        for side in ("left", "right")
+        for surface in ("soft", "hard")
+        for session in ("d1", "d2")
+        for _ in range(2)
+    ]
+    rows = pd.DataFrame(cells, columns=["subject", "team", "side", "surface", "session"])
+    rows = rows.assign(trial="t", mass_kg=np.resize([0.6, 1.0], len(rows)), velocity_m_s=1.0)
+    design = design_of(formula, rows=rows)
+    coefficients = {"side[right]": 0.2, "surface[soft]": -0.3, "team[b]": 0.1, "side:surface": -0.2}
+    effects = {
+        "subject": [0.01, 0.02],
+        "subject:side": [0.001, -0.001, 0.002, -0.002],
+        "session": [0.05, 0.06],
+    }
+    one = np.ones((1, 1))
+    sites = {f"sd_impact_{q}": one for q in "KC"}
+    for q, part in design.responses.items():
+        # Of the first row, left and soft.
+        sites[f"intercept_{q}"] = 8.0 * one
+        values = [coefficients.get(name, -0.2 if ":" in name else 0.0) for name in part.names]
+        sites[f"covariate_effect_{q}"] = (np.array(values) * part.scale)[None, None]
+        for term in part.terms:
+            sites[term.sd(q)] = one
+            sites[term.effect(q)] = np.array(effects[term.grouping])[None, None]
+    found = derived.values_at_levels(design, derived.reported_sites(design, sites))
+    for stem, logs in truth.items():
+        assert_allclose(np.log(found[f"K_{stem}"]).ravel(), logs, rtol=1e-12, err_msg=stem)
+
+
+def test_what_belongs_to_a_person_follows_and_nothing_follows_a_side() -> None:
+    rows = pd.DataFrame(
+        {"subject": ["a", "a", "b", "b"], "side": ["l", "r", "l", "r"], "session": ["1", "2", "1", "2"]}
+    ).assign(trial="t", mass_kg=1.0)
+    recorded = Recorded(rows, {"K": "side + (1|session) + (1|subject)"}, 1.0)
+    assert recorded.completed({"side": "l"}) == {"side": "l"}
+    assert recorded.completed({"session": "2"}) == {"session": "2", "side": "r"}
 
 
 def test_what_belongs_to_a_person_follows_the_person_and_mass_does_not() -> None:
@@ -69,7 +157,6 @@ def test_what_belongs_to_a_person_follows_the_person_and_mass_does_not() -> None
     recorded = Recorded(rows[["subject", "trial", "mass_kg", "age", "side"]], {"K": "age + (1|subject)"}, 0.8)
     assert recorded.completed({"subject": "s2"}) == {"subject": "s2", "age": 26.0}
     assert recorded.completed({"subject": "s2", "age": 40.0})["age"] == 40.0
-    assert recorded.completed({"side": "left"}) == {"side": "left"}
     assert recorded.completed({"subject": "nobody"}) == {"subject": "nobody"}
 
 

@@ -1,0 +1,345 @@
+"""K, C or a further parameter at given levels: of a person, a side, a covariate, a new level of a group.
+
+With the formula's covariates x and group terms z b, the expected log of a response is
+
+    log q = intercept + exponent log(M / M_ref) + sum_k effect_k x_k + sum_g z_g b_g(level),
+
+and q itself the median of impacts there. What is not given is
+
+- at the reference: the reference mass, the mean of other numbers;
+- averaged: log q over the recorded categories of a covariate, such as sides, each with equal weight; and the
+  effects of levels that lie in a given one, such as a person's own sides;
+- typical: an effect of 0 of a group's level, such as of a person or a session.
+
+But a column that is the same in all impacts of each level of a given group, as a person's sex is, has that
+level's value; mass, velocity and trial, which are chosen and no property of a level, never follow.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from typing import Any
+from zlib import crc32
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from jaxtyping import Float
+
+from bayestissue.dataset.impacts import RESERVED
+from bayestissue.hierarchy.effects import intercept, parameter_of
+from bayestissue.hierarchy.formulas.formula import (
+    categories_of_numbers,
+    columns_named,
+    evaluated_at,
+    group_terms,
+    reference_row,
+    variables_of_terms,
+)
+from bayestissue.hierarchy.formulas.group_terms import (
+    MASS_TERM,
+    Grouping,
+    GroupTerm,
+    grouping_of,
+    labels_of,
+)
+from bayestissue.hierarchy.formulas.identifiability import RESERVED_DIMENSIONS, RESERVED_STEMS
+
+Condition = Mapping[str, str | float]
+# Chosen by who measures, and no property of a person or a side.
+_CHOSEN = ("mass_kg", "velocity_m_s", "trial")
+
+
+@dataclass(frozen=True, eq=False)
+class Recorded:
+    """What was measured, as formulas need it.
+
+    Attributes:
+        rows: one an impact: ``subject``, ``trial``, ``mass_kg``, ``velocity_m_s`` and further columns of
+            ``impacts.csv``; categories as text.
+        formulas: of each response, as ``run.json`` has them.
+        reference_mass_kg: M_ref.
+    """
+
+    rows: pd.DataFrame
+    formulas: Mapping[str, str]
+    reference_mass_kg: float
+
+    @classmethod
+    def of_run(cls, constant_data: xr.Dataset, model: Mapping[str, Any]) -> Recorded:
+        """Of the group constant_data of a run and the model as ``run.json`` has it resolved."""
+        columns = {
+            str(array.attrs.get("column", str(name).removeprefix("impact_"))): array.to_numpy()
+            for name, array in constant_data.data_vars.items()
+            if array.dims == ("impact",)
+            and ("column" in array.attrs or name in ("impact_subject", "impact_trial"))
+        }
+        numbers = {name: constant_data[name].to_numpy() for name in ("mass_kg", "velocity_m_s")}
+        texts = {k: v if v.dtype.kind in "fiu" else v.astype(str).astype(object) for k, v in columns.items()}
+        formulas = {str(name): str(formula) for name, formula in model["formula"].items()}
+        return cls(pd.DataFrame(numbers | texts), formulas, float(model["reference_mass_kg"]))
+
+    @classmethod
+    def of_rows(
+        cls, impacts: pd.DataFrame, formulas: Mapping[str, str], reference_mass_kg: float
+    ) -> Recorded:
+        """Of a table of impacts, or of the cells of a design."""
+        kept = ["subject", "trial", "mass_kg", "velocity_m_s"]
+        rows = impacts[[name for name in impacts if name in kept or name not in RESERVED]]
+        return cls(rows.reset_index(drop=True), formulas, reference_mass_kg)
+
+    @cached_property
+    def needed(self) -> tuple[str, ...]:
+        """The columns that the formulas are of."""
+        return tuple(dict.fromkeys(name for each in self.formulas.values() for name in columns_named(each)))
+
+    @cached_property
+    def lacking(self) -> tuple[str, ...]:
+        """Columns of the formulas that an earlier version of the program did not keep."""
+        return tuple(name for name in self.needed if name not in self.rows)
+
+    @cached_property
+    def reference(self) -> dict[str, Any]:
+        """The reference row: see `bayestissue.hierarchy.formulas.formula.reference_row`."""
+        return reference_row(self.rows, self.reference_mass_kg)
+
+    @cached_property
+    def _categories_of_numbers(self) -> frozenset[str]:
+        return frozenset().union(*map(categories_of_numbers, self.formulas.values()))
+
+    def is_category(self, column: str) -> bool:
+        """Whether a column's values are categories: text, or numbers that a formula has in ``C()``."""
+        return column in self._categories_of_numbers or not self.is_number(column)
+
+    def is_number(self, column: str) -> bool:
+        """Whether a column holds numbers."""
+        return bool(pd.api.types.is_numeric_dtype(self.rows[column]))
+
+    def levels(self, column: str, rows: pd.DataFrame | None = None) -> list[str]:
+        """The levels of a column, in some of the rows, in order of appearance, as effects call them."""
+        return list(dict.fromkeys(labels_of((self.rows if rows is None else rows)[column])))
+
+    def matching(self, condition: Condition) -> pd.DataFrame:
+        """The recorded rows that have these values."""
+        keep = np.ones(len(self.rows), bool)
+        for column, value in condition.items():
+            keep &= labels_of(self.rows[column]) == _label(value)
+        return self.rows[keep]
+
+    def completed(self, condition: Condition) -> dict[str, Any]:
+        """The condition with the columns that follow from it: see the module."""
+        found = dict(condition)
+        for given, value in condition.items():
+            rows = self.matching({given: value}) if self.followers(given) else self.rows[:0]
+            if len(rows):
+                found = {name: rows[name].iloc[0] for name in self.followers(given)} | found
+        return found
+
+    def followers(self, column: str) -> tuple[str, ...]:
+        """The columns that follow from one of a group's levels; none from a number or a covariate."""
+        return self._followers.get(column, ())
+
+    @cached_property
+    def named(self) -> tuple[str, ...]:
+        """The columns whose values are names: categories, and what formulas group by."""
+        return tuple(str(name) for name in self.rows if name in self.factors or self.is_category(str(name)))
+
+    @cached_property
+    def factors(self) -> frozenset[str]:
+        """The columns that group terms are of, and the person."""
+        terms = [term for each in self.formulas.values() for term in group_terms(each)]
+        return frozenset({"subject", *(factor for term in terms for factor in term.factors)})
+
+    def categories(self, response: str) -> tuple[str, ...]:
+        """The covariates of a response that are categories."""
+        variables = variables_of_terms(self.formulas.get(response, "1"))
+        named = dict.fromkeys(name for own in variables for name in sorted(own))
+        return tuple(name for name in named if self.is_category(name))
+
+    def named_by(self, response: str) -> tuple[str, ...]:
+        """The covariates with categories of whose levels a variable of the posterior is."""
+        terms = [term for each in self.formulas.values() for term in group_terms(each)]
+        taken = {*RESERVED_DIMENSIONS, *RESERVED_STEMS, "subject", "trial", *(t.grouping for t in terms)}
+        return tuple(n for n in self.categories(response) if n not in taken and "/" not in n)
+
+    def conditions_of(self, grouping: Grouping) -> list[Condition]:
+        """The condition of each level of a grouping; those of trials have what was chosen in them too."""
+        first = np.unique(grouping.code, return_index=True)[1]
+        labels = zip(*(labels_of(self.rows[name].iloc[first]) for name in grouping.factors), strict=True)
+        conditions: list[Condition] = [dict(zip(grouping.factors, each, strict=True)) for each in labels]
+        if grouping.factors != ("trial",):
+            return conditions
+        chosen = self.rows[[name for name in ("mass_kg", "velocity_m_s") if name in self.rows]]
+        means = np.exp(np.log(chosen).groupby(grouping.code).mean()).to_dict("records")
+        return [{**each, **mean} for each, mean in zip(conditions, means, strict=True)]
+
+    def averaged(self, response: str, given: Iterable[str]) -> tuple[str, ...]:
+        """The columns whose categories a response is averaged over where these columns are given."""
+        given = set(given)
+        known = given.union(*(self.followers(name) for name in given))
+        formula = self.formulas.get(response, "1")
+        within = [name for term in group_terms(formula) for name in self._within(term, formula, known)]
+        return tuple(dict.fromkeys(n for n in (*self.categories(response), *within) if n not in known))
+
+    @staticmethod
+    def _within(term: GroupTerm, formula: str, known: Iterable[str]) -> tuple[str, ...]:
+        """The factors of a term whose levels lie in given ones; none where the term's effect is typical."""
+        left = tuple(factor for factor in term.factors if factor not in set(known))
+        groups = {each.factors[0] for each in group_terms(formula) if len(each.factors) == 1} | {"subject"}
+        return () if len(left) == len(term.factors) or groups & set(left) else left
+
+    @cached_property
+    def _followers(self) -> dict[str, tuple[str, ...]]:
+        others = [str(name) for name in self.rows if name not in _CHOSEN]
+        labels = {given: labels_of(self.rows[given]) for given in self.named if given in self.factors}
+        return {
+            given: tuple(
+                name
+                for name in others
+                if name != given and self.rows[name].groupby(by).nunique(dropna=False).eq(1).all()
+            )
+            for given, by in labels.items()
+        }
+
+    def at(
+        self, response: str, conditions: Sequence[Condition]
+    ) -> tuple[dict[str, np.ndarray], dict[GroupTerm, np.ndarray]]:
+        """Covariates and those of the group terms in conditions that are complete, averaged, [condition]."""
+        key = response, tuple(tuple(sorted(condition.items())) for condition in conditions)
+        if key not in self._evaluated:
+            # Asked of the posterior and of the prior; to read a formula takes longer than all draws of it.
+            formula = self.formulas.get(response, "1")
+            at = reference_row(self.rows, self.reference_mass_kg, categories_of_numbers(formula))
+            spread = [self._spread(response, condition) for condition in conditions]
+            new = pd.DataFrame([at | {k: c[k] for k in c if k in self.rows} for part in spread for c in part])
+            for column in self.rows:
+                new[column] = new[column].astype(float if self.is_number(str(column)) else str)
+            covariates, groups = evaluated_at(formula, self.rows, self.reference_mass_kg, new)
+            counts = np.array([len(part) for part in spread])
+            first = np.cumsum(counts) - counts
+            # A formula is linear in its columns, so that their mean is that of log q.
+            self._evaluated[key] = (
+                {name: np.add.reduceat(values, first) / counts for name, values in covariates.items()},
+                {term: np.add.reduceat(values, first) / counts for term, values in groups.items()},
+            )
+        return self._evaluated[key]
+
+    def _spread(self, response: str, condition: Condition) -> list[dict[str, Any]]:
+        """A condition in each combination of the categories that it does not give."""
+        free = {
+            name: self.rows[name].drop_duplicates().tolist()
+            for name in self.categories(response)
+            if name not in condition
+        }
+        return [dict(condition) | dict(zip(free, values, strict=True)) for values in product(*free.values())]
+
+    def level_effects(
+        self, response: str, term: GroupTerm, condition: Condition, levels: Sequence[str]
+    ) -> Float[np.ndarray, " level"] | None:
+        """The weights by which effects of a term's recorded levels enter a condition; None for a new level.
+
+        All are 0 where the level is a typical one.
+        """
+        weights = np.zeros(len(levels))
+        left = [factor for factor in term.factors if factor not in condition]
+        if not left:
+            labels = [_combined(term, condition)]
+            if labels[0] not in levels:
+                return None
+        elif not self._within(term, self.formulas.get(response, "1"), condition):
+            return weights
+        elif set(left) <= set(self.categories(response)):
+            labels = [_combined(term, part) for part in self._spread(response, condition)]
+        else:
+            rows = self.matching({name: condition[name] for name in term.factors if name not in left})
+            labels = list(grouping_of(rows, term.factors).levels) if len(rows) else []
+        places = {level: number for number, level in enumerate(levels)}
+        for label in labels:
+            if label in places:
+                weights[places[label]] += 1 / len(labels)
+        return weights
+
+    @cached_property
+    def _evaluated(self) -> dict[Any, tuple[dict[str, np.ndarray], dict[GroupTerm, np.ndarray]]]:
+        return {}
+
+
+def log_at_levels(
+    draws: xr.Dataset,
+    recorded: Recorded,
+    response: str,
+    conditions: Sequence[Condition],
+    *,
+    new_levels: int | None = None,
+    follow: bool = True,
+) -> Float[np.ndarray, "chain draw condition"]:
+    """The expected log of a response in each condition, for each draw.
+
+    Args:
+        draws: the group posterior or prior.
+        recorded: what was measured.
+        response: "K", "C" or a further parameter of the element.
+        conditions: what is given in each, by column: a category or the name of a level as text, or a number.
+            A level of a group that was not measured, alone or in its combination, is a new one of the same
+            population: its effect is drawn from N(0, s²), the same wherever it stands.
+        new_levels: None for typical levels of groups that are not given; a number for new ones, which is also
+            the seed of all new levels' effects.
+        follow: whether a given level brings what follows from it, see the module; else all else is equal.
+    """
+    complete = [recorded.completed(each) for each in conditions] if follow else [dict(c) for c in conditions]
+    covariates, groups = recorded.at(response, complete)
+    found = draws[intercept(parameter_of(response))].to_numpy()[..., None] + np.zeros(len(conditions))
+    for name, values in covariates.items():
+        found = found + _coefficient(draws, name, response)[..., None] * values
+    for term, values in groups.items():
+        found = found + _effects(draws, recorded, term, response, complete, new_levels) * values
+    return found
+
+
+def _effects(
+    draws: xr.Dataset,
+    recorded: Recorded,
+    term: GroupTerm,
+    response: str,
+    conditions: Sequence[Condition],
+    new_levels: int | None,
+) -> Float[np.ndarray, "chain draw condition"]:
+    """What the levels of a term add to the intercept or to a coefficient."""
+    own = draws[(term.own if term.slope else term.effect)(response)]
+    values = own.to_numpy()
+    if term.slope:
+        values = values - _coefficient(draws, term.slope, response)[..., None]
+    levels = own[term.grouping].astype(str).to_numpy().tolist()
+    weights = np.zeros((len(levels), len(conditions)))
+    drawn = {}
+    for place, condition in enumerate(conditions):
+        found = recorded.level_effects(response, term, condition, levels)
+        if found is not None:
+            weights[:, place] = found
+        if found is None or (new_levels is not None and not found.any()):
+            seed = [new_levels or 0, crc32(f"{term} {response} {_combined(term, condition)}".encode())]
+            sd = draws[term.sd(response)].to_numpy()
+            drawn[place] = sd * np.random.default_rng(seed).standard_normal(sd.shape)
+    effects = values @ weights
+    for place, effect in drawn.items():
+        effects[..., place] = effect
+    return effects
+
+
+def _coefficient(draws: xr.Dataset, name: str, response: str) -> np.ndarray:
+    """The population's coefficient of a covariate; 0 where the formula has levels' own alone."""
+    variable = f"mass_exponent_{response}" if name == MASS_TERM else f"effect_of_{name}_{response}"
+    if variable in draws:
+        return draws[variable].to_numpy()
+    return np.zeros((draws.sizes["chain"], draws.sizes["draw"]))
+
+
+def _combined(term: GroupTerm, condition: Condition) -> str:
+    return ":".join(_label(condition.get(factor, "")) for factor in term.factors)
+
+
+def _label(value: Any) -> str:
+    return f"{value:.12g}" if isinstance(value, float) else str(value)
