@@ -3,7 +3,7 @@
     .venv/bin/python benchmarks/calibration_answers.py
 
 300 times a study is drawn from the model of calibration-answers.toml, top down: eight people, women and men
-in turn, hit on both sides in three conditions, two of them at one mass, by one of three operators. Of each
+in turn, hit on both sides in three conditions, two of them at one mass, in one of three sessions. Of each
 of the 48 impacts log K and log C are measured with normal errors of known standard deviations, which stand
 in the place of what a trace says: Gaussian sites that are exact. The population is sampled and labelled as
 a fit does it, and asked everything; traces are the business of calibration.py. Of each 90 % interval it is
@@ -43,7 +43,7 @@ from numpyro.infer import HMC
 from numpyro.infer.util import potential_energy
 
 from bayestissue import runtime
-from bayestissue.hierarchy.derived import named_sites, new_impact, reported_sites
+from bayestissue.hierarchy.derived import named_sites, new_impact, reported_sites, values_at_levels
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.gaussian.arrangement import expected
 from bayestissue.hierarchy.gaussian.conditional import Data
@@ -52,7 +52,6 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, gaussian
 from bayestissue.inference.answers.contrasts import contrasts
 from bayestissue.inference.answers.finished import Finished
-from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.people import people_compared
 from bayestissue.inference.answers.predictions import QUANTITIES, predict
 from bayestissue.inference.answers.questions import ask, numbered
@@ -82,16 +81,16 @@ DESIGN: dict[str, Any] = {
     ],
     "factors": (
         {"name": "side", "levels": ["left", "right"]},
-        {"name": "operator", "levels": ["a", "b", "c"], "every": False},
+        {"name": "session", "levels": ["d1", "d2", "d3"], "every": False},
     ),
 }
 PEOPLE = {"sex": ("f", "m")}
-GROUPS = ("subject", "subject:side", "trial", "operator")
+GROUPS = ("subject", "subject:side", "trial", "session")
 REFERENCE_KG = 0.7
 DETECTABLE, EQUIVALENCE = 1.96 * np.sqrt(2), 0.1
 PREDICTED = {
-    "of a recorded person, side, condition and operator": {
-        **{"subject": "s03", "side": "right", "trial": "t1", "operator": "b"},
+    "of a recorded person, side, condition and session": {
+        **{"subject": "s03", "side": "right", "trial": "t1", "session": "d2"},
         **{"mass_kg": 0.575, "velocity_m_s": 1.2},
     },
     "of a recorded person and side, all else new": {
@@ -121,7 +120,7 @@ class World:
         effects: of each group and response, by level.
         sd: the standard deviations and the correlation, by name.
         measurement: variance that one trace leaves of log K and of log C, the median over impacts.
-        operators: how many a person met, the median.
+        sessions: how many a person came to, the median.
         random: of new levels and impacts.
     """
 
@@ -129,18 +128,28 @@ class World:
     effects: dict[tuple[str, str], dict[str, float]]
     sd: dict[str, float]
     measurement: dict[str, float]
-    operators: float
+    sessions: float
     random: np.random.Generator
 
     def log(self, q: str, new: bool = False, **at: Any) -> float:
-        """Expected log at some levels; groups that are not given are typical, or ``new``."""
+        """Expected log at some levels, averaged over sides and sexes that are not given.
+
+        Groups that are not given are typical, or ``new``; of a person's sides the average.
+        """
         if "subject" in at:
             at["sex"] = PEOPLE["sex"][(int(at["subject"][1:]) - 1) % 2]
-        found = float(_columns(at) @ self.fixed[q])
+        sides = [at["side"]] if "side" in at else ["left", "right"]
+        sexes = [at["sex"]] if "sex" in at else ["f", "m"]
+        every = [at | {"side": side, "sex": sex} for side in sides for sex in sexes]
+        found = float(np.mean([_columns(each) @ self.fixed[q] for each in every]))
         for group in GROUPS:
-            level = ":".join(str(at.get(name, "")) for name in group.split(":"))
-            if level in self.effects[group, q]:
-                found += self.effects[group, q][level]
+            names = group.split(":")
+            levels = {":".join(str(each.get(name, "")) for name in names) for each in every}
+            known = [
+                self.effects[group, q][level] for level in sorted(levels) if level in self.effects[group, q]
+            ]
+            if known:
+                found += float(np.mean(known))
             elif new:
                 found += self.sd[f"sd_{group.replace(':', '_')}_{q}"] * self.random.standard_normal()
         return found
@@ -159,21 +168,31 @@ class World:
 
     def icc(self, q: str, form: str, *, averaged: bool = False) -> float:
         """Intraclass correlation of one impact, or of all six of a person: both sides in three conditions."""
-        people, side, trial, operator, impact = (
+        people, side, trial, session, impact = (
             self.sd[f"sd_{name}_{q}"] ** 2
-            for name in ("subject", "subject_side", "trial", "operator", "impact")
+            for name in ("subject", "subject_side", "trial", "session", "impact")
         )
-        sides, trials, operators, k = (2, 3, self.operators, 6) if averaged else (1, 1, 1, 1)
+        sides, trials, sessions, k = (2, 3, self.sessions, 6) if averaged else (1, 1, 1, 1)
         error = side / sides + (impact + self.measurement[q]) / k
         if form == "A":
-            error += trial / trials + operator / operators
+            error += trial / trials + session / sessions
         return people / (people + error)
 
-    def error(self, q: str, form: str) -> float:
-        """Variance of a measurement about the person's own value: "A", "C", or what the "person" does."""
-        names = ("subject_side", "impact", *(("trial", "operator") if form == "A" else ()))
-        measured = 0.0 if form == "person" else self.measurement[q]
-        return measured + sum(self.sd[f"sd_{name}_{q}"] ** 2 for name in names)
+    def error(self, q: str, form: str, *, averaged: bool = False) -> float:
+        """Variance of a measurement, or of a mean of six, about the person's own value.
+
+        By agreement "A", consistency "C", of a repeat "R", or what the "person" does.
+        """
+        side, trial, session, impact = (
+            self.sd[f"sd_{name}_{q}"] ** 2 for name in ("subject_side", "trial", "session", "impact")
+        )
+        sides, trials, sessions, k = (2, 3, self.sessions, 6) if averaged else (1, 1, 1, 1)
+        found = (impact + (0.0 if form == "person" else self.measurement[q])) / k
+        if form in "AC":
+            found += side / sides
+        if form == "A":
+            found += trial / trials + session / sessions
+        return found
 
     def new_impact(self, at: Levels) -> dict[str, float]:
         """K, C and the peaks of one new impact."""
@@ -235,8 +254,8 @@ def world_of(base: Prepared, drawn: Mapping[str, np.ndarray], random: np.random.
         assert miss.sum() < 1e-12
     sd = {name: float(drawn[name]) for name in model.hyperparameters}
     measurement = {q: MEASUREMENT_SD[q] ** 2 for q in "KC"}
-    operators = float(rows.groupby("subject")["operator"].nunique().median())
-    return World(fixed, effects, sd, measurement, operators, random)
+    sessions = float(rows.groupby("subject")["session"].nunique().median())
+    return World(fixed, effects, sd, measurement, sessions, random)
 
 
 QUESTIONS: dict[str, Callable[[World], bool | float]] = {
@@ -250,7 +269,7 @@ QUESTIONS: dict[str, Callable[[World], bool | float]] = {
     "K[trial=t1] > K[trial=t2] and C[trial=t1] > C[trial=t2]": lambda w: all(
         w.over(q, {"trial": "t1"}, {"trial": "t2"}) > 1 for q in "KC"
     ),
-    "not K[operator=a] between 2900 and 3100": lambda w: not 2900 <= w.value("K", operator="a") <= 3100,
+    "not K[session=d1] between 2900 and 3100": lambda w: not 2900 <= w.value("K", session="d1") <= 3100,
     "mass_exponent_K > 0.5": lambda w: w.fixed["K"][1] > 0.5,
     "ICC_A1_K > 0.75": lambda w: w.icc("K", "A") > 0.75,
     "ICC_C1_C > 0.5 or ICC_C1_K > 0.5": lambda w: max(w.icc("C", "C"), w.icc("K", "C")) > 0.5,
@@ -292,6 +311,7 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
                 (name, "prior", row["prior"]),
                 (name, "true", float(truth)),
             )
+    yield from _of_levels(finished.posterior, world)
     made = predict(finished, list(PREDICTED.values())).to_dict("records")
     for (which, at), row in zip(PREDICTED.items(), made, strict=True):
         truth = world.new_impact(at)
@@ -300,17 +320,35 @@ def lines_of(finished: Finished, reliable: pd.DataFrame, world: World) -> Iterat
             yield f"prediction|{q} {which}", "interval", _side(low_high, truth[q])
 
 
+def _of_levels(posterior: xr.Dataset, world: World) -> Iterator[tuple[str, str, float]]:
+    """K and C in their units of a typical person, of sides, people, people's sides, sessions."""
+    for q in RESPONSES:
+        for stem in ("typical_person", "side", "sex", "subject", "subject_side", "session"):
+            array = posterior[f"{q}_{stem}"]
+            dims = [str(name) for name in array.dims if name not in ("chain", "draw")]
+            labels = array[dims[0]].to_numpy().astype(str) if dims else [""]
+            draws = array.transpose("chain", "draw", ...).to_numpy().reshape(-1, len(labels))
+            low, high = np.quantile(draws, [0.05, 0.95], axis=0)
+            for place, label in enumerate(labels):
+                at = dict(zip(dims[0].split(":"), label.split(":"), strict=True)) if dims else {}
+                ends = {"low": low[place], "high": high[place]}
+                yield f"level|{q} of {stem} {label}".rstrip(), "interval", _side(ends, world.value(q, **at))
+
+
 def _of_reliability(reliable: pd.DataFrame, world: World) -> Iterator[tuple[str, str, float]]:
     for row in reliable.to_dict("records"):
         q, measure, form = (str(row[name]) for name in ("quantity", "measure", "form"))
         if form == "measuring chain":
             continue
-        letter = {"agreement": "A", "consistency": "C"}.get(form, form[4:5] if "ICC" in form else form)
+        word, _, averaged = form.partition(", means of ")
+        letter = {"agreement": "A", "consistency": "C", "repeat": "R"}.get(
+            word, form[4:5] if "ICC" in form else form
+        )
         if measure == ICC:
             truth = world.icc(q, letter, averaged=",k)" in form)
         elif measure in (SEM, MDC):
             factor = 1.0 if measure == SEM else DETECTABLE
-            relative = float(np.expm1(factor * np.sqrt(world.error(q, letter))))
+            relative = float(np.expm1(factor * np.sqrt(world.error(q, letter, averaged=bool(averaged)))))
             truth = 100 * relative if row["unit"] == "%" else relative * world.value(q)
         else:
             assert measure == REPEATS
@@ -340,8 +378,7 @@ class Studies:
     def __init__(self) -> None:
         self._base = base = blank(KIND, PEOPLE, **DESIGN)
         self._draw, self._sample = drawing(base), jax.jit(jax.vmap(self._chain))
-        formulas = base.design.formulas.model_dump()
-        self._recorded = Recorded.of_rows(base.impacts, formulas, base.design.reference_mass_kg)
+        self._recorded = base.design.recorded
         made, *_ = jax.device_get(prior_draws(base.model, base.data, jax.random.PRNGKey(SEED)))
         drawn = {name: values[None] for name, values in made.items()}
         self._prior = self._labelled(drawn, drawn.pop("locations"), np.random.default_rng(SEED))
@@ -413,9 +450,10 @@ class Studies:
         """As `posterior_tree` has the population's quantities."""
         design = self._base.design
         sites = named_sites(self._base.model.locations, design, spreads, b)
-        levels = {name: list(grouping.levels) for name, grouping in design.groupings.items()}
-        arrays = reported_sites(design, sites) | new_impact(design, sites, random)
-        return labelled(arrays, design_dimensions(design), levels)
+        arrays = reported_sites(design, sites)
+        levels = values_at_levels(design, arrays)
+        arrays |= levels | new_impact(design, sites, levels, random)
+        return labelled(arrays, design_dimensions(design), design.levels())
 
     def _asked(self, posterior: xr.Dataset, world: World) -> dict[str, float]:
         every, groups = [], []

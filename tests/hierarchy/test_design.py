@@ -195,6 +195,37 @@ def test_a_formula_left_out_is_what_the_rows_can_tell(table, formula, reasons) -
         assert words in left_out[term]
 
 
+@pytest.mark.parametrize(
+    ("formula", "hidden", "by"),
+    [
+        ("side + (1|session) + (1|subject)", "session", "side"),
+        ("team + (1|operator) + (1|subject)", "operator", "team"),
+        ("treatment + (1|day) + (1|subject)", "day", "treatment"),
+        ("sex + (1|subject)", "subject", "sex"),
+    ],
+)
+def test_a_factor_that_a_group_hides_is_refused_with_both_names(formula, hidden, by) -> None:
+    cells = [(f"s{p}", side, mass) for p in range(4) for side in "lr" for mass in (0.5, 1.0, 0.5)]
+    rows = pd.DataFrame(cells, columns=["subject", "side", "mass_kg"]).assign(trial="t", velocity_m_s=1.0)
+    rows["session"] = (rows["side"] == "r").astype(int) + 1
+    rows["team"] = np.where(rows["subject"] < "s2", "a", "b")
+    rows["operator"] = rows["team"].str.upper()
+    rows["treatment"] = np.resize(["none", "ice", "heat"], len(rows))
+    rows["day"] = rows["treatment"].str[0]
+    rows["sex"] = np.where(rows["subject"] == "s0", "f", "m")
+    if hidden == "subject":
+        rows = rows[rows["subject"] < "s2"]
+    with pytest.raises(InputError) as caught:
+        build_design(Formulas(K=formula, C="1"), rows, reference_mass_kg=None, source="m.toml")
+    (problem,) = caught.value.problems
+    assert problem.expected == f"several levels of {hidden} for each {by}"
+    assert f"(1|{hidden}): {by} and {hidden} change together" in problem.remedy
+    # A second session of one side is enough for the spread of sessions to have a say.
+    if hidden == "session":
+        rows.loc[rows.index[:3], "session"] = 3
+        build_design(Formulas(K=formula, C="1"), rows, reference_mass_kg=None, source="m.toml")
+
+
 def test_names_shared_by_people_and_conditions_confuse_nothing() -> None:
     table = rows(people=4).assign(subject=lambda t: [f"{i}" for i in np.tile(np.arange(4), 4)])
     assert adapted(table)[0] == PLAIN

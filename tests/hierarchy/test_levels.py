@@ -69,21 +69,25 @@ def test_a_variable_has_what_a_question_answers(known) -> None:
 
 
 # Formula, and of each variable by its levels the truth in log K: 8 + 0.2 right + 0.3 hard + people's
-# 0.01 and 0.02, of their sides +- 0.001 and +- 0.002, of sessions 0.05 and 0.06, team b 0.1.
+# 0.01, 0.02 and 0.03, of their sides a tenth more and less, of sessions 0.05 and 0.06, team b 0.1.
 TABLE = [
-    ("side + (1|subject)", {"typical_person": [8.1], "side": [8, 8.2], "subject": [8.11, 8.12]}),
+    ("side + (1|subject)", {"typical_person": [8.1], "side": [8, 8.2], "subject": [8.11, 8.12, 8.13]}),
     (
         "side + (1|subject/side)",
         {
             "typical_person": [8.1],
             "side": [8, 8.2],
-            "subject": [8.11, 8.12],
-            "subject_side": [8.011, 8.209, 8.022, 8.218],
+            "subject": [8.11, 8.12, 8.13],
+            "subject_side": [8.011, 8.209, 8.022, 8.218, 8.033, 8.227],
         },
     ),
     (
         "(1|subject/side)",
-        {"typical_person": [8], "subject": [8.01, 8.02], "subject_side": [8.011, 8.009, 8.022, 8.018]},
+        {
+            "typical_person": [8],
+            "subject": [8.01, 8.02, 8.03],
+            "subject_side": [8.011, 8.009, 8.022, 8.018, 8.033, 8.027],
+        },
     ),
     (
         "side + surface + (1|subject) + (1|session)",
@@ -91,7 +95,7 @@ TABLE = [
             "typical_person": [8.25],
             "side": [8.15, 8.35],
             "surface": [8.1, 8.4],
-            "subject": [8.26, 8.27],
+            "subject": [8.26, 8.27, 8.28],
             "session": [8.3, 8.31],
         },
     ),
@@ -100,8 +104,8 @@ TABLE = [
         {
             "typical_person": [8.15],
             "team": [8.1, 8.2],
-            "subject": [8.11, 8.22],
-            "subject_side": [8.011, 8.209, 8.122, 8.318],
+            "subject": [8.11, 8.22, 8.23],
+            "subject_side": [8.011, 8.209, 8.122, 8.318, 8.133, 8.327],
         },
     ),
     ("side*surface + (1|subject)", {"typical_person": [8.2], "side": [8.15, 8.25], "surface": [8.0, 8.4]}),
@@ -112,7 +116,7 @@ TABLE = [
 def test_every_value_is_the_truth_at_the_levels_that_it_names(formula, truth) -> None:
     cells = [
         (person, team, side, surface, session)
-        for person, team in (("s1", "a"), ("s2", "b"))
+        for person, team in (("s1", "a"), ("s2", "b"), ("s3", "b"))
         for side in ("left", "right")
         for surface in ("soft", "hard")
         for session in ("d1", "d2")
@@ -123,8 +127,8 @@ def test_every_value_is_the_truth_at_the_levels_that_it_names(formula, truth) ->
     design = design_of(formula, rows=rows)
     coefficients = {"side[right]": 0.2, "surface[soft]": -0.3, "team[b]": 0.1, "side:surface": -0.2}
     effects = {
-        "subject": [0.01, 0.02],
-        "subject:side": [0.001, -0.001, 0.002, -0.002],
+        "subject": [0.01, 0.02, 0.03],
+        "subject:side": [0.001, -0.001, 0.002, -0.002, 0.003, -0.003],
         "session": [0.05, 0.06],
     }
     one = np.ones((1, 1))

@@ -117,6 +117,22 @@ def values_at_levels(design: Design, reported: Draws) -> dict[str, np.ndarray]:
     return values
 
 
+def typical_covariates(design: Design, response: str) -> np.ndarray:
+    """The covariates of a typical person, as the design has them, [covariate]: means over categories."""
+    part = design.responses[response]
+    values, _ = design.recorded.at(response, [{}])
+    return np.array([values[name][0] for name in part.names]) / part.scale
+
+
+def typical_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
+    """The log of a typical person's response at the reference mass, [chain, draw]."""
+    log = sites[intercept(design.responses[response].parameter)]
+    covariates = typical_covariates(design, response)
+    if not len(covariates):
+        return log
+    return log + sites[f"covariate_effect_{response}"][..., : len(covariates)] @ covariates
+
+
 def _dataset(design: Design, reported: Draws) -> xr.Dataset:
     """What `reported_sites` has, with the levels of each group term's effects."""
     levels = {

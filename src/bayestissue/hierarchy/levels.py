@@ -30,6 +30,7 @@ import xarray as xr
 from jaxtyping import Float
 
 from bayestissue.dataset.impacts import RESERVED
+from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import intercept, parameter_of
 from bayestissue.hierarchy.formulas.formula import (
     categories_of_numbers,
@@ -49,6 +50,8 @@ from bayestissue.hierarchy.formulas.group_terms import (
 from bayestissue.hierarchy.formulas.identifiability import RESERVED_DIMENSIONS, RESERVED_STEMS
 
 Condition = Mapping[str, str | float]
+# What questions and tables call a level that was not measured.
+NEW = "new"
 # Chosen by who measures, and no property of a person or a side.
 _CHOSEN = ("mass_kg", "velocity_m_s", "trial")
 
@@ -173,8 +176,34 @@ class Recorded:
         if grouping.factors != ("trial",):
             return conditions
         chosen = self.rows[[name for name in ("mass_kg", "velocity_m_s") if name in self.rows]]
-        means = np.exp(np.log(chosen).groupby(grouping.code).mean()).to_dict("records")
-        return [{**each, **mean} for each, mean in zip(conditions, means, strict=True)]
+        means = chosen.apply(np.log).groupby(grouping.code).mean().apply(np.exp).to_dict("records")
+        return [
+            {**each, **{str(k): float(v) for k, v in mean.items()}}
+            for each, mean in zip(conditions, means, strict=True)
+        ]
+
+    def may_be_new(self, column: str) -> bool:
+        """Whether a column may have a level that was not recorded: a group's, but no covariate's category."""
+        return column in self.factors and not any(column in self.categories(q) for q in self.formulas)
+
+    def beyond(self, condition: Condition) -> list[Coded]:
+        """Numbers beyond those that were measured: the formula is then drawn out, and the element's law."""
+        found = []
+        for name, value in condition.items():
+            if name in self.rows and self.is_number(name) and isinstance(value, float):
+                low, high = self.rows[name].min(), self.rows[name].max()
+                if not low <= value <= high:
+                    words = f"{name} beyond those measured, {low:.4g} to {high:.4g}"
+                    found.append(Coded(words, "beyond-measured"))
+        return found
+
+    def average_notes(self, responses: Iterable[str], given: Iterable[str]) -> list[Coded]:
+        """That responses are averaged where these columns are given; empty where nothing is."""
+        given = tuple(given)
+        over = dict.fromkeys(name for q in responses for name in self.averaged(q, given))
+        if not over:
+            return []
+        return [Coded(f"averaged over {' and '.join(over)}, each level with equal weight", "averaged")]
 
     def averaged(self, response: str, given: Iterable[str]) -> tuple[str, ...]:
         """The columns whose categories a response is averaged over where these columns are given."""

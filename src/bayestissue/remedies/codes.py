@@ -131,6 +131,9 @@ Code = Literal[
     "too-few-draws",
     "prediction-table",
     "beyond-measured",
+    "averaged",
+    "one-session",
+    "new-level",
     "not-simulated",
     "wrong-quantity",
     # How a command ended.

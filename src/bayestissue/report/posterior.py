@@ -76,8 +76,14 @@ def spread(draws: np.ndarray) -> Spread:
 
 
 def typical(run: PosteriorRun, quantity: str) -> Spread:
-    """``exp(intercept)``: K or C of a typical person at the reference mass, in N/m or N s/m."""
-    return spread(np.exp(run.draws(f"intercept_{quantity}")))
+    """K or C of a typical person at the reference mass, in N/m or N s/m."""
+    return spread(typical_draws(run, quantity))
+
+
+def typical_draws(run: PosteriorRun, quantity: str) -> np.ndarray:
+    """Draws of it, [draw]; runs of earlier versions have it of the first category alone."""
+    name = f"{quantity}_typical_person"
+    return run.draws(name) if run.has(name) else np.exp(run.draws(f"intercept_{quantity}"))
 
 
 def new_person(run: PosteriorRun, quantity: str) -> Spread:

@@ -176,9 +176,10 @@ FILES: dict[str, File] = {
     "reliability.csv": _table(
         "fit",
         "a measure of how repeatable a measurement of a person is",
-        "quantity measure form median low high unit prior_overlap",
+        "quantity measure form median low high unit prior_overlap varies",
         measure="intraclass correlation, standard error of measurement, minimal detectable change, repeats",
         form="which form of it, such as ICC(A,1)",
+        varies="groups whose levels may differ between the measurements; all else is the same",
     ),
     "agreement.csv": _table(
         "fit",

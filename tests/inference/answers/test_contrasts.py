@@ -8,10 +8,10 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
+from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.contrasts import ALL, COLUMNS, contrasts
 from bayestissue.inference.answers.draws import draws_of as draws_at
 from bayestissue.inference.answers.grammar import parse
-from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.meaning import mistakes
 from bayestissue.inference.answers.people import people_compared
 from designs import REFERENCE, impacts

@@ -16,6 +16,7 @@ from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, SUBJECT, TRIAL
 from bayestissue.hierarchy.formulas.identifiability import (
     PRECISION,
     Fault,
+    aliased,
     unidentified,
     unsuited_columns,
     written_twice,
@@ -98,6 +99,10 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
         columns, names, owners, wrong_terms = _evaluated(terms, rows, reference_mass_kg)
         if not wrong_terms:
             wrong_terms = _dependent(terms, columns, names, owners, rows)
+        if not wrong_terms:
+            categories = [i for i, name in enumerate(owners) if _is_category(name, terms, rows)]
+            of = [" and ".join(sorted(terms.common[owners[i]])) for i in categories]
+            wrong_terms = aliased(terms.groups, columns[:, categories], of, rows)
         if not wrong_terms:
             kept = {term: groups[term] for term in terms.groups}
             return Judged(terms, columns, tuple(names), kept, tuple(faults))
@@ -231,6 +236,12 @@ def _covariates_of_groups(
         else:
             values[term] = columns[:, 0]
     return values, faults
+
+
+def _is_category(name: str, terms: Terms, rows: pd.DataFrame) -> bool:
+    """Whether a term is of categories alone, text or in ``C()``."""
+    known = categories_of_numbers(name)
+    return all(c in known or not pd.api.types.is_numeric_dtype(rows[c]) for c in terms.common[name])
 
 
 def _tied(terms: Terms) -> list[Fault]:

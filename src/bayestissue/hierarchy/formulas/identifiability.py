@@ -70,9 +70,7 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
         elif "impact" in term.factors:
             reason = "an impact's own scatter is in every model, as sd_impact_K and sd_impact_C"
             faults.append(Fault(str(term), "levels of several impacts", reason))
-        elif term.grouping in taken or any(
-            "/" in name for name in term.factors
-        ):
+        elif term.grouping in taken or any("/" in name for name in term.factors):
             expected = f"a column of another name than {', '.join(taken[1:])}, without /"
             reason = "results need that name for something else; rename the column"
             faults.append(Fault(str(term), expected, reason))
@@ -101,6 +99,47 @@ def unidentified(values: Mapping[GroupTerm, Float[np.ndarray, " row"]], rows: pd
     }
     left = {term: x for term, x in values.items() if term not in faults}
     return [*faults.values(), *_alike(left, groupings)]
+
+
+def aliased(
+    groups: Sequence[GroupTerm],
+    columns: Float[np.ndarray, "row column"],
+    names: Sequence[str],
+    rows: pd.DataFrame,
+) -> list[Fault]:
+    """Terms whose levels categories determine: effects of the levels are combinations of the categories'.
+
+    With Z of the levels and X of an intercept and the categories, that is rank [X, Z] = rank X. What the
+    categories do could then be told from what the levels do by the prior of their spread alone.
+
+    Args:
+        groups: the terms.
+        columns: of the covariates that are categories.
+        names: of each of these columns the column of the data.
+        rows: one an impact.
+    """
+    X = np.column_stack([np.ones(len(rows)), columns])
+    X = X / np.linalg.norm(X, axis=0)
+    faults = []
+    for term in groups:
+        grouping = grouping_of(rows, term.factors)
+        if term.slope or not names or len(grouping.levels) > len(X.T):
+            continue
+        levels = (grouping.code[:, None] == np.arange(len(grouping.levels))).astype(float)
+        left = levels - X @ np.linalg.lstsq(X, levels, rcond=None)[0]
+        if np.linalg.norm(left, axis=0).max() > PRECISION:
+            continue
+        first = columns[np.unique(grouping.code, return_index=True)[1]]
+        within = np.abs(columns - first[grouping.code]).max(axis=0) <= PRECISION
+        own = [name for name, constant in zip(names, within, strict=True) if constant]
+        beside = " and ".join(dict.fromkeys(own or names))
+        reason = (
+            f"{beside} and {term.grouping} change together, each {term.grouping} having one {beside}, so "
+            "that effects of one can't be told from those of the other"
+        )
+        expected = f"several levels of {term.grouping} for each {beside}"
+        faults.append(Fault(str(term), expected, reason))
+    return faults
 
 
 def _by_itself(

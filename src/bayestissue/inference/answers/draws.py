@@ -32,6 +32,12 @@ _OPERATORS: dict[str, Callable[..., Any]] = {
     "exp": np.exp,
     "log": np.log,
 }
+# Whence what is no finite number comes.
+_WHY = {
+    "/": "a division by 0",
+    "log": "the log of 0 or of a negative number",
+    "^": "a root of a negative number",
+}
 _REDUCED: dict[str, Callable[..., Any]] = {"max": np.maximum, "min": np.minimum, "mean": operator.add}
 _DRAWN = ("chain", "draw")
 
@@ -61,9 +67,11 @@ def _value(node: Node, draws: xr.Dataset, recorded: Recorded) -> xr.DataArray:
         return _of_quantity(node, draws, recorded)
     values = [_value(operand, draws, recorded) for operand in node.operands]
     found = _of_several(node.symbol, values) if node.symbol in OF_MANY else _OPERATORS[node.symbol](*values)
-    if not node.claims and (wrong := int(np.isnan(found).sum())):
-        where = f"no number in {wrong} of {found.size} draws"
-        raise QuestionError(node.place, where, "a number in every draw")
+    if not node.claims and (wrong := int((~np.isfinite(found)).sum())):
+        what = "no number" if np.isnan(found).any() else "too large a number"
+        where = f"{what} in {wrong} of {found.size} draws"
+        remedy = f"As of {_WHY[node.symbol]}." if node.symbol in _WHY else ""
+        raise QuestionError(node.place, where, "a finite number in every draw", remedy)
     return found
 
 

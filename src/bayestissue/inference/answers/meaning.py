@@ -14,12 +14,11 @@ from collections.abc import Iterator, Sequence
 
 import xarray as xr
 
-from bayestissue.hierarchy.formulas.formula import columns_named, group_terms
-from bayestissue.hierarchy.levels import Condition, Recorded
+from bayestissue.hierarchy.formulas.formula import columns_named
+from bayestissue.hierarchy.levels import NEW, Condition, Recorded
 from bayestissue.inference.answers.grammar import OF_MANY, Level, Node, Number, Quantity, QuestionError
 from bayestissue.outline import first_of
 
-NEW = "new"
 _DRAWN = ("chain", "draw")
 _KEEP_UNIT = ("+", "-", "abs", *OF_MANY)
 # As many as a line can show.
@@ -54,7 +53,9 @@ def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
     free = [each.column for each in quantity.levels if each.value is None]
     if not free:
         return [given]
-    named = {k: v for k, v in given.items() if isinstance(v, str) and v != NEW}
+    # What the response does not depend on chooses among what was recorded.
+    moved = columns_named(recorded.formulas[quantity.name])
+    named = {k: v for k, v in given.items() if v != NEW and (isinstance(v, str) or k not in moved)}
     return [given | {free[0]: level} for level in recorded.levels(free[0], recorded.matching(named))]
 
 
@@ -171,7 +172,8 @@ def _of_response(quantity: Quantity, recorded: Recorded) -> list[QuestionError]:
     found = list(_of_levels(quantity, recorded))
     free = [each for each in quantity.levels if each.value is None]
     if not found and free and not conditions_of(quantity, recorded):
-        found.append(QuestionError(free[0].place, free[0].column, "levels that were recorded together"))
+        expected = f"a {free[0].column} that was recorded with the rest of these brackets"
+        found.append(QuestionError(free[0].place, free[0].column, expected))
     return found
 
 
@@ -199,7 +201,7 @@ def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError
             yield from _of_number(each)
         else:
             levels = recorded.levels(each.column)
-            drawn = [NEW] if _is_group(each.column, recorded, formula) else []
+            drawn = [NEW] if recorded.may_be_new(each.column) else []
             if each.value not in (*levels, *drawn):
                 yield _strange(each, [*levels, *drawn])
 
@@ -218,10 +220,6 @@ def _of_number(level: Level) -> Iterator[QuestionError]:
 def _is_number(column: str, recorded: Recorded) -> bool:
     """Whether a value of this column is a number: a group's levels are names, also where they are numbers."""
     return column in recorded.rows and column not in recorded.named
-
-
-def _is_group(column: str, recorded: Recorded, formula: str) -> bool:
-    return any(column in term.factors for term in group_terms(formula))
 
 
 def _strange(level: Level, levels: Sequence[str]) -> QuestionError:

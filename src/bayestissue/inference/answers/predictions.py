@@ -9,6 +9,7 @@ the mass and velocity, are then simulated on the run's element.
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Sequence
 
 import jax.numpy as jnp
@@ -21,7 +22,7 @@ from bayestissue.elements.peaks import Peaks, peaks_of
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.formulas.formula import group_terms
-from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
+from bayestissue.hierarchy.levels import NEW, Condition, Recorded, log_at_levels
 from bayestissue.inference.answers.finished import Finished
 
 # Units stand in the names of the columns; each has beside it the ends of the 90 % interval, _low and _high.
@@ -41,6 +42,8 @@ _AT_ONCE = 4096
 # so many draws have a standard error of a tenth of the standard deviation.
 _MOST, _FEWEST = 20_000, 500
 _LEVELS, _SCATTER = 1, 2
+# Of a name that was not measured to one that was, as `difflib` has likeness.
+_LIKE = 0.7
 
 
 def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame:
@@ -66,7 +69,10 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
     some = {name: each[::step] for name, each in parameters.items()}
     values = {"K": parameters["K"], "C": parameters["C"]}
     mass, velocity, diameter = (_numbers(recorded, conditions, name) for name in _GIVEN)
-    notes = [_beyond(recorded, each) for each in conditions]
+    notes = [
+        [*recorded.beyond(each), *_unknown(recorded, each), *recorded.average_notes(RESPONSES, each)]
+        for each in conditions
+    ]
     if finished.discrepancy:
         notes = [[*each, NO_LAW] for each in notes]
     else:
@@ -165,13 +171,14 @@ def _new(recorded: Recorded, condition: Condition) -> list[str]:
     return list(dict.fromkeys(found))
 
 
-def _beyond(recorded: Recorded, condition: Condition) -> list[Coded]:
-    """Numbers beyond those that were measured: the formula is then drawn out, and the element's law too."""
+def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
+    """Names of levels that were not measured and look like slips."""
     found = []
     for name, value in condition.items():
-        if name in recorded.rows and recorded.is_number(name) and isinstance(value, float):
-            low, high = recorded.rows[name].min(), recorded.rows[name].max()
-            if not low <= value <= high:
-                words = f"{name} beyond those measured, {low:.4g} to {high:.4g}"
-                found.append(Coded(words, "beyond-measured"))
+        if name not in recorded.factors or value == NEW or value in (levels := recorded.levels(name)):
+            continue
+        near = difflib.get_close_matches(str(value), levels, n=1, cutoff=_LIKE)
+        asked = f"; did you mean {near[0]}?" if near else ""
+        words = f'{name} "{value}" was not measured: a new one of the population{asked}'
+        found.append(Coded(words, "new-level"))
     return found

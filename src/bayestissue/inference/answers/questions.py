@@ -25,7 +25,13 @@ from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.answers.draws import draws_of
 from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.answers.grammar import ALLOWED, Node, QuestionError, claims, parse
-from bayestissue.inference.answers.meaning import mistakes, quantities, unit_of
+from bayestissue.inference.answers.meaning import (
+    condition_of,
+    is_response,
+    mistakes,
+    quantities,
+    unit_of,
+)
 from bayestissue.inference.results.prior_overlap import MOSTLY, prior_overlap
 from bayestissue.inference.samplers.convergence import effective_size
 
@@ -135,6 +141,7 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
     except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
     prior, note = _prior(finished, node)
+    beside = _of_levels(finished.recorded, node)
     unit = "" if claims(node) else unit_of(node, finished.posterior)
     row = {
         "question": question.text,
@@ -144,11 +151,12 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
         "draws": posterior.size,
     }
     if not claims(node):
-        return row | _interval(posterior) | {"note": _largely_prior(posterior, prior)}
+        note = _largely_prior(posterior, prior)
+        return row | _interval(posterior) | {"note": "; ".join(filter(None, [note, *beside]))}
     p, error, size = _probability(posterior)
     row |= {"posterior": p, "mcse": error}
     if prior is None:
-        return row
+        return row | {"note": "; ".join([note, *beside])}
     p_0, error_0, size_0 = _probability(prior)
     factor, note = _bayes_factor(p, size, p_0, size_0)
     return row | {
@@ -156,8 +164,17 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
         "prior_mcse": error_0,
         "prior_draws": prior.size,
         "bayes_factor": factor,
-        "note": note,
+        "note": "; ".join(filter(None, [note, *beside])),
     }
+
+
+def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:
+    """What is to be known of the levels that a question names: averages, and numbers beyond the measured."""
+    responses = [each for each in quantities(node) if is_response(each, recorded)]
+    notes = [note for each in responses for note in recorded.beyond(condition_of(each, recorded))]
+    for each in responses:
+        notes += recorded.average_notes([each.name], [level.column for level in each.levels])
+    return list(dict.fromkeys(notes))
 
 
 def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:

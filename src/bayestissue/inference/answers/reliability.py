@@ -28,10 +28,13 @@ C, consistency, lets conditions move everybody alike; A, absolute agreement, cou
 impact of each person in each of k conditions k_a = k, as they have it. With an S of 0 and a formula without
 conditions both are their one-way ICC(1) and ICC(k). S counts as error, and repeats don't lessen it.
 
-The standard error of measurement is s = (A + E)^1/2 for agreement and E^1/2 for consistency on the log scale:
+The standard error of measurement is s = (I + M)^1/2 for a repeat, which shares all levels with the first
+measurement (side, session, condition), E^1/2 for consistency and (A + E)^1/2 for agreement on the log scale:
 in percent exp(s) - 1, in units that share of a typical person's K or C. The minimal detectable change between
 two measurements of a person is exp(1.96 2^1/2 s) - 1 (Weir 2005, doi:10.1519/15184.1); S, in both alike, is
-none of it. By Spearman and Brown's formula an ICC of R needs
+none of it. Between means of k measurements each variance is divided as in the ICC of k. ``varies`` names the
+groups whose levels may differ between the measurements compared; what no group of the formula is of, such as
+another day, is the same in both. By Spearman and Brown's formula an ICC of R needs
 
     k = R E / (P (1 - R) - R S)         (with A + E for agreement)
 
@@ -54,7 +57,7 @@ from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL, GroupTerm
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.results.prior_overlap import prior_overlap
 
-COLUMNS = ["quantity", "measure", "form", "median", "low", "high", "unit", "prior_overlap"]
+COLUMNS = ["quantity", "measure", "form", "median", "low", "high", "unit", "prior_overlap", "varies"]
 ICC, SEM, MDC = "intraclass correlation", "standard error of measurement", "minimal detectable change (95 %)"
 REPEATS = "repeats"
 TARGETS = (0.75, 0.9)
@@ -67,7 +70,10 @@ Drawn = Float[np.ndarray, "*draw"]
 
 
 class Variances(NamedTuple):
-    """Variances of log q: see the module; ``agreement`` and ``within`` with the levels in k impacts, each."""
+    """Variances of log q: see the module; ``agreement`` and ``within`` with the levels in k impacts, each.
+
+    ``names`` are those of the groupings of ``within``, and of all whose levels may differ.
+    """
 
     people: Drawn
     shared: float
@@ -76,12 +82,17 @@ class Variances(NamedTuple):
     impacts: Drawn
     measurement: float
     k: float
+    names: tuple[tuple[str, ...], tuple[str, ...]] = ((), ())
+
+    def repeat(self, *, averaged: bool = False) -> Drawn:
+        """Variance of one measurement, or of a mean of k, where all levels stay the same."""
+        return (self.impacts + self.measurement) / (self.k if averaged else 1)
 
     def error(self, *, agreement: bool, averaged: bool = False) -> Drawn:
         """Variance of one measurement, or of the mean of a person's, about the person's own value."""
         groups = [*self.within, *(self.agreement if agreement else ())]
         of_groups = [variance / (levels if averaged else 1) for variance, levels in groups]
-        return np.sum(of_groups, axis=0) + (self.impacts + self.measurement) / (self.k if averaged else 1)
+        return np.sum(of_groups, axis=0) + self.repeat(averaged=averaged)
 
     def icc(self, *, agreement: bool, averaged: bool) -> Drawn:
         """The intraclass correlation: squared correlation of what is measured and the person's own value."""
@@ -103,6 +114,7 @@ def variances(
     people = zero
     agreement: list[tuple[np.ndarray, float]] = []
     within: list[tuple[np.ndarray, float]] = []
+    names: dict[str, list[str]] = {"agreement": [], "within": []}
     for term in group_terms(recorded.formulas.get(response, "1")):
         if term.slope:
             continue
@@ -112,9 +124,11 @@ def variances(
             people = people + variance
         else:
             (agreement if kind == "agreement" else within).append((variance, levels))
+            names[kind].append(term.grouping)
     impacts = draws[sd_impact(parameter_of(response))].to_numpy() ** 2
     each = recorded.rows.groupby("subject").size().median()
-    return Variances(people, shared_sd**2, agreement, within, impacts, measurement_sd**2, float(each))
+    varies = tuple(names["within"]), (*names["within"], *names["agreement"])
+    return Variances(people, shared_sd**2, agreement, within, impacts, measurement_sd**2, float(each), varies)
 
 
 def _place(recorded: Recorded, term: GroupTerm) -> tuple[float, str]:
@@ -129,7 +143,10 @@ def _place(recorded: Recorded, term: GroupTerm) -> tuple[float, str]:
 
 
 class Coefficient(NamedTuple):
-    """A coefficient in every draw; ``name`` is that of its variable, without the response."""
+    """A coefficient in every draw; ``name`` is that of its variable, without the response.
+
+    ``varies`` are the groupings whose levels may differ between the measurements that it is of.
+    """
 
     quantity: str
     measure: str
@@ -137,6 +154,7 @@ class Coefficient(NamedTuple):
     unit: str
     name: str
     drawn: Drawn
+    varies: tuple[str, ...] = ()
 
 
 def coefficients(found: Mapping[str, Variances], draws: xr.Dataset) -> list[Coefficient]:
@@ -145,30 +163,50 @@ def coefficients(found: Mapping[str, Variances], draws: xr.Dataset) -> list[Coef
 
 
 def _of_response(q: str, each: Variances, draws: xr.Dataset) -> Iterator[Coefficient]:
-    typical = np.exp(draws[intercept(parameter_of(q))].to_numpy())
+    name = f"{q}_typical_person"
+    # Draws of earlier versions have it as an intercept.
+    log = intercept(parameter_of(q))
+    typical = draws[name].to_numpy() if name in draws else np.exp(draws[log].to_numpy())
     known = bool((each.people > 0).any())
     forms = {"C": "consistency", "A": "agreement"}
+    varies = dict(zip(forms, each.names, strict=True)) | {"R": ()}
     for letter, number in ((a, b) for b in ("1", "k") for a in forms) if known else ():
         form = f"ICC({letter},{number})" + (f", k = {each.k:g}" if number == "k" else "")
         values = each.icc(agreement=letter == "A", averaged=number == "k")
-        yield Coefficient(q, ICC, form, "1", f"ICC_{letter}{number}", values)
-    parts = {words: each.error(agreement=letter == "A") for letter, words in forms.items()}
+        yield Coefficient(q, ICC, form, "1", f"ICC_{letter}{number}", values, varies[letter])
     chain = np.full_like(typical, each.measurement)
-    # Of the error: what the chain makes, and what the person does.
-    parts |= {"measuring chain": chain, "person": parts["consistency"] - each.measurement}
-    for words, variance in parts.items():
-        short = {"agreement": "A", "consistency": "C", "measuring chain": "chain", "person": "person"}[words]
-        for measure, name, factor in ((SEM, "SEM", 1.0), (MDC, "MDC95", _DETECTABLE)):
-            if measure == MDC and words not in forms.values():
-                continue
-            relative = np.expm1(factor * np.sqrt(np.maximum(variance, 0.0)))
-            yield Coefficient(q, measure, words, _PERCENT, f"relative_{name}_{short}", 100 * relative)
-            yield Coefficient(q, measure, words, _UNITS.get(q, "1"), f"{name}_{short}", relative * typical)
+    # Of a repeat's error: what the chain makes, and what the person does.
+    of_error = {"chain": ("measuring chain", chain), "person": ("person", each.impacts)}
+    for letter, words in {"R": "repeat", **forms}.items():
+        for k in (1.0, each.k) if each.k > 1 else (1.0,):
+            one, averaged = k == 1, k > 1
+            variance = (
+                each.repeat(averaged=averaged)
+                if letter == "R"
+                else each.error(agreement=letter == "A", averaged=averaged)
+            )
+            form = words if one else f"{words}, means of {k:g}"
+            short = letter if one else f"{letter}k"
+            if one:
+                yield from _error(q, SEM, form, f"SEM_{short}", np.sqrt(variance), typical, varies[letter])
+            detectable = _DETECTABLE * np.sqrt(variance)
+            yield from _error(q, MDC, form, f"MDC95_{short}", detectable, typical, varies[letter])
+    for short, (form, variance) in of_error.items():
+        yield from _error(q, SEM, form, f"SEM_{short}", np.sqrt(variance), typical, ())
     for letter in forms if known else ():
         for target in TARGETS:
             values = each.repeats(target, agreement=letter == "A")
-            form = f"ICC({letter},k) of {target:g}"
-            yield Coefficient(q, REPEATS, form, "1", f"repeats_{letter}{100 * target:.0f}", values)
+            form, short = f"ICC({letter},k) of {target:g}", f"repeats_{letter}{100 * target:.0f}"
+            yield Coefficient(q, REPEATS, form, "1", short, values, varies[letter])
+
+
+def _error(
+    q: str, measure: str, form: str, name: str, log: Drawn, typical: Drawn, varies: tuple[str, ...]
+) -> Iterator[Coefficient]:
+    """A difference of the log, in percent and in units of a typical person."""
+    relative = np.expm1(log)
+    yield Coefficient(q, measure, form, _PERCENT, f"relative_{name}", 100 * relative, varies)
+    yield Coefficient(q, measure, form, _UNITS.get(q, "1"), name, relative * typical, varies)
 
 
 def reliability(posterior: Sequence[Coefficient], prior: Sequence[Coefficient] = ()) -> pd.DataFrame:
@@ -181,7 +219,8 @@ def reliability(posterior: Sequence[Coefficient], prior: Sequence[Coefficient] =
     Returns:
         `COLUMNS`, with the median and the 90 % equal-tailed interval; repeats are whole numbers, at least 1.
         ``prior_overlap`` says how much of that is the prior: see
-        `bayestissue.inference.results.prior_overlap`.
+        `bayestissue.inference.results.prior_overlap`. ``varies`` names the groupings whose levels may differ
+        between the measurements compared; all others are the same.
     """
     before = {each[:5]: each.drawn for each in prior}
     rows = []
@@ -190,7 +229,17 @@ def reliability(posterior: Sequence[Coefficient], prior: Sequence[Coefficient] =
         if each.measure == REPEATS:
             ends = np.maximum(1.0, np.ceil(ends))
         shared = prior_overlap(each.drawn, before[each[:5]]) if each[:5] in before else np.nan
-        rows.append((each.quantity, each.measure, each.form, *ends.tolist(), each.unit, shared))
+        rows.append(
+            (
+                each.quantity,
+                each.measure,
+                each.form,
+                *ends.tolist(),
+                each.unit,
+                shared,
+                ", ".join(each.varies),
+            )
+        )
     return pd.DataFrame(rows, columns=COLUMNS)
 
 

@@ -13,7 +13,6 @@ import pandas as pd
 
 from bayestissue.dataset.impact_cells import cells_of, read_cells
 from bayestissue.errors import InputError, Problem, has_control_characters
-from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.levels import Condition, Recorded
 
 _POSITIVE = {"mass_kg": "kg", "velocity_m_s": "m/s", "diameter_m": "m"}
@@ -89,11 +88,8 @@ def _lacking(recorded: Recorded, label: str) -> Iterator[Problem]:
 
 
 def _wrong(cells: pd.DataFrame, rows: np.ndarray, recorded: Recorded, label: str) -> Iterator[Problem]:
-    groups = {
-        name for each in recorded.formulas.values() for term in group_terms(each) for name in term.factors
-    }
     for name in map(str, cells):
-        known = recorded.levels(name) if name in recorded.named and name not in groups else None
+        known = recorded.levels(name) if name in recorded.named and not recorded.may_be_new(name) else None
         for text, row in zip(cells[name], rows, strict=True):
             expected, remedy = "", "Correct the cell, or leave it empty."
             if has_control_characters(text):

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
+import xarray as xr
 
 from bayestissue.errors import Coded
 from bayestissue.inference.comparing.finished import FinishedRun
@@ -130,8 +131,9 @@ def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
 
 def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
     posterior = run.tree["posterior"].dataset
-    own = {name: posterior[name] for name in COMPARED if name in posterior}
-    own |= {name: np.exp(posterior[log]) for name, log in _TYPICAL.items() if log in posterior}
+    # Runs of earlier versions have a typical person's as an intercept.
+    own = {name: xr.ufuncs.exp(posterior[log]) for name, log in _TYPICAL.items() if log in posterior}
+    own |= {name: posterior[name] for name in COMPARED if name in posterior}
     people = len(np.unique(run.people))
     tables = []
     for name, array in {**comparable_draws(posterior, run.people), **own}.items():

@@ -19,6 +19,7 @@ import pandas as pd
 from jax import Array
 from jaxtyping import Float
 
+from bayestissue.hierarchy.derived import typical_covariates, typical_logs
 from bayestissue.hierarchy.effects import RESPONSES
 from bayestissue.hierarchy.formulas.group_terms import SUBJECT, TRIAL
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected
@@ -179,10 +180,13 @@ class _Hierarchy:
         noise, measured = self._measured(errors)
         weight = np.linalg.inv(self.omega + noise)
         covariance = self._covariance_of_means(weight)
-        locations = self._prepared.model.locations
+        parts = self._prepared.model.locations.parts
         found: dict[str, dict[str, float]] = {}
         for response in RESPONSES:
-            v = covariance[:, locations.parts[f"intercept_{response}"].start]
+            v = covariance[:, parts[f"intercept_{response}"].start]
+            covariates = typical_covariates(self._prepared.design, response)
+            if len(covariates):
+                v = v + covariance[:, parts[f"covariate_effect_{response}"]] @ covariates
             w = np.einsum("iab,ibl,l->ia", weight, self._columns, v)
             made = {name: float(np.einsum("ia,iab,ib->", w, matrix, w)) for name, matrix in measured.items()}
             for name, matrix in self._scatter.items():
@@ -262,7 +266,9 @@ def _with_scatter(
     for response in RESPONSES:
         own = dict(means.get(response, {}))
         if not own:
-            own[PERSON_AND_CONDITION] = float(np.var(constrained.sites[f"intercept_{response}"]))
+            own[PERSON_AND_CONDITION] = float(
+                np.var(typical_logs(prepared.design, constrained.sites, response))
+            )
         for source in (PEOPLE, CONDITIONS):
             own.setdefault(source, 0.0)
         for source, added in _new_levels(prepared, constrained, response).items():
@@ -292,7 +298,7 @@ def _of_traces(
 def _of_population(
     prepared: Prepared, level: str, made: dict[str, dict[str, float]], constrained: ConstrainedDraws
 ) -> pd.DataFrame:
-    drawn = {q: np.var(constrained.sites[f"intercept_{q}"]) for q in made}
+    drawn = {q: np.var(typical_logs(prepared.design, constrained.sites, q)) for q in made}
     if level == NEW_PERSON:
         drawn = {q: v + sum(_new_levels(prepared, constrained, q).values()) for q, v in drawn.items()}
     return _shares(level, made, drawn)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
+from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.depth import answering
 from bayestissue.report.fit.estimates import (
     apparent_exponent,
@@ -23,11 +24,14 @@ from bayestissue.report.posterior import (
     Spread,
     exponent,
     hypothesis_probability,
+    spread,
 )
 from bayestissue.report.wording import UNITS, likelihood_words, listed, relative, significant
 
 # A slope of the point estimates this far off zero is spoken of, if its interval excludes zero too.
 _WORTH_A_WORD = 0.1
+# As many as a card can show.
+_MOST_CATEGORIES = 4
 
 
 def of_whom(run: FitRun) -> dict[str, str]:
@@ -51,6 +55,35 @@ def the_only_impact(run: FitRun) -> list[dict[str, str]]:
         {"quantity": quantity, "unit": UNITS[quantity], "value": each.value, "range": each.range}
         for quantity, each in found.items()
     ]
+
+
+def averaged_over(run: FitRun, variable: str) -> str:
+    """The columns that a variable is averaged over; empty where none, or an earlier version made it."""
+    return str(run.groups["posterior"][variable].attrs.get("averaged_over", ""))
+
+
+def averaged_sentence(run: FitRun) -> str:
+    """That what is said of a typical or new person is an average, and of each category what it is of."""
+    over = averaged_over(run, "K_new")
+    if not over:
+        return ""
+    found = []
+    for name in over.split(" and "):
+        variables = {q: f"{q}_{stem_of(name)}" for q in QUANTITIES if run.has(f"{q}_{stem_of(name)}")}
+        if not variables or len(run.labels(name)) > _MOST_CATEGORIES:
+            continue
+        levels = [
+            listed(
+                [
+                    f"{q} {(each := spread(run.draws(variable)[:, place])).value} {UNITS[q]} ({each.range})"
+                    for q, variable in variables.items()
+                ]
+            )
+            + f" {label}"
+            for place, label in enumerate(run.labels(name))
+        ]
+        found.append(f" By {name}, of a typical person: {'; '.join(levels)}.")
+    return f"Averaged over {over}, each level with equal weight.{''.join(found)}"
 
 
 def impact_sureness(run: FitRun, quantity: str) -> str:

@@ -102,6 +102,8 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
         "one_impact": ONE_IMPACT,
         "of": answers.of_whom(run),
         "terms_left_out": left_out_words(run.about.get("terms_left_out", [])),
+        "averaged": answers.averaged_sentence(run),
+        "people_averaged": answers.averaged_over(run, "K_subject"),
         "method": answers.method_sentence(run),
         "sureness": [
             {**row, "one": answers.impact_sureness(run, row["quantity"])} for row in posterior.sureness(run)
@@ -185,6 +187,7 @@ def _study(run: FitRun) -> dict[str, Any]:
         "conditions_words": comparisons.conditions_words(run),
         "matrices": comparisons.matrices(run),
         "reliability_words": reliability.reliability_words(run),
+        "another_day": reliability.another_day(run),
         "prior_words": reliability.prior_words(run),
         "reliability_table": reliability.reliability_table(run),
         "agreement_table": agreement.agreement_table(run),

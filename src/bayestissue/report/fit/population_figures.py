@@ -11,7 +11,7 @@ from bayestissue.report.fit.estimates import apparent_exponent, shown_rows, side
 from bayestissue.report.fit.groupings import groupings
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
-from bayestissue.report.posterior import QUANTITIES, Quantity
+from bayestissue.report.posterior import QUANTITIES, Quantity, typical_draws
 from bayestissue.report.posterior_figures import NAMES, draw_intervals, ranked
 from bayestissue.report.remarks import group_words
 from bayestissue.report.style import (
@@ -62,7 +62,8 @@ def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
     table = shown_rows(side_by_side(run, quantity).assign(mass=mass))
     apparent = apparent_exponent(run, quantity)
     who = "this person" if run.people == 1 else "typical person"
-    level = float(np.median(np.exp(run.draws(f"intercept_{quantity}"))))
+    typical = typical_draws(run, quantity)
+    level = float(np.median(typical))
     with style():
         fig, axes = new_figure((4.8, 4.2))
         axes.plot(
@@ -81,7 +82,7 @@ def mass_figure(run: FitRun, quantity: Quantity) -> Markup:
         )  # fmt: skip
         if run.has(f"mass_exponent_{quantity}"):
             slope = run.draws(f"mass_exponent_{quantity}")[:, None] * ratio
-            curve = np.exp(run.draws(f"intercept_{quantity}")[:, None] + slope)
+            curve = typical[:, None] * np.exp(slope)
             low, middle, high = np.percentile(curve, [5, 50, 95], axis=0)
             axes.fill_between(grid, low, high, color=POSTERIOR, alpha=0.2, lw=0)
             axes.plot(grid, middle, color=POSTERIOR, label=f"{who}, 90 % band")

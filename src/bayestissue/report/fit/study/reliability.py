@@ -7,14 +7,18 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
+from bayestissue.errors import Coded
 from bayestissue.inference.answers.reliability import ICC, MDC, REPEATS, SEM
 from bayestissue.inference.results.prior_overlap import MOSTLY
+from bayestissue.report.fit.groupings import groupings
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.posterior import QUANTITIES, Spread
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import listed, number, percent
 
 _PERCENT = "%"
+# Of columns that tell days apart, in what labs call them.
+_SESSIONS = ("session", "day", "date", "visit", "week", "occasion", "sitzung", "tag", "datum", "termin")
 
 
 def reliability_table(run: FitRun) -> Table | None:
@@ -98,12 +102,10 @@ def reliability_words(run: FitRun) -> list[str]:
             f"{words} {number(cells[q, SEM, form, _PERCENT]['median'], 1)}\N{NO-BREAK SPACE}%"
             for form, words in (("measuring chain", "the measuring chain makes"), ("person", "the person"))
         ]
-        change = _of(cells[q, MDC, "consistency", _PERCENT])
-        told = (
-            f"{q}: of one measurement {' and '.join(error)} of error (standard deviations); two of a person"
+        sentences.append(
+            f"{q}: of one measurement {' and '.join(error)} of error (standard deviations). To show a change "
+            f"(95\N{NO-BREAK SPACE}%) two measurements of a person must differ by {_changes(cells, q)}."
         )
-        told += f" in one condition must differ by {change.value}\N{NO-BREAK SPACE}% ({change.range}) to"
-        sentences.append(f"{told} show a change (95\N{NO-BREAK SPACE}%).")
         if (q, ICC, "ICC(A,1)", "1") in cells:
             icc = [_of(cells[q, ICC, f"ICC({form},1)", "1"]) for form in "CA"]
             need = _cells(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"])
@@ -113,6 +115,38 @@ def reliability_words(run: FitRun) -> list[str]:
                 f"({icc[1].range}); for an ICC(A,k) of 0.9 a person needs {need[0]} {one} ({need[1]})."
             )
     return sentences
+
+
+def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> str:
+    """The minimal detectable changes, each with what may vary between the two measurements."""
+    found: dict[str, str] = {}
+    for (of, measure, form, unit), row in cells.items():
+        if (of, measure, unit) == (q, MDC, _PERCENT):
+            name = str(form)
+            change = _of(row)
+            told = f"{change.value}\N{NO-BREAK SPACE}% ({change.range})"
+            # Runs of earlier versions don't say what varies.
+            varies = row.get("varies", "")
+            varies = varies if isinstance(varies, str) else ""
+            where = f"where {listed(varies.split(', '))} may differ" if varies else "all else the same"
+            means = f" between {name.split(', ')[1]}" if ", " in name else ""
+            found.setdefault(f"{where}{means}", told)
+    return listed([f"{told} {where}" for where, told in found.items()])
+
+
+def another_day(run: FitRun) -> str:
+    """That repeats of one session say nothing of another day, where no group of the formula is a session."""
+    if run.reliability is None or run.reliability.empty or any(map(_is_session, groupings(run))):
+        return ""
+    return Coded(
+        "Repeats of one session say nothing of another day: no group of the formula is a session, so that "
+        "what differs between days is in none of these numbers.",
+        "one-session",
+    )
+
+
+def _is_session(grouping: str) -> bool:
+    return any(word in grouping.lower() for word in _SESSIONS)
 
 
 def _of(row: Any) -> Spread:
