@@ -1,0 +1,128 @@
+"""Questions and predictions at levels of a study with sides, whose levels nobody recorded among them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+from bayestissue.errors import InputError
+from bayestissue.hierarchy import derived
+from bayestissue.inference.answers.contrasts import contrasts
+from bayestissue.inference.answers.finished import Finished
+from bayestissue.inference.answers.predictions import predict
+from bayestissue.inference.answers.questions import ask, numbered
+from bayestissue.inference.answers.table import read_conditions
+from bayestissue.inference.results.labels import design_attributes, design_dimensions, labelled
+from designs import design_of, impacts
+
+SHAPE = (2, 400)
+FORMULA = "side + (1|subject/side)"
+
+
+@pytest.fixture(scope="module")
+def study() -> Finished:
+    """Person s0 was hit on the left alone; an age that no formula has goes with each person."""
+    rows = impacts().assign(velocity_m_s=1.5)
+    rows = rows[(rows["subject"] != "s0") | (rows["side"] == "left")].reset_index(drop=True)
+    design, rng = design_of(FORMULA, "age + side + (1|subject/side)", rows=rows), np.random.default_rng(1)
+    sites = {"residual_correlation": np.zeros(SHAPE)}
+    for q, part in design.responses.items():
+        sites |= {
+            f"intercept_{q}": 7 + 0.05 * rng.standard_normal(SHAPE),
+            f"sd_impact_{q}": np.full(SHAPE, 0.1),
+        }
+        sites[f"covariate_effect_{q}"] = 0.1 * part.scale + 0.01 * rng.standard_normal(
+            (*SHAPE, len(part.names))
+        )
+        for term in part.terms:
+            levels = len(design.groupings[term.grouping].levels)
+            sites[term.sd(q)] = np.full(SHAPE, 0.2)
+            sites[term.effect(q)] = 0.2 * rng.standard_normal((*SHAPE, levels))
+    values = derived.reported_sites(design, sites)
+    values |= derived.values_at_levels(design, values)
+    draws = labelled(values, design_dimensions(design), design.levels(), attributes=design_attributes(design))
+    return Finished(draws, None, design.recorded)
+
+
+def test_what_the_response_does_not_depend_on_chooses_among_the_recorded(study: Finished) -> None:
+    (one,) = ask(study, numbered(["mean(K[subject, age=23])"])).to_dict("records")
+    (own,) = ask(study, numbered(["K[subject=s1]"])).to_dict("records")
+    assert one["median"] == own["median"]
+    for nobody in ("mean(K[subject, age=21])", "max(K[subject, velocity_m_s=99])"):
+        with pytest.raises(InputError, match="a subject that was recorded with the rest of these brackets"):
+            ask(study, numbered([nobody]))
+
+
+@pytest.mark.parametrize(
+    ("question", "why"),
+    [
+        ("K / 0", "a division by 0"),
+        ("exp(K)", "too large a number in 800 of 800"),
+        ("log(0 * K)", "the log of 0"),
+    ],
+)
+def test_what_is_not_finite_says_why(study: Finished, question: str, why: str) -> None:
+    with pytest.raises(InputError) as caught:
+        ask(study, numbered([question]))
+    assert why in str(caught.value)
+    assert "a finite number in every draw" in str(caught.value)
+
+
+def test_a_number_beyond_the_measured_and_an_average_are_noted(study: Finished) -> None:
+    average, named = ask(study, numbered(["K[subject=s1]", "K[subject=s1, side=left] > 0"])).to_dict(
+        "records"
+    )
+    assert average["note"] == "averaged over side, each level with equal weight"
+    assert named["note"].startswith("no prior")
+
+
+def test_a_new_side_is_no_answer_and_a_new_person_is(study: Finished) -> None:
+    with pytest.raises(InputError, match="a level of side: left, right"):
+        ask(study, numbered(["K[side=new]"]))
+    assert ask(study, numbered(["K[subject=new, side=left]"]))["median"].notna().all()
+
+
+def test_a_person_on_a_side_that_was_not_recorded_has_a_new_effect_of_that_side(study: Finished) -> None:
+    at = pd.DataFrame({"subject": ["s0", "s0"], "side": ["right", "left"], "velocity_m_s": [1.5, 1.5]})
+    right, left = predict(study, read_conditions(at, study.recorded)).to_dict("records")
+    assert right["new"] == "subject:side"
+    assert left["new"] == ""
+    widths = [np.log(row["K_N_per_m_high"] / row["K_N_per_m_low"]) / 2 / 1.645 for row in (left, right)]
+    # What side effects, known or new, the impact's own scatter and the rest make: 0.2 each beside 0.1.
+    assert widths[1] == pytest.approx(np.sqrt(0.05**2 + 0.2**2 + 0.2**2 + 0.1**2), rel=0.15)
+    with pytest.raises(InputError, match="one of left, right"):
+        read_conditions(at.assign(side="rechts"), study.recorded)
+
+
+def test_a_person_who_was_not_measured_is_asked_about(study: Finished) -> None:
+    at = pd.DataFrame({"subject": ["s1O", "s10", "Eva", "new"], "side": "left"})
+    notes = predict(study, read_conditions(at, study.recorded))["note"].tolist()
+    assert 'subject "s1O" was not measured: a new one of the population; did you mean s1?' in notes[0]
+    assert 'subject "Eva" was not measured: a new one of the population' in notes[2]
+    assert "did you mean" not in notes[2]
+    assert "was not measured" not in notes[3]
+
+
+def test_comparisons_of_a_group_are_all_else_equal() -> None:
+    """Two sessions of each side: what a session does is compared apart from the side that it was of."""
+    rows = impacts().assign(velocity_m_s=1.5)
+    rows["session"] = np.where(rows["side"] == "left", 1, 3) + np.resize([0, 1], len(rows))
+    design = design_of("side + (1|session) + (1|subject)", "1", rows=rows)
+    values = {"intercept_K": np.full(SHAPE, 7.0), "effect_of_side[right]_K": np.full(SHAPE, 0.3)}
+    sessions = np.broadcast_to([0, 0.1, 0.2, 0.3], (*SHAPE, 4))
+    draws = xr.Dataset(
+        {name: (("chain", "draw"), value) for name, value in values.items()}
+        | {
+            "session_effect_K": (
+                ("chain", "draw", "session"),
+                np.broadcast_to([0, 0.1, 0.2, 0.3], (*SHAPE, 4)),
+            ),
+            "subject_effect_K": (("chain", "draw", "subject"), np.zeros((*SHAPE, 4))),
+        },
+        {"session": ["1", "2", "3", "4"], "subject": ["s0", "s1", "s2", "s3"]},
+    )
+    found = contrasts(draws, design.recorded, ["K"], 0.1).set_index(["factor", "level", "against"])["ratio"]
+    assert np.log(found["session", "4", "1"]) == pytest.approx(0.3)
+    assert np.log(found["side", "left", "right"]) == pytest.approx(-0.3)
