@@ -131,6 +131,33 @@ def test_a_model_is_a_name_a_path_or_a_specification(tmp_path):
         resolve(str(tmp_path / "nowhere.toml"))
 
 
+def test_the_model_that_is_not_named_follows_what_was_recorded():
+    assert resolve(None, "deceleration")[0].likelihood == "impact"
+    assert resolve(None, "displacement")[0].likelihood == "arma"
+
+
+def test_a_model_needs_no_file(dataset, monkeypatch):
+    """Formulas and questions beside a model's own; a dict in place of a file; a folder in place of data."""
+    asked = {"formulas": {"K": "side", "C": "side"}, "questions": ["K > 0", "C > 0"]}
+    for model in (None, "impact", resolve("impact")[0], {"likelihood": "impact"}):
+        specification, _ = resolve(model, **asked)
+        assert dict(specification.formula) == asked["formulas"]
+        assert specification.questions == {"question_1": "K > 0", "question_2": "C > 0"}
+    # Priors of a group term are those of the formula that is fitted.
+    file = resolve({"likelihood": "impact", "formula": {"K": "(1|side)"}})[0]
+    assert resolve(file, formulas={"K": "1", "C": "1"})[0].priors.sd_group == {}
+    assert fitting.formulas_of("side", None) == {"K": "side", "C": "side"}
+    assert fitting.formulas_of(None, "side") == {"C": "side"}
+    with pytest.raises(bt.InputError, match="model, column likelihood"):
+        bt.fit(dataset, {"likelihood": "none"})
+    with pytest.raises(bt.InputError, match="a column that K depends on here: none"):
+        bt.fit(dataset, "impact", K="1", ask="K[side=left] > 0")
+    with pytest.raises(bt.InputError, match="nowhere"):
+        bt.fit("nowhere")
+    with pytest.raises(bt.InputError, match="a dataset's folder"):
+        bt.fit(pd.DataFrame())
+
+
 @pytest.mark.parametrize(
     ("structured", "choice", "noise"),
     [

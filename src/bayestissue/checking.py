@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
+from bayestissue.dataset import as_dataset
 from bayestissue.errors import Coded, Problem
 from bayestissue.inference.points.notes import said_once
 from bayestissue.outline import Outlined, Rows, short, span
@@ -89,12 +91,13 @@ class Check(Outlined):
         )
 
 
-def check(dataset: Dataset) -> Check:
+def check(dataset: Dataset | str | Path) -> Check:
     """Look at every recording of a dataset: how good it is, and whether something spoilt it.
 
     Args:
-        dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it.
+        dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it, or its folder.
     """
+    dataset = as_dataset(dataset)
     signal = displacements(dataset)
     warnings = (*dataset.warnings, *_raised(dataset, signal))
     return Check(dataset, signal, quality_table(dataset, signal, warnings), warnings)

@@ -58,9 +58,9 @@ Model = Annotated[
     typer.Option(
         "--model",
         metavar="NAME|FILE",
-        help="What is believed and sampled: the name of a model that comes with the program (arma unless "
-        "given; impact, maxwell ...), from any folder, or a file of your own. A name means the program's "
-        "model; write ./NAME for a file that is called so.",
+        help="What is believed and sampled: the name of a model that comes with the program (impact of "
+        "recorded decelerations and arma of displacements unless given; maxwell ...), from any folder, or a "
+        "file of your own. A name means the program's model; write ./NAME for a file that is called so.",
     ),
 ]
 Scheduler = Annotated[
@@ -297,6 +297,28 @@ def fit(
     dataset: Dataset,
     out: Out,
     model: Model = None,
+    K: Annotated[
+        str | None,
+        typer.Option(
+            "--K",
+            metavar="FORMULA",
+            help='What log K depends on, such as "log(mass_kg) + side + (1|subject)"; as the model has it '
+            "unless given.",
+        ),
+    ] = None,
+    C: Annotated[
+        str | None,
+        typer.Option("--C", metavar="FORMULA", help="The same of log C; that of --K unless given."),
+    ] = None,
+    ask: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--ask",
+            metavar="QUESTION",
+            help='Answered at the end and on the page, such as "K[side=left] / K[side=right] > 1.1"; may be '
+            "given again.",
+        ),
+    ] = None,
     scheduler: Scheduler = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
@@ -313,6 +335,9 @@ def fit(
         dataset,
         out=out,
         model=model,
+        K=K,
+        C=C,
+        questions=ask or [],
         scheduler=scheduler,
         seed=seed,
         skip_bad=skip_bad,

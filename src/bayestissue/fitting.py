@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import cached_property
 from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +21,7 @@ import xarray as xr
 from bayestissue import resources, results, runtime
 from bayestissue.answering import Answering
 from bayestissue.errors import InputError, Problem
-from bayestissue.hierarchy.specification import ModelSpecification, read_specification
+from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.inference.answers.agreement import agreement
 from bayestissue.inference.answers.finished import Finished
@@ -30,11 +31,13 @@ from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import flagged_recordings
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.outline import Rows, short, span
+from bayestissue.settings import parse_toml, read_text
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
     from bayestissue.signal import Displacements, SignalOptions
 
+type Model = str | Path | Mapping[str, Any] | ModelSpecification
 # With so many impacts to look for spoilt recordings takes as long as the fit.
 _MANY = 5000
 TABLES = (
@@ -202,10 +205,13 @@ class Fit(Answering):
 
 
 def fit(
-    dataset: Dataset,
-    model: str | Path | ModelSpecification = "arma",
+    dataset: Dataset | str | Path,
+    model: Model | None = None,
     seed: int = 0,
     *,
+    K: str | None = None,
+    C: str | None = None,
+    ask: str | Sequence[str] | Mapping[str, str] = (),
     say: Say | None = None,
 ) -> Fit:
     """The posterior of K and C of every impact, person and condition, and of the mass exponents.
@@ -215,32 +221,91 @@ def fit(
     but for the chains.
 
     Args:
-        dataset: as `bayestissue.read_dataset` returns it.
+        dataset: as `bayestissue.read_dataset` returns it, or its folder.
         model: the name of a model that comes with the program, such as "impact" or "maxwell"; the path of
-            your own file; or a `ModelSpecification`.
+            your own file; what such a file holds, as a dict; or a `ModelSpecification`. "impact" of recorded
+            decelerations and "arma" of displacements unless given.
         seed: same seed, same machine: same numbers.
+        K: what log K depends on, in the notation of R, such as "side + (1|subject)"; as the model has it
+            unless given.
+        C: the same of log C; that of ``K`` unless given.
+        ask: questions, as `Fit.ask` takes them, beside those of the model; a dict names them.
         say: told the stage, how much of it is done, and its total.
 
+    Returns:
+        The fit: ``.summary`` (a row a quantity: median, 90 % interval, R-hat), ``.posterior`` (all draws, as
+        ArviZ has them), ``.questions``, ``.contrasts``, ``.verdict``, and the methods ``.ask(question)``,
+        ``.predict(table)``, ``.report(folder)``.
+
     Raises:
-        InputError: the model file is wrong, or asks for what these recordings can't tell.
+        InputError: the model is wrong, or asks for what these recordings can't tell.
+
+    Example:
+        >>> fit = bt.fit("drops", K="log(mass_kg) + side + (1|subject)", ask="K[side=left] > K[side=right]")
+        >>> fit.questions[["question", "posterior"]]
+        >>> fit.report("runs/drops")
     """
-    specification, source = resolve(model)
+    from bayestissue.dataset import as_dataset
+
+    dataset = as_dataset(dataset)
+    specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C), questions=ask)
     with _set_up():
         prepared = prepare(dataset, specification, source=source)
         require_answerable(prepared, specification, source)
         return fit_prepared(dataset, specification, prepared, seed, say or _silent)
 
 
-def resolve(model: str | Path | ModelSpecification) -> tuple[ModelSpecification, str]:
-    """The model that a name, a path or a specification stands for, and what messages call it.
+def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
+    """The formulas that are given, by response; that of K is C's too, where C has none."""
+    return {q: given for q, given in (("K", K), ("C", K if C is None else C)) if given is not None}
+
+
+def default_model(quantity: str) -> str:
+    """The model of recordings of a quantity: of a deceleration itself, or of displacements."""
+    return "impact" if quantity == "deceleration" else "arma"
+
+
+def resolve(
+    model: Model | None,
+    quantity: str = "deceleration",
+    *,
+    formulas: Mapping[str, str] = MappingProxyType({}),
+    questions: str | Sequence[str] | Mapping[str, str] = (),
+) -> tuple[ModelSpecification, str]:
+    """The model that a name, a path, a dict or a specification stands for, and what messages call it.
+
+    Args:
+        model: any of these; `default_model` of the ``quantity`` where None.
+        quantity: what was recorded.
+        formulas: in place of the model's own, by response.
+        questions: beside the model's own; those without names are question_1 and so on.
 
     Raises:
         InputError: there is no such model or file (see `resources.model_file`), or it is wrong.
     """
+    asked = {"question_1": questions} if isinstance(questions, str) else questions
+    if not isinstance(asked, Mapping):
+        asked = {f"question_{number}": text for number, text in enumerate(asked, start=1)}
     if isinstance(model, ModelSpecification):
-        return model, f"model {model.name}"
-    path = resources.model_file(model, lambda content: content.get("likelihood") in KINDS)
-    return read_specification(path), str(path)
+        source = f"model {model.name}"
+        if not formulas and not asked:
+            return model, source
+        content = model.model_dump(mode="json", exclude_unset=True)
+        # Priors that were filled in are of its own formulas.
+        terms = Formulas(**{**dict(model.formula), **formulas}).group_terms()
+        keys = {f"{term.slope}|{term.grouping}" if term.slope else term.grouping for term in terms}
+        for name in {"sd_group", "sd_slope"} & set(content.get("priors", {})):
+            own = content["priors"][name]
+            content["priors"][name] = {key: own[key] for key in own if key in keys}
+        return specification_of(content, source, formulas=formulas, questions=asked), source
+    if isinstance(model, Mapping):
+        return specification_of(model, "model", formulas=formulas, questions=asked), "model"
+    name = default_model(quantity) if model is None else model
+    path = resources.model_file(name, lambda content: content.get("likelihood") in KINDS)
+    text = read_text(path, str(path))
+    content = {"name": path.stem} | parse_toml(text, str(path))
+    found = specification_of(content, str(path), text=text, formulas=formulas, questions=asked)
+    return found, str(path)
 
 
 def require_answerable(prepared: Prepared, specification: ModelSpecification, source: str) -> None:
@@ -377,6 +442,7 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "versions": runtime.versions(),
         "model": fit.specification.model_dump(mode="json") | fit.prepared.design.resolved(),
         "terms_left_out": fit.prepared.design.terms_left_out(),
+        "columns_not_used": list(fit.prepared.design.recorded.not_used),
         "uncertainty": vars(data.uncertainty),
         "left_out": [str(problem) for problem in data.left_out],
         "seed": fit.seed,

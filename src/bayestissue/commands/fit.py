@@ -21,6 +21,9 @@ def run(
     *,
     out: Path,
     model: str | Path | None,
+    K: str | None,
+    C: str | None,
+    questions: list[str],
     scheduler: str | None,
     seed: int,
     skip_bad: bool,
@@ -40,14 +43,16 @@ def run(
         from bayestissue.commands.ask import print_answers
         from bayestissue.commands.console import Stages, echo, explained
         from bayestissue.dataset import read_dataset
-        from bayestissue.fitting import fit_prepared, require_answerable, resolve, write_run
+        from bayestissue.fitting import fit_prepared, formulas_of, require_answerable, resolve, write_run
         from bayestissue.hierarchy.trace_data import prepare
         from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.samplers.diagnostics import headline, warned_codes
         from bayestissue.report import draw_page
 
-        specification, source = resolve("arma" if model is None else model)
         data = read_dataset(dataset, skip_bad=skip_bad)
+        specification, source = resolve(model, data.quantity, formulas=formulas_of(K, C), questions=questions)
+        if model is None and not quiet:
+            echo(f"model {specification.name}, that of a recorded {data.quantity}; --model takes another")
         if skip_bad:
             data = _without_short(data, specification, source)
         prepared = prepare(data, specification, source=source)
@@ -94,10 +99,14 @@ def _say_what_is_told(prepared: Prepared) -> list[Code]:
     """What these data can't tell, before the work begins; the codes of what was said."""
     from bayestissue.commands.console import echo
     from bayestissue.hierarchy.formulas.formula import left_out_words
-    from bayestissue.inference.results.meanings import ONE_IMPACT
+    from bayestissue.inference.results.meanings import ONE_IMPACT, not_used_words
     from bayestissue.remedies import codes_in
 
-    words = [left_out_words(prepared.design.terms_left_out()), *[ONE_IMPACT] * (len(prepared.impacts) == 1)]
+    words = [
+        left_out_words(prepared.design.terms_left_out()),
+        not_used_words(prepared.design.recorded.not_used),
+        *[ONE_IMPACT] * (len(prepared.impacts) == 1),
+    ]
     for said in filter(None, words):
         echo(said)
     return codes_in(" ".join(words))

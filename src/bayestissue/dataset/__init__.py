@@ -13,10 +13,19 @@ from typing import Any
 
 from bayestissue.dataset.arrays import dataset as _from_arrays
 from bayestissue.dataset.model import Dataset, Quantity, Recorder, Trace, Uncertainty
-from bayestissue.dataset.read import read_dataset
+from bayestissue.dataset.read import as_dataset, read_dataset
 from bayestissue.dataset.write import write_dataset
 
-__all__ = ["Dataset", "Quantity", "Recorder", "Trace", "Uncertainty", "read_dataset", "write_dataset"]
+__all__ = [
+    "Dataset",
+    "Quantity",
+    "Recorder",
+    "Trace",
+    "Uncertainty",
+    "as_dataset",
+    "read_dataset",
+    "write_dataset",
+]
 
 
 class _Callable(ModuleType):

@@ -57,6 +57,22 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
     return checked_dataset(settings, table, reading, skip_bad=skip_bad, folder=folder, input_hash=hashed)
 
 
+def as_dataset(dataset: Dataset | str | Path) -> Dataset:
+    """A dataset, or the one of a folder.
+
+    Raises:
+        InputError: as of `read_dataset`, or it is neither.
+    """
+    if isinstance(dataset, str | Path):
+        return read_dataset(dataset)
+    if not isinstance(dataset, Dataset):
+        expected = "a dataset's folder, or what bayestissue.dataset or bayestissue.read_dataset returns"
+        remedy = "Make one with bayestissue.dataset(impacts, traces, quantity=..., unit=...)."
+        found = type(dataset).__name__
+        raise InputError(Problem("dataset", expected, remedy, value=found, code="option-value"))
+    return dataset
+
+
 def checked_dataset(
     settings: Settings,
     table: ImpactTable,

@@ -100,6 +100,13 @@ class Recorded:
         return tuple(dict.fromkeys(name for each in self.formulas.values() for name in columns_named(each)))
 
     @cached_property
+    def not_used(self) -> tuple[str, ...]:
+        """The columns that vary and that no formula is of, besides what every study has."""
+        usual = ("subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "diameter_m", "sampling_rate_hz")
+        others = [name for name in map(str, self.rows) if name not in (*usual, *self.needed)]
+        return tuple(name for name in others if len(self.levels(name)) > 1)
+
+    @cached_property
     def lacking(self) -> tuple[str, ...]:
         """Columns of the formulas that an earlier version of the program did not keep."""
         return tuple(name for name in self.needed if name not in self.rows)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
@@ -307,8 +309,34 @@ def read_specification(path: Path) -> ModelSpecification:
         InputError: the file is missing, is not TOML, or holds a key or value that is not allowed; every
             such key is named with what is allowed.
     """
-    name = str(path)
-    text = read_text(Path(path), name)
-    given = {"name": Path(path).stem} | parse_toml(text, name)
-    found = checked(given, ModelSpecification, file=name, text=text)
+    text = read_text(Path(path), str(path))
+    given = {"name": Path(path).stem} | parse_toml(text, str(path))
+    return specification_of(given, str(path), text=text)
+
+
+def specification_of(
+    content: Mapping[str, Any],
+    file: str,
+    *,
+    text: str = "",
+    formulas: Mapping[str, str] = MappingProxyType({}),
+    questions: Mapping[str, str] = MappingProxyType({}),
+) -> ModelSpecification:
+    """A model from the content of its file, with all priors.
+
+    Args:
+        content: as TOML has it.
+        file: what messages call it.
+        text: of the file, whose rows messages then name.
+        formulas: in place of its own, by response.
+        questions: beside its own, by name.
+
+    Raises:
+        InputError: as of `read_specification`.
+    """
+    given = {"name": "own"} | dict(content)
+    for key, further in (("formula", formulas), ("questions", questions)):
+        if further:
+            given[key] = {**given.get(key, {}), **further}
+    found = checked(given, ModelSpecification, file=file, text=text)
     return found.model_copy(update={"priors": found.complete_priors()})

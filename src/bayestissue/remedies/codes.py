@@ -133,6 +133,7 @@ Code = Literal[
     "beyond-measured",
     "averaged",
     "one-session",
+    "columns-not-used",
     "new-level",
     "not-simulated",
     "wrong-quantity",

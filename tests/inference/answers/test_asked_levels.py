@@ -115,10 +115,7 @@ def test_comparisons_of_a_group_are_all_else_equal() -> None:
     draws = xr.Dataset(
         {name: (("chain", "draw"), value) for name, value in values.items()}
         | {
-            "session_effect_K": (
-                ("chain", "draw", "session"),
-                np.broadcast_to([0, 0.1, 0.2, 0.3], (*SHAPE, 4)),
-            ),
+            "session_effect_K": (("chain", "draw", "session"), sessions),
             "subject_effect_K": (("chain", "draw", "subject"), np.zeros((*SHAPE, 4))),
         },
         {"session": ["1", "2", "3", "4"], "subject": ["s0", "s1", "s2", "s3"]},

@@ -5,6 +5,7 @@ The one table of these words; labels, tables, figures and pages take them from h
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 from bayestissue.errors import Coded
@@ -39,6 +40,15 @@ ONE_IMPACT = Coded(
     "its person or of a new impact comes from the priors.",
     "one-impact",
 )
+
+
+def not_used_words(columns: Sequence[str]) -> str:
+    """Which columns of the impacts no formula is of, as a sentence; empty if none."""
+    if not columns:
+        return ""
+    names = " and ".join(filter(None, [", ".join(columns[:-1]), columns[-1]]))
+    words = f"No formula is of {names}: what differs there counts as scatter between impacts."
+    return Coded(words, "columns-not-used")
 
 
 class Meaning(NamedTuple):

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from bayestissue.dataset import as_dataset
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas, read_specification
@@ -58,12 +60,12 @@ def method_for(dataset: Dataset, options: SignalOptions | None = None) -> Method
 
 
 def estimate(
-    dataset: Dataset, *, method: Method | None = None, options: SignalOptions | None = None
+    dataset: Dataset | str | Path, *, method: Method | None = None, options: SignalOptions | None = None
 ) -> pd.DataFrame:
     """K and C of every impact by itself, with intervals and flags.
 
     Args:
-        dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it.
+        dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it, or its folder.
         method: "impact" for the posterior of each impact under the likelihood of its own deceleration, the
             errors of its measuring chain integrated out, and weak priors (those of ``models/impact.toml`` on
             the intercepts and the noise): medians and intervals that hold. "exact" for maximum likelihood of
@@ -86,6 +88,7 @@ def estimate(
         InputError: the method or the options ask for what the recordings can't give.
         ValueError: there is no such method.
     """
+    dataset = as_dataset(dataset)
     method = method or method_for(dataset, options)
     options = options or default_options("dds" if method == "dds" else "exact")
     return estimates(dataset, displacements(dataset, options), method, options, inspect(dataset, options))

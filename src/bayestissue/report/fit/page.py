@@ -9,7 +9,7 @@ import numpy as np
 
 from bayestissue.hierarchy.formulas.formula import left_out_words
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.inference.results.meanings import ONE_IMPACT
+from bayestissue.inference.results.meanings import ONE_IMPACT, not_used_words
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.outline import counted
 from bayestissue.remedies import Code, codes_in
@@ -79,8 +79,14 @@ def fit_page(folder: Path, about: dict[str, Any]) -> str:
 
 def _codes(run: FitRun) -> list[Code]:
     """Of what the first screen warns of, the verdict's first."""
-    said = [left_out_words(run.about.get("terms_left_out", [])), *[ONE_IMPACT] * (len(run.impacts) == 1)]
+    said = [*_of_the_formula(run), *[ONE_IMPACT] * (len(run.impacts) == 1)]
     return [*warned_codes(run.diagnostics), *codes_in(" ".join(said))]
+
+
+def _of_the_formula(run: FitRun) -> list[str]:
+    """What the formulas leave out, of what they might be of: terms and columns."""
+    of = run.about
+    return [left_out_words(of.get("terms_left_out", [])), not_used_words(of.get("columns_not_used", []))]
 
 
 def _subtitle(run: FitRun) -> str:
@@ -102,6 +108,7 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
         "one_impact": ONE_IMPACT,
         "of": answers.of_whom(run),
         "terms_left_out": left_out_words(run.about.get("terms_left_out", [])),
+        "formula_words": list(filter(None, _of_the_formula(run))),
         "averaged": answers.averaged_sentence(run),
         "people_averaged": answers.averaged_over(run, "K_subject"),
         "method": answers.method_sentence(run),
