@@ -14,7 +14,7 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from bayestissue.dataset import Dataset, read_dataset
-from bayestissue.dataset.recorders import channels_of
+from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
 from dataset_bench import MASSES, NAMES, RATE, Lab, tables
 from recorder_files import acq, c3d, lvm, markers
@@ -238,7 +238,7 @@ def test_channels_come_with_the_unit_that_the_file_states(
 ) -> None:
     path = tmp_path / f"a{suffix}"
     write(path, np.arange(40.0))
-    ((_, channel),) = channels_of(path, path.name).items()
+    ((_, channel),) = contents_of(path, path.name).channels.items()
     assert (channel.unit, len(channel.values)) == (unit, 40)
 
 
@@ -255,7 +255,7 @@ def test_whole_numbers_of_c3d_are_scaled_as_its_analog_group_says(tmp_path: Path
         at += data[at - 1]
         data[at : at + len(stored)] = stored
     (tmp_path / "whole.c3d").write_bytes(data[:begin] + raw.tobytes())
-    read = channels_of(tmp_path / "whole.c3d", "whole.c3d")["value"]
+    read = contents_of(tmp_path / "whole.c3d", "whole.c3d").channels["value"]
     # SCALE itself has four bytes.
     np.testing.assert_allclose(
         np.asarray(read.values), (raw - float(offset)) * np.float64(np.float32(scale)), rtol=1e-15
@@ -265,7 +265,7 @@ def test_whole_numbers_of_c3d_are_scaled_as_its_analog_group_says(tmp_path: Path
 def test_a_c3d_file_without_analog_channels_has_those_of_its_markers(tmp_path: Path) -> None:
     height = np.linspace(100.0, 80.0, 30)
     markers(tmp_path / "a.c3d", height, 200.0, hidden=7)
-    found = channels_of(tmp_path / "a.c3d", "a.c3d")
+    found = contents_of(tmp_path / "a.c3d", "a.c3d").channels
     assert list(found) == [f"{name}.{axis}" for name in ("HAMR", "REST") for axis in "xyz"]
     own = found["HAMR.z"]
     seen = np.arange(30) != 7

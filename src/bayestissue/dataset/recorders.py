@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float64
 
+from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import read_bytes
 from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, unit_in_name
-from bayestissue.dataset.headers import header
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, Numbers, read_numbers, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, column_names, read_numbers, read_table
 from bayestissue.errors import InputError, Problem
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
@@ -63,20 +63,25 @@ def suffix_of(path: Path) -> str:
     return "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
 
 
-def channels_of(path: Path, label: str) -> dict[str, Channel]:
+def contents_of(path: Path, label: str, stated: Stated | None = None) -> Contents:
     """All channels of numbers in a file; of a table every column in which most cells hold a number.
 
     Args:
         path: the file; its suffix says the format.
         label: what to call it in a message.
+        stated: how a text is written, as far as somebody said so.
 
     Raises:
         InputError: the file is missing, damaged or of an unknown format.
     """
     if suffix_of(path) not in TABLE_SUFFIXES:
-        return _contents(path, label).channels
-    columns = read_numbers(path, label, remedy=REMEDY)
-    return {name: Channel(column.array, unit=unit_in_name(name)) for name, column in columns.items()}
+        return _contents(path, label)
+    found = read_numbers(path, label, remedy=REMEDY, stated=stated)
+    channels = {
+        name: Channel(column.array, unit=column.unit or unit_in_name(name))
+        for name, column in found.numbers.items()
+    }
+    return Contents(channels, found.first_row, str(found.dialect or ""))
 
 
 def _contents(path: Path, label: str) -> Contents:
@@ -117,15 +122,16 @@ def _contents(path: Path, label: str) -> Contents:
 
 def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
     wanted = [signal.time_column, signal.value_column]
-    if path.suffix != ".parquet" and signal.time_column not in header(read_bytes(path, label, REMEDY), label):
-        wanted = [signal.value_column] if "time_column" not in signal.model_fields_set else wanted
-    columns, _ = read_table(path, label, numbers=wanted, remedy=REMEDY)
-    value, time = columns[signal.value_column], columns.get(signal.time_column, Numbers(np.empty(0)))
+    if "time_column" not in signal.model_fields_set:
+        names = column_names(path, label, wanted=wanted, remedy=REMEDY, stated=signal.stated)
+        wanted = [name for name in wanted if name in (*names, signal.value_column)]
+    found = read_table(path, label, numbers=wanted, remedy=REMEDY, stated=signal.stated)
+    value, time = found.numbers[signal.value_column], found.numbers.get(signal.time_column)
     return Recording(
         value.array,
-        time.array if signal.time_column in columns else None,
-        first_row=2,
-        text={**time.text, **value.text},
+        None if time is None else time.array,
+        first_row=found.first_row,
+        text={**(time.text if time else {}), **value.text},
     )
 
 
