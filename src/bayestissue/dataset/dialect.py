@@ -1,4 +1,4 @@
-"""How a text table is written: its encoding, the marks between cells and within numbers, the lines above them.
+"""How a text table is written: encoding, marks between cells and within numbers, lines above them.
 
 A spreadsheet writes CSV files as its country does: ``0,5;1.234,5`` in Germany, ``0.5,"1,234.5"`` in Britain.
 What is found here is what every reader of text tables goes by.
@@ -11,7 +11,7 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
 from typing import Literal
@@ -142,7 +142,81 @@ class _Record:
 
     row: int
     below: int
-    cells: list[str] = field(hash=False)
+    cells: list[str]
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """The first lines of a table, cut at one delimiter."""
+
+    delimiter: str
+    records: list[_Record]
+
+    @classmethod
+    def of(cls, text: str, delimiter: str) -> _Lines:
+        return cls(delimiter, list(islice(_records(text, delimiter), _FEW)))
+
+    @property
+    def lower(self) -> list[_Record]:
+        """The lower half, in which there is no header."""
+        return self.records[len(self.records) // 2 :]
+
+    @cached_property
+    def width(self) -> int:
+        """How many cells most lines have; the lower half decides where several numbers are as frequent."""
+        count = Counter(len(each.cells) for each in [*self.records, *self.lower])
+        return count.most_common(1)[0][0] if count else 0
+
+    @property
+    def share(self) -> float:
+        """Of the lines, those that have as many cells as most; 0 where these have one."""
+        alike = sum(len(each.cells) == self.width for each in self.records)
+        return alike / len(self.records) if self.width > 1 else 0.0
+
+    @cached_property
+    def number_columns(self) -> list[int]:
+        """The columns that hold numbers in most cells of the lower half that are filled."""
+        cells = [each.cells for each in self.lower if len(each.cells) == self.width]
+        filled = [[line[at] for line in cells if line[at].strip()] for at in range(self.width)]
+        return [at for at, some in enumerate(filled) if 2 * sum(map(_is_number, some)) > len(some)]
+
+    def is_data(self, record: _Record) -> bool:
+        """Whether most of the columns of numbers hold one in a record."""
+        columns = self.number_columns
+        found = [len(record.cells) > at and _is_number(record.cells[at]) for at in columns]
+        return 2 * sum(found) > len(found)
+
+    def names(self, wanted: Sequence[str], *, named: bool) -> _Record | None:
+        """The record with the names of the columns; None where there is none."""
+        hits = [len(set(wanted) & {cell.strip() for cell in each.cells}) for each in self.records]
+        if max(hits, default=0):
+            return self.records[hits.index(max(hits))]
+        if named or not self.number_columns:
+            return self.records[0] if self.records else None
+        first = next((i for i, each in enumerate(self.records) if self.is_data(each)), 0)
+        # A line of one cell says something of the table. Above commas it may be the name of a single column
+        # of numbers with decimal commas, which then don't fit below it.
+        single = self.width == 1 or self.delimiter == ","
+        above = [each for each in self.records[:first] if single or len(each.cells) > 1]
+        above = [each for each in above if not any(map(_is_number, each.cells))] or above
+        if above:
+            return above[-2] if len(above) > 1 and _are_units(above[-1].cells) else above[-1]
+        # The numbers of the columns, as pandas writes them over an array that has no names.
+        counted = [str(number) for number in range(self.width)]
+        return self.records[0] if len(self.records) > 1 and self.records[0].cells == counted else None
+
+    def units(self, names: _Record | None) -> _Record | None:
+        """The record of units below that of the names; None where there is none."""
+        below = next((each for each in self.records if names and each.row >= names.below), None)
+        return below if below and not self.is_data(below) and _are_units(below.cells) else None
+
+    def first_row(self, above: _Record | None) -> int:
+        """The row of the first record below the names and units."""
+        if above is None:
+            return next((each.row for each in self.records if self.is_data(each)), 1)
+        # An empty line of a single column is an empty cell.
+        after = [] if self.width == 1 else [each.row for each in self.records if each.row >= above.below]
+        return after[0] if after else above.below
 
 
 def text_table(
@@ -175,33 +249,33 @@ def text_table(
     first_line(data, label)
     head = data if len(data) <= _HEAD else data[: data.rfind(b"\n", 0, _HEAD) + 1 or _HEAD]
     text = head.decode("utf-8", "ignore")
-    delimiter = DELIMITERS[stated.delimiter] if stated.delimiter else _delimiter(text)
-    records = list(islice(_records(text, delimiter), _FEW))
-    width = _width(records)
-    header, units = _header(records, width, wanted, stated, named=named)
-    first_row = _first(records, width, units or header)
+    lines = _Lines.of(text, DELIMITERS[stated.delimiter]) if stated.delimiter else _cut(text)
+    rows = {each.row: each for each in lines.records}
+    told, told_units = stated.header_row, stated.units_row
+    header = lines.names(wanted, named=named) if told is None else rows.get(told)
+    below = lines.units(header) if told_units is None else rows.get(told_units)
+    first_row = lines.first_row(below or header)
     body = memoryview(data)[_offset(head, first_row) :]
-    decimal = DECIMALS[stated.decimal] if stated.decimal else _decimal(records, first_row, body)
+    cells = [each.cells for each in lines.records if each.row >= first_row]
+    decimal = DECIMALS[stated.decimal] if stated.decimal else _decimal(cells, body)
+    thousands = stated.thousands
     dialect = Dialect(
         encoding,
-        delimiter,
+        lines.delimiter,
         decimal,
-        THOUSANDS[stated.thousands] if stated.thousands else _thousands(body, delimiter, decimal),
+        THOUSANDS[thousands] if thousands else _thousands(body, lines.delimiter, decimal),
         header.row if header else 0,
-        units.row if units else 0,
+        below.row if below else 0,
         first_row,
     )
-    names = (
-        [name.strip() for name in header.cells] if header else [f"column {n}" for n in range(1, width + 1)]
-    )
-    names = _fitted(names, [r.cells for r in records if r.row >= first_row])
-    told = [cell.strip().strip("[]()").strip() for cell in units.cells] if units else []
-    told += [""] * (len(names) - len(told))
-    if delimiter == " ":
-        body = memoryview(
-            b"\n".join(b"\t".join(line.split()) for line in body.tobytes().splitlines()) + b"\n"
-        )
-    return TextTable(dialect, names, told, body, "\t" if delimiter == " " else delimiter)
+    numbered = [f"column {number}" for number in range(1, lines.width + 1)]
+    names = _fitted([name.strip() for name in header.cells] if header else numbered, cells)
+    units = [_bare(cell) for cell in below.cells] if below else []
+    units = (units + [""] * len(names))[: len(names)]
+    if lines.delimiter != " ":
+        return TextTable(dialect, names, units, body, lines.delimiter)
+    tabbed = b"".join(b"\t".join(line.split()) + b"\n" for line in body.tobytes().splitlines())
+    return TextTable(dialect, names, units, memoryview(tabbed), "\t")
 
 
 def _word[Word: str](words: dict[Word, str], mark: str) -> str:
@@ -227,95 +301,28 @@ def _records(text: str, delimiter: str) -> Iterator[_Record]:
         return
 
 
-def _width(records: Sequence[_Record]) -> int:
-    """How many cells most records have, of those in the lower half where several numbers are as frequent."""
-    count = Counter(len(each.cells) for each in records)
-    count.update(len(each.cells) for each in records[len(records) // 2 :])
-    return count.most_common(1)[0][0] if count else 0
-
-
-def _delimiter(text: str) -> str:
-    """The mark that cuts most lines into equally many cells; a comma where none does."""
-    share = {
-        mark: _share(list(islice(_records(text, mark), _FEW))) for mark in DELIMITERS.values() if mark != " "
-    }
-    best = max(share, key=lambda mark: share[mark])
-    if share[best] and best != ",":
+def _cut(text: str) -> _Lines:
+    """The lines cut by the mark that makes most of them equally long; by a comma where none does."""
+    cut = [_Lines.of(text, mark) for mark in DELIMITERS.values() if mark != " "]
+    best = max(cut, key=lambda lines: lines.share)
+    if best.share and best.delimiter != ",":
         return best
     # Between words stand spaces too: they separate cells where nothing but numbers stands between them.
-    spaced = list(islice(_records(text, " "), _FEW))
-    below = [cell for each in spaced[len(spaced) // 2 :] for cell in each.cells]
-    if below and _share(spaced) > 0.5 and all(_is_number(cell) and cell[-1] != "," for cell in below):
-        return " "
-    return best if share[best] else ","
-
-
-def _share(records: Sequence[_Record]) -> float:
-    """Of the lines, those that have as many cells as most; 0 where these have one."""
-    width = _width(records)
-    return sum(len(each.cells) == width for each in records) / len(records) if width > 1 else 0.0
+    spaced = _Lines.of(text, " ")
+    cells = [cell for each in spaced.lower for cell in each.cells]
+    if cells and spaced.share > 0.5 and all(_is_number(cell) and cell[-1] != "," for cell in cells):
+        return spaced
+    return next(lines for lines in cut if lines.delimiter == ",")
 
 
 def _is_number(cell: str) -> bool:
     return _ANY_NUMBER.fullmatch(cell.strip()) is not None
 
 
-def _number_columns(records: Sequence[_Record], width: int) -> list[int]:
-    """The columns that hold numbers in most of the lower half of the records."""
-    below = [each.cells for each in records[len(records) // 2 :] if len(each.cells) == width]
-    return [
-        column
-        for column in range(width)
-        if 2 * sum(_is_number(cells[column]) for cells in below)
-        > len([c for c in below if c[column].strip()])
-        > 0
-    ]
-
-
-def _is_data(record: _Record, records: Sequence[_Record], width: int) -> bool:
-    """Whether most of the columns of numbers hold one in a record."""
-    columns = _number_columns(records, width)
-    found = [len(record.cells) > column and _is_number(record.cells[column]) for column in columns]
-    return 2 * sum(found) > len(found)
-
-
-def _header(
-    records: Sequence[_Record], width: int, wanted: Sequence[str], stated: Stated, *, named: bool
-) -> tuple[_Record | None, _Record | None]:
-    """The record with the names, and that with the units below it."""
-    by_row = {record.row: record for record in records}
-    if stated.header_row is not None:
-        header = by_row.get(stated.header_row)
-    else:
-        header = _names(records, width, wanted, named=named)
-    if stated.units_row is not None:
-        return header, by_row.get(stated.units_row)
-    below = next((each for each in records if header and each.row >= header.below), None)
-    if below is None or _is_data(below, records, width) or not _are_units(below.cells):
-        return header, None
-    return header, below
-
-
-def _names(records: Sequence[_Record], width: int, wanted: Sequence[str], *, named: bool) -> _Record | None:
-    found = [len(set(wanted) & {cell.strip() for cell in record.cells}) for record in records]
-    if max(found, default=0):
-        return records[found.index(max(found))]
-    if named or not _number_columns(records, width):
-        return records[0] if records else None
-    first = next((i for i, record in enumerate(records) if _is_data(record, records, width)), 0)
-    above = [each for each in records[:first] if len(each.cells) > 1 or width == 1]
-    above = [each for each in above if not any(_is_number(cell) for cell in each.cells)] or above
-    if not above:
-        # The numbers of the columns, as pandas writes them over an array that has no names.
-        counted = [str(n) for n in range(width)]
-        return records[0] if records and records[0].cells == counted and len(records) > 1 else None
-    return above[-2] if len(above) > 1 and _are_units(above[-1].cells) else above[-1]
-
-
 def _are_units(cells: Sequence[str]) -> bool:
     """Whether each cell is a unit or says that there is none, and one of them is a unit of a recording."""
     texts = [cell.strip() for cell in cells]
-    bare = [text.strip("[]()").strip() for text in texts]
+    bare = [_bare(text) for text in texts]
     known = [_is_unit(text) for text in bare]
     others = (
         not text
@@ -341,14 +348,8 @@ def _is_unit(text: str) -> bool:
     return False
 
 
-def _first(records: Sequence[_Record], width: int, above: _Record | None) -> int:
-    """The row of the first record below the names and units."""
-    if above is None:
-        return next((each.row for each in records if _is_data(each, records, width)), 1)
-    if width == 1:
-        # An empty line of a single column is an empty cell.
-        return above.below
-    return next((each.row for each in records if each.row >= above.below), above.below)
+def _bare(unit: str) -> str:
+    return unit.strip().strip("[]()").strip()
 
 
 def _offset(data: bytes, row: int) -> int:
@@ -362,10 +363,10 @@ def _offset(data: bytes, row: int) -> int:
     return at
 
 
-def _decimal(records: Sequence[_Record], first_row: int, body: memoryview) -> str:
+def _decimal(records: Sequence[Sequence[str]], body: memoryview) -> str:
     """The mark that stands before decimals in most numbers; a point where no number has decimals."""
     last: Counter[str] = Counter()
-    for cell in (cell for each in records if each.row >= first_row for cell in each.cells):
+    for cell in (cell for cells in records for cell in cells):
         marks = re.findall("[.,]", cell) if _is_number(cell) else []
         # Of two marks the last one stands before decimals; one that repeats stands between thousands.
         if marks and (len(marks) == 1 or marks[-1] != marks[0]):

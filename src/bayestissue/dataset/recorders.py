@@ -13,10 +13,11 @@ from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import read_bytes
 from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, unit_in_name
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, column_names, read_numbers, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, column_names, read_numbers, read_table
 from bayestissue.errors import InputError, Problem
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
+_TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
 SUFFIXES = (*TABLE_SUFFIXES, *FORMATS)
 
 
@@ -53,7 +54,7 @@ def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
     Raises:
         InputError: the file is missing, damaged, of an unknown format, or lacks a channel.
     """
-    if suffix_of(path) in TABLE_SUFFIXES:
+    if suffix_of(path) in _TABLES:
         return _from_table(path, label, signal)
     return _pick(_contents(path, label), label, signal)
 
@@ -74,7 +75,7 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
     Raises:
         InputError: the file is missing, damaged or of an unknown format.
     """
-    if suffix_of(path) not in TABLE_SUFFIXES:
+    if suffix_of(path) not in _TABLES:
         return _contents(path, label)
     found = read_numbers(path, label, remedy=REMEDY, stated=stated)
     channels = {
@@ -89,7 +90,7 @@ def _contents(path: Path, label: str) -> Contents:
         raise InputError(
             Problem(
                 label,
-                f"a file ending in {', '.join(SUFFIXES)}",
+                f"a file ending in {', '.join((*SUFFIXES, *TEXT_SUFFIXES))}",
                 "Export the recording in one of these formats.",
                 value=path.name,
                 code="recorder-format",

@@ -18,7 +18,9 @@ from bayestissue.dataset.files import read_bytes, require_small
 from bayestissue.dataset.headers import RaggedRow, column_problems, ragged_problem
 from bayestissue.errors import InputError, Problem
 
-TABLE_SUFFIXES = (".csv", ".csv.gz", ".parquet")
+TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".parquet")
+# What else may be a table, or a note to the reader.
+TEXT_SUFFIXES = (".txt", ".dat", ".asc")
 
 
 @dataclass(frozen=True)
@@ -166,7 +168,7 @@ def _of_text(text: TextTable, label: str, numbers: Sequence[str], labels: Sequen
         raise InputError(problems)
     if text.empty:
         raise InputError(_no_rows(label))
-    lines = np.count_nonzero(np.frombuffer(text.body, np.uint8) == ord("\n"))
+    lines = int(np.count_nonzero(np.frombuffer(text.body, np.uint8) == ord("\n")))
     require_small(8 * lines * len(wanted), label)
     name_type = pa.dictionary(pa.int32(), pa.string())
     types: dict[str, pa.DataType] = dict.fromkeys(labels, name_type) | dict.fromkeys(numbers, pa.float64())

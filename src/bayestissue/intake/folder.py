@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.recorders import SUFFIXES, contents_of, suffix_of
+from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 
 _DIGITS = re.compile(r"(\d+)")
@@ -108,13 +109,16 @@ def look(
         )
     skipped = {path.resolve() for path in ignore}
     paths = [path for path in _files(root) if path.resolve() not in skipped]
-    wanted = [path for path in paths if suffix_of(path) in ((suffix,) if suffix else SUFFIXES)]
+    # Where there is nothing else, texts are recordings; beside recordings they are notes.
+    kinds = [(suffix,)] if suffix else [SUFFIXES, TEXT_SUFFIXES]
+    sorted_out = ([path for path in paths if suffix_of(path) in kind] for kind in kinds)
+    wanted = next(filter(None, sorted_out), [])
     if not wanted:
         ends = ", ".join(sorted({suffix_of(path) or path.name for path in paths})[:10])
         raise InputError(
             Problem(
                 str(folder),
-                f"files ending in {suffix or ', '.join(SUFFIXES)}",
+                f"files ending in {suffix or ', '.join((*SUFFIXES, *TEXT_SUFFIXES))}",
                 "Export the recordings in one of these formats.",
                 value=f"files ending in {ends}" if paths else "no files",
                 code="no-recordings",
@@ -127,7 +131,7 @@ def look(
         try:
             contents = contents_of(path, name, stated)
         except InputError as error:
-            problems += error.problems
+            problems += (replace(problem, of=len(wanted)) for problem in error.problems)
             continue
         files.append(
             File(
