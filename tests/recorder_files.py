@@ -21,9 +21,14 @@ def lvm(
     samples: int | None = None,
     comment: bool = True,
     unit: str = "m/s^2",
+    intervals: list[float | None] | None = None,
 ) -> None:
-    """A LabVIEW measurement file: a header, a block header per channel, and the data."""
+    """A LabVIEW measurement file: a header, a block header per channel, and the data.
+
+    Channels may be shorter than the time; ``intervals`` are theirs where they differ from those of the time.
+    """
     count, rows = len(channels), len(time)
+    steps = [f"{step or time[1] - time[0]:.9g}" for step in intervals or [None] * count]
 
     def line(key: str, *cells: object) -> str:
         return "\t".join([key, *(str(cell) for cell in cells)])
@@ -42,11 +47,11 @@ def lvm(
         "***End_of_Header***",
         "",
         line("Channels", count, *per_channel),
-        line("Samples", *[rows if samples is None else samples] * count),
+        line("Samples", *[len(each) if samples is None else samples for each in channels.values()]),
         line("Y_Unit_Label", *[unit] * count),
         line("X_Dimension", *["Time"] * count),
         line("X0", *[f"{time[0]!r}".replace("np.float64(", "").rstrip(")")] * count),
-        line("Delta_X", *[f"{time[1] - time[0]:.9g}"] * count),
+        line("Delta_X", *steps),
         "***End_of_Header***",
     ]
     multi = x_columns == "Multi"
@@ -55,7 +60,7 @@ def lvm(
     body = []
     for row in range(rows):
         first = "" if x_columns == "No" else f"{time[row]:.9g}"
-        cells = [f"{values[row]:.12g}" for values in channels.values()]
+        cells = [f"{values[row]:.12g}" if row < len(values) else "" for values in channels.values()]
         if multi:
             cells = [cell for value in cells for cell in (first, value)]
             body.append("\t".join(cells))

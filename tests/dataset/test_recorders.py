@@ -47,6 +47,10 @@ def _lvm_multi(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     lvm(path, time, {"Force": 3 * value, "value": value}, x_columns="Multi")
 
 
+def _lvm_of_several_rates(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    lvm(path, time, {"Note": value[:5], "value": value, "Slow": value[::4]}, intervals=[1.0, None, 4 / RATE])
+
+
 def _lvm_comma(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     lvm(path, time, {"value": value}, decimal=",")
 
@@ -124,6 +128,7 @@ FORMATS: dict[str, tuple[str, Writer]] = {
     "lvm of many channels": (".lvm", _lvm_many),
     "lvm without x": (".lvm", _lvm_no_x),
     "lvm with an x per channel": (".lvm", _lvm_multi),
+    "lvm of channels of several rates": (".lvm", _lvm_of_several_rates),
     "lvm with decimal comma": (".lvm", _lvm_comma),
     "tdms": (".tdms", _tdms),
     "tdms of many channels": (".tdms", _tdms_many),
@@ -345,6 +350,14 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (_lvm_short, ".lvm", "400 rows"),
         (_lvm_spectrum, ".lvm", "time along X"),
         (_lvm_blocks, ".lvm", "one block of data"),
+        (
+            lambda p, t, v: lvm(p, t, {"value": v[:5], "Force": v}),
+            *(".lvm", r'all 4 files, such as a.lvm, column value: found "5 samples".*Name another one .*: Force\.'),
+        ),
+        (
+            lambda p, t, v: lvm(p, t, {"value": v, "Slow": v[:5]}, intervals=[None, 1.0], samples=500),
+            *(".lvm", "400 rows where 500 are stated"),
+        ),
         (_tdms_half, ".tdms", "an end that is missing"),
         (_tdms_without_an_end, ".tdms", "an end that is missing"),
         (lambda p, t, v: savemat(p, {"time_s": t[:-1], "value": v}), ".mat", "as many samples"),
@@ -355,7 +368,8 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (_half(_acq), ".acq", "an end that is missing"),
     ],
     ids=[
-        *("no-such-channel", "rows-missing", "spectrum", "two-blocks", "half", "no-last-sample"),
+        *("no-such-channel", "rows-missing", "spectrum", "two-blocks", "short", "short-and-broken"),
+        *("half", "no-last-sample"),
         *("unequal-channels", "no-numbers", "numbers-in-other-files", "numbers-elsewhere", "c3d", "acq"),
     ],
 )
@@ -380,3 +394,16 @@ def test_no_pickle_is_read_or_left_beside_a_recording(lab: Lab) -> None:
     files_instead(lab, ".lvm", _lvm)
     read_dataset(lab.folder)
     assert not list(lab.folder.glob("*.pkl"))
+
+
+def test_a_shock_table_as_labview_writes_it(shock_table: Path) -> None:
+    """Two channels of 51,200 samples at 51.2 kHz beside four of five samples, one every second."""
+    for path in sorted(shock_table.glob("*.lvm")):
+        channels = contents_of(path, path.name).channels
+        assert [len(channel.values) for channel in channels.values()] == [51_200] * 2 + [5] * 4
+        assert all(np.isfinite(channel.values).all() for channel in channels.values())
+        for channel in channels.values():
+            step = 1.0 if len(channel.values) == 5 else 1 / 51_200
+            assert channel.clock is not None
+            # LabVIEW writes X_Value with six decimals.
+            np.testing.assert_allclose(np.diff(channel.clock), step, rtol=0, atol=1.1e-6)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,6 +13,7 @@ from jaxtyping import Float64
 from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import read_bytes
 from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, unit_in_name
+from bayestissue.dataset.plausible import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, column_names, read_numbers, read_table
 from bayestissue.errors import InputError, Problem
@@ -85,6 +87,11 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
     return Contents(channels, found.first_row, str(found.dialect or ""))
 
 
+def long_enough(channels: Mapping[str, Channel]) -> list[str]:
+    """The channels that can be recordings of an impact: `MIN_SAMPLES` samples or more."""
+    return [name for name, channel in channels.items() if channel.values.size >= MIN_SAMPLES]
+
+
 def _contents(path: Path, label: str) -> Contents:
     if (suffix := suffix_of(path)) not in FORMATS:
         raise InputError(
@@ -140,7 +147,7 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
     problems, channels = [], contents.channels
     name = signal.value_column
     if name not in channels and "value_column" not in signal.model_fields_set:
-        others = [other for other in channels if other != signal.time_column]
+        others = [other for other in long_enough(channels) if other != signal.time_column]
         name = others[0] if len(others) == 1 else name
     for key, wanted in (("value_column", name), ("time_column", signal.time_column)):
         needed = key == "value_column" or key in signal.model_fields_set
@@ -158,6 +165,17 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
     if problems:
         raise InputError(problems)
     value, time = channels[name], channels.get(signal.time_column)
+    if value.values.size < MIN_SAMPLES and (others := long_enough(channels)):
+        raise InputError(
+            Problem(
+                label,
+                f"a channel of a recording, of at least {MIN_SAMPLES} samples",
+                f"Name another one as signal.value_column in dataset.toml: {', '.join(others)}.",
+                column=name,
+                value=f"{value.values.size} samples",
+                code="no-channel",
+            )
+        )
     if time is not None and time.values.size != value.values.size:
         raise InputError(
             Problem(

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from bayestissue.dataset.model import Quantity
+from bayestissue.dataset.plausible import MIN_SAMPLES
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.folder import About, File, Found
@@ -139,7 +140,11 @@ def settle(choices: Choices, found: Found, facts: frozenset[str]) -> tuple[Choic
     times = [name for name in rising if _TIME.match(name)]
     # What rises evenly is hardly an impact, whatever it is called.
     likely = times or (rising if len(rising) == 1 else [])
-    values = [name for name in every if name not in likely and name != choices.time]
+    values = [
+        name
+        for name, each in every.items()
+        if name not in likely and name != choices.time and max(a.samples for a in each) >= MIN_SAMPLES
+    ]
     if not values:
         raise InputError(_no_values(file, len(found.files)) for file in found.files)
     if choices.channel is None and len(values) == 1:
