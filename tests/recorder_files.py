@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import io
+import zipfile
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import ezc3d
 import numpy as np
@@ -141,3 +143,39 @@ def acq(path: Path, channels: dict[str, np.ndarray], rate: float, units: dict[st
         out.write(bytes(filled(headers.ChannelDTypeHeader, nSize=8, nType=1)))
     out.write(np.column_stack(list(channels.values())).astype("<f8").tobytes())
     path.write_bytes(out.getvalue())
+
+
+def xlsx(path: Path, rows: list[list[object]], *, before: tuple[str, ...] = ()) -> None:
+    """An Excel workbook by hand: numbers as numbers, the rest as text; empty sheets come ``before``."""
+    names = [*before, "Messung"]
+    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    package = "http://schemas.openxmlformats.org/package/2006"
+
+    def cell(value: object) -> str:
+        if isinstance(value, float | int):
+            return f"<c><v>{value!r}</v></c>"
+        return f'<c t="inlineStr"><is><t>{escape(str(value))}</t></is></c>'
+
+    body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
+    sheets = [f'<worksheet xmlns="{main}"><sheetData/></worksheet>'] * len(before)
+    sheets += [f'<worksheet xmlns="{main}"><sheetData>{body}</sheetData></worksheet>']
+    listed = "".join(f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"/>' for n, name in enumerate(names, 1))
+    related = "".join(
+        f'<Relationship Id="rId{n}" Type="{office}/worksheet" Target="worksheets/sheet{n}.xml"/>'
+        for n in range(1, len(names) + 1)
+    )
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("[Content_Types].xml", f'<Types xmlns="{package}/content-types"/>')
+        root = f'<Relationship Id="rId1" Type="{office}/officeDocument" Target="xl/workbook.xml"/>'
+        file.writestr("_rels/.rels", f'<Relationships xmlns="{package}/relationships">{root}</Relationships>')
+        file.writestr(
+            "xl/workbook.xml",
+            f'<workbook xmlns="{main}" xmlns:r="{office}"><sheets>{listed}</sheets></workbook>',
+        )
+        file.writestr(
+            "xl/_rels/workbook.xml.rels",
+            f'<Relationships xmlns="{package}/relationships">{related}</Relationships>',
+        )
+        for n, sheet in enumerate(sheets, 1):
+            file.writestr(f"xl/worksheets/sheet{n}.xml", sheet)

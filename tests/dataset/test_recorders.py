@@ -17,7 +17,7 @@ from bayestissue.dataset import Dataset, read_dataset
 from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
 from dataset_bench import MASSES, NAMES, RATE, Lab, tables
-from recorder_files import acq, c3d, lvm, markers
+from recorder_files import acq, c3d, lvm, markers, xlsx
 
 Writer = Callable[[Path, np.ndarray, np.ndarray], None]
 
@@ -25,6 +25,11 @@ Writer = Callable[[Path, np.ndarray, np.ndarray], None]
 def _csv(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     text = pd.DataFrame({"time_s": time, "value": value, "note": "x"}).to_csv(index=False).encode()
     path.write_bytes(gzip.compress(text) if path.suffix == ".gz" else text)
+
+
+def _xlsx(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    rows = [list(pair) for pair in zip(time.tolist(), value.tolist(), strict=True)]
+    xlsx(path, [["Prüfstand 3"], [], ["time_s", "value"], *rows], before=("empty",))
 
 
 def _parquet(path: Path, time: np.ndarray, value: np.ndarray) -> None:
@@ -124,6 +129,7 @@ FORMATS: dict[str, tuple[str, Writer]] = {
     "csv": (".csv", _csv),
     "packed csv": (".csv.gz", _csv),
     "parquet": (".parquet", _parquet),
+    "xlsx": (".xlsx", _xlsx),
     "lvm": (".lvm", _lvm),
     "lvm of many channels": (".lvm", _lvm_many),
     "lvm without x": (".lvm", _lvm_no_x),
@@ -352,7 +358,10 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (_lvm_blocks, ".lvm", "one block of data"),
         (
             lambda p, t, v: lvm(p, t, {"value": v[:5], "Force": v}),
-            *(".lvm", r'all 4 files, such as a.lvm, column value: found "5 samples".*Name another one .*: Force\.'),
+            *(
+                ".lvm",
+                r'all 4 files, such as a.lvm, column value: found "5 samples".*Name another one .*: Force\.',
+            ),
         ),
         (
             lambda p, t, v: lvm(p, t, {"value": v, "Slow": v[:5]}, intervals=[None, 1.0], samples=500),

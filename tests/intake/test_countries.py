@@ -13,6 +13,7 @@ from bayestissue.errors import InputError
 from command_line import bayestissue
 from country import GERMAN, PLAIN, Country, facts, recordings
 from dataset_bench import DAMPING, STIFFNESS, deceleration
+from recorder_files import xlsx
 
 pytestmark = pytest.mark.usefixtures("undrawn")
 
@@ -73,6 +74,30 @@ def test_one_table_of_all_samples(tmp_path: Path) -> None:
     (tmp_path / "traces.csv").write_bytes(above.table(["impact", "time_s", "value"], rows))
     with pytest.raises(InputError, match=r"traces\.csv, row 12, column value, impact a: found \"kaputt\""):
         bt.read_dataset(tmp_path)
+
+
+def test_a_workbook_of_facts_and_one_of_all_samples(tmp_path: Path) -> None:
+    rows = recordings(tmp_path / "de", GERMAN, people=1)
+    numbers = ("mass_kg", "velocity_m_s")
+    plain = [
+        [float(cell.replace(",", ".")) if name in numbers else cell for name, cell in row.items()]
+        for row in rows
+    ]
+    xlsx(tmp_path / "info.xlsx", [["Studie 7"], list(rows[0]), *plain])
+    out, made = init(tmp_path / "de", "--table", tmp_path / "info.xlsx")
+    assert (made.status, made.err) == (0, "")
+    data = bt.read_dataset(out)
+    assert data.impacts["mass_kg"].tolist() == [float(row["mass_kg"].replace(",", ".")) for row in rows]
+    impacts = pd.read_csv(out / "impacts.csv").drop(columns="trace")
+    impacts.to_csv(out / "impacts.csv", index=False)
+    samples = [
+        [impact, 1e3 * time, value]
+        for impact, trace in zip(data.impacts["impact"], data.traces, strict=True)
+        for time, value in zip(trace.time_s.tolist(), trace.value.tolist(), strict=True)
+    ]
+    xlsx(out / "traces.xlsx", [["impact", "Zeit", "Verzögerung"], *samples])
+    for one, other in zip(data.traces, bt.read_dataset(out).traces, strict=True):
+        np.testing.assert_array_equal(one.value, other.value)
 
 
 def test_what_is_wrong_with_all_files_is_one_problem(tmp_path: Path) -> None:

@@ -11,12 +11,13 @@ import io
 import re
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice
 from typing import Literal
 
 from bayestissue.dataset.files import as_utf8, first_line
+from bayestissue.dataset.sheet import is_workbook, sheet_text
 from bayestissue.dataset.units import Dimension, to_si
 
 Encoding = Literal["utf-8", "utf-16", "cp1252"]
@@ -73,6 +74,7 @@ class Dialect:
         header_row: the row with the names of columns; 0 if there is none.
         units_row: the row with their units; 0 if there is none.
         first_row: the row of the first record.
+        sheet: of a workbook, whose cells need no marks; empty of a text.
     """
 
     encoding: str = "utf-8"
@@ -82,21 +84,18 @@ class Dialect:
     header_row: int = 1
     units_row: int = 0
     first_row: int = 2
+    sheet: str = ""
 
     def __str__(self) -> str:
-        between = _word(DELIMITERS, self.delimiter)
-        thousands = _word(THOUSANDS, self.thousands)
-        names = f"names in row {self.header_row}" if self.header_row else "no names of columns"
-        return ", ".join(
-            [
-                _ENCODINGS[self.encoding],
-                f"a {between} between cells",
-                f"a decimal {_word(DECIMALS, self.decimal)}",
-                *([f"a {thousands} between thousands"] if self.thousands else []),
-                names,
-                *([f"units in row {self.units_row}"] if self.units_row else []),
-            ]
+        between, decimal = _word(DELIMITERS, self.delimiter), _word(DECIMALS, self.decimal)
+        thousands = f"a {_word(THOUSANDS, self.thousands)} between thousands" if self.thousands else ""
+        marks = [f"a {between} between cells", f"a decimal {decimal}", thousands]
+        found = (
+            [f"the sheet {self.sheet}"] if self.sheet else [_ENCODINGS[self.encoding], *filter(None, marks)]
         )
+        found += [f"names in row {self.header_row}" if self.header_row else "no names of columns"]
+        found += [f"units in row {self.units_row}"] if self.units_row else []
+        return ", ".join(found)
 
     @cached_property
     def number(self) -> str:
@@ -235,16 +234,19 @@ def text_table(
     ``wanted`` ones; else the last one above the numbers that holds no number itself.
 
     Args:
-        data: the file.
+        data: the file: a text, or an Excel workbook, of which the first sheet with cells is the table.
         label: what to call it in a message.
         wanted: names of columns that should be there.
         stated: what somebody said of it, which is not looked for.
         named: whether the table must name its columns; one that may not calls them ``column 1`` and so on.
 
     Raises:
-        InputError: it is no text.
+        InputError: it is no text and no workbook.
     """
-    stated = stated or Stated()
+    stated, sheet = stated or Stated(), ""
+    if is_workbook(data):
+        sheet, data = sheet_text(data, label)
+        stated = replace(stated, encoding="utf-8", delimiter="comma")
     data, encoding = as_utf8(data, label, stated.encoding)
     first_line(data, label)
     head = data if len(data) <= _HEAD else data[: data.rfind(b"\n", 0, _HEAD) + 1 or _HEAD]
@@ -267,6 +269,7 @@ def text_table(
         header.row if header else 0,
         below.row if below else 0,
         first_row,
+        sheet,
     )
     numbered = [f"column {number}" for number in range(1, lines.width + 1)]
     names = _fitted([name.strip() for name in header.cells] if header else numbered, cells)

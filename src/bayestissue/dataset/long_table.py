@@ -13,7 +13,7 @@ from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import Labels, Numbers, read_table
 from bayestissue.errors import InputError, Problem
 
-LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.parquet")
+LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.xlsx", "traces.parquet")
 
 
 def find_long(folder: Path) -> list[Path]:

@@ -18,7 +18,7 @@ from bayestissue.dataset.files import read_bytes, require_small
 from bayestissue.dataset.headers import RaggedRow, column_problems, ragged_problem
 from bayestissue.errors import InputError, Problem
 
-TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".parquet")
+TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
 # What else may be a table, or a note to the reader.
 TEXT_SUFFIXES = (".txt", ".dat", ".asc")
 
@@ -75,7 +75,7 @@ def column_names(
     data = read_bytes(path, label, remedy)
     if path.suffix == ".parquet":
         return list(_schema(data, label).names)
-    return _text(path, data, label, wanted, stated).names
+    return text_table(data, label, wanted=wanted, stated=stated).names
 
 
 def read_table(
@@ -102,7 +102,7 @@ def read_table(
     """
     data = read_bytes(path, label, remedy)
     if path.suffix != ".parquet":
-        text = _text(path, data, label, [*labels, *numbers], stated)
+        text = text_table(data, label, wanted=[*labels, *numbers], stated=stated)
         return _of_text(text, label, numbers, labels)
     table = _parquet(data, label, numbers, labels)
     if unfit := [name for name in numbers if not _numeric(table[name].type)]:
@@ -142,7 +142,7 @@ def read_numbers(path: Path, label: str, *, remedy: str, stated: Stated | None =
         names = [field.name for field in schema if _numeric(field.type)]
         found = read_table(path, label, numbers=names, remedy=remedy)
     else:
-        text = _text(path, read_bytes(path, label, remedy), label, (), stated)
+        text = text_table(read_bytes(path, label, remedy), label, stated=stated)
         found = _of_text(text, label, [name for name in text.names if name], ())
     return replace(
         found,
@@ -156,10 +156,6 @@ def read_numbers(path: Path, label: str, *, remedy: str, stated: Stated | None =
 
 def _empty(column: Numbers) -> int:
     return sum(not text.strip() for text in column.text.values())
-
-
-def _text(path: Path, data: bytes, label: str, wanted: Sequence[str], stated: Stated | None) -> TextTable:
-    return text_table(data, label, wanted=wanted, stated=stated)
 
 
 def _of_text(text: TextTable, label: str, numbers: Sequence[str], labels: Sequence[str]) -> Columns:
