@@ -66,3 +66,12 @@ def heel_strikes() -> Path:
     if not (folder / "dataset.toml").is_file():
         pytest.skip(f"the recorded heel strikes are not at {folder}")
     return folder
+
+
+@pytest.fixture(scope="session")
+def shock_table() -> Path:
+    """Recordings of a shock table, used where they lie beside the project."""
+    folder = Path(__file__).resolve().parents[2] / "shared" / "recordings" / "shock"
+    if not list(folder.glob("*.lvm")):
+        pytest.skip(f"the recordings of a shock table are not at {folder}")
+    return folder

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import ctypes
 import io
+import zipfile
 from pathlib import Path
+from xml.sax.saxutils import escape
 
 import ezc3d
 import numpy as np
@@ -21,9 +23,14 @@ def lvm(
     samples: int | None = None,
     comment: bool = True,
     unit: str = "m/s^2",
+    intervals: list[float | None] | None = None,
 ) -> None:
-    """A LabVIEW measurement file: a header, a block header per channel, and the data."""
+    """A LabVIEW measurement file: a header, a block header per channel, and the data.
+
+    Channels may be shorter than the time; ``intervals`` are theirs where they differ from those of the time.
+    """
     count, rows = len(channels), len(time)
+    steps = [f"{step or time[1] - time[0]:.9g}" for step in intervals or [None] * count]
 
     def line(key: str, *cells: object) -> str:
         return "\t".join([key, *(str(cell) for cell in cells)])
@@ -42,11 +49,11 @@ def lvm(
         "***End_of_Header***",
         "",
         line("Channels", count, *per_channel),
-        line("Samples", *[rows if samples is None else samples] * count),
+        line("Samples", *[len(each) if samples is None else samples for each in channels.values()]),
         line("Y_Unit_Label", *[unit] * count),
         line("X_Dimension", *["Time"] * count),
         line("X0", *[f"{time[0]!r}".replace("np.float64(", "").rstrip(")")] * count),
-        line("Delta_X", *[f"{time[1] - time[0]:.9g}"] * count),
+        line("Delta_X", *steps),
         "***End_of_Header***",
     ]
     multi = x_columns == "Multi"
@@ -55,7 +62,7 @@ def lvm(
     body = []
     for row in range(rows):
         first = "" if x_columns == "No" else f"{time[row]:.9g}"
-        cells = [f"{values[row]:.12g}" for values in channels.values()]
+        cells = [f"{values[row]:.12g}" if row < len(values) else "" for values in channels.values()]
         if multi:
             cells = [cell for value in cells for cell in (first, value)]
             body.append("\t".join(cells))
@@ -136,3 +143,39 @@ def acq(path: Path, channels: dict[str, np.ndarray], rate: float, units: dict[st
         out.write(bytes(filled(headers.ChannelDTypeHeader, nSize=8, nType=1)))
     out.write(np.column_stack(list(channels.values())).astype("<f8").tobytes())
     path.write_bytes(out.getvalue())
+
+
+def xlsx(path: Path, rows: list[list[object]], *, before: tuple[str, ...] = ()) -> None:
+    """An Excel workbook by hand: numbers as numbers, the rest as text; empty sheets come ``before``."""
+    names = [*before, "Messung"]
+    main = "http://schemas.openxmlformats.org/spreadsheetml/2006/main"
+    office = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
+    package = "http://schemas.openxmlformats.org/package/2006"
+
+    def cell(value: object) -> str:
+        if isinstance(value, float | int):
+            return f"<c><v>{value!r}</v></c>"
+        return f'<c t="inlineStr"><is><t>{escape(str(value))}</t></is></c>'
+
+    body = "".join(f"<row>{''.join(map(cell, row))}</row>" for row in rows)
+    sheets = [f'<worksheet xmlns="{main}"><sheetData/></worksheet>'] * len(before)
+    sheets += [f'<worksheet xmlns="{main}"><sheetData>{body}</sheetData></worksheet>']
+    listed = "".join(f'<sheet name="{name}" sheetId="{n}" r:id="rId{n}"/>' for n, name in enumerate(names, 1))
+    related = "".join(
+        f'<Relationship Id="rId{n}" Type="{office}/worksheet" Target="worksheets/sheet{n}.xml"/>'
+        for n in range(1, len(names) + 1)
+    )
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("[Content_Types].xml", f'<Types xmlns="{package}/content-types"/>')
+        root = f'<Relationship Id="rId1" Type="{office}/officeDocument" Target="xl/workbook.xml"/>'
+        file.writestr("_rels/.rels", f'<Relationships xmlns="{package}/relationships">{root}</Relationships>')
+        file.writestr(
+            "xl/workbook.xml",
+            f'<workbook xmlns="{main}" xmlns:r="{office}"><sheets>{listed}</sheets></workbook>',
+        )
+        file.writestr(
+            "xl/_rels/workbook.xml.rels",
+            f'<Relationships xmlns="{package}/relationships">{related}</Relationships>',
+        )
+        for n, sheet in enumerate(sheets, 1):
+            file.writestr(f"xl/worksheets/sheet{n}.xml", sheet)

@@ -12,7 +12,7 @@ from typing import Annotated, Literal, NoReturn
 import typer
 
 from bayestissue import runtime, stopping
-from bayestissue.errors import InputError, PartialResultError, Problem, more, printable
+from bayestissue.errors import InputError, PartialResultError, Problem, by_cause, more, printable
 
 # Of the process, and what each means.
 STATUSES = {
@@ -146,6 +146,16 @@ def init(
             "low_pass_hz, order, kind, zero_phase, noise, or sae_class; may be repeated.",
         ),
     ] = None,
+    text: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--text",
+            metavar="KEY=VALUE",
+            help="How text files are written, where that is not found rightly: encoding (utf-8, utf-16, "
+            "cp1252), delimiter (comma, semicolon, tab, pipe, space), decimal (point, comma), thousands "
+            "(none, point, comma, space, apostrophe), header_row, units_row; may be repeated.",
+        ),
+    ] = None,
     several: Annotated[
         bool, typer.Option("--several", help="Cut several impacts in one recording apart.")
     ] = False,
@@ -162,7 +172,7 @@ def init(
     quiet: Quiet = False,
     as_json: Json = False,
 ) -> None:
-    """Make a dataset from a folder of recorder files: CSV, Parquet, .lvm, .tdms, .mat, .c3d, .acq, .h5.
+    """Make a dataset of a folder of recorder files: CSV, Excel, Parquet, .lvm, .tdms, .mat, .c3d, .acq, .h5.
 
     What the files do not say is asked for at a terminal, or given as options. Files such as
     s01_left_2.5kg_1.lvm, dropped from 12 cm:
@@ -188,7 +198,8 @@ def init(
         pattern,
         table,
         init.given(given or []),
-        init.recorder(recorder or []),
+        init.entries(recorder or [], "--recorder", "sae_class=180"),
+        init.entries(text or [], "--text", "decimal=comma"),
     )
     init.run(
         folder,
@@ -601,10 +612,10 @@ def _flush() -> None:
 def _problems(error: InputError) -> str:
     if "--json" in sys.argv:
         return json.dumps({"problems": [p.as_dict() for p in error.problems]}, default=str)
-    count = len(error.problems)
-    heading = f"{count} problem{'s' if count > 1 else ''}; nothing was written."
-    codes = more(problem.code for problem in error.problems)
-    return "\n".join([heading, *(f"  {_with_code(problem)}" for problem in error.problems), codes])
+    problems = by_cause(error.problems)
+    heading = f"{len(problems)} problem{'s' if len(problems) > 1 else ''}; nothing was written."
+    codes = more(problem.code for problem in problems)
+    return "\n".join([heading, *(f"  {_with_code(problem)}" for problem in problems), codes])
 
 
 def _with_code(problem: Problem) -> str:

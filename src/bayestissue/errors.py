@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import Self
 
 from bayestissue.remedies.codes import Code
@@ -18,7 +18,7 @@ class Problem:
     """One thing that is wrong: where it stands, what was found, what was expected, what to do.
 
     ``row`` counts as a spreadsheet does: the header is row 1, so the first record is row 2. ``code`` names
-    the entry of `bayestissue.remedies` that says more.
+    the entry of `bayestissue.remedies` that says more, ``of`` how many files were read in the same way.
     """
 
     file: str
@@ -29,6 +29,7 @@ class Problem:
     value: object = None
     impact: str | None = None
     code: Code = field(kw_only=True)
+    of: int = field(default=1, kw_only=True)
 
     def __str__(self) -> str:
         place = [printable(self.file)]
@@ -44,7 +45,9 @@ class Problem:
 
     def as_dict(self) -> dict[str, object]:
         """The same as plain values, for ``--json`` and for tables."""
-        return asdict(self)
+        plain = asdict(self)
+        del plain["of"]
+        return plain
 
 
 class InputError(ValueError):
@@ -52,7 +55,29 @@ class InputError(ValueError):
 
     def __init__(self, problems: Problem | Iterable[Problem]) -> None:
         self.problems: tuple[Problem, ...] = (problems,) if isinstance(problems, Problem) else tuple(problems)
-        super().__init__("\n".join(str(problem) for problem in self.problems))
+        super().__init__("\n".join(str(problem) for problem in by_cause(self.problems)))
+
+
+# From so many files on, the same problem in each is one cause.
+_MANY = 3
+
+
+def by_cause(problems: Iterable[Problem]) -> list[Problem]:
+    """The problems, with one in place of those that many files share, such as "all 60 files"."""
+    alike: dict[tuple[object, ...], list[Problem]] = {}
+    for problem in problems:
+        key = (problem.expected, problem.remedy, problem.column, problem.code)
+        alike.setdefault(key, []).append(problem)
+    return [one for some in alike.values() for one in _one_cause(some)]
+
+
+def _one_cause(problems: list[Problem]) -> list[Problem]:
+    files = dict.fromkeys(problem.file for problem in problems)
+    if len(files) < _MANY:
+        return problems
+    first, of = problems[0], max(problem.of for problem in problems)
+    count = f"all {of} files" if len(files) == of else f"{len(files)} files"
+    return [replace(first, file=f"{count}, such as {first.file}", impact=None)]
 
 
 def all_of[Item, Found](of: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:

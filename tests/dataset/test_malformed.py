@@ -131,10 +131,6 @@ def _names_as(convert: Callable[[str], object]) -> Spoil:
     return spoil
 
 
-def _encoded(encoding: str) -> Spoil:
-    return lambda lab: lab.path("traces.csv").write_bytes(lab.text("traces.csv").encode(encoding))
-
-
 T, I, D = "traces.csv", "impacts.csv", "dataset.toml"  # noqa: E741
 
 CASES = [
@@ -226,12 +222,11 @@ CASES = [
     ),
     case(
         "impacts not UTF-8",
-        lambda lab: lab.path(I).write_bytes(lab.path(I).read_bytes().replace(b"s2", b"\xe9")),
+        lambda lab: lab.path(I).write_bytes(lab.path(I).read_bytes().replace(b"s2", b"\xc3\xa9\xff")),
         I,
         "row 4",
         "UTF-8",
     ),
-    case("semicolons", lambda lab: lab.replace(I, ",", ";", -1), I, "row 1", "commas between the cells"),
     case("open quote", _cell(3, "subject", '"s1'), I, "quotes"),
     case(
         "missing column", lambda lab: lab.replace(I, "mass_kg", "Mass_KG"), I, "row 1", '"mass_kg"', "Rename"
@@ -284,7 +279,7 @@ CASES = [
     case(
         "traces not UTF-8",
         lambda lab: lab.path(T).write_bytes(
-            lab.path(T).read_bytes()[:100] + b"\xff" + lab.path(T).read_bytes()[100:]
+            lab.path(T).read_bytes()[:100] + b"\x81" + lab.path(T).read_bytes()[100:]
         ),
         T,
         "UTF-8",
@@ -398,8 +393,6 @@ CASES = [
         I,
         'Rename "Mass_KG" to "mass_kg"',
     ),
-    case("UTF-16", _encoded("utf-16"), T, "UTF-8", "row 1"),
-    case("UTF-16 without a mark", _encoded("utf-16-le"), T, "UTF-8", "a byte that is 0"),
     case(
         "a byte that is 0", lambda lab: lab.replace(I, "s2", "s\0"), I, "row 4", "UTF-8", "a byte that is 0"
     ),

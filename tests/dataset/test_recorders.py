@@ -14,10 +14,10 @@ from nptdms import ChannelObject, TdmsWriter
 from scipy.io import savemat
 
 from bayestissue.dataset import Dataset, read_dataset
-from bayestissue.dataset.recorders import channels_of
+from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
 from dataset_bench import MASSES, NAMES, RATE, Lab, tables
-from recorder_files import acq, c3d, lvm, markers
+from recorder_files import acq, c3d, lvm, markers, xlsx
 
 Writer = Callable[[Path, np.ndarray, np.ndarray], None]
 
@@ -25,6 +25,11 @@ Writer = Callable[[Path, np.ndarray, np.ndarray], None]
 def _csv(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     text = pd.DataFrame({"time_s": time, "value": value, "note": "x"}).to_csv(index=False).encode()
     path.write_bytes(gzip.compress(text) if path.suffix == ".gz" else text)
+
+
+def _xlsx(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    rows = [list(pair) for pair in zip(time.tolist(), value.tolist(), strict=True)]
+    xlsx(path, [["Prüfstand 3"], [], ["time_s", "value"], *rows], before=("empty",))
 
 
 def _parquet(path: Path, time: np.ndarray, value: np.ndarray) -> None:
@@ -45,6 +50,10 @@ def _lvm_no_x(path: Path, time: np.ndarray, value: np.ndarray) -> None:
 
 def _lvm_multi(path: Path, time: np.ndarray, value: np.ndarray) -> None:
     lvm(path, time, {"Force": 3 * value, "value": value}, x_columns="Multi")
+
+
+def _lvm_of_several_rates(path: Path, time: np.ndarray, value: np.ndarray) -> None:
+    lvm(path, time, {"Note": value[:5], "value": value, "Slow": value[::4]}, intervals=[1.0, None, 4 / RATE])
 
 
 def _lvm_comma(path: Path, time: np.ndarray, value: np.ndarray) -> None:
@@ -120,10 +129,12 @@ FORMATS: dict[str, tuple[str, Writer]] = {
     "csv": (".csv", _csv),
     "packed csv": (".csv.gz", _csv),
     "parquet": (".parquet", _parquet),
+    "xlsx": (".xlsx", _xlsx),
     "lvm": (".lvm", _lvm),
     "lvm of many channels": (".lvm", _lvm_many),
     "lvm without x": (".lvm", _lvm_no_x),
     "lvm with an x per channel": (".lvm", _lvm_multi),
+    "lvm of channels of several rates": (".lvm", _lvm_of_several_rates),
     "lvm with decimal comma": (".lvm", _lvm_comma),
     "tdms": (".tdms", _tdms),
     "tdms of many channels": (".tdms", _tdms_many),
@@ -238,7 +249,7 @@ def test_channels_come_with_the_unit_that_the_file_states(
 ) -> None:
     path = tmp_path / f"a{suffix}"
     write(path, np.arange(40.0))
-    ((_, channel),) = channels_of(path, path.name).items()
+    ((_, channel),) = contents_of(path, path.name).channels.items()
     assert (channel.unit, len(channel.values)) == (unit, 40)
 
 
@@ -255,7 +266,7 @@ def test_whole_numbers_of_c3d_are_scaled_as_its_analog_group_says(tmp_path: Path
         at += data[at - 1]
         data[at : at + len(stored)] = stored
     (tmp_path / "whole.c3d").write_bytes(data[:begin] + raw.tobytes())
-    read = channels_of(tmp_path / "whole.c3d", "whole.c3d")["value"]
+    read = contents_of(tmp_path / "whole.c3d", "whole.c3d").channels["value"]
     # SCALE itself has four bytes.
     np.testing.assert_allclose(
         np.asarray(read.values), (raw - float(offset)) * np.float64(np.float32(scale)), rtol=1e-15
@@ -265,7 +276,7 @@ def test_whole_numbers_of_c3d_are_scaled_as_its_analog_group_says(tmp_path: Path
 def test_a_c3d_file_without_analog_channels_has_those_of_its_markers(tmp_path: Path) -> None:
     height = np.linspace(100.0, 80.0, 30)
     markers(tmp_path / "a.c3d", height, 200.0, hidden=7)
-    found = channels_of(tmp_path / "a.c3d", "a.c3d")
+    found = contents_of(tmp_path / "a.c3d", "a.c3d").channels
     assert list(found) == [f"{name}.{axis}" for name in ("HAMR", "REST") for axis in "xyz"]
     own = found["HAMR.z"]
     seen = np.arange(30) != 7
@@ -345,6 +356,17 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (_lvm_short, ".lvm", "400 rows"),
         (_lvm_spectrum, ".lvm", "time along X"),
         (_lvm_blocks, ".lvm", "one block of data"),
+        (
+            lambda p, t, v: lvm(p, t, {"value": v[:5], "Force": v}),
+            *(
+                ".lvm",
+                r'all 4 files, such as a.lvm, column value: found "5 samples".*Name another one .*: Force\.',
+            ),
+        ),
+        (
+            lambda p, t, v: lvm(p, t, {"value": v, "Slow": v[:5]}, intervals=[None, 1.0], samples=500),
+            *(".lvm", "400 rows where 500 are stated"),
+        ),
         (_tdms_half, ".tdms", "an end that is missing"),
         (_tdms_without_an_end, ".tdms", "an end that is missing"),
         (lambda p, t, v: savemat(p, {"time_s": t[:-1], "value": v}), ".mat", "as many samples"),
@@ -355,7 +377,8 @@ def test_named_channels_and_other_units(lab: Lab) -> None:
         (_half(_acq), ".acq", "an end that is missing"),
     ],
     ids=[
-        *("no-such-channel", "rows-missing", "spectrum", "two-blocks", "half", "no-last-sample"),
+        *("no-such-channel", "rows-missing", "spectrum", "two-blocks", "short", "short-and-broken"),
+        *("half", "no-last-sample"),
         *("unequal-channels", "no-numbers", "numbers-in-other-files", "numbers-elsewhere", "c3d", "acq"),
     ],
 )
@@ -380,3 +403,16 @@ def test_no_pickle_is_read_or_left_beside_a_recording(lab: Lab) -> None:
     files_instead(lab, ".lvm", _lvm)
     read_dataset(lab.folder)
     assert not list(lab.folder.glob("*.pkl"))
+
+
+def test_a_shock_table_as_labview_writes_it(shock_table: Path) -> None:
+    """Two channels of 51,200 samples at 51.2 kHz beside four of five samples, one every second."""
+    for path in sorted(shock_table.glob("*.lvm")):
+        channels = contents_of(path, path.name).channels
+        assert [len(channel.values) for channel in channels.values()] == [51_200] * 2 + [5] * 4
+        assert all(np.isfinite(channel.values).all() for channel in channels.values())
+        for channel in channels.values():
+            step = 1.0 if len(channel.values) == 5 else 1 / 51_200
+            assert channel.clock is not None
+            # LabVIEW writes X_Value with six decimals.
+            np.testing.assert_allclose(np.diff(channel.clock), step, rtol=0, atol=1.1e-6)

@@ -37,7 +37,7 @@ SPEED = np.sqrt(2 * 9.80665 * 0.12)
 
 def recorders(folder: Path) -> None:
     """The same three drops from 12 cm in a folder of each recorder's files."""
-    for name in ("labview", "tdms", "matlab", "c3d", "csv"):
+    for name in ("labview", "tdms", "matlab", "c3d", "csv", "excel-de"):
         (folder / name).mkdir()
     for who, side, mass in DROPS:
         stem = f"{who}_{side}_{mass}kg"
@@ -51,6 +51,9 @@ def recorders(folder: Path) -> None:
         c3d(folder / "c3d" / f"{stem}.c3d", {"Fz": value, "Impact": value}, RATE, {"Impact": "m/s^2"})
         table = pd.DataFrame({"Time (ms)": (1e3 * time).round(4), "Impact (g)": in_g.round(4)})
         table.to_csv(folder / "csv" / f"{stem}.csv", index=False)
+        rows = [f"{1e3 * t:.3f};{a:.4f}".replace(".", ",") for t, a in zip(time, in_g, strict=True)]
+        german = "\r\n".join(["Zeit;Stoß", "ms;g", *rows])
+        (folder / "excel-de" / f"{stem}.csv").write_bytes(german.encode("cp1252"))
 
 
 def long_recording(folder: Path) -> None:

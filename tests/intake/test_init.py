@@ -16,7 +16,7 @@ from nptdms import ChannelObject, TdmsWriter
 import bayestissue as bt
 from bayestissue.commands import init as command
 from bayestissue.dataset import Recorder
-from bayestissue.dataset.recorders import channels_of
+from bayestissue.dataset.recorders import contents_of
 from bayestissue.errors import InputError
 from command_line import bayestissue
 from dataset_bench import RATE, deceleration
@@ -439,7 +439,7 @@ def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:
     recorded = tmp_path / "recorded"
     recorded.mkdir()
     sequence(recorded / "all.tdms")
-    values = channels_of(recorded / "all.tdms", "all.tdms")["Impact"]
+    values = contents_of(recorded / "all.tdms", "all.tdms").channels["Impact"]
     pd.DataFrame({"Impact (m/s^2)": np.asarray(values.values)}).to_csv(recorded / "all.csv", index=False)
     (recorded / "all.tdms").unlink()
     table = facts(file="all", number=range(1, len(DROPS) + 1))

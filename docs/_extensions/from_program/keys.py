@@ -135,10 +135,15 @@ def _inner(annotation: Any) -> Iterator[tuple[type[BaseModel], str]]:
             yield inner, pattern or own
 
 
+def _own_first(schema: type[BaseModel]) -> list[tuple[str, FieldInfo]]:
+    """The fields, those that a class takes from another behind its own."""
+    return sorted(schema.model_fields.items(), key=lambda item: item[0] not in schema.__annotations__)
+
+
 def _table(schema: type[BaseModel]) -> str:
     rows = [
         (code(name), _value(name, field), escaped(_sentence(_with_choices(field))))
-        for name, field in schema.model_fields.items()
+        for name, field in _own_first(schema)
     ]
     return table(["key", "value", "meaning"], rows)
 

@@ -42,6 +42,8 @@ def run(
         for problem in built.left_out:
             echo(f"left out: {problem} [{problem.code}]")
         explained(problem.code for problem in built.left_out)
+        for words in intake.written():
+            echo(f"texts read as: {words}")
         for note in built.notes:
             echo(note)
         echo(f"wrote {path}; look at {path / 'init.html'}")
@@ -79,14 +81,19 @@ def given(
     return found
 
 
-def recorder(entries: list[str]) -> dict[str, Any]:
-    """The options ``--recorder KEY=VALUE`` as the table of ``dataset.toml``: numbers, true or false, words.
+def entries(texts: list[str], option: str, example: str) -> dict[str, Any]:
+    """Options such as ``--recorder KEY=VALUE`` as a table of TOML: numbers, true or false, words.
+
+    Args:
+        texts: behind the option.
+        option: which one it is.
+        example: of such a text.
 
     Raises:
         InputError: one has no key or no value, or a key stands there twice.
     """
-    texts = given(entries, "--recorder", "KEY=VALUE", "sae_class=180")
-    return {key: _value(text) for key, text in texts.items()}
+    found = given(texts, option, "KEY=VALUE", example)
+    return {key: _value(text) for key, text in found.items()}
 
 
 def _value(text: str) -> Any:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import os
 import stat
 import zlib
+from contextlib import suppress
 from pathlib import Path
 
 from bayestissue.errors import InputError, Problem
@@ -14,6 +16,7 @@ LIMIT = "BAYESTISSUE_LARGEST_FILE_MB"
 _LARGEST_MB = 1000.0
 _CHUNK = 1 << 20
 _LONGEST_LINE = 1 << 16
+_UTF8_MARK = codecs.BOM_UTF8
 
 
 def largest() -> float:
@@ -158,7 +161,7 @@ def first_line(data: bytes, label: str) -> bytes:
     Raises:
         InputError: it is longer than any line of column names.
     """
-    start = data[:_LONGEST_LINE].removeprefix(b"\xef\xbb\xbf")
+    start = data[:_LONGEST_LINE].removeprefix(_UTF8_MARK)
     line = start.split(b"\n", 1)[0].split(b"\r", 1)[0]
     if len(line) == len(start) < len(data) - 3:
         raise InputError(
@@ -174,35 +177,74 @@ def first_line(data: bytes, label: str) -> bytes:
     return line
 
 
-def require_utf8(data: bytes, label: str) -> None:
-    """Refuse text that is not UTF-8, naming the row of the first wrong byte.
+def as_utf8(data: bytes, label: str, encoding: str | None = None) -> tuple[bytes, str]:
+    """A text as UTF-8 without a mark, and how it was encoded.
+
+    A mark says what it is; without one, text in which every other byte is 0 is UTF-16, what decodes as UTF-8
+    is UTF-8, and the rest is cp1252, the code page of western Windows, unless parts of it are UTF-8.
+
+    Args:
+        data: of the file.
+        label: what to call it in a message.
+        encoding: ``"utf-8"``, ``"utf-16"`` or ``"cp1252"``; found if None.
+
+    Returns:
+        The text, and ``"utf-8"``, ``"utf-8-sig"`` (with a mark), ``"utf-16"`` or ``"cp1252"``.
 
     Raises:
-        InputError: the text is encoded otherwise, or holds bytes that are 0, as UTF-16 and damaged files do.
+        InputError: it is no such text, with the row of the first wrong byte.
     """
-    if (zero := data.find(b"\0")) >= 0:
-        raise InputError(
-            Problem(
-                label,
-                "text encoded as UTF-8",
-                'Save the file as "CSV UTF-8", or export it anew.',
-                row=data.count(b"\n", 0, zero) + 1,
-                value="a byte that is 0",
-                code="not-text",
-            )
-        )
-    if data.isascii():
-        return
+    marked = data.startswith(_UTF8_MARK)
+    if encoding in (None, "utf-8") and (marked or data.isascii()) and b"\0" not in data:
+        data = data.removeprefix(_UTF8_MARK)
+        found = "utf-8-sig" if marked else "utf-8"
+        return (data, found) if data.isascii() else (_require(data, label, "utf-8"), found)
+    if encoding == "utf-16" or (encoding is None and _utf16(data)):
+        return _require(data, label, _utf16(data) or "utf-16"), "utf-16"
+    if encoding is None:
+        encoding = "utf-8"
+        with suppress(UnicodeDecodeError):
+            data.decode("utf-8")
+            return _require(data, label, "utf-8"), "utf-8"
+        # A text of which parts are UTF-8 is a damaged one.
+        if data.decode("utf-8", "ignore").isascii():
+            encoding = "cp1252"
+    return _require(data, label, encoding), encoding
+
+
+def _utf16(data: bytes) -> str:
+    """The order of bytes of UTF-16 text; empty where it is none."""
+    if data[:2] in (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE):
+        return "utf-16"
+    start = data[:_LONGEST_LINE]
+    zeros = {order: start[first::2].count(0) for order, first in (("utf-16-le", 1), ("utf-16-be", 0))}
+    order = max(zeros, key=lambda each: zeros[each])
+    # Of each pair one byte is 0 in nearly all text of numbers, and never the other.
+    return order if zeros[order] > 0.4 * len(start) and sum(zeros.values()) == zeros[order] else ""
+
+
+def _require(data: bytes, label: str, encoding: str) -> bytes:
+    """The text as UTF-8.
+
+    Raises:
+        InputError: it is not in this encoding, or holds characters that are 0, as damaged files do.
+    """
     try:
-        data.decode("utf-8")
+        text = data.decode(encoding)
     except UnicodeDecodeError as error:
-        raise InputError(
-            Problem(
-                label,
-                "text encoded as UTF-8",
-                'Save the file as "CSV UTF-8".',
-                row=data[: error.start].count(b"\n") + 1,
-                value=data[error.start : error.start + 1],
-                code="not-text",
-            )
-        ) from None
+        found: object = data[error.start : error.start + 1]
+        row = data[: error.start].count(b"\n") + 1
+    else:
+        if "\0" not in text:
+            return data if encoding == "utf-8" else text.encode()
+        found, row = "a byte that is 0", text.count("\n", 0, text.index("\0")) + 1
+    raise InputError(
+        Problem(
+            label,
+            "text encoded as UTF-8, UTF-16 or cp1252",
+            'Save the file as "CSV UTF-8", or export it anew.',
+            row=row,
+            value=found,
+            code="not-text",
+        )
+    ) from None

@@ -5,16 +5,20 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Sequence
+from itertools import zip_longest
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.files import read_bytes, require_utf8
-from bayestissue.dataset.headers import column_problems
+from bayestissue.dataset.dialect import text_table
+from bayestissue.dataset.files import read_bytes
+from bayestissue.dataset.headers import RaggedRow, column_problems, ragged_problem
 from bayestissue.errors import InputError, Problem, has_control_characters
 
 FILE = "impacts.csv"
+# Columns of names, where "1,5" is no number.
+NAMES = ("impact", "subject", "trial", "trace", "file")
 
 
 def read_cells(
@@ -24,7 +28,7 @@ def read_cells(
     label: str = FILE,
     remedy: str = "Write one: a header and one row per impact; docs/how-to/write-a-dataset.md shows how.",
 ) -> tuple[pd.DataFrame, np.ndarray]:
-    """All cells as text without the spaces around them, and of each record its row in the file.
+    """All cells as text without the spaces around them, numbers with a decimal point, and their rows.
 
     Args:
         path: the file.
@@ -37,29 +41,36 @@ def read_cells(
     """
     # Cells that are kept one by one take some twenty times their size.
     data = read_bytes(path, label, remedy, share=0.05)
-    require_utf8(data, label)
-    reader = csv.reader(io.StringIO(data.decode("utf-8-sig"), newline=""), strict=True)
-    records: list[list[str]] = []
+    text = text_table(data, label, wanted=[*wanted, *NAMES], named=True)
+    reader = csv.reader(
+        io.StringIO(text.body.tobytes().decode(), newline=""), strict=True, delimiter=text.delimiter
+    )
+    above = text.dialect.first_row - 1
+    body: list[list[str]] = []
     lines: list[int] = []
     try:
         for record in reader:
-            cells = [cell.strip() for cell in record]
+            cells = [
+                cell.strip() if name in NAMES else text.dialect.plain(cell.strip())
+                for name, cell in zip_longest(text.names, record, fillvalue="")
+            ][: len(record)]
             if any(cells):
-                records.append(cells)
-                lines.append(reader.line_num)
+                body.append(cells)
+                lines.append(above + reader.line_num)
     except csv.Error as error:
         raise InputError(
             Problem(
                 label,
-                "cells separated by commas",
+                "cells separated by one mark, and quotes that match",
                 "Mend the quotes in this row.",
-                reader.line_num,
+                above + reader.line_num,
                 value=str(error),
                 code="cells-in-a-row",
             )
         ) from None
-    names, *body = records
-    return cells_of(names, body, lines[1:], wanted, label=label)
+    return cells_of(
+        text.names, body, lines, wanted, label=label, row=text.dialect.header_row, delimiter=text.delimiter
+    )
 
 
 def cells_of(
@@ -69,6 +80,8 @@ def cells_of(
     wanted: Sequence[str],
     *,
     label: str = FILE,
+    row: int = 1,
+    delimiter: str = ",",
 ) -> tuple[pd.DataFrame, np.ndarray]:
     """The same of records that were read already.
 
@@ -78,16 +91,20 @@ def cells_of(
         lines: the row of each record.
         wanted: the columns that there must be.
         label: what messages call the table.
+        row: of the names.
+        delimiter: between the cells of the file.
 
     Raises:
         InputError: the names or the number of cells are wrong, or there is no record.
     """
-    problems = column_problems(label, names, wanted)
-    problems += [p for p in column_problems(label, names, ()) if p.column not in wanted]
+    problems = column_problems(label, names, wanted, row)
+    problems += [p for p in column_problems(label, names, (), row) if p.column not in wanted]
     if any(has_control_characters(name) for name in names):
         expected = "names of columns on one line and without control characters"
         problems.append(
-            Problem(label, expected, "Rename the column.", row=1, value=", ".join(names), code="column-names")
+            Problem(
+                label, expected, "Rename the column.", row=row, value=", ".join(names), code="column-names"
+            )
         )
     if "" in names:
         problems.append(
@@ -95,23 +112,17 @@ def cells_of(
                 label,
                 "a name over every column",
                 "Name the column or remove it.",
-                row=1,
+                row=row,
                 value=", ".join(names),
                 code="column-names",
             )
         )
-    problems += [
-        Problem(
-            label,
-            f"{len(names)} cells as in the header",
-            "Put one cell under every column name; decimals need a point, not a comma.",
-            row=line,
-            value=f"{len(cells)} cells: {','.join(cells)}",
-            code="cells-in-a-row",
-        )
+    ragged = [
+        RaggedRow(line, len(cells), delimiter.join(cells))
         for line, cells in zip(lines, body, strict=True)
         if len(cells) != len(names)
     ]
+    problems += [ragged_problem(label, len(names), ragged, delimiter)] if ragged else []
     if not body:
         problems.append(
             Problem(

@@ -13,7 +13,7 @@ from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import Labels, Numbers, read_table
 from bayestissue.errors import InputError, Problem
 
-LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.parquet")
+LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.xlsx", "traces.parquet")
 
 
 def find_long(folder: Path) -> list[Path]:
@@ -33,17 +33,18 @@ def read_long(folder: Path, impacts: list[str], signal: SignalSettings) -> Readi
         InputError: there is no such table, or more than one, or it can't be read.
     """
     path = _the_one(folder)
-    columns, labels = read_table(
+    found = read_table(
         path,
         path.name,
         numbers=[signal.time_column, signal.value_column],
         labels=["impact"],
         remedy="Put the file there.",
+        stated=signal.stated,
     )
-    times, readings = columns[signal.time_column], columns[signal.value_column]
-    rows = np.arange(2, len(times.array) + 2)
+    times, readings = found.numbers[signal.time_column], found.numbers[signal.value_column]
+    rows = found.first_row + np.arange(times.array.size)
     return replace(
-        long_reading(path.name, times, readings, labels["impact"], rows, impacts, signal), files=[path]
+        long_reading(path.name, times, readings, found.labels["impact"], rows, impacts, signal), files=[path]
     )
 
 

@@ -3,20 +3,23 @@
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from jaxtyping import Float64
 
+from bayestissue.dataset.dialect import Stated
 from bayestissue.dataset.files import read_bytes
 from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, unit_in_name
-from bayestissue.dataset.headers import header
+from bayestissue.dataset.plausible import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.dataset.tables import TABLE_SUFFIXES, Numbers, read_numbers, read_table
+from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, column_names, read_numbers, read_table
 from bayestissue.errors import InputError, Problem
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
+_TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
 SUFFIXES = (*TABLE_SUFFIXES, *FORMATS)
 
 
@@ -53,7 +56,7 @@ def read_recording(path: Path, label: str, signal: SignalSettings) -> Recording:
     Raises:
         InputError: the file is missing, damaged, of an unknown format, or lacks a channel.
     """
-    if suffix_of(path) in TABLE_SUFFIXES:
+    if suffix_of(path) in _TABLES:
         return _from_table(path, label, signal)
     return _pick(_contents(path, label), label, signal)
 
@@ -63,20 +66,30 @@ def suffix_of(path: Path) -> str:
     return "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
 
 
-def channels_of(path: Path, label: str) -> dict[str, Channel]:
+def contents_of(path: Path, label: str, stated: Stated | None = None) -> Contents:
     """All channels of numbers in a file; of a table every column in which most cells hold a number.
 
     Args:
         path: the file; its suffix says the format.
         label: what to call it in a message.
+        stated: how a text is written, as far as somebody said so.
 
     Raises:
         InputError: the file is missing, damaged or of an unknown format.
     """
-    if suffix_of(path) not in TABLE_SUFFIXES:
-        return _contents(path, label).channels
-    columns = read_numbers(path, label, remedy=REMEDY)
-    return {name: Channel(column.array, unit=unit_in_name(name)) for name, column in columns.items()}
+    if suffix_of(path) not in _TABLES:
+        return _contents(path, label)
+    found = read_numbers(path, label, remedy=REMEDY, stated=stated)
+    channels = {
+        name: Channel(column.array, unit=column.unit or unit_in_name(name))
+        for name, column in found.numbers.items()
+    }
+    return Contents(channels, found.first_row, str(found.dialect or ""))
+
+
+def long_enough(channels: Mapping[str, Channel]) -> list[str]:
+    """The channels that can be recordings of an impact: `MIN_SAMPLES` samples or more."""
+    return [name for name, channel in channels.items() if channel.values.size >= MIN_SAMPLES]
 
 
 def _contents(path: Path, label: str) -> Contents:
@@ -84,7 +97,7 @@ def _contents(path: Path, label: str) -> Contents:
         raise InputError(
             Problem(
                 label,
-                f"a file ending in {', '.join(SUFFIXES)}",
+                f"a file ending in {', '.join((*SUFFIXES, *TEXT_SUFFIXES))}",
                 "Export the recording in one of these formats.",
                 value=path.name,
                 code="recorder-format",
@@ -117,15 +130,16 @@ def _contents(path: Path, label: str) -> Contents:
 
 def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
     wanted = [signal.time_column, signal.value_column]
-    if path.suffix != ".parquet" and signal.time_column not in header(read_bytes(path, label, REMEDY), label):
-        wanted = [signal.value_column] if "time_column" not in signal.model_fields_set else wanted
-    columns, _ = read_table(path, label, numbers=wanted, remedy=REMEDY)
-    value, time = columns[signal.value_column], columns.get(signal.time_column, Numbers(np.empty(0)))
+    if "time_column" not in signal.model_fields_set:
+        names = column_names(path, label, wanted=wanted, remedy=REMEDY, stated=signal.stated)
+        wanted = [name for name in wanted if name in (*names, signal.value_column)]
+    found = read_table(path, label, numbers=wanted, remedy=REMEDY, stated=signal.stated)
+    value, time = found.numbers[signal.value_column], found.numbers.get(signal.time_column)
     return Recording(
         value.array,
-        time.array if signal.time_column in columns else None,
-        first_row=2,
-        text={**time.text, **value.text},
+        None if time is None else time.array,
+        first_row=found.first_row,
+        text={**(time.text if time else {}), **value.text},
     )
 
 
@@ -133,7 +147,7 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
     problems, channels = [], contents.channels
     name = signal.value_column
     if name not in channels and "value_column" not in signal.model_fields_set:
-        others = [other for other in channels if other != signal.time_column]
+        others = [other for other in long_enough(channels) if other != signal.time_column]
         name = others[0] if len(others) == 1 else name
     for key, wanted in (("value_column", name), ("time_column", signal.time_column)):
         needed = key == "value_column" or key in signal.model_fields_set
@@ -151,6 +165,17 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
     if problems:
         raise InputError(problems)
     value, time = channels[name], channels.get(signal.time_column)
+    if value.values.size < MIN_SAMPLES and (others := long_enough(channels)):
+        raise InputError(
+            Problem(
+                label,
+                f"a channel of a recording, of at least {MIN_SAMPLES} samples",
+                f"Name another one as signal.value_column in dataset.toml: {', '.join(others)}.",
+                column=name,
+                value=f"{value.values.size} samples",
+                code="no-channel",
+            )
+        )
     if time is not None and time.values.size != value.values.size:
         raise InputError(
             Problem(

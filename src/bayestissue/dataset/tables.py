@@ -1,10 +1,9 @@
-"""Columns of numbers out of CSV and Parquet files, with the place of every cell that is no number."""
+"""Columns of numbers out of text, Excel and Parquet files, with the place of every cell that is no number."""
 
 from __future__ import annotations
 
-import io
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +13,14 @@ import pyarrow.csv as pa_csv
 import pyarrow.parquet as pq
 from jaxtyping import Float64, Int
 
+from bayestissue.dataset.dialect import Dialect, Stated, TextTable, text_table
 from bayestissue.dataset.files import read_bytes, require_small
-from bayestissue.dataset.headers import column_problems, header
+from bayestissue.dataset.headers import RaggedRow, column_problems, ragged_problem
 from bayestissue.errors import InputError, Problem
 
-TABLE_SUFFIXES = (".csv", ".csv.gz", ".parquet")
-_NUMBER = r"^\s*[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?\s*$"
+TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
+# What else may be a table, or a note to the reader.
+TEXT_SUFFIXES = (".txt", ".dat", ".asc")
 
 
 @dataclass(frozen=True)
@@ -29,10 +30,12 @@ class Numbers:
     Attributes:
         array: not a number (nan) where the cell was empty or held no number.
         text: from the index of such a cell to what stood there.
+        unit: as a line of units states it; empty where none does.
     """
 
     array: Float64[np.ndarray, " row"]
     text: dict[int, str] = field(default_factory=dict)
+    unit: str = ""
 
 
 @dataclass(frozen=True)
@@ -48,10 +51,43 @@ class Labels:
     names: tuple[str, ...]
 
 
+@dataclass(frozen=True)
+class Columns:
+    """Columns of a table.
+
+    Attributes:
+        numbers: by name.
+        labels: by name.
+        first_row: the row of the first record in the file.
+        dialect: how a text table is written; None of other tables.
+    """
+
+    numbers: dict[str, Numbers]
+    labels: dict[str, Labels] = field(default_factory=dict)
+    first_row: int = 2
+    dialect: Dialect | None = None
+
+
+def column_names(
+    path: Path, label: str, *, wanted: Sequence[str], remedy: str, stated: Stated | None = None
+) -> list[str]:
+    """The names of the columns of a table; arguments and errors as of `read_table`."""
+    data = read_bytes(path, label, remedy)
+    if path.suffix == ".parquet":
+        return list(_schema(data, label).names)
+    return text_table(data, label, wanted=wanted, stated=stated).names
+
+
 def read_table(
-    path: Path, label: str, *, numbers: Sequence[str], labels: Sequence[str] = (), remedy: str
-) -> tuple[dict[str, Numbers], dict[str, Labels]]:
-    """Columns of a CSV (also packed) or Parquet file.
+    path: Path,
+    label: str,
+    *,
+    numbers: Sequence[str],
+    labels: Sequence[str] = (),
+    remedy: str,
+    stated: Stated | None = None,
+) -> Columns:
+    """Columns of a text (also packed), Excel or Parquet file.
 
     Args:
         path: the file.
@@ -59,84 +95,104 @@ def read_table(
         numbers: columns that hold numbers.
         labels: columns that hold names.
         remedy: what to do if the file is not there.
+        stated: how a text is written, as far as somebody said so.
 
     Raises:
         InputError: the file can't be read, lacks a column, or has rows of the wrong length.
     """
     data = read_bytes(path, label, remedy)
-    if path.suffix == ".parquet":
-        table = _parquet(data, label, numbers, labels)
-        if unfit := [name for name in numbers if not _numeric(table[name].type)]:
-            raise InputError(
-                Problem(
-                    label,
-                    "numbers",
-                    "Store the column as numbers.",
-                    column=name,
-                    value=str(table[name].type),
-                    code="column-type",
-                )
-                for name in unfit
-            )
-        columns = {name: Numbers(_floats(table[name])) for name in numbers}
-    else:
-        table, columns = _csv(data, label, numbers, labels)
-    if not table.num_rows:
+    if path.suffix != ".parquet":
+        text = text_table(data, label, wanted=[*labels, *numbers], stated=stated)
+        return _of_text(text, label, numbers, labels)
+    table = _parquet(data, label, numbers, labels)
+    if unfit := [name for name in numbers if not _numeric(table[name].type)]:
         raise InputError(
-            Problem(label, "rows below the header", "Export the file anew.", value="no rows", code="no-rows")
+            Problem(
+                label,
+                "numbers",
+                "Store the column as numbers.",
+                column=name,
+                value=str(table[name].type),
+                code="column-type",
+            )
+            for name in unfit
         )
-    return columns, {name: _labels(table[name]) for name in labels}
+    if not table.num_rows:
+        raise InputError(_no_rows(label))
+    return Columns(
+        {name: Numbers(_floats(table[name])) for name in numbers},
+        {name: _labels(table[name]) for name in labels},
+    )
 
 
-def read_numbers(path: Path, label: str, *, remedy: str) -> dict[str, Numbers]:
+def read_numbers(path: Path, label: str, *, remedy: str, stated: Stated | None = None) -> Columns:
     """Every column in which at least half of the cells that are filled hold a number.
 
     Args:
-        path: a CSV (also packed) or Parquet file.
+        path: a text (also packed), Excel or Parquet file.
         label: what to call it in a message.
         remedy: what to do if the file is not there.
+        stated: how a text is written, as far as somebody said so.
 
     Raises:
         InputError: the file can't be read, names a column twice, or has rows of the wrong length.
     """
-    data = read_bytes(path, label, remedy)
     if path.suffix == ".parquet":
-        names = [field.name for field in _schema(data, label) if _numeric(field.type)]
+        schema = _schema(read_bytes(path, label, remedy), label)
+        names = [field.name for field in schema if _numeric(field.type)]
+        found = read_table(path, label, numbers=names, remedy=remedy)
     else:
-        names = [name for name in header(data, label) if name]
-    columns, _ = read_table(path, label, numbers=names, remedy=remedy)
-    return {
-        name: column
-        for name, column in columns.items()
-        if 2 * np.count_nonzero(np.isfinite(column.array)) >= column.array.size - _empty(column) > 0
-    }
+        text = text_table(read_bytes(path, label, remedy), label, stated=stated)
+        found = _of_text(text, label, [name for name in text.names if name], ())
+    return replace(
+        found,
+        numbers={
+            name: column
+            for name, column in found.numbers.items()
+            if 2 * np.count_nonzero(np.isfinite(column.array)) >= column.array.size - _empty(column) > 0
+        },
+    )
 
 
 def _empty(column: Numbers) -> int:
     return sum(not text.strip() for text in column.text.values())
 
 
-def _csv(
-    data: bytes, label: str, numbers: Sequence[str], labels: Sequence[str]
-) -> tuple[pa.Table, dict[str, Numbers]]:
-    names = header(data, label)
-    if problems := column_problems(label, names, [*labels, *numbers]):
+def _of_text(text: TextTable, label: str, numbers: Sequence[str], labels: Sequence[str]) -> Columns:
+    wanted = [*labels, *numbers]
+    if problems := column_problems(label, text.names, wanted, text.dialect.header_row):
         raise InputError(problems)
-    require_small(8 * data.count(b"\n") * len([*labels, *numbers]), label)
+    if text.empty:
+        raise InputError(_no_rows(label))
+    lines = int(np.count_nonzero(np.frombuffer(text.body, np.uint8) == ord("\n")))
+    require_small(8 * lines * len(wanted), label)
     name_type = pa.dictionary(pa.int32(), pa.string())
     types: dict[str, pa.DataType] = dict.fromkeys(labels, name_type) | dict.fromkeys(numbers, pa.float64())
     try:
-        table = _parse(data, label, names, types)
-        return table, {name: Numbers(_floats(table[name])) for name in numbers}
+        table = _parse(text, label, types)
+        columns = {name: Numbers(_floats(table[name])) for name in numbers}
     except pa.ArrowInvalid:
         # Some cell is no number: read the cells as text, to say which.
-        table = _as_text(data, label, names, types | dict.fromkeys(numbers, pa.string()))
-        return table, {name: _sifted(table[name].combine_chunks()) for name in numbers}
+        table = _as_text(text, label, types | dict.fromkeys(numbers, pa.string()))
+        columns = {name: _sifted(table[name].combine_chunks(), text.dialect) for name in numbers}
+    if not table.num_rows:
+        raise InputError(_no_rows(label))
+    units = dict(zip(text.names, text.units, strict=True))
+    return Columns(
+        {name: replace(column, unit=units[name]) for name, column in columns.items()},
+        {name: _labels(table[name]) for name in labels},
+        text.dialect.first_row,
+        text.dialect,
+    )
 
 
-def _as_text(data: bytes, label: str, names: list[str], types: dict[str, pa.DataType]) -> pa.Table:
+def _no_rows(label: str) -> Problem:
+    return Problem(label, "rows below the header", "Export the file anew.", value="no rows", code="no-rows")
+
+
+def _as_text(text: TextTable, label: str, types: dict[str, pa.DataType]) -> pa.Table:
     try:
-        return _parse(data, label, names, types)
+        return _parse(text, label, types)
     except pa.ArrowInvalid as error:
         remedy = "Export the file anew."
         raise InputError(
@@ -144,34 +200,29 @@ def _as_text(data: bytes, label: str, names: list[str], types: dict[str, pa.Data
         ) from error
 
 
-def _parse(data: bytes, label: str, names: list[str], types: dict[str, pa.DataType]) -> pa.Table:
-    ragged: list[Problem] = []
+def _parse(text: TextTable, label: str, types: dict[str, pa.DataType]) -> pa.Table:
+    ragged: list[RaggedRow] = []
 
     def note(row: pa_csv.InvalidRow) -> str:
-        if len(ragged) < 20:
-            ragged.append(
-                Problem(
-                    label,
-                    f"{row.expected_columns} cells as in the header",
-                    "Put one cell under every column name; decimals need a point, not a comma.",
-                    row=row.number,
-                    value=f"{row.actual_columns} cells: {row.text}",
-                    code="cells-in-a-row",
-                )
-            )
+        ragged.append(RaggedRow(row.number - 1 + text.dialect.first_row, row.actual_columns, row.text))
         return "skip"
 
     table = pa_csv.read_csv(
-        io.BytesIO(data),
+        pa.BufferReader(pa.py_buffer(text.body)),
         # Threads would lose the row numbers of what is wrong.
-        read_options=pa_csv.ReadOptions(column_names=names, skip_rows=1, use_threads=False),
-        parse_options=pa_csv.ParseOptions(ignore_empty_lines=False, invalid_row_handler=note),
+        read_options=pa_csv.ReadOptions(column_names=text.names, use_threads=False),
+        parse_options=pa_csv.ParseOptions(
+            delimiter=text.delimiter, ignore_empty_lines=False, invalid_row_handler=note
+        ),
         convert_options=pa_csv.ConvertOptions(
-            column_types=types, include_columns=list(types), null_values=[""]
+            column_types=types,
+            include_columns=list(types),
+            null_values=[""],
+            decimal_point=text.dialect.decimal,
         ),
     )
     if ragged:
-        raise InputError(ragged)
+        raise InputError(ragged_problem(label, len(text.names), ragged, text.delimiter))
     return _without_trailing_blanks(table)
 
 
@@ -182,11 +233,12 @@ def _without_trailing_blanks(table: pa.Table) -> pa.Table:
     return table.slice(0, rows)
 
 
-def _sifted(cells: pa.Array) -> Numbers:
-    good = pc.match_substring_regex(cells, _NUMBER)
-    values = _floats(
-        pa.chunked_array([pc.utf8_trim_whitespace(pc.if_else(good, cells, None))]).cast(pa.float64())
-    )
+def _sifted(cells: pa.Array, dialect: Dialect) -> Numbers:
+    good = pc.match_substring_regex(cells, dialect.number)
+    plain = pc.utf8_trim_whitespace(pc.if_else(good, cells, None))
+    for mark, instead in (*((mark, "") for mark in dialect.thousands), (dialect.decimal, ".")):
+        plain = pc.replace_substring(plain, mark, instead)
+    values = _floats(pa.chunked_array([plain]).cast(pa.float64()))
     bad = np.flatnonzero(~np.asarray(good.fill_null(False), dtype=bool))
     return Numbers(values, {int(index): cells[int(index)].as_py() or "" for index in bad})
 

@@ -25,7 +25,8 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
         rows: for every impact its row in ``impacts.csv``.
         signal: names of the channels, units, scale and offset.
     """
-    problems, pieces, files, kept = [], [], [], []
+    problems: list[Problem] = []
+    pieces, files, kept = [], [], []
     rates = impacts.get("sampling_rate_hz", pd.Series(np.nan, index=impacts.index)).to_numpy()
     windows = Windows.of(impacts, signal)
     taken: dict[Path, list[int]] = {}
@@ -40,7 +41,8 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
                 held = (path, read_recording(path, name, signal))
             time = _time(held[1], rates[index], name, signal)
         except InputError as error:
-            problems += [replace(problem, impact=impact or None) for problem in error.problems]
+            found = (replace(each, impact=impact or None, of=len(impacts)) for each in error.problems)
+            problems += found
             continue
         taken.setdefault(path, []).append(index)
         piece = _Piece.of(held[1], time, windows.inside(index, time))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -11,7 +12,7 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
-from bayestissue.dataset.settings import SignalSettings, parse_settings
+from bayestissue.dataset.settings import SignalSettings, TextSettings, parse_settings
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.choices import Choices
 from bayestissue.intake.cutting import cut
@@ -31,6 +32,7 @@ _OPTIONS = {
         *(("quantity", "quantity"), ("unit", "unit"), ("time_unit", "time-unit"), ("scale", "scale")),
         *(("value_column", "channel"), ("time_column", "time"), ("offset", "offset")),
         ("crop", "crop"),
+        *((key, f"text {key}") for key in TextSettings.model_fields),
     )
 }
 
@@ -148,7 +150,8 @@ def _as_met(problem: Problem) -> Problem:
     """A problem of the dataset in the words of who has not seen it yet: their files, their options."""
     inside = f"{RECORDINGS}/"
     for key, option in _OPTIONS.items():
-        remedy = problem.remedy.replace(f"as {key} in dataset.toml", f"by {option}").replace(key, option)
+        remedy = problem.remedy.replace(f"as {key} in dataset.toml", f"by {option}")
+        remedy = re.sub(rf"{re.escape(key)}\b( in dataset\.toml)?", option, remedy)
         problem = replace(problem, remedy=remedy)
     if problem.file.startswith(inside):
         return replace(problem, file=problem.file.removeprefix(inside))

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, get_args
 
 from bayestissue.dataset.model import Quantity
+from bayestissue.dataset.plausible import MIN_SAMPLES
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem
-from bayestissue.intake.folder import About, Found
+from bayestissue.intake.folder import About, File, Found
 
 _QUANTITIES: tuple[str, ...] = get_args(Quantity)
 _TIME = re.compile(r"(time|zeit|t)\b|time_", re.IGNORECASE)
@@ -43,6 +44,7 @@ class Choices:
         table: a table of facts.
         given: facts that hold for all recordings, as text.
         recorder: the table ``[recorder]`` of ``dataset.toml``; none if empty.
+        text: how texts are written, as far as it is not to be found: keys of `TextSettings`.
     """
 
     channel: str | None = None
@@ -58,6 +60,7 @@ class Choices:
     table: Path | None = None
     given: dict[str, str] = field(default_factory=dict)
     recorder: dict[str, Any] = field(default_factory=dict)
+    text: dict[str, Any] = field(default_factory=dict)
 
     def signal(self) -> dict[str, Any]:
         """The table ``[signal]`` of ``dataset.toml``."""
@@ -70,6 +73,7 @@ class Choices:
             "scale": self.scale if self.scale != 1 else None,
             "offset": self.offset or None,
             "crop": None if self.crop is None else list(self.crop),
+            **self.text,
         }
         return {key: value for key, value in said.items() if value is not None}
 
@@ -134,7 +138,15 @@ def settle(choices: Choices, found: Found, facts: frozenset[str]) -> tuple[Choic
     every = found.candidates()
     rising = [name for name, each in every.items() if all(about.rising for about in each)]
     times = [name for name in rising if _TIME.match(name)]
-    values = [name for name in every if name not in times and name != choices.time]
+    # What rises evenly is hardly an impact, whatever it is called.
+    likely = times or (rising if len(rising) == 1 else [])
+    values = [
+        name
+        for name, each in every.items()
+        if name not in likely and name != choices.time and max(a.samples for a in each) >= MIN_SAMPLES
+    ]
+    if not values:
+        raise InputError(_no_values(file, len(found.files)) for file in found.files)
     if choices.channel is None and len(values) == 1:
         choices = replace(choices, channel=values[0])
     elif choices.channel is None:
@@ -181,6 +193,17 @@ def _dimensions(quantity: str | None) -> list[Dimension]:
 def _no_channel(option: str, name: str, every: Iterable[str]) -> Problem:
     return Problem(
         option, "a channel of the files", f"They have: {', '.join(every)}.", value=name, code="no-channel"
+    )
+
+
+def _no_values(file: File, files: int) -> Problem:
+    return Problem(
+        file.name,
+        "a channel of numbers besides the times",
+        "Export the recorded values as numbers, or say by --text how the file is written.",
+        value=f"{', '.join(file.channels) or 'no numbers'} ({file.written or file.suffix})",
+        code="no-channel",
+        of=files,
     )
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from bayestissue.dataset.recorders import SUFFIXES, channels_of, suffix_of
+from bayestissue.dataset.dialect import Stated
+from bayestissue.dataset.recorders import SUFFIXES, contents_of, suffix_of
+from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 
 _DIGITS = re.compile(r"(\d+)")
@@ -40,11 +42,13 @@ class File:
         path: where it lies.
         name: its path relative to the folder, with ``/`` between the parts.
         channels: by name, in the order of the file.
+        written: how a text is written, in words; empty of other files.
     """
 
     path: Path
     name: str
     channels: dict[str, About]
+    written: str = ""
 
     @property
     def suffix(self) -> str:
@@ -75,7 +79,9 @@ class Found:
         return every
 
 
-def look(folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = ()) -> Found:
+def look(
+    folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = (), stated: Stated | None = None
+) -> Found:
     """Find the recorder files in a folder and in folders within it, and list their channels.
 
     Hidden files, and folders that are datasets already, are left alone.
@@ -84,6 +90,7 @@ def look(folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = ()) -
         folder: where the recorder's files lie; nothing in it is changed.
         suffix: only files that end so, where a pattern or an option says which.
         ignore: files that are no recordings, such as a table of facts.
+        stated: how texts are written, as far as somebody said so.
 
     Raises:
         InputError: it is no folder, or holds no recorder file.
@@ -102,13 +109,16 @@ def look(folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = ()) -
         )
     skipped = {path.resolve() for path in ignore}
     paths = [path for path in _files(root) if path.resolve() not in skipped]
-    wanted = [path for path in paths if suffix_of(path) in ((suffix,) if suffix else SUFFIXES)]
+    # Where there is nothing else, texts are recordings; beside recordings they are notes.
+    kinds = [(suffix,)] if suffix else [SUFFIXES, TEXT_SUFFIXES]
+    sorted_out = ([path for path in paths if suffix_of(path) in kind] for kind in kinds)
+    wanted = next(filter(None, sorted_out), [])
     if not wanted:
         ends = ", ".join(sorted({suffix_of(path) or path.name for path in paths})[:10])
         raise InputError(
             Problem(
                 str(folder),
-                f"files ending in {suffix or ', '.join(SUFFIXES)}",
+                f"files ending in {suffix or ', '.join((*SUFFIXES, *TEXT_SUFFIXES))}",
                 "Export the recordings in one of these formats.",
                 value=f"files ending in {ends}" if paths else "no files",
                 code="no-recordings",
@@ -119,9 +129,9 @@ def look(folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = ()) -
     for path in wanted:
         name = path.relative_to(root).as_posix()
         try:
-            channels = channels_of(path, name)
+            contents = contents_of(path, name, stated)
         except InputError as error:
-            problems += error.problems
+            problems += (replace(problem, of=len(wanted)) for problem in error.problems)
             continue
         files.append(
             File(
@@ -131,8 +141,9 @@ def look(folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = ()) -
                     key: About(
                         channel.unit, channel.values.size, channel.clock is not None, _rises(channel.values)
                     )
-                    for key, channel in channels.items()
+                    for key, channel in contents.channels.items()
                 },
+                contents.written,
             )
         )
     if not files:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +10,8 @@ from typing import Any
 
 from bayestissue.dataset import Dataset, Quantity, Recorder, read_dataset
 from bayestissue.dataset.recorders import SUFFIXES
+from bayestissue.dataset.settings import TextSettings
+from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import Built, build
 from bayestissue.intake.choices import Choices, Question, settle
@@ -17,6 +20,7 @@ from bayestissue.intake.facts import Facts, gather
 from bayestissue.intake.folder import About, Found, look
 from bayestissue.intake.rows import Cutting
 from bayestissue.results import claim
+from bayestissue.settings import checked
 
 PAGE = "init.html"
 
@@ -56,7 +60,13 @@ class Intake:
                 + (f", in {len(each)} files" if len(each) < len(files) else "")
                 for name, each in self.found.candidates().items()
             ),
+            *(f"Texts read as: {words}" for words in self.written()),
         ]
+
+    def written(self) -> list[str]:
+        """How the files that are texts are written, each way once, with the number of files."""
+        count = Counter(file.written for file in self.found.files if file.written)
+        return [words if len(count) == 1 else f"{words} ({number} files)" for words, number in count.items()]
 
     def unanswered(self) -> InputError:
         """What is wrong while questions are left: each with an option that answers it, and all else."""
@@ -83,9 +93,15 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     Raises:
         InputError: there are no recorder files, or the pattern or the table can't be used.
     """
-    ends = [suffix for suffix in SUFFIXES if choices.pattern and choices.pattern.lower().endswith(suffix)]
+    ends = [
+        suffix
+        for suffix in (*SUFFIXES, *TEXT_SUFFIXES)
+        if choices.pattern and choices.pattern.lower().endswith(suffix)
+    ]
     ignore = [choices.table] if choices.table else []
-    return _understood(look(folder, suffix=max(ends, key=len, default=""), ignore=ignore), choices)
+    stated = checked(choices.text, TextSettings, file="--text").stated
+    found = look(folder, suffix=max(ends, key=len, default=""), ignore=ignore, stated=stated)
+    return _understood(found, choices)
 
 
 def _understood(found: Found, choices: Choices) -> Intake:
@@ -158,6 +174,7 @@ def init_dataset(
     table: str | Path | None = None,
     given: Mapping[str, object] | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
+    text: Mapping[str, Any] | None = None,
     name: str = "",
     several: bool = False,
     threshold: float = THRESHOLD,
@@ -189,6 +206,9 @@ def init_dataset(
         given: facts that hold for all recordings, such as ``{"trial": "drop", "mass_kg": 2.1}``.
         recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]`` in
             ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``.
+        text: how text files are written, where that is not found rightly, by keys of ``[signal]`` in
+            ``dataset.toml``: ``encoding``, ``delimiter``, ``decimal``, ``thousands``, ``header_row``,
+            ``units_row``, such as ``{"decimal": "comma"}``.
         name: of the dataset; that of the folder if empty.
         several: a recording may hold several impacts, which are cut apart.
         threshold: how many standard deviations of the noise an impact rises above.
@@ -213,6 +233,7 @@ def init_dataset(
         None if table is None else Path(table),
         {key: str(value) for key, value in (given or {}).items()},
         recorder.settings() if isinstance(recorder, Recorder) else dict(recorder or {}),
+        dict(text or {}),
     )
     write(
         prepare(folder, choices),
@@ -247,6 +268,7 @@ def _words(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
     sources += [f"{key} = {value} for all" for key, value in choices.given.items()]
     return [
         ("files", f"{len(intake.found.files)}, with the channels {', '.join(every)}"),
+        *(("written", words) for words in intake.written()),
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
         ("times", times),
         *([("low-pass", _filter(choices))] if choices.recorder else []),

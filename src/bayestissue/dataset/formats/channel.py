@@ -35,10 +35,12 @@ class Contents:
     Attributes:
         channels: in the order of the file.
         first_row: the row, or in a binary file the number, of the first sample.
+        written: how a text is written, in words; empty of other files.
     """
 
     channels: dict[str, Channel]
     first_row: int = 1
+    written: str = ""
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,11 @@ from bayestissue.dataset.formats.channel import Channel, Contents, Format, Unfit
 
 
 def read(data: bytes, label: str) -> Contents:
-    """The channels of the one block of data; their clock is ``X_Value``, else ``X0`` and ``Delta_X``."""
+    """The channels of the one block of data; their clock is ``X_Value``, else ``X0`` and ``Delta_X``.
+
+    Channels may differ in the number of samples and in their interval: cells behind the end of a short one
+    are empty.
+    """
     import lvm_read
 
     try:
@@ -27,26 +31,31 @@ def read(data: bytes, label: str) -> Contents:
         )
     segment = content[0]
     samples, names = segment["data"], segment["Channel names"]
-    stated = {int(count) for count in segment.get("Samples", []) if count == count}
-    if stated and stated != {len(samples)}:
-        raise UnfitError(
-            "as many rows as the header's Samples", "Export the recording anew.", f"{len(samples)} rows"
-        )
+    stated = [int(count) for count in segment.get("Samples", []) if count == count]
+    if stated and max(stated) != len(samples):
+        found = f"{len(samples)} rows where {max(stated)} are stated"
+        raise UnfitError("as many rows as the header's greatest Samples", "Export the recording anew.", found)
     if unit := set(segment.get("X_Dimension", [])) - {"Time", ""}:
         raise UnfitError("time along X", "Export the signal over time.", ", ".join(sorted(unit)))
     if len(names) > 1 and names[-1] == "Comment":
         names = names[:-1]
     channels: dict[str, Channel] = {}
-    clock, measured = None, 0
+    x, of_x = None, None
+    measured = 0
     for column, name in enumerate(names):
+        start, step = _stated(segment, "X0", measured, 0.0), _stated(segment, "Delta_X", measured, None)
         if name == "X_Value":
-            clock = samples[:, column]
+            x, of_x = samples[:, column], (start, step)
             continue
-        step, start = _stated(segment, "Delta_X", measured, None), _stated(segment, "X0", measured, 0.0)
-        own = clock if clock is not None and np.isfinite(clock).any() else None
-        own = even_clock(step, start, len(samples)) if own is None else own
+        count = stated[measured] if measured < len(stated) else len(samples)
+        if np.isfinite(samples[count:, column]).any():
+            expected = f"empty cells behind the {count} Samples of channel {name}"
+            raise UnfitError(expected, "Export the recording anew.", "numbers behind them")
+        # One column X_Value is the clock of channels that begin and go on as the one beside it does.
+        beside = x is not None and of_x == (start, step) and np.isfinite(x[:count]).any()
+        clock = x[:count] if x is not None and beside else even_clock(step, start, count)
         unit = _stated(segment, "Y_Unit_Label", measured, "")
-        channels[name] = Channel(samples[:, column], own, unit if isinstance(unit, str) else "")
+        channels[name] = Channel(samples[:count, column], clock, unit if isinstance(unit, str) else "")
         measured += 1
     lines = text.splitlines()
     return Contents(channels, next(i for i, line in enumerate(lines, 2) if line.startswith("X_Value")))

@@ -1,0 +1,405 @@
+"""How a text table is written: encoding, marks between cells and within numbers, lines above them.
+
+A spreadsheet writes CSV files as its country does: ``0,5;1.234,5`` in Germany, ``0.5,"1,234.5"`` in Britain.
+What is found here is what every reader of text tables goes by.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from itertools import islice
+from typing import Literal
+
+from bayestissue.dataset.files import as_utf8, first_line
+from bayestissue.dataset.sheet import is_workbook, sheet_text
+from bayestissue.dataset.units import Dimension, to_si
+
+Encoding = Literal["utf-8", "utf-16", "cp1252"]
+Delimiter = Literal["comma", "semicolon", "tab", "pipe", "space"]
+Decimal = Literal["point", "comma"]
+Thousands = Literal["none", "point", "comma", "space", "apostrophe"]
+
+DELIMITERS: dict[Delimiter, str] = {"semicolon": ";", "tab": "\t", "pipe": "|", "comma": ",", "space": " "}
+DECIMALS: dict[Decimal, str] = {"point": ".", "comma": ","}
+# Of spaces and apostrophes, those that typesetters use too.
+THOUSANDS: dict[Thousands, str] = {
+    "none": "", "point": ".", "comma": ",", "space": " \u00a0\u202f", "apostrophe": "'\u2019",
+}  # fmt: skip
+_ENCODINGS = {"utf-8": "UTF-8", "utf-8-sig": "UTF-8 with a mark", "utf-16": "UTF-16", "cp1252": "cp1252"}
+_FEW = 200
+_HEAD = 1 << 18
+_EXPONENT = r"([eE][+-]?\d+)?"
+# A number in any country's spelling; a date such as 24.11.2026 is none.
+_ANY_NUMBER = re.compile(
+    rf"[+-]?(\d+[.,]?\d*|[.,]\d+|\d{{1,3}}([.,'\u2019 \u00a0\u202f]\d{{3}})+([.,]\d*)?){_EXPONENT}", re.ASCII
+)
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What somebody says of how a text table is written; None where it is to be found.
+
+    Attributes:
+        encoding: of the text.
+        delimiter: between cells.
+        decimal: the decimal mark.
+        thousands: between groups of three digits.
+        header_row: the row with the names of columns; 0 if there is none.
+        units_row: the row with their units; 0 if there is none.
+    """
+
+    encoding: Encoding | None = None
+    delimiter: Delimiter | None = None
+    decimal: Decimal | None = None
+    thousands: Thousands | None = None
+    header_row: int | None = None
+    units_row: int | None = None
+
+
+@dataclass(frozen=True)
+class Dialect:
+    """How a text table is written.
+
+    Attributes:
+        encoding: as `as_utf8` names it.
+        delimiter: between cells; ``" "`` stands for any run of spaces and tabs.
+        decimal: the decimal mark.
+        thousands: the marks that may stand between groups of three digits; empty if none do.
+        header_row: the row with the names of columns; 0 if there is none.
+        units_row: the row with their units; 0 if there is none.
+        first_row: the row of the first record.
+        sheet: of a workbook, whose cells need no marks; empty of a text.
+    """
+
+    encoding: str = "utf-8"
+    delimiter: str = ","
+    decimal: str = "."
+    thousands: str = ""
+    header_row: int = 1
+    units_row: int = 0
+    first_row: int = 2
+    sheet: str = ""
+
+    def __str__(self) -> str:
+        between, decimal = _word(DELIMITERS, self.delimiter), _word(DECIMALS, self.decimal)
+        thousands = f"a {_word(THOUSANDS, self.thousands)} between thousands" if self.thousands else ""
+        marks = [f"a {between} between cells", f"a decimal {decimal}", thousands]
+        found = (
+            [f"the sheet {self.sheet}"] if self.sheet else [_ENCODINGS[self.encoding], *filter(None, marks)]
+        )
+        found += [f"names in row {self.header_row}" if self.header_row else "no names of columns"]
+        found += [f"units in row {self.units_row}"] if self.units_row else []
+        return ", ".join(found)
+
+    @cached_property
+    def number(self) -> str:
+        """An expression, for Python and for RE2, that a whole cell fits if it holds a number."""
+        mark = re.escape(self.decimal)
+        grouped = rf"|\d{{1,3}}([{self.thousands}]\d{{3}})+({mark}\d*)?" if self.thousands else ""
+        return rf"^\s*[+-]?(\d+({mark}\d*)?|{mark}\d+{grouped}){_EXPONENT}\s*$"
+
+    def plain(self, cell: str) -> str:
+        """A number with a decimal point and nothing between thousands; other text as it is."""
+        if (self.decimal == "." and not self.thousands) or not re.match(self.number, cell, re.ASCII):
+            return cell
+        return cell.translate(dict.fromkeys(map(ord, self.thousands))).replace(self.decimal, ".")
+
+
+@dataclass(frozen=True, eq=False)
+class TextTable:
+    """A text table, read as far as its names.
+
+    Attributes:
+        dialect: how it is written.
+        names: of the columns, without the spaces around them.
+        units: of the columns, as a line below the names states them; empty texts where none does.
+        body: the records, UTF-8.
+        delimiter: between the cells of ``body``.
+    """
+
+    dialect: Dialect
+    names: list[str]
+    units: list[str]
+    body: memoryview
+    delimiter: str
+
+    @property
+    def empty(self) -> bool:
+        """Whether there is nothing below the names."""
+        return re.search(rb"\S", self.body) is None
+
+
+@dataclass(frozen=True)
+class _Record:
+    """A line of cells that is not empty: its row, and the row below it."""
+
+    row: int
+    below: int
+    cells: list[str]
+
+
+@dataclass(frozen=True)
+class _Lines:
+    """The first lines of a table, cut at one delimiter."""
+
+    delimiter: str
+    records: list[_Record]
+
+    @classmethod
+    def of(cls, text: str, delimiter: str) -> _Lines:
+        return cls(delimiter, list(islice(_records(text, delimiter), _FEW)))
+
+    @property
+    def lower(self) -> list[_Record]:
+        """The lower half, in which there is no header."""
+        return self.records[len(self.records) // 2 :]
+
+    @cached_property
+    def width(self) -> int:
+        """How many cells most lines have; the lower half decides where several numbers are as frequent."""
+        count = Counter(len(each.cells) for each in [*self.records, *self.lower])
+        return count.most_common(1)[0][0] if count else 0
+
+    @property
+    def share(self) -> float:
+        """Of the lines, those that have as many cells as most; 0 where these have one."""
+        alike = sum(len(each.cells) == self.width for each in self.records)
+        return alike / len(self.records) if self.width > 1 else 0.0
+
+    @cached_property
+    def number_columns(self) -> list[int]:
+        """The columns that hold numbers in most cells of the lower half that are filled."""
+        cells = [each.cells for each in self.lower if len(each.cells) == self.width]
+        filled = [[line[at] for line in cells if line[at].strip()] for at in range(self.width)]
+        return [at for at, some in enumerate(filled) if 2 * sum(map(_is_number, some)) > len(some)]
+
+    def is_data(self, record: _Record) -> bool:
+        """Whether most of the columns of numbers hold one in a record."""
+        columns = self.number_columns
+        found = [len(record.cells) > at and _is_number(record.cells[at]) for at in columns]
+        return 2 * sum(found) > len(found)
+
+    def names(self, wanted: Sequence[str], *, named: bool) -> _Record | None:
+        """The record with the names of the columns; None where there is none."""
+        hits = [len(set(wanted) & {cell.strip() for cell in each.cells}) for each in self.records]
+        if max(hits, default=0):
+            return self.records[hits.index(max(hits))]
+        if named or not self.number_columns:
+            return self.records[0] if self.records else None
+        first = next((i for i, each in enumerate(self.records) if self.is_data(each)), 0)
+        # A line of one cell says something of the table. Above commas it may be the name of a single column
+        # of numbers with decimal commas, which then don't fit below it.
+        single = self.width == 1 or self.delimiter == ","
+        above = [each for each in self.records[:first] if single or len(each.cells) > 1]
+        above = [each for each in above if not any(map(_is_number, each.cells))] or above
+        if above:
+            return above[-2] if len(above) > 1 and _are_units(above[-1].cells) else above[-1]
+        # The numbers of the columns, as pandas writes them over an array that has no names.
+        counted = [str(number) for number in range(self.width)]
+        return self.records[0] if len(self.records) > 1 and self.records[0].cells == counted else None
+
+    def units(self, names: _Record | None) -> _Record | None:
+        """The record of units below that of the names; None where there is none."""
+        below = next((each for each in self.records if names and each.row >= names.below), None)
+        return below if below and not self.is_data(below) and _are_units(below.cells) else None
+
+    def first_row(self, above: _Record | None) -> int:
+        """The row of the first record below the names and units."""
+        if above is None:
+            return next((each.row for each in self.records if self.is_data(each)), 1)
+        # An empty line of a single column is an empty cell.
+        after = [] if self.width == 1 else [each.row for each in self.records if each.row >= above.below]
+        return after[0] if after else above.below
+
+
+def text_table(
+    data: bytes,
+    label: str,
+    *,
+    wanted: Sequence[str] = (),
+    stated: Stated | None = None,
+    named: bool = False,
+) -> TextTable:
+    """Find how a text table is written, and read the names of its columns.
+
+    The delimiter is the one that cuts most lines into equally many cells, at least two; the decimal mark the
+    one in most numbers. A mark between thousands is taken for one only where a number leaves no doubt, as
+    ``1.234,5`` and ``1,234,567`` do and ``1.234`` does not. The line of names is the one with most of the
+    ``wanted`` ones; else the last one above the numbers that holds no number itself.
+
+    Args:
+        data: the file: a text, or an Excel workbook, of which the first sheet with cells is the table.
+        label: what to call it in a message.
+        wanted: names of columns that should be there.
+        stated: what somebody said of it, which is not looked for.
+        named: whether the table must name its columns; one that may not calls them ``column 1`` and so on.
+
+    Raises:
+        InputError: it is no text and no workbook.
+    """
+    stated, sheet = stated or Stated(), ""
+    if is_workbook(data):
+        sheet, data = sheet_text(data, label)
+        stated = replace(stated, encoding="utf-8", delimiter="comma")
+    data, encoding = as_utf8(data, label, stated.encoding)
+    first_line(data, label)
+    head = data if len(data) <= _HEAD else data[: data.rfind(b"\n", 0, _HEAD) + 1 or _HEAD]
+    text = head.decode("utf-8", "ignore")
+    lines = _Lines.of(text, DELIMITERS[stated.delimiter]) if stated.delimiter else _cut(text)
+    rows = {each.row: each for each in lines.records}
+    told, told_units = stated.header_row, stated.units_row
+    header = lines.names(wanted, named=named) if told is None else rows.get(told)
+    below = lines.units(header) if told_units is None else rows.get(told_units)
+    first_row = lines.first_row(below or header)
+    body = memoryview(data)[_offset(head, first_row) :]
+    cells = [each.cells for each in lines.records if each.row >= first_row]
+    decimal = DECIMALS[stated.decimal] if stated.decimal else _decimal(cells, body)
+    thousands = stated.thousands
+    dialect = Dialect(
+        encoding,
+        lines.delimiter,
+        decimal,
+        THOUSANDS[thousands] if thousands else _thousands(body, lines.delimiter, decimal),
+        header.row if header else 0,
+        below.row if below else 0,
+        first_row,
+        sheet,
+    )
+    numbered = [f"column {number}" for number in range(1, lines.width + 1)]
+    names = _fitted([name.strip() for name in header.cells] if header else numbered, cells)
+    units = [_bare(cell) for cell in below.cells] if below else []
+    units = (units + [""] * len(names))[: len(names)]
+    if lines.delimiter != " ":
+        return TextTable(dialect, names, units, body, lines.delimiter)
+    tabbed = b"".join(b"\t".join(line.split()) + b"\n" for line in body.tobytes().splitlines())
+    return TextTable(dialect, names, units, memoryview(tabbed), "\t")
+
+
+def _word[Word: str](words: dict[Word, str], mark: str) -> str:
+    return next(word for word, each in words.items() if each == mark)
+
+
+def _records(text: str, delimiter: str) -> Iterator[_Record]:
+    lines = io.StringIO(text, newline="")
+    if delimiter == " ":
+        for row, line in enumerate(lines, 1):
+            if cells := line.removeprefix("#").split():
+                yield _Record(row, row + 1, cells)
+        return
+    reader = csv.reader(lines, delimiter=delimiter)
+    row = 1
+    try:
+        for cells in reader:
+            if any(cell.strip() for cell in cells):
+                yield _Record(row, reader.line_num + 1, cells)
+            row = reader.line_num + 1
+    except csv.Error:
+        # Quotes that do not match: whoever reads the table says where.
+        return
+
+
+def _cut(text: str) -> _Lines:
+    """The lines cut by the mark that makes most of them equally long; by a comma where none does."""
+    cut = [_Lines.of(text, mark) for mark in DELIMITERS.values() if mark != " "]
+    best = max(cut, key=lambda lines: lines.share)
+    if best.share and best.delimiter != ",":
+        return best
+    # Between words stand spaces too: they separate cells where nothing but numbers stands between them.
+    spaced = _Lines.of(text, " ")
+    cells = [cell for each in spaced.lower for cell in each.cells]
+    if cells and spaced.share > 0.5 and all(_is_number(cell) and cell[-1] != "," for cell in cells):
+        return spaced
+    return next(lines for lines in cut if lines.delimiter == ",")
+
+
+def _is_number(cell: str) -> bool:
+    return _ANY_NUMBER.fullmatch(cell.strip()) is not None
+
+
+def _are_units(cells: Sequence[str]) -> bool:
+    """Whether each cell is a unit or says that there is none, and one of them is a unit of a recording."""
+    texts = [cell.strip() for cell in cells]
+    bare = [_bare(text) for text in texts]
+    known = [_is_unit(text) for text in bare]
+    others = (
+        not text
+        or text in {"-", "1"}
+        or text != whole
+        or text in {"V", "mV", "N", "kN", "Hz", "%", "°C", "Pa"}
+        for text, whole in zip(bare, texts, strict=True)
+    )
+    return any(known) and all(one or other for one, other in zip(known, others, strict=True))
+
+
+def _is_unit(text: str) -> bool:
+    # Names and numbers are no units, and looking them up would take long.
+    if not text or len(text) > 10 or not text[0].isalpha():
+        return False
+    dimensions: tuple[Dimension, ...] = ("time", "acceleration", "length")
+    for dimension in dimensions:
+        try:
+            to_si(text, dimension)
+        except ValueError:
+            continue
+        return True
+    return False
+
+
+def _bare(unit: str) -> str:
+    return unit.strip().strip("[]()").strip()
+
+
+def _offset(data: bytes, row: int) -> int:
+    """Where a row begins, counted from 1."""
+    at = 0
+    for _ in range(row - 1):
+        ends = [end for end in (data.find(b"\n", at), data.find(b"\r", at)) if end >= 0]
+        if not ends:
+            return len(data)
+        at = min(ends) + (2 if data[min(ends) : min(ends) + 2] == b"\r\n" else 1)
+    return at
+
+
+def _decimal(records: Sequence[Sequence[str]], body: memoryview) -> str:
+    """The mark that stands before decimals in most numbers; a point where no number has decimals."""
+    last: Counter[str] = Counter()
+    for cell in (cell for cells in records for cell in cells):
+        marks = re.findall("[.,]", cell) if _is_number(cell) else []
+        # Of two marks the last one stands before decimals; one that repeats stands between thousands.
+        if marks and (len(marks) == 1 or marks[-1] != marks[0]):
+            last[marks[-1]] += 1
+    if last:
+        return "," if last[","] > last["."] else "."
+    return "," if re.search(rb"\d,\d", body) and not re.search(rb"\d\.\d", body) else "."
+
+
+def _thousands(body: memoryview, delimiter: str, decimal: str) -> str:
+    """The marks between thousands, where a number shows without doubt that there are any."""
+    mark = re.escape(decimal)
+    quoted = re.search(b'"', body) is not None
+    for marks in THOUSANDS.values():
+        within = delimiter in marks
+        if not marks or decimal in marks or (within and not quoted):
+            continue
+        each = f"(?:{'|'.join(map(re.escape, marks))})"
+        before, after = ('"', '"') if within else (r"(?<![\d.,])", r"(?!\d)")
+        groups = rf"[+-]?\d{{1,3}}(?:(?:{each}\d{{3}})+{mark}\d|(?:{each}\d{{3}}){{2,}}{after})"
+        if re.search(each.encode(), body) and re.search(f"{before}{groups}".encode(), body):
+            return marks
+    return ""
+
+
+def _fitted(names: list[str], records: Sequence[Sequence[str]]) -> list[str]:
+    """The names without those of columns that a mark at the end of each line makes, or with such."""
+    width = max((len(cells) for cells in records), default=len(names))
+    if width < len(names) and not any(names[width:]) and records:
+        return names[:width]
+    if width > len(names) and not any(cell.strip() for cells in records for cell in cells[len(names) :]):
+        return names + [""] * (width - len(names))
+    return names
