@@ -300,8 +300,8 @@ def resolve(
         return specification_of(content, source, formulas=formulas, questions=asked), source
     if isinstance(model, Mapping):
         return specification_of(model, "model", formulas=formulas, questions=asked), "model"
-    name = default_model(quantity) if model is None else model
-    path = resources.model_file(name, lambda content: content.get("likelihood") in KINDS)
+    named = default_model(quantity) if model is None else model
+    path = resources.model_file(named, lambda content: content.get("likelihood") in KINDS)
     text = read_text(path, str(path))
     content = {"name": path.stem} | parse_toml(text, str(path))
     found = specification_of(content, str(path), text=text, formulas=formulas, questions=asked)
