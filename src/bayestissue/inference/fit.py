@@ -170,7 +170,7 @@ def label(
         scores,
         sensitivity,
         budget,
-        contrasts(posterior, recorded, responses, near.ratio),
+        contrasts(posterior, recorded, responses, near.ratio, specification.questions.values()),
         people_compared(posterior, recorded, responses),
         reliability(repeatable["posterior"], repeatable["prior"]),
     )

@@ -65,8 +65,9 @@ class Spread:
         return float(np.sqrt(self.high / self.low) - 1)
 
     def holds(self, value: float) -> bool:
-        """Whether ``value`` lies in the interval."""
-        return self.low <= value <= self.high
+        """Whether ``value`` lies in the interval as it is printed."""
+        low, high = (round(end, max(self.decimals, 0)) for end in (self.low, self.high))
+        return low <= value <= high
 
 
 def spread(draws: np.ndarray) -> Spread:

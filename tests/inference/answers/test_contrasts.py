@@ -55,6 +55,22 @@ def test_a_ratio_with_its_interval_and_probabilities_is_that_of_the_draws() -> N
     assert contrasts(draws, recorded("log(mass_kg) + (1|subject)"), ["K"], 0.1).empty
 
 
+@pytest.mark.parametrize(
+    "question",
+    [
+        "K[side=right] / K[side=left] > 1.1",
+        "K[side=right] < K[side=left]",
+        "log(K[side=right] / K[side=left])",
+    ],
+)
+def test_a_comparison_goes_the_way_that_a_question_asks(question: str) -> None:
+    draws = draws_of(np.random.default_rng(1), 0.05, {"intercept_K": 7.0, "effect_of_side[right]_K": -0.08})
+    found = contrasts(draws, recorded("side"), ["K"], 0.1, ["K >", question])
+    assert found[["level", "against"]].to_numpy().tolist() == [["right", "left"]]
+    log = draws["effect_of_side[right]_K"].to_numpy()
+    assert found["ratio"][0] == pytest.approx(np.exp(np.median(log)))
+
+
 def test_what_interacts_with_a_factor_is_averaged() -> None:
     values = {"intercept_K": 7.0, "effect_of_side[right]_K": -0.1, "mass_exponent_K": 0.0}
     values |= {"effect_of_operator[y]_K": 0.3, "effect_of_side[right]:operator[y]_K": -0.2}

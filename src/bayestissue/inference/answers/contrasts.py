@@ -18,14 +18,16 @@ Compared are, of each response, by its own formula:
 - conditions at one mass. Where the formula has the mass, effects of conditions that stand for masses are what
   the mass exponent leaves over, and a ratio of two of them would be read as one of masses.
 
-Of more than twelve levels each stands against the mean of all. A category goes over those that follow it in
-the alphabet: left over right, after over before; a greater number goes over a smaller one.
+Of more than twelve levels each stands against the mean of all. Of two levels the one goes over the other
+that a question has first; else a category goes over those that follow it in the alphabet, left over right,
+after over before, and a greater number over a smaller one.
 """
 
 from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from itertools import combinations
 from typing import NamedTuple
 
@@ -37,6 +39,8 @@ from jaxtyping import Float
 from bayestissue.hierarchy.formulas.formula import group_terms, variables_of_terms
 from bayestissue.hierarchy.formulas.group_terms import labels_of
 from bayestissue.hierarchy.levels import Condition, Recorded, log_at_levels
+from bayestissue.inference.answers.grammar import Node, Number, Quantity, QuestionError, parse
+from bayestissue.inference.answers.meaning import quantities
 
 COLUMNS = ["factor", "level", "against", "quantity", "ratio", "low", "high", "p_direction", "p_equivalent"]
 ALL = "mean of all"
@@ -46,6 +50,8 @@ _MOST_AVERAGED = 200
 # Numbers that are measured or set, two of which make no factor.
 _PHYSICAL = ("mass_kg", "velocity_m_s", "energy_J", "diameter_m")
 _SAME_MASS = 0.01
+# What holds its two sides against each other.
+_AGAINST = ("/", "-", "<", "<=", ">", ">=")
 
 
 class Contrast(NamedTuple):
@@ -59,7 +65,11 @@ class Contrast(NamedTuple):
 
 
 def contrasts(
-    draws: xr.Dataset, recorded: Recorded, responses: Sequence[str], equivalence: float
+    draws: xr.Dataset,
+    recorded: Recorded,
+    responses: Sequence[str],
+    equivalence: float,
+    questions: Iterable[str] = (),
 ) -> pd.DataFrame:
     """Every contrast that the formulas have, a row each: `COLUMNS`.
 
@@ -68,13 +78,14 @@ def contrasts(
         recorded: what was measured.
         responses: K, C and the further parameters that have a formula.
         equivalence: e, the relative difference that counts as none in practice.
+        questions: of the model, whose directions are taken.
 
     Returns:
         ``ratio`` is the median, ``low`` and ``high`` the ends of the 90 % equal-tailed interval.
     """
-    tables = []
+    tables, directions = [], asked_directions(questions)
     for response in responses:
-        asked = contrasts_of(recorded, response)
+        asked = [_directed(each, directions) for each in contrasts_of(recorded, response)]
         if asked:
             logs = log_ratios(draws, recorded, response, asked)
             names = pd.DataFrame([each[:3] for each in asked], columns=COLUMNS[:3])
@@ -85,6 +96,50 @@ def contrasts(
     both = pd.concat(tables, ignore_index=True)
     order = both.groupby(COLUMNS[:3], sort=False).ngroup()
     return both.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
+
+
+def asked_directions(questions: Iterable[str]) -> frozenset[tuple[str, str, str]]:
+    """Column, first and second level of each pair of levels that a question holds against each other.
+
+    As "K[side=left] / K[side=right] > 1.1" does, or "K[side=left] > K[side=right]"; questions that can't be
+    read have none.
+    """
+    found: dict[tuple[str, str, str], None] = {}
+    for text in questions:
+        with suppress(QuestionError):
+            for first, second in _held_against(parse(text)):
+                levels = [{each.column: each.value for each in of.levels} for of in (first, second)]
+                differ = [name for name in levels[0] if levels[0][name] != levels[1].get(name)]
+                if len(differ) == 1 and levels[0].keys() == levels[1].keys():
+                    column = differ[0]
+                    pair = column, str(levels[0][column]), str(levels[1][column])
+                    if (column, pair[2], pair[1]) not in found:
+                        found[pair] = None
+    return frozenset(found)
+
+
+def _held_against(node: Node) -> Iterator[tuple[Quantity, Quantity]]:
+    """Pairs of quantities on either side of a ratio, a difference or a comparison, outermost first."""
+    if isinstance(node, Number | Quantity):
+        return
+    if len(node.operands) == 2 and node.symbol in _AGAINST:
+        sides = [list(quantities(operand)) for operand in node.operands]
+        if [len(side) for side in sides] == [1, 1]:
+            yield sides[0][0], sides[1][0]
+    for operand in node.operands:
+        yield from _held_against(operand)
+
+
+def _directed(contrast: Contrast, directions: frozenset[tuple[str, str, str]]) -> Contrast:
+    """The contrast, or its reciprocal where a question asks for that."""
+    parts = (contrast.factor.split(":"), contrast.level.split(":"), contrast.against.split(":"))
+    if len({len(part) for part in parts}) == 1:
+        differ = [each for each in zip(*parts, strict=True) if each[1] != each[2]]
+        if [
+            (name, against, level) for name, level, against in differ if (name, against, level) in directions
+        ]:
+            return Contrast(contrast.factor, contrast.against, contrast.level, contrast.lower, contrast.upper)
+    return contrast
 
 
 def told_of(logs: Float[np.ndarray, "draw ratio"], equivalence: float) -> dict[str, np.ndarray]:
