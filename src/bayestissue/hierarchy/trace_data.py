@@ -218,12 +218,14 @@ def _record(
         # The likelihood asks the samples itself when contact was; what they said of it must not count twice.
         start = (signal.n_samples, signal.bracket_s, signal.dt)
         plain = specification.discrepancy != "always" and specification.noise == "white"
+        # Of an impact along gravity an error of the gain is not one of the velocity.
+        plain &= not (dataset.gravity and chain.relative_gain_sd)
         if specification.element != SIDE_BY_SIDE or not plain or dataset.recorder is not None:
             return _element_record(dataset, specification, signal, offset_sd)
         errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
         peak = np.abs(signal.deceleration).max(axis=1)
         record = (signal.deceleration, *start, signal.velocity, errors, signal.bracket_uniform)
-        return DecelerationRecord.of(*record), peak
+        return DecelerationRecord.of(*record, gravity=signal.gravity), peak
     level_sd = signal.velocity * signal.contact_time_sd
     if recorded:
         level_sd = np.hypot(level_sd, chain.offset_sd)

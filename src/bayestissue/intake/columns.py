@@ -7,9 +7,9 @@ import re
 from collections.abc import Callable
 from functools import partial
 
+from bayestissue.dataset.model import STANDARD_GRAVITY
 from bayestissue.errors import InputError, Problem
 
-GRAVITY = 9.80665
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
@@ -19,7 +19,7 @@ def _times(factor: float, value: float) -> float:
 
 def _fallen(unit_m: float, height: float) -> float:
     """The speed v = √(2 g h), m/s, after a fall, of a pendulum too, of ``height`` times ``unit_m`` metres."""
-    return math.sqrt(2 * GRAVITY * unit_m * height)
+    return math.sqrt(2 * STANDARD_GRAVITY * unit_m * height)
 
 
 # Of each name the column that it fills, and how; a height of fall stays as a covariate too.

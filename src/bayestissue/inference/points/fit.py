@@ -21,7 +21,7 @@ from bayestissue.likelihood import SineTransforms, sine_transforms
 from bayestissue.likelihood.arma.arma21 import LOG_2PI
 from bayestissue.likelihood.quadratic import log_determinant
 from bayestissue.likelihood.transforms import FILLED
-from bayestissue.oscillator import arccos_branch, from_differences, peak_displacement, spring_damper
+from bayestissue.oscillator import arccos_branch, from_differences, spring_damper
 from bayestissue.padding import bucket
 
 Method = Literal["exact", "dds"]
@@ -49,7 +49,6 @@ class PointFit(NamedTuple):
         log_likelihood: exact log likelihood of the fit given the first two samples; for "dds" the
             conditional one.
         whiteness_p: p-value of Ljung and Box's test of the residuals over ten lags.
-        unit_peak: peak displacement that omega_n and zeta imply, per unit of contact velocity [s].
         branch: which value of arccos theta1 asks for; K and C are those of the main one, 0.
         noiseless: whether the residual is no more than rounding errors.
         theta1_at_limit: whether theta1 is nearer to -1 or 1 than N samples can tell.
@@ -72,7 +71,6 @@ class PointFit(NamedTuple):
     C_se: Column
     log_likelihood: Column
     whiteness_p: Column
-    unit_peak: Column
     branch: Num[np.ndarray, " impact"]
     noiseless: Num[np.ndarray, " impact"]
     theta1_at_limit: Num[np.ndarray, " impact"]
@@ -205,7 +203,6 @@ def _physical(fit: Profile, covariance: Covariance, dt: Array, mass: Array) -> d
         "C": C,
         "K_signed": mass * square / dt**2,
         "C_signed": 2 * mass * decay / dt,
-        "unit_peak": peak_displacement(w / dt, zeta, 1.0),
         "omega_n_se": errors["angle"] / dt,
         "zeta_se": errors["damping"],
         "K_se": errors["square"] * mass / dt**2,

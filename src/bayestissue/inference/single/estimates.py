@@ -185,7 +185,6 @@ def _as_fit(found: SinglePosteriors, signal: Displacements, noiseless: np.ndarra
         C_se=C_se,
         log_likelihood=found.log_likelihood,
         whiteness_p=ljung_box(found.innovations.T, found.n_innovations),
-        unit_peak=np.asarray(peak_displacement(omega_n, zeta, 1.0)),
         branch=np.zeros(len(K), int),
         noiseless=noiseless,
         theta1_at_limit=np.zeros(len(K), bool),
