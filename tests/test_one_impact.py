@@ -72,7 +72,7 @@ def test_a_drop_is_told_from_a_horizontal_impact(drop):
     assert abs(found.K - 3000) < 3 * found.row["K_se_N_per_m"]
     assert abs(found.C - 25) < 3 * found.row["C_se_N_s_per_m"]
     assert not found.flags
-    assert without.K == pytest.approx(3450, rel=0.01)
+    assert pytest.approx(3450, rel=0.01) == without.K
     assert without.flags
 
 
@@ -83,8 +83,8 @@ def test_where_the_sensors_zero_is_makes_no_difference(drop):
     # Without the quiet part, from which an offset would be taken.
     at_rest = bt.impact(time[198:], force_over_mass[198:] - 9.80665, **given, zero="rest")
     alike = bt.impact(time[198:], force_over_mass[198:], **given)
-    assert at_rest.K == pytest.approx(alike.K, rel=1e-9)
-    assert at_rest.K == pytest.approx(in_free_fall.K, rel=0.005)
+    assert pytest.approx(alike.K, rel=1e-9) == at_rest.K
+    assert pytest.approx(in_free_fall.K, rel=0.005) == at_rest.K
 
 
 def test_slips_are_named_by_their_array():

@@ -66,7 +66,7 @@ def test_velocity_is_zero_and_displacement_greatest_at_the_peak(zeta: float, gra
 
 
 def test_strong_damping_lets_a_slow_drop_sink_without_a_peak() -> None:
-    # V is below x_e (a + b), a and b the sum and half the difference of the decays: the velocity stays above 0.
+    # V is below x_e times the fast decay: the velocity stays above 0.
     assert np.isinf(time_to_peak(60.0, 10.0, 1.5, 9.80665))
     assert float(peak_displacement(60.0, 10.0, 1.5, 9.80665)) == pytest.approx(9.80665 / 60.0**2, rel=1e-15)
     motion = impact_motion(np.linspace(0, 20, 500), 60.0, 10.0, 1.5, 9.80665)

@@ -73,6 +73,11 @@ Gravity = Literal["none", "drop"] | Annotated[Finite, AfterValidator(_on_earth)]
 Zero = Literal["free_fall", "rest"]
 
 
+def gravity_m_s2(gravity: Gravity) -> float:
+    """The part of gravity along the motion, m/s²."""
+    return _GRAVITIES[gravity] if isinstance(gravity, str) else gravity
+
+
 class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
 
@@ -100,8 +105,8 @@ class SignalSettings(_Table):
     offset: Finite = Field(default=0.0, description="is added to them after that.")
     gravity: Gravity = Field(
         default="none",
-        description="the part of gravity along the motion: none (a pendulum at its lowest point, a horizontal "
-        "impact), drop (straight down), or a number of m/s², positive into the tissue.",
+        description="the part of gravity along the motion: none (a pendulum at its lowest point, a "
+        "horizontal impact), drop (straight down), or a number of m/s², positive into the tissue.",
     )
     zero: Zero = Field(
         default="free_fall",
@@ -122,7 +127,7 @@ class SignalSettings(_Table):
     @property
     def gravity_m_s2(self) -> float:
         """The part of gravity along the motion, m/s²."""
-        return _GRAVITIES[self.gravity] if isinstance(self.gravity, str) else self.gravity
+        return gravity_m_s2(self.gravity)
 
     @property
     def below_force(self) -> float:

@@ -257,10 +257,10 @@ def _element_record(
     gain_sd, velocity_sd = (
         np.full(len(size), value) for value in (chain.relative_gain_sd, chain.velocity_sd_m_s)
     )
-    if specification.element == SIDE_BY_SIDE and dataset.recorder is not None:
+    if specification.element == SIDE_BY_SIDE and dataset.recorder is not None and not dataset.gravity:
         # In proportion to the velocity: one error, as of the likelihood without a filter.
         velocity_sd, gain_sd = np.hypot(velocity_sd, gain_sd * signal.velocity), np.zeros(len(size))
-    besides: dict[str, Any] = {}
+    besides: dict[str, Any] = {"gravity": signal.gravity} if dataset.gravity else {}
     contact_sd, uniform = signal.bracket_sd, signal.bracket_uniform
     lead = 0
     if dataset.recorder is not None:

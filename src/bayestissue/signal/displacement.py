@@ -129,8 +129,9 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
     """The displacement of every impact, from contact over the window that the options choose.
 
     v(t) = V − ∫(d − g) and x(t) = ∫v from contact on, both by the rule that the options name (thesis, section
-    2.2), g being gravity along the motion; recorded displacements are taken as they are, from their value at contact. The samples of x are
-    the recorder's own: the first one lies up to one interval after contact, where x is already above 0.
+    2.2), g being gravity along the motion; recorded displacements are taken as they are, from their value at
+    contact. The samples of x are the recorder's own: the first one lies up to one interval after contact,
+    where x is already above 0.
 
     Raises:
         InputError: the filter class asks for a higher sampling rate than an impact has.
@@ -245,8 +246,8 @@ def _recorded(
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
     start = Start(since_contact, sd, since_contact, sd, np.zeros(len(sd), bool), x[:, 0], v[:, 0])
     return _windowed(
-        part, x, v, d, stop, flags, {}, mass, velocity, gravity, start, at_contact, np.full_like(sd, np.nan), noise,
-        _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd)), options,
+        part, x, v, d, stop, flags, {}, mass, velocity, gravity, start, at_contact, np.full_like(sd, np.nan),
+        noise, _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd)), options,
     )  # fmt: skip
 
 

@@ -24,7 +24,7 @@ from bayestissue.inference.points.notes import UNCORRECTED
 from bayestissue.inference.points.whiteness import ljung_box
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
-from bayestissue.oscillator import peak_displacement, spring_damper_inverse, to_discrete
+from bayestissue.oscillator import spring_damper_inverse, to_discrete
 from bayestissue.resources import shared
 from bayestissue.signal import Displacements, SignalOptions, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES

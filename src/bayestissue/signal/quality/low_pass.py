@@ -6,9 +6,9 @@ ramp, what is recorded is
     y = a (V s(t - c) - int y) + b (V r(t - c) - int int y),  a = C / M, b = K / M,
 
 since filtering and integrating commute: linear in a and b once the moment of contact c and the corner are
-given. Gravity g along the motion adds a g r + b g int r. A grid of both is tried, of a filter of the second order. Elements whose force rises from 0, as
-Maxwell's and a ball's do, rise slowly too: what is found is a filter only where it leaves noise alone, and no
-law of depth and velocity comes near that.
+given. Gravity g along the motion adds a g r + b g int r. A grid of both is tried, of a filter of the second
+order. Elements whose force rises from 0, as Maxwell's and a ball's do, rise slowly too: what is found is a
+filter only where it leaves noise alone, and no law of depth and velocity comes near that.
 """
 
 from __future__ import annotations
