@@ -226,7 +226,11 @@ def _record(
         peak = np.abs(signal.deceleration).max(axis=1)
         record = (signal.deceleration, *start, signal.velocity, errors, signal.bracket_uniform)
         return DecelerationRecord.of(*record, gravity=signal.gravity), peak
+    gravity = signal.gravity if specification.signal.equilibrium != "sample-mean" else 0.0
     level_sd = signal.velocity * signal.contact_time_sd
+    # Along gravity a gain in error is an offset too, and a contact time a velocity.
+    velocity_sd = np.hypot(velocity_sd, signal.gravity * signal.contact_time_sd)
+    offset_sd = np.hypot(offset_sd, signal.gravity * chain.relative_gain_sd)
     if recorded:
         level_sd = np.hypot(level_sd, chain.offset_sd)
         velocity_sd, offset_sd = np.zeros_like(velocity_sd), np.zeros_like(offset_sd)
@@ -234,7 +238,7 @@ def _record(
     if specification.signal.equilibrium == "estimated":
         level_sd = np.hypot(level_sd, peak)
     errors = np.stack([level_sd, velocity_sd, offset_sd], axis=1)
-    return displacement_record(signal.x, *start, errors), peak
+    return displacement_record(signal.x, *start, errors, gravity), peak
 
 
 def common_depth(signal: Displacements) -> float:

@@ -70,6 +70,7 @@ def estimates_table(
         signal.dt[long_enough],
         signal.mass[long_enough],
         method,
+        gravity=signal.gravity[long_enough],
     )
     whole = PointFit(*(in_rows(column, long_enough) for column in fit))
     mass_sd = dataset.uncertainty.relative_mass_sd

@@ -83,6 +83,7 @@ def fit_points(
     mass: Column,
     method: Method = "exact",
     *,
+    gravity: Column | None = None,
     repeated: bool = False,
 ) -> PointFit:
     """Fit every impact by itself, all of them in one compiled function.
@@ -94,6 +95,8 @@ def fit_points(
         mass: impacting mass of each [kg].
         method: "exact" maximises the exact likelihood with a free start about the zero of ``x``; "dds"
             is the thesis's conditional least squares on the deviations from the sample mean.
+        gravity: along the motion of each [m/s^2], which gives "exact" the mean g / omega_n^2; "dds" takes the
+            sample mean whatever it is.
         repeated: whether more of the kind follow. A few impacts are otherwise fitted by what compiles soon
             and not by what runs fast.
 
@@ -115,7 +118,8 @@ def fit_points(
         return PointFit(*(np.empty(0, _TYPES.get(name, float)) for name in PointFit._fields))
     x = np.pad(x, ((0, 0), (0, _width(x.shape[1]) - x.shape[1])))
     few = len(x) < _FEW and not repeated
-    columns = (x, n_samples, np.asarray(dt, float), np.asarray(mass, float))
+    fall = np.zeros(len(x)) if gravity is None or method == "dds" else np.asarray(gravity, float)
+    columns = (x, n_samples, np.asarray(dt, float), np.asarray(mass, float), fall)
     items = [(*(column[rows] for column in columns), method, few) for rows in _batches(len(x))]
     parts = dict(computed(_fit_of_batch, items, scheduler=cluster() if len(items) > 1 else None))
     ordered = [parts[place] for place in range(len(items))]
@@ -123,13 +127,32 @@ def fit_points(
     return PointFit(**whole)
 
 
+# With gravity w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2} - c2 g / omega_n^2, of which the last is nearly g dt^2
+# whatever the tissue is: what is left of an error of omega_n in it is its zeta omega_n dt-th part each round.
+_ROUNDS = 3
+
+
 def _fit_of_batch(
-    item: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Method, bool],
+    item: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, Method, bool],
 ) -> dict[str, np.ndarray]:
-    x, n_samples, dt, mass, method, few = item
+    x, n_samples, dt, mass, gravity, method, few = item
     data = _prepared(x, n_samples, centred=method == "dds")
-    fit, values = (_fit_few if few else _fit_batch)(data, dt, mass, method)
-    p = whiteness(np.asarray(data.x), n_samples, *(np.asarray(c) for c in (fit.c1, fit.c2, fit.theta1)))
+    fitted = _fit_few if few else _fit_batch
+    fit, values = fitted(data, dt, mass, method)
+    rest = np.zeros_like(dt)
+    if gravity.any():
+        # The second differences of a parabola are 1.
+        one = sine_transforms(np.arange(x.shape[1]) ** 2 / 2 + np.zeros_like(x), n_samples).columns[0]
+        share = np.ones_like(dt)
+        for _ in range(_ROUNDS):
+            falls = (data.columns[0] - (gravity * dt**2 * share)[:, None] * one, *data.columns[1:])
+            fit, values = fitted(data._replace(columns=falls), dt, mass, method)
+            omega_n, c2 = np.asarray(values["omega_n"]), np.asarray(fit.c2)
+            known = np.isfinite(omega_n) & (omega_n > 0)
+            rest = np.where(known, gravity / np.where(known, omega_n, 1.0) ** 2, 0.0)
+            share = np.where(known, c2 * rest / (gravity * dt**2 + (gravity == 0)), 1.0)
+    about = np.where(np.arange(x.shape[1]) < n_samples[:, None], np.asarray(data.x) - rest[:, None], 0.0)
+    p = whiteness(about, n_samples, *(np.asarray(c) for c in (fit.c1, fit.c2, fit.theta1)))
     return {**jax.tree.map(np.asarray, values), "whiteness_p": p}
 
 
