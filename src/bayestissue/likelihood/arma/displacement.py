@@ -4,8 +4,8 @@ With a recorded deceleration (1 + g) d + b and a velocity V recorded for V + dV,
 x - (g V + dV) t - b t^2 / 2 for the displacement x, up to products of errors; a contact time in error by
 tau adds V tau. All three are linear: a constant, a ramp and a parabola.
 
-Gravity g along the motion gives the process the mean x_e = g / omega_n^2, where the impactor comes to rest: no
-free parameter. w_t is smaller by c2 x_e then.
+Gravity g along the motion gives the process the mean x_e = g / omega_n^2, where the impactor comes to rest:
+no free parameter. w_t is smaller by c2 x_e then.
 """
 
 from __future__ import annotations
