@@ -30,7 +30,7 @@ _OPTIONS = {
     for key, option in (
         *(("quantity", "quantity"), ("unit", "unit"), ("time_unit", "time-unit"), ("scale", "scale")),
         *(("value_column", "channel"), ("time_column", "time"), ("offset", "offset")),
-        ("crop", "crop"),
+        *(("crop", "crop"), ("gravity", "gravity"), ("zero", "zero")),
     )
 }
 

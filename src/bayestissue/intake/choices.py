@@ -11,6 +11,7 @@ from typing import Any, get_args
 from bayestissue.dataset.model import Quantity
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem
+from bayestissue.intake.columns import is_height
 from bayestissue.intake.folder import About, Found
 
 _QUANTITIES: tuple[str, ...] = get_args(Quantity)
@@ -22,6 +23,10 @@ _NEEDED = {
     "mass_kg": ("mass of the impactor, kg", "2.1"),
     "velocity_m_s": ("velocity at contact, m/s, or drop_height_m instead", "1.5"),
 }
+_FALLS = (
+    "how it moves at contact: straight down (drop), or across gravity, as a pendulum at its lowest point "
+    "does (none)"
+)
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
@@ -43,6 +48,8 @@ class Choices:
         table: a table of facts.
         given: facts that hold for all recordings, as text.
         recorder: the table ``[recorder]`` of ``dataset.toml``; none if empty.
+        gravity: the part of gravity along the motion, as ``signal.gravity``.
+        zero: where the sensor read 0, as ``signal.zero``.
     """
 
     channel: str | None = None
@@ -58,6 +65,8 @@ class Choices:
     table: Path | None = None
     given: dict[str, str] = field(default_factory=dict)
     recorder: dict[str, Any] = field(default_factory=dict)
+    gravity: str | float | None = None
+    zero: str | None = None
 
     def signal(self) -> dict[str, Any]:
         """The table ``[signal]`` of ``dataset.toml``."""
@@ -69,6 +78,8 @@ class Choices:
             "time_unit": self.time_unit,
             "scale": self.scale if self.scale != 1 else None,
             "offset": self.offset or None,
+            "gravity": self.gravity,
+            "zero": self.zero,
             "crop": None if self.crop is None else list(self.crop),
         }
         return {key: value for key, value in said.items() if value is not None}
@@ -169,6 +180,8 @@ def settle(choices: Choices, found: Found, facts: frozenset[str]) -> tuple[Choic
         for name, (what, example) in _NEEDED.items()
         if name not in facts and (name != "velocity_m_s" or choices.quantity != "displacement")
     ]
+    if choices.gravity is None and any(map(is_height, facts)):
+        questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
     return choices, questions
 
 

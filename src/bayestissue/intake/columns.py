@@ -40,6 +40,11 @@ def is_number(name: str) -> bool:
     return name in _NUMBERS
 
 
+def is_height(name: str) -> bool:
+    """Whether a field is a height of fall."""
+    return name.startswith("drop_height")
+
+
 def fills(name: str) -> str:
     """The column of ``impacts.csv`` that a field fills: ``velocity_m_s`` for a height of fall."""
     return _FILLS[name][0] if name in _FILLS else name
@@ -72,7 +77,7 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
         column, fill = _FILLS.get(name, (name, partial(_times, 1.0)))
         # Twelve digits are more than anybody measured, and fewer than show how 0.07 is kept.
         cells[column] = float(f"{fill(value):.12g}")
-        if name.startswith("drop_height"):
+        if is_height(name):
             cells[name] = value
     if problems:
         raise InputError(problems)

@@ -9,6 +9,7 @@ from typing import Any
 
 from bayestissue.dataset import Dataset, Quantity, Recorder, read_dataset
 from bayestissue.dataset.recorders import SUFFIXES
+from bayestissue.dataset.settings import Gravity, Zero
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import Built, build
 from bayestissue.intake.choices import Choices, Question, settle
@@ -158,6 +159,8 @@ def init_dataset(
     table: str | Path | None = None,
     given: Mapping[str, object] | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
+    gravity: Gravity | None = None,
+    zero: Zero | None = None,
     name: str = "",
     several: bool = False,
     threshold: float = THRESHOLD,
@@ -189,6 +192,9 @@ def init_dataset(
         given: facts that hold for all recordings, such as ``{"trial": "drop", "mass_kg": 2.1}``.
         recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]`` in
             ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``.
+        gravity: the part of gravity along the motion: ``"none"``, ``"drop"`` (straight down), or a number of
+            m/s², positive into the tissue; needed where a drop height is given.
+        zero: where an accelerometer read 0: ``"free_fall"`` or ``"rest"``.
         name: of the dataset; that of the folder if empty.
         several: a recording may hold several impacts, which are cut apart.
         threshold: how many standard deviations of the noise an impact rises above.
@@ -213,6 +219,8 @@ def init_dataset(
         None if table is None else Path(table),
         {key: str(value) for key, value in (given or {}).items()},
         recorder.settings() if isinstance(recorder, Recorder) else dict(recorder or {}),
+        gravity,
+        zero,
     )
     write(
         prepare(folder, choices),
@@ -248,11 +256,17 @@ def _words(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
     return [
         ("files", f"{len(intake.found.files)}, with the channels {', '.join(every)}"),
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
+        *([("gravity along the motion", _falls(choices))] if choices.gravity is not None else []),
         ("times", times),
         *([("low-pass", _filter(choices))] if choices.recorder else []),
         ("impacts", cut_words),
         ("facts", "; ".join(sources)),
     ]
+
+
+def _falls(choices: Choices) -> str:
+    words = choices.gravity if isinstance(choices.gravity, str) else f"{choices.gravity:g} m/s²"
+    return f"{words}, zero at {(choices.zero or 'free_fall').replace('_', ' ')}"
 
 
 def _filter(choices: Choices) -> str:
