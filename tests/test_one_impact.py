@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.integrate import solve_ivp
 
 import bayestissue as bt
 from bayestissue.resources import shared
@@ -41,6 +42,49 @@ def test_its_picture_and_words(found: bt.Impact):
     assert f"{found.K:.4g} N/m (90 %" in repr(found)
     assert len(found.plot().axes) == 2
     assert found._repr_html_().count("<svg") == 1
+
+
+@pytest.fixture(scope="module")
+def drop() -> tuple[np.ndarray, np.ndarray]:
+    """Force over mass of M x'' = M g - K x - C x', by an independent solver, in noise."""
+    K, C, mass, velocity, gravity = 3000.0, 25.0, 0.5, 1.534, 9.80665
+    time = np.arange(0, 0.06, 1e-4)
+    since = np.maximum(time - 0.02003, 0.0)
+    solved = solve_ivp(
+        lambda _, y: [y[1], gravity - (K * y[0] + C * y[1]) / mass],
+        (0, 0.04),
+        [0.0, velocity],
+        method="DOP853",
+        rtol=1e-11,
+        atol=1e-13,
+        dense_output=True,
+    )
+    x, v = solved.sol(since)
+    d = np.where(time >= 0.02003, (K * x + C * v) / mass, 0.0)
+    return time, d + 0.3 * np.random.default_rng(7).standard_normal(len(time))
+
+
+GIVEN_OF_DROP = {"mass_kg": 0.5, "velocity_m_s": 1.534}
+
+
+def test_a_drop_is_told_from_a_horizontal_impact(drop):
+    found, without = bt.impact(*drop, **GIVEN_OF_DROP, gravity="drop"), bt.impact(*drop, **GIVEN_OF_DROP)
+    assert abs(found.K - 3000) < 3 * found.row["K_se_N_per_m"]
+    assert abs(found.C - 25) < 3 * found.row["C_se_N_s_per_m"]
+    assert not found.flags
+    assert pytest.approx(3450, rel=0.01) == without.K
+    assert without.flags
+
+
+def test_where_the_sensors_zero_is_makes_no_difference(drop):
+    time, force_over_mass = drop
+    given = {**GIVEN_OF_DROP, "gravity": "drop"}
+    in_free_fall = bt.impact(time, force_over_mass, **given)
+    # Without the quiet part, from which an offset would be taken.
+    at_rest = bt.impact(time[198:], force_over_mass[198:] - 9.80665, **given, zero="rest")
+    alike = bt.impact(time[198:], force_over_mass[198:], **given)
+    assert pytest.approx(alike.K, rel=1e-9) == at_rest.K
+    assert pytest.approx(in_free_fall.K, rel=0.005) == at_rest.K
 
 
 def test_slips_are_named_by_their_array():

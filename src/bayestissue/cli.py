@@ -156,6 +156,20 @@ def init(
             "(none, point, comma, space, apostrophe), header_row, units_row; may be repeated.",
         ),
     ] = None,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            "--gravity",
+            metavar="none|drop|M_S2",
+            help="The part of gravity along the motion: none (a pendulum at its lowest point), drop "
+            "(straight down), or a number of m/s², positive into the tissue. Asked for where a drop height "
+            "is given.",
+        ),
+    ] = None,
+    zero: Annotated[
+        Literal["free_fall", "rest"] | None,
+        typer.Option("--zero", help="Where an accelerometer read 0; in free fall unless stated."),
+    ] = None,
     several: Annotated[
         bool, typer.Option("--several", help="Cut several impacts in one recording apart.")
     ] = False,
@@ -178,7 +192,7 @@ def init(
     s01_left_2.5kg_1.lvm, dropped from 12 cm:
 
         bayestissue init recorded --out drops --pattern "{subject}_{side}_{mass_kg}kg_{n}.lvm"
-        --quantity deceleration --unit g --set drop_height_cm=12 --set trial=drop
+        --quantity deceleration --unit g --set drop_height_cm=12 --gravity drop --set trial=drop
 
     The recordings are copied as they are; init.html beside them shows what was understood.
     """
@@ -200,6 +214,8 @@ def init(
         init.given(given or []),
         init.entries(recorder or [], "--recorder", "sae_class=180"),
         init.entries(text or [], "--text", "decimal=comma"),
+        init.gravity(gravity),
+        zero,
     )
     init.run(
         folder,

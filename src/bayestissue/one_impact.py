@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 
 from bayestissue.dataset.arrays import dataset as dataset_of
 from bayestissue.dataset.model import Dataset, Recorder, Uncertainty
+from bayestissue.dataset.settings import Gravity, Zero
 from bayestissue.inference.points.estimates import default_options
 from bayestissue.inference.points.notes import said_once
 from bayestissue.inference.single.estimates import by_impact
@@ -100,6 +101,8 @@ def impact(
     mass_kg: float,
     velocity_m_s: float,
     unit: str = "m/s^2",
+    gravity: Gravity = "none",
+    zero: Zero = "free_fall",
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
 ) -> Impact:
@@ -115,6 +118,9 @@ def impact(
         mass_kg: of the impactor.
         velocity_m_s: at contact.
         unit: of the decelerations, such as "m/s^2" or "g_0".
+        gravity: the part of gravity along the motion: "none", "drop" (straight down), or a number of m/s²,
+            positive into the tissue.
+        zero: where the sensor read 0: "free_fall" or "rest".
         uncertainty: standard deviations of the measuring chain by the keys of ``[uncertainty]`` in
             ``dataset.toml``: ``relative_mass_sd``, ``velocity_sd_m_s``, ``relative_gain_sd``, ``offset_sd``.
             Errors that are not stated are taken to be 0, and are not in the intervals.
@@ -136,6 +142,8 @@ def impact(
         [(np.asarray(time_s), np.asarray(deceleration))],
         quantity="deceleration",
         unit=unit,
+        gravity=gravity,
+        zero=zero,
         uncertainty=uncertainty,
         recorder=recorder,
         name="one impact",

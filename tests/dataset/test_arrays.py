@@ -21,7 +21,7 @@ def require_equal(one: Dataset, other: Dataset) -> None:
     for mine, theirs in zip(one.traces, other.traces, strict=True):
         np.testing.assert_array_equal(mine.time_s, theirs.time_s)
         np.testing.assert_array_equal(mine.value, theirs.value)
-    for name in ("name", "description", "licence", "source", "quantity", "uncertainty"):
+    for name in ("name", "description", "licence", "source", "quantity", "uncertainty", "gravity"):
         assert getattr(one, name) == getattr(other, name)
 
 
@@ -61,6 +61,26 @@ def test_it_is_written_and_read_back_equal_and_replaced_only_unchanged(tmp_path)
     with pytest.raises(bt.InputError, match="changed since"):
         made.write(folder, overwrite=True)
     assert [path.name for path in tmp_path.iterdir()] == ["written"]
+
+
+@pytest.mark.parametrize("quantity", ["deceleration", "acceleration"])
+def test_a_zero_at_rest_becomes_force_over_mass(tmp_path, quantity):
+    impacts, traces = tables()
+    sign = 1.0 if quantity == "deceleration" else -1.0
+    force = traces.assign(value=sign * traces["value"])
+    below = traces.assign(value=sign * (traces["value"] + 2.0))
+    given = {**GIVEN, "quantity": quantity, "gravity": -2.0}
+    made, at_rest = bt.dataset(impacts, force, **given), bt.dataset(impacts, below, **given, zero="rest")
+    assert made.gravity == at_rest.gravity == -2.0
+    for one, other in zip(made.traces, at_rest.traces, strict=True):
+        np.testing.assert_allclose(one.value, other.value, atol=1e-12)
+    require_equal(bt.read_dataset(at_rest.write(tmp_path / "written")), at_rest)
+
+
+def test_a_folder_says_how_the_impact_moves(lab: Lab):
+    assert bt.read_dataset(lab.folder).gravity == 0.0
+    lab.replace("dataset.toml", 'unit = "m/s^2"', 'unit = "m/s^2"\ngravity = -1.5\nzero = "rest"')
+    assert bt.read_dataset(lab.folder).gravity == -1.5
 
 
 def test_a_write_that_fails_leaves_nothing(tmp_path, monkeypatch):
@@ -117,6 +137,9 @@ def test_it_finds_what_is_found_in_a_folder(tmp_path, spoil):
     [
         ({"unit": "mm"}, "arguments, column unit: found \"mm\""),
         ({"quantity": "force"}, "arguments, column quantity"),
+        ({"gravity": 981}, "or a number of m/s² from -9.9 to 9.9"),
+        ({"gravity": "down"}, "'none' or 'drop'"),
+        ({"zero": "drop"}, "'free_fall' or 'rest'"),
         ({"uncertainty": {"mass": 0.1}}, "column uncertainty.mass"),
         ({"uncertainty": {"relative_mass_sd": np.float64(3.0)}}, "3 %, if that is meant, is 0.03"),
         ({"traces": []}, "found \"0 recordings\""),

@@ -37,14 +37,16 @@ FORCE = {
 ARM = {"maxwell": (3000.0, 150.0), "standard_linear": (3750.0, 30.0)}
 
 
-def solved(name: str, row: int, time: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x, v and F / M by scipy's eighth-order method."""
+def solved(
+    name: str, row: int, time: np.ndarray, gravity: float = 0.0
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """x, v and F / M of M x'' = M g - F by scipy's eighth-order method."""
     force = FORCE[name]
     k, c = ARM.get(name, (0.0, 1.0))
 
     def field(t: float, y: np.ndarray) -> list[float]:
         x, v, f = y
-        return [v, -force(x, v, f) / MASS[row], k * v - f * k / c]
+        return [v, gravity - force(x, v, f) / MASS[row], k * v - f * k / c]
 
     start = [0.0, VELOCITY[row], 0.0]
     x, v, f = solve_ivp(field, (0, time[-1]), start, "DOP853", time, rtol=1e-12, atol=1e-14).y

@@ -26,14 +26,17 @@ def test_every_element_is_tried_here() -> None:
     assert set(VALUES) == set(element_names())
 
 
+@pytest.mark.parametrize("gravity", [None, 9.80665])
 @pytest.mark.parametrize("name", VALUES)
-def test_path_agrees_with_an_independent_solution_until_the_tissue_stops_pushing(name: str) -> None:
-    made = impact(name, VALUES[name], MASS, VELOCITY, TIME)
+def test_path_agrees_with_an_independent_solution_until_the_tissue_stops_pushing(
+    name: str, gravity: float | None
+) -> None:
+    made = impact(name, VALUES[name], MASS, VELOCITY, TIME, gravity=gravity)
     tolerance = EXACT if element(name).linear else SOLVED
     for row in range(len(MASS)):
         inside = TIME[row] <= float(made.leaves[row])
         assert inside.sum() > 20
-        for ours, theirs in zip(made[:3], solved(name, row, TIME[row]), strict=True):
+        for ours, theirs in zip(made[:3], solved(name, row, TIME[row], gravity or 0.0), strict=True):
             error = np.abs(np.asarray(ours)[row] - theirs)[inside].max()
             assert error < tolerance * np.abs(theirs[inside]).max()
 
@@ -56,20 +59,51 @@ def test_flight_before_and_after_contact_is_free(name: str) -> None:
     assert np.isfinite(left).all()
 
 
+@pytest.mark.parametrize("name", ["kelvin_voigt", "stiffening"])
+def test_flight_along_gravity_is_a_fall(name: str) -> None:
+    made = impact(name, VALUES[name], MASS, VELOCITY, TIME - 0.002, gravity=9.80665)
+    time = TIME - 0.002
+    for free in (time < 0, time > np.asarray(made.leaves)[:, None]):
+        bend = np.diff(made.v, axis=1) / np.diff(time, axis=1)
+        within = free[:, 1:] & free[:, :-1]
+        np.testing.assert_allclose(bend[within], 9.80665, rtol=1e-9)
+    before = time < 0
+    x = time * VELOCITY[:, None] + 9.80665 * time**2 / 2
+    np.testing.assert_allclose(np.where(before, made.x, 0), np.where(before, x, 0), atol=1e-15)
+
+
+@pytest.mark.parametrize("name", VALUES)
+def test_a_drops_energy_is_stored_lost_or_still_there(name: str) -> None:
+    """What C_equivalent takes over the independent path is M V^2 / 2 + M g x less what is stored."""
+    found = comparables(name, VALUES[name], MASS, VELOCITY, gravity=9.80665)
+    for row in range(len(MASS)):
+        peak = float(found.time_to_peak[row])
+        time = np.linspace(0, peak, 2001)
+        x, v, force = solved(name, row, time, 9.80665)
+        assert abs(v[-1]) < 1e-6 * VELOCITY[row]
+        np.testing.assert_allclose(found.peak_displacement[row], x[-1], rtol=1e-6)
+        taken = MASS[row] * (VELOCITY[row] ** 2 / 2 + 9.80665 * x[-1])
+        np.testing.assert_allclose(np.trapezoid(MASS[row] * force, x), taken, rtol=1e-5)
+        if name in ("kelvin_voigt", "stiffening", "wall"):
+            np.testing.assert_allclose(found.C_equivalent[row], VALUES[name]["C"], rtol=1e-6)
+
+
 @partial(jax.jit, static_argnames=("name", "count"))
 def even_grid(name: str, *given: Any, count: int) -> Any:
     which = element(name)
     return (linear if which.linear else solver).even_grid(which, *given, count)
 
 
+@pytest.mark.parametrize("gravity", [None, np.full(3, 9.80665)], ids=["none", "drop"])
 @pytest.mark.parametrize("name", VALUES)
-def test_even_grid_of_the_likelihood_is_the_same_path(name: str) -> None:
+def test_even_grid_of_the_likelihood_is_the_same_path(name: str, gravity: np.ndarray | None) -> None:
     which, count = element(name), TIME.shape[1]
     values = {key: np.full(3, value) for key, value in VALUES[name].items()}
     peak = np.asarray(comparables(name, VALUES[name], MASS, VELOCITY).time_to_peak)
     dt, first = peak / (count - 1), peak / (count - 1) * np.array([0.0, 0.4, 1.0])
-    y = even_grid(name, complete(which, values, None), MASS, VELOCITY, first, dt, count=count)
-    made = impact(name, VALUES[name], MASS, VELOCITY, first[:, None] + dt[:, None] * np.arange(count))
+    y = even_grid(name, complete(which, values, None, gravity), MASS, VELOCITY, first, dt, count=count)
+    time = first[:, None] + dt[:, None] * np.arange(count)
+    made = impact(name, VALUES[name], MASS, VELOCITY, time, gravity=gravity)
     tolerance = EXACT if which.linear else SOLVED
     for ours, theirs in zip(y[:2], made[:2], strict=True):
         assert np.abs(ours - theirs).max() < tolerance * np.abs(theirs).max()

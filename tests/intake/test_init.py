@@ -179,9 +179,10 @@ def test_a_table_says_what_names_do_not(folder: Callable, tmp_path: Path) -> Non
     recorded = folder(".tdms")
     # In the folder itself it is no recording, though its name ends like one.
     facts().to_csv(recorded / "info.csv", index=False)
-    data = bt.init_dataset(
-        recorded, tmp_path / "drops", quantity="deceleration", table=recorded / "info.csv", name="Drops"
-    )
+    given = {"quantity": "deceleration", "table": recorded / "info.csv"}
+    with pytest.raises(InputError, match=r"--gravity.*straight down"):
+        bt.init_dataset(recorded, tmp_path / "drops", **given)
+    data = bt.init_dataset(recorded, tmp_path / "drops", **given, name="Drops", gravity="none")
     assert data.name == "Drops"
     # Twelve digits of the velocity are kept.
     np.testing.assert_allclose(data.impacts["velocity_m_s"], VELOCITY, rtol=1e-11)
@@ -191,9 +192,11 @@ def test_a_table_says_what_names_do_not(folder: Callable, tmp_path: Path) -> Non
 
 def test_a_recording_without_a_row_may_be_left_out(folder: Callable, tmp_path: Path) -> None:
     facts().iloc[1:].to_csv(tmp_path / "info.csv", index=False)
-    options = {"quantity": "deceleration", "table": tmp_path / "info.csv"}
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "gravity": -0.5}
     data = bt.init_dataset(folder(".tdms"), tmp_path / "drops", **options, skip_bad=True)
     assert name(0) not in set(data.impacts["impact"])
+    assert data.gravity == -0.5
+    assert "-0.5 m/s², zero at free fall" in (tmp_path / "drops" / "init.html").read_text()
     assert len(data.impacts) == len(DROPS) - 1
 
 
@@ -207,9 +210,12 @@ def test_everything_that_is_wrong_is_said_at_once(folder: Callable, tmp_path: Pa
     (recorded / f"{name(2)}.tdms").write_bytes(b"no TDMS file")
     time, value = trace(3)
     write_tdms(recorded / f"{name(3)}.tdms", time, -value)
-    refused = bayestissue(
-        "init", recorded, "--out", out, "--table", tmp_path / "info.csv", "--quantity", "deceleration"
-    )
+    options = ("--quantity", "deceleration", "--gravity")
+    given = ("init", recorded, "--out", out, "--table", tmp_path / "info.csv", *options)
+    refused = bayestissue(*given, "down")
+    assert refused.status == 2
+    assert "init, column --gravity: found \"down\"; expected 'none' or 'drop'" in refused.err
+    refused = bayestissue(*given, "none")
     assert refused.status == 2
     for said in (
         f'{name(0)}.tdms, column mass_g: found "heavy"',
@@ -410,7 +416,7 @@ def test_several_impacts_in_one_recording_are_cut_apart_and_numbered(tmp_path: P
     recorded.mkdir()
     begins = sequence(recorded / "all.tdms")
     facts(file="all", number=range(1, len(DROPS) + 1)).to_csv(tmp_path / "info.csv", index=False)
-    options = {"quantity": "deceleration", "table": tmp_path / "info.csv"}
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "gravity": "none"}
     with pytest.raises(InputError, match=r"all\.tdms: found \"8 rows of the table\".*--several"):
         bt.init_dataset(recorded, out, **options)
     data = bt.init_dataset(recorded, out, **options, several=True)
@@ -444,7 +450,7 @@ def test_a_rate_in_the_table_stands_in_for_times(tmp_path: Path) -> None:
     (recorded / "all.tdms").unlink()
     table = facts(file="all", number=range(1, len(DROPS) + 1))
     table.to_csv(tmp_path / "info.csv", index=False)
-    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "several": True}
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "several": True, "gravity": "none"}
     with pytest.raises(InputError, match="--rate-hz"):
         bt.init_dataset(recorded, tmp_path / "drops", **options)
     table.assign(sampling_rate_hz=RATE).to_csv(tmp_path / "info.csv", index=False)
@@ -461,9 +467,8 @@ def test_as_many_impacts_as_the_table_has_rows(tmp_path: Path) -> None:
     recorded.mkdir()
     sequence(recorded / "all.tdms")
     facts(file="all", number=range(1, len(DROPS) + 1)).iloc[:5].to_csv(tmp_path / "info.csv", index=False)
+    options = {"quantity": "deceleration", "table": tmp_path / "info.csv", "gravity": "none"}
     with pytest.raises(
         InputError, match=r"found \"8 impacts\"; expected 5 impacts, as many as the table has"
     ):
-        bt.init_dataset(
-            recorded, tmp_path / "drops", quantity="deceleration", table=tmp_path / "info.csv", several=True
-        )
+        bt.init_dataset(recorded, tmp_path / "drops", **options, several=True)

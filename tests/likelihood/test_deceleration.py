@@ -21,6 +21,7 @@ VELOCITY = np.array([1.5, 1.2, 2.0, 0.7, 1.0])
 # Complex roots, equal roots, real ones far apart.
 OMEGA_N = np.array([60.0, 150.0, 90.0, 120.0, 80.0])
 ZETA = np.array([0.3, 1.0, 2.5, 0.999, 0.0])
+GRAVITY = np.array([9.80665, 0.0, 9.80665, -3.0, 0.0])
 LOG_SIGMA = np.log(np.array([0.5, 1.0, 0.2, 2.0, 1.0]))
 ERROR_SD = np.array(
     [[0.02, 0.5, 1e-4], [0.05, 0.0, 2e-4], [0.0, 0.0, 0.0], [0.01, 1.0, 0.0], [0.1, 0.2, 1e-5]]
@@ -34,21 +35,22 @@ def expected(i: int, omega_n: float, zeta: float) -> tuple[np.ndarray, np.ndarra
     time = FIRST[i] + np.arange(LENGTHS[i]) * DT[i]
 
     def deceleration(t: np.ndarray, velocity: float) -> np.ndarray:
-        return np.asarray(impact_motion(t, omega_n, zeta, velocity).deceleration)
+        return np.asarray(impact_motion(t, omega_n, zeta, velocity, GRAVITY[i]).deceleration)
 
     # The motion's formulas hold before contact too, where a step back may end.
     step = 1e-4 / omega_n
     later, earlier = deceleration(time + 2 * step, VELOCITY[i]), deceleration(time + step, VELOCITY[i])
     now = deceleration(time, VELOCITY[i])
     jerk = (-later + 4 * earlier - 3 * now) / (2 * step)
-    return now, np.stack([deceleration(time, 1.0), np.ones_like(time), -jerk])
+    faster = deceleration(time, VELOCITY[i] + 1) - now
+    return now, np.stack([faster, np.ones_like(time), -jerk])
 
 
 def record() -> DecelerationRecord:
     d = RNG.normal(size=(5, WIDTH))
     for i in range(5):
         d[i, : LENGTHS[i]] += expected(i, OMEGA_N[i], ZETA[i])[0]
-    return DecelerationRecord.of(d, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM)
+    return DecelerationRecord.of(d, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM, gravity=GRAVITY)
 
 
 RECORD = record()
@@ -103,14 +105,17 @@ def test_density_is_that_of_the_dense_normal() -> None:
 
 def test_density_by_the_motion_itself() -> None:
     exact = densities(*AT)
-    motion = impact_motion(
-        FIRST[:, None] + np.arange(WIDTH) * DT[:, None], OMEGA_N[:, None], ZETA[:, None], VELOCITY[:, None]
+    time = FIRST[:, None] + np.arange(WIDTH) * DT[:, None]
+    at = OMEGA_N[:, None], ZETA[:, None]
+    motion, unit = (
+        impact_motion(time, *at, VELOCITY[:, None], GRAVITY[:, None]),
+        impact_motion(time, *at, 1.0),
     )
-    d, v = np.asarray(motion.deceleration), np.asarray(motion.velocity)
-    jerk = OMEGA_N[:, None] ** 2 * v - 2 * (ZETA * OMEGA_N)[:, None] * d
+    d, v, h = (np.asarray(part) for part in (motion.deceleration, motion.velocity, unit.deceleration))
+    jerk = OMEGA_N[:, None] ** 2 * v + 2 * (ZETA * OMEGA_N)[:, None] * (GRAVITY[:, None] - d)
     for i in range(5):
         inside = slice(LENGTHS[i])
-        columns = np.stack([d[i, inside] / VELOCITY[i], np.ones(LENGTHS[i]), -jerk[i, inside]])
+        columns = np.stack([h[i, inside], np.ones(LENGTHS[i]), -jerk[i, inside]])
         direct = log_density(i, np.asarray(RECORD.d)[i, inside], d[i, inside], columns)
         # Rounding alone: exp, sin and cos of up to some tens of radians.
         assert_allclose(exact[i], direct, rtol=1e-11)
@@ -127,7 +132,7 @@ def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
     inside = np.arange(WIDTH) < LENGTHS[:, None]
     value = np.where(inside, RECORD.d, 7.0)
     assert_allclose(density_of(value), density_of(np.asarray(RECORD.d)), rtol=1e-12)
-    messy = DecelerationRecord.of(value, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM)
+    messy = DecelerationRecord.of(value, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM, gravity=GRAVITY)
     assert_allclose(messy.d, RECORD.d, atol=0)
 
 

@@ -23,6 +23,7 @@ FIRST = np.array([0.0, 3e-4, 1e-3, 2e-4, 5e-4])
 OMEGA_N = np.array([80.0, 60.0, 150.0, 90.0, 40.0])
 ZETA = np.array([0.3, 1.0, 2.5, 0.05, 0.7])
 THETA1 = np.array([-1.0, 0.9, -1.0, 0.2, -0.97])
+GRAVITY = np.array([9.80665, 0.0, 9.80665, -3.0, 9.80665])
 LOG_SIGMA = np.log(np.array([2e-5, 1e-5, 3e-5, 1e-5, 2e-5]))
 ERROR_SD = np.array(
     [[1e-4, 0.02, 0.5], [1e-3, 0.0, 0.3], [0.0, 0.0, 0.0], [2e-4, 0.01, 2.0], [0.0, 0.03, 0.0]]
@@ -31,7 +32,7 @@ ERROR_SD = np.array(
 
 def record(error_sd: np.ndarray = ERROR_SD) -> DisplacementRecord:
     x = 1e-3 * np.sin(np.arange(40) / 12) + 1e-5 * RNG.normal(size=(5, 40)).cumsum(1)
-    return displacement_record(x, LENGTHS, FIRST, DT, error_sd)
+    return displacement_record(x, LENGTHS, FIRST, DT, error_sd, GRAVITY)
 
 
 RECORD = record()
@@ -75,7 +76,7 @@ def dense(i: int, theta1: float, error_sd: np.ndarray = ERROR_SD) -> tuple[np.nd
 
 
 def dense_log_density(x: np.ndarray, theta1: np.ndarray) -> list[float]:
-    rows = [filtered(x[i, : LENGTHS[i]], i) for i in range(5)]
+    rows = [filtered(x[i, : LENGTHS[i]] - GRAVITY[i] / OMEGA_N[i] ** 2, i) for i in range(5)]
     return [multivariate_normal(cov=dense(i, theta1[i])[0]).logpdf(rows[i]) for i in range(5)]
 
 
@@ -173,7 +174,7 @@ def test_samples_have_the_dense_mean_and_covariance() -> None:
     x = np.asarray(jax.jit(lambda key: measured().sample(key, (number,)))(jax.random.key(2)))
     assert_allclose(x[:, :, :2], np.broadcast_to(RECORD.x[:, :2], (number, 5, 2)), atol=1e-15)
     for i in range(5):
-        w = filtered(x[:, i, : LENGTHS[i]], i)
+        w = filtered(x[:, i, : LENGTHS[i]] - GRAVITY[i] / OMEGA_N[i] ** 2, i)
         covariance, _ = dense(i, THETA1[i])
         sd = np.sqrt(np.diag(covariance))
         # Standard errors of means and of covariances; 5 of them for some thousand numbers.

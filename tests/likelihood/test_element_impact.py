@@ -26,12 +26,13 @@ def values(name: str) -> dict[str, float]:
     return {p.name: {"K": 2500.0, "C": 30.0, **EXTRA}[p.name] for p in element(name).parameters}
 
 
-def record(name: str, *, uniform: bool = False) -> ElementRecord:
+def record(name: str, *, uniform: bool = False, gravity: float = 0.0) -> ElementRecord:
     time = FIRST[:, None] + DT[:, None] * np.arange(COUNT.max())
     d = np.array(impact(name, values(name), MASS, 0.99 * VELOCITY, time).deceleration) + 0.3
     d += 0.5 * np.random.default_rng(4).standard_normal(d.shape)
     return ElementRecord.of(
-        d, COUNT, FIRST, DT, VELOCITY, SD, np.array([uniform, False]), MASS, np.full(2, 0.0318)
+        *(d, COUNT, FIRST, DT, VELOCITY, SD, np.array([uniform, False]), MASS, np.full(2, 0.0318)),
+        **({"gravity": np.full(2, gravity)} if gravity else {}),
     )
 
 
@@ -55,15 +56,21 @@ def logs_of(name: str) -> jax.Array:
     return jnp.concatenate([jnp.log(parameters(name)), LOG_SIGMA[None]])
 
 
-@pytest.mark.parametrize("name", element_names())
-def test_density_is_that_of_the_whole_covariance(name: str) -> None:
+@pytest.mark.parametrize(
+    ("name", "gravity"),
+    [
+        *((name, 0.0) for name in element_names()),
+        *((name, 9.80665) for name in ("standard_linear", "hunt_crossley")),
+    ],
+)
+def test_density_is_that_of_the_whole_covariance(name: str, gravity: float) -> None:
     """Against the multivariate normal, its columns by differences of the simulated impact."""
-    traces = record(name)
+    traces = record(name, gravity=gravity)
     found = compiled(name)(logs_of(name), traces)
     time, step = FIRST[:, None] + DT[:, None] * np.arange(COUNT.max()), 1e-6
 
     def d(time: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        return np.asarray(impact(name, values(name), MASS, velocity, time).deceleration)
+        return np.asarray(impact(name, values(name), MASS, velocity, time, gravity=gravity).deceleration)
 
     mean = d(time, VELOCITY)
     by_velocity = (d(time, VELOCITY + step) - d(time, VELOCITY - step)) / (2 * step)
@@ -78,12 +85,16 @@ def test_density_is_that_of_the_whole_covariance(name: str) -> None:
         np.testing.assert_allclose(found[row], expected, atol=1e-3)
 
 
-def test_kelvin_voigt_has_the_density_of_the_closed_form() -> None:
-    traces = record("kelvin_voigt", uniform=True)
-    sd = np.stack([np.hypot(SD[:, 0], SD[:, 1] * VELOCITY), SD[:, 2], SD[:, 3]], axis=1)
-    closed = DecelerationRecord.of(
-        *(np.asarray(each) for each in traces[:4]), VELOCITY, sd, np.array([True, False])
-    )
+@pytest.mark.parametrize("gravity", [0.0, 9.80665])
+def test_kelvin_voigt_has_the_density_of_the_closed_form(gravity: float) -> None:
+    traces = record("kelvin_voigt", uniform=True, gravity=gravity)
+    if gravity:
+        # Gain and velocity are then two errors.
+        traces = traces._replace(error_sd=traces.error_sd.at[:, 1].set(0.0))
+    gain_sd = np.asarray(traces.error_sd)[:, 1]
+    sd = np.stack([np.hypot(SD[:, 0], gain_sd * VELOCITY), SD[:, 2], SD[:, 3]], axis=1)
+    own = (*(np.asarray(each) for each in traces[:4]), VELOCITY, sd, np.array([True, False]))
+    closed = DecelerationRecord.of(*own, gravity=gravity)
     omega_n = jnp.sqrt(2500.0 / MASS)
     found = compiled("kelvin_voigt")(logs_of("kelvin_voigt"), traces)
     expected = jax.jit(recorded_log_likelihood)(omega_n, 30.0 / (2 * omega_n * MASS), LOG_SIGMA, closed)

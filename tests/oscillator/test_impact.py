@@ -32,12 +32,13 @@ def test_spring_and_damper_make_a_round_trip(K: float, C: float, mass: float) ->
     np.testing.assert_allclose(back, (K, C), rtol=1e-14)
 
 
+@pytest.mark.parametrize("gravity", [0.0, 9.80665, -3.0])
 @pytest.mark.parametrize("zeta", ZETAS)
-def test_motion_solves_the_equation_of_motion(zeta: float) -> None:
+def test_motion_solves_the_equation_of_motion(zeta: float, gravity: float) -> None:
     omega_n, velocity, end = 60.0, 1.5, 0.05
     times = np.linspace(0, end, 40)
     solved = solve_ivp(
-        lambda _, y: [y[1], -2 * zeta * omega_n * y[1] - omega_n**2 * y[0]],
+        lambda _, y: [y[1], gravity - 2 * zeta * omega_n * y[1] - omega_n**2 * y[0]],
         (0, end),
         [0.0, velocity],
         method="DOP853",
@@ -45,17 +46,32 @@ def test_motion_solves_the_equation_of_motion(zeta: float) -> None:
         atol=1e-14,
         t_eval=times,
     )
-    motion = impact_motion(times, omega_n, zeta, velocity)
+    motion = impact_motion(times, omega_n, zeta, velocity, gravity)
     np.testing.assert_allclose(motion.displacement, solved.y[0], atol=1e-11)
     np.testing.assert_allclose(motion.velocity, solved.y[1], atol=1e-9)
+    # What a sensor reads that is 0 in free fall: the force over the mass.
+    force = 2 * zeta * omega_n * solved.y[1] + omega_n**2 * solved.y[0]
+    np.testing.assert_allclose(motion.deceleration, force, atol=1e-7)
 
 
-@pytest.mark.parametrize("zeta", ZETAS)
-def test_velocity_is_zero_and_displacement_greatest_at_the_peak(zeta: float) -> None:
-    peak = time_to_peak(60.0, zeta)
-    motion = impact_motion(peak, 60.0, zeta, 1.5)
+@pytest.mark.parametrize("gravity", [0.0, 9.80665, -3.0])
+@pytest.mark.parametrize("zeta", [zeta for zeta in ZETAS if zeta < 10])
+def test_velocity_is_zero_and_displacement_greatest_at_the_peak(zeta: float, gravity: float) -> None:
+    peak = time_to_peak(60.0, zeta, 1.5, gravity)
+    motion = impact_motion(peak, 60.0, zeta, 1.5, gravity)
     assert float(motion.velocity) == pytest.approx(0.0, abs=1e-13)
-    assert float(motion.displacement) == pytest.approx(float(peak_displacement(60.0, zeta, 1.5)), rel=1e-13)
+    deepest = float(peak_displacement(60.0, zeta, 1.5, gravity))
+    assert float(motion.displacement) == pytest.approx(deepest, rel=1e-13)
+    assert (impact_motion(peak * np.linspace(0, 0.99, 50), 60.0, zeta, 1.5, gravity).velocity > 0).all()
+
+
+def test_strong_damping_lets_a_slow_drop_sink_without_a_peak() -> None:
+    # V is below x_e times the fast decay: the velocity stays above 0.
+    assert np.isinf(time_to_peak(60.0, 10.0, 1.5, 9.80665))
+    assert float(peak_displacement(60.0, 10.0, 1.5, 9.80665)) == pytest.approx(9.80665 / 60.0**2, rel=1e-15)
+    motion = impact_motion(np.linspace(0, 20, 500), 60.0, 10.0, 1.5, 9.80665)
+    assert (motion.velocity > -1e-12).all()
+    assert float(motion.displacement[-1]) == pytest.approx(9.80665 / 60.0**2, rel=1e-9)
 
 
 def test_peak_is_smooth_at_critical_damping() -> None:

@@ -20,6 +20,7 @@ class Lab:
     traces: list[Recorded]
     quantity: str = "deceleration"
     recorder: None = None
+    gravity: float = 0.0
 
 
 @dataclass
@@ -29,6 +30,7 @@ class Impact:
     omega: float
     zeta: float
     velocity: float = 1.5
+    gravity: float = 0.0
 
     @property
     def roots(self) -> tuple[complex, complex]:
@@ -38,18 +40,30 @@ class Impact:
         return self.omega * (-zeta + root), self.omega * (-zeta - root)
 
     @property
+    def rest(self) -> float:
+        """Where gravity brings the mass to rest."""
+        return self.gravity / self.omega**2
+
+    @property
     def time_to_peak(self) -> float:
         p, q = self.roots
-        return float((np.log(q / p) / (p - q)).real)
+        turn = np.log(q * (self.velocity + p * self.rest) / p / (self.velocity + q * self.rest))
+        time = (turn / (p - q)).real
+        # The logarithm of a turn by more than half of one.
+        return float(time if time > 0 else time + 2 * np.pi / (p - q).imag)
 
     def derivative(self, order: int, time: np.ndarray) -> np.ndarray:
         p, q = self.roots
-        parts = p**order * np.exp(p * time) - q**order * np.exp(q * time)
-        return (self.velocity * parts / (p - q)).real
+        parts = (self.velocity + q * self.rest) * p**order * np.exp(p * time)
+        parts = parts - (self.velocity + p * self.rest) * q**order * np.exp(q * time)
+        return (parts / (p - q)).real + (self.rest if order == 0 else 0.0)
 
     def deceleration(self, time: np.ndarray) -> np.ndarray:
+        """Force over mass, 0 before contact and when the tissue no longer pushes."""
+        force = self.gravity - self.derivative(2, np.maximum(time, 0))
         pushes = (time >= -1e-12) & (time < 2 * self.time_to_peak)
-        return np.where(pushes, -self.derivative(2, np.maximum(time, 0)), 0)
+        pulls = (time > self.time_to_peak) & (force <= 0)
+        return np.where(pushes & ~np.logical_or.accumulate(pulls), force, 0)
 
 
 def record(
@@ -73,4 +87,4 @@ def record(
         value = value + offset + noise * value.max() * random.standard_normal(len(value))
         traces.append(Recorded(time, value))
     table = pd.DataFrame({"mass_kg": 1.0, "velocity_m_s": [impact.velocity for impact in impacts]})
-    return Lab(table, traces)
+    return Lab(table, traces, gravity=impacts[0].gravity)

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -11,11 +13,12 @@ TISSUE = [Impact(np.sqrt(3000 / mass), zeta) for mass in (0.1, 0.666, 5.0) for z
 TYPICAL = Impact(67.0, 0.28)
 
 
+@pytest.mark.parametrize("gravity", [0.0, 9.80665])
 @pytest.mark.parametrize("rate", [2e3, 1e4, 5e4])
 @pytest.mark.parametrize("before", [0.0, 0.01])
-def test_noise_free_displacements_are_those_of_the_motion(rate, before):
+def test_noise_free_displacements_are_those_of_the_motion(rate, before, gravity):
     phases = np.linspace(0, 0.95, 5) if before else np.zeros(1)
-    impacts = [impact for impact in TISSUE for _ in phases]
+    impacts = [replace(impact, gravity=gravity) for impact in TISSUE for _ in phases]
     made = displacements(record(impacts, rate, before=before, phase=np.tile(phases, len(TISSUE))))
     for row, impact in enumerate(impacts):
         n = made.n_samples[row]

@@ -96,6 +96,14 @@ def entries(texts: list[str], option: str, example: str) -> dict[str, Any]:
     return {key: _value(text) for key, text in found.items()}
 
 
+def gravity(text: str | None) -> str | float | None:
+    """The option ``--gravity``: a word, or a number of m/s²."""
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text
+
+
 def _value(text: str) -> Any:
     try:
         return tomllib.loads(f"value = {text}")["value"]

@@ -22,7 +22,7 @@ from bayestissue.dataset.model import Dataset, Quantity, Recorder, Trace, Uncert
 from bayestissue.dataset.read import checked_dataset
 from bayestissue.dataset.samples import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
-from bayestissue.dataset.settings import Settings, SignalSettings, parse_settings
+from bayestissue.dataset.settings import Gravity, Settings, SignalSettings, Zero, parse_settings
 from bayestissue.dataset.tables import Labels, Numbers
 from bayestissue.errors import InputError, Problem, all_of
 
@@ -50,6 +50,8 @@ def dataset(
     value_column: str = "value",
     scale: float = 1.0,
     offset: float = 0.0,
+    gravity: Gravity = "none",
+    zero: Zero = "free_fall",
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
     name: str = "from arrays",
@@ -74,6 +76,9 @@ def dataset(
         value_column: the name of the values' column there.
         scale: by which the values are multiplied before the unit.
         offset: added to them after that.
+        gravity: the part of gravity along the motion: "none", "drop" (straight down), or a number of m/s²,
+            positive into the tissue.
+        zero: where an accelerometer read 0: "free_fall" or "rest".
         uncertainty: standard deviations of the measuring chain, by the keys of ``[uncertainty]``.
         recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]``.
         name: of the dataset.
@@ -91,6 +96,7 @@ def dataset(
         **{"quantity": quantity, "unit": unit, "time_unit": time_unit},
         **{"time_column": time_column, "value_column": value_column},
         **{"scale": _plain(scale), "offset": _plain(offset)},
+        **{"gravity": _plain(gravity), "zero": zero},
     }
     chain = asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else dict(uncertainty or {})
     chain = {key: _plain(value) for key, value in chain.items()}
@@ -283,11 +289,19 @@ def _end_to_end(parts: list[Numbers]) -> Numbers:
     return Numbers(np.concatenate([np.empty(0), *(part.array for part in parts)]), text)
 
 
+def _unstated(signal: SignalSettings, name: str) -> bool:
+    return bool(getattr(signal, name) == SignalSettings.model_fields[name].default)
+
+
 def _hash(settings: Settings, cells: pd.DataFrame, reading: Reading) -> str:
     # What was not stated before there was a key for it leaves the hash as it was.
-    unsaid: Any = {"recorder"}
-    if settings.recorder:
-        unsaid = {"recorder": {"noise"}} if settings.recorder.noise is None else None
+    unsaid: dict[str, Any] = {
+        "signal": {name for name in ("gravity", "zero") if _unstated(settings.signal, name)}
+    }
+    if settings.recorder is None:
+        unsaid["recorder"] = True
+    elif settings.recorder.noise is None:
+        unsaid["recorder"] = {"noise"}
     stated = settings.model_dump(mode="json", exclude=unsaid)
     digest = hashlib.sha256(json.dumps(stated, sort_keys=True).encode())
     digest.update(cells.to_csv(index=False).encode())

@@ -40,7 +40,7 @@ def check_recordings(recordings: Recordings) -> Findings:
             recordings = recordings.without(problems)
         if not recordings.name.size:
             return Findings(problems, [])
-        moving = motion(recordings.samples, recordings.quantity)
+        moving = motion(recordings.samples, recordings.quantity, recordings.gravity)
         problems += movement_problems(recordings, moving)
         return Findings(problems, [*same_recordings(recordings), *movement_warnings(recordings, moving)])
 

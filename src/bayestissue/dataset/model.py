@@ -14,6 +14,7 @@ from bayestissue.errors import Problem
 from bayestissue.outline import Outlined, Rows, counted, short, span
 
 Quantity = Literal["deceleration", "acceleration", "displacement"]
+STANDARD_GRAVITY = 9.80665
 
 
 @dataclass(frozen=True, eq=False)
@@ -22,7 +23,9 @@ class Trace:
 
     Attributes:
         time_s: the recorder's own time, s; 0 need not be the moment of contact.
-        value: deceleration or acceleration in m/s², or displacement in m, after scale and offset.
+        value: deceleration or acceleration in m/s², or displacement in m, after scale and offset. Of an
+            impact along gravity a deceleration is force over mass, whatever the sensor's zero was: see
+            `Dataset.gravity`.
     """
 
     time_s: Float64[np.ndarray, " sample"]
@@ -108,6 +111,10 @@ class Dataset(Outlined):
         licence: on what terms others may use it.
         source: where it comes from.
         recorder: a known low-pass that the recordings went through; none where nothing was declared.
+        gravity: g, the part of gravity along the motion, m/s², positive into the tissue; 0 of a horizontal
+            impact. The impactor obeys x'' = g - F / M, and a deceleration in ``traces`` is F / M = g - x'',
+            which is 0 in free fall; an acceleration is its negative. A sensor whose zero is at rest reads
+            g less of it, which was added as the recordings were read.
     """
 
     name: str
@@ -123,6 +130,7 @@ class Dataset(Outlined):
     licence: str = ""
     source: str = ""
     recorder: Recorder | None = None
+    gravity: float = 0.0
 
     def write(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the dataset as a folder that `read_dataset` reads back equal, whole or not at all.
@@ -157,6 +165,7 @@ class Dataset(Outlined):
                 f"{self.quantity}, {span(count, 'samples each')}, {span(1 / np.array(steps), 'Hz')}",
             ),
             *([("low-pass", str(self.recorder))] if self.recorder else []),
+            *([("gravity along the motion", f"{self.gravity:.4g} m/s²")] if self.gravity else []),
             ("mass", span(self.impacts["mass_kg"], "kg")),
             ("velocity", span(self.impacts["velocity_m_s"], "m/s")),
         ]

@@ -44,12 +44,13 @@ class Motion:
     step_loss: Float64[np.ndarray, " impact"]
 
 
-def motion(samples: Samples, quantity: Quantity) -> Motion:
+def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion:
     """The figures of `Motion` for every recording.
 
     Args:
         samples: finite, at least two per recording, times rising.
         quantity: what was recorded.
+        gravity: along the motion, m/s²: force over mass slows by so much less.
     """
     begin, end, owner = samples.start[:-1], samples.start[1:], samples.owner
     slowing = -samples.value if quantity == "acceleration" else samples.value
@@ -67,9 +68,9 @@ def motion(samples: Samples, quantity: Quantity) -> Motion:
         step = np.append(np.diff(samples.time), 0)
         # The step from one recording to the next means nothing.
         step[end - 1] = 0
-        loss = _climb(samples, slowing, step)
+        loss = _climb(samples, slowing - gravity, step)
         gain = _climb(samples, np.minimum(rest, 0)[owner] - slowing, step)
-        pulse_loss = _climb(samples, slowing - np.maximum(rest, 0)[owner], step)
+        pulse_loss = _climb(samples, slowing - np.maximum(rest, 0)[owner] - gravity, step)
     return Motion(
         low=np.minimum.reduceat(samples.value, begin),
         high=np.maximum.reduceat(samples.value, begin),

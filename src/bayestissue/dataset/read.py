@@ -101,7 +101,8 @@ def checked_dataset(
     reading = replace(reading, samples=samples)
     problems = [*reading.problems, *outside]
     uncertainty = settings.uncertainty.values()
-    recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty)
+    gravity = signal.gravity_m_s2
+    recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty, gravity)
     findings = check_recordings(recordings)
     problems += findings.problems
     problems += stated_problems(recordings.without(problems))
@@ -122,6 +123,7 @@ def checked_dataset(
         licence=settings.licence,
         source=settings.source,
         recorder=settings.recorder.values() if settings.recorder else None,
+        gravity=gravity,
     )
 
 

@@ -25,6 +25,7 @@ class Recordings:
         rate: the sampling rate that ``impacts.csv`` states, Hz; nan where it states none.
         quantity: what was recorded.
         uncertainty: of the measuring chain.
+        gravity: along the motion, m/s².
     """
 
     samples: Samples
@@ -33,10 +34,16 @@ class Recordings:
     rate: Float64[np.ndarray, " impact"]
     quantity: Quantity
     uncertainty: Uncertainty
+    gravity: float = 0.0
 
     @classmethod
     def of(
-        cls, samples: Samples, impacts: pd.DataFrame, quantity: Quantity, uncertainty: Uncertainty
+        cls,
+        samples: Samples,
+        impacts: pd.DataFrame,
+        quantity: Quantity,
+        uncertainty: Uncertainty,
+        gravity: float = 0.0,
     ) -> Recordings:
         """Put the rows of ``impacts`` beside the samples."""
         mine = impacts.iloc[samples.impact]
@@ -48,6 +55,7 @@ class Recordings:
             rate.to_numpy(),
             quantity,
             uncertainty,
+            gravity,
         )
 
     def without(self, problems: list[Problem]) -> Recordings:

@@ -81,10 +81,14 @@ class Reading:
 
 
 def in_si(raw: np.ndarray, signal: SignalSettings) -> np.ndarray:
-    """Raw values in m/s² or m: scale and offset first, then the unit."""
+    """Raw values in m/s² or m: scale and offset first, then the unit, then the sensor's zero.
+
+    What a sensor reads whose zero is at rest becomes force over mass: see `bayestissue.dataset.Dataset`.
+    """
     # What overflows is found with everything else that is not finite.
     with np.errstate(over="ignore", invalid="ignore"):
-        return (raw * signal.scale + signal.offset) * to_si(signal.unit, signal.dimension)
+        value = (raw * signal.scale + signal.offset) * to_si(signal.unit, signal.dimension)
+        return value + signal.below_force if signal.below_force else value
 
 
 def in_seconds(time: np.ndarray, signal: SignalSettings) -> np.ndarray:

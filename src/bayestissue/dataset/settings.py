@@ -3,12 +3,20 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, Any, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 from bayestissue.dataset.dialect import Decimal, Delimiter, Encoding, Stated, Thousands
-from bayestissue.dataset.model import FilterKind, NoiseEntry, Quantity, Recorder, SaeClass, Uncertainty
+from bayestissue.dataset.model import (
+    STANDARD_GRAVITY,
+    FilterKind,
+    NoiseEntry,
+    Quantity,
+    Recorder,
+    SaeClass,
+    Uncertainty,
+)
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem, has_control_characters
 from bayestissue.settings import checked, parse_toml, read_text, row_of
@@ -22,6 +30,9 @@ SAE_CORNER = 2.0775
 MOST_POLES = 8
 # With half of a quantity as its standard deviation, none of it at all lies within two of them.
 _MOST_RELATIVE = 0.5
+_GRAVITIES = {"none": 0.0, "drop": STANDARD_GRAVITY}
+# More than gravity is anywhere on Earth, in m/s²: a greater number has another unit.
+_MOST_GRAVITY = 9.9
 
 
 def _not_zero(value: float) -> float:
@@ -33,6 +44,12 @@ def _not_zero(value: float) -> float:
 def _plain(value: str) -> str:
     if has_control_characters(value) or not value.strip():
         raise ValueError("a name on one line, without control characters")
+    return value
+
+
+def _on_earth(value: float) -> float:
+    if abs(value) > _MOST_GRAVITY:
+        raise ValueError(f"a number of m/s² from -{_MOST_GRAVITY:g} to {_MOST_GRAVITY:g}")
     return value
 
 
@@ -54,6 +71,13 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 Spread = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 Row = Annotated[int, Field(ge=0)]
 Fraction = Annotated[Spread, AfterValidator(_fraction)]
+Gravity = Literal["none", "drop"] | Annotated[Finite, AfterValidator(_on_earth)]
+Zero = Literal["free_fall", "rest"]
+
+
+def gravity_m_s2(gravity: Gravity) -> float:
+    """The part of gravity along the motion, m/s²."""
+    return _GRAVITIES[gravity] if isinstance(gravity, str) else gravity
 
 
 class _Table(BaseModel):
@@ -110,7 +134,16 @@ class SignalSettings(TextSettings):
         default=1.0, description="raw values are multiplied by it; not 0."
     )
     offset: Finite = Field(default=0.0, description="is added to them after that.")
-
+    gravity: Gravity = Field(
+        default="none",
+        description="the part of gravity along the motion: none (a pendulum at its lowest point, a "
+        "horizontal impact), drop (straight down), or a number of m/s², positive into the tissue.",
+    )
+    zero: Zero = Field(
+        default="free_fall",
+        description="where an accelerometer read 0: free_fall (it reads force over mass; so it does where a "
+        "quiet part before contact was taken off), or rest.",
+    )
     crop: Annotated[list[Finite], AfterValidator(_stretch)] | None = Field(
         default=None,
         description="[start, stop]: the stretch of every recording that is read, in time_unit on the "
@@ -121,6 +154,18 @@ class SignalSettings(TextSettings):
     def dimension(self) -> Dimension:
         """What ``unit`` has to measure."""
         return _dimension(self.quantity)
+
+    @property
+    def gravity_m_s2(self) -> float:
+        """The part of gravity along the motion, m/s²."""
+        return gravity_m_s2(self.gravity)
+
+    @property
+    def below_force(self) -> float:
+        """What a recorded value in m/s² is too small by, to be force over mass or its negative."""
+        if self.zero == "free_fall" or self.quantity == "displacement":
+            return 0.0
+        return -self.gravity_m_s2 if self.quantity == "acceleration" else self.gravity_m_s2
 
 
 class UncertaintySettings(_Table):

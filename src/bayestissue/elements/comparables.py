@@ -12,7 +12,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from bayestissue.elements.element import Element, Parameters, at_contact
+from bayestissue.elements.element import Element, Parameters, at_contact, falling
 from bayestissue.elements.impact import Path, prepared
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -26,8 +26,9 @@ class Comparables(NamedTuple):
             [N/m].
         K_secant: force over penetration where penetration is greatest and the velocity 0 [N/m].
         C_equivalent: of the damper beside the spring that would have lost the same energy from contact to
-            peak: (M V^2 / 2 - energy stored at the peak) / integral of x'^2 [N s/m].
-        energy_lost: 1 - (v_end / V)^2, v_end being the velocity at which the impactor leaves.
+            peak: (M V^2 / 2 + M g x - energy stored at the peak) / integral of x'^2 [N s/m].
+        energy_lost: 1 - (v_end^2 - 2 g x_end) / V^2, v_end and x_end being velocity and depth at which the
+            impactor leaves.
         peak_displacement: greatest penetration [m].
         time_to_peak: [s]; infinite where there is no peak, and the four above are then those at the end.
     """
@@ -47,13 +48,14 @@ def comparables(
     velocity: ArrayLike,
     *,
     diameter: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
 ) -> Comparables:
     """Stiffnesses, damping and loss of impacts; arguments as of `bayestissue.elements.impact`.
 
     Raises:
         KeyError: there is no such element, or the parameters are not its own.
     """
-    which, arguments = prepared(element, parameters, mass, velocity, diameter)
+    which, arguments = prepared(element, parameters, mass, velocity, diameter, gravity)
     return comparables_of(which, *arguments)
 
 
@@ -69,14 +71,14 @@ def comparables_of(
     # In one go, since what follows the path is long to compile.
     every = path.at(jnp.concatenate([peak[:, None], leaves[:, None], points], axis=1))
     x, v, *rest = every[..., 0]
-    s, last = tuple(rest), every[1, :, 1]
+    s, end, last, fall = tuple(rest), every[0, :, 1], every[1, :, 1], falling(p)
     squares = (every[1, :, 2:] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
-    spent = M * (V**2 - v**2) / 2 - element.stored(x, v, s, p)
+    spent = M * (V**2 - v**2) / 2 + M * fall * x - element.stored(x, v, s, p)
     return Comparables(
         _tangent(element, p, V),
         element.force(x, jnp.zeros_like(v), s, p) / x,
         spent / squares,
-        1 - (last / V) ** 2,
+        1 - (last**2 - 2 * fall * end) / V**2,
         x,
         path.time_to_peak,
     )

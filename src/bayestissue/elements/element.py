@@ -36,6 +36,8 @@ class Parameter:
 
 
 STIFFNESS = "K"
+# Beside an element's parameters, where it is not 0: the part of gravity along the motion [m/s^2].
+GRAVITY = "gravity_m_s2"
 DAMPING = "C"
 
 
@@ -90,8 +92,10 @@ class Element:
         return self.parameters[2:]
 
 
-def complete(element: Element, parameters: Parameters, diameter: Array | None) -> dict[str, Array]:
-    """Parameters as arrays, with the impactor's diameter beside them.
+def complete(
+    element: Element, parameters: Parameters, diameter: Array | None, gravity: Array | None = None
+) -> dict[str, Array]:
+    """Parameters as arrays, with the impactor's diameter beside them, and gravity where there is any.
 
     Raises:
         KeyError: a parameter of the element is missing, or one is not the element's.
@@ -100,13 +104,19 @@ def complete(element: Element, parameters: Parameters, diameter: Array | None) -
     if set(parameters) != expected:
         raise KeyError(f"{element.name} has the parameters {sorted(expected)}, not {sorted(parameters)}")
     size = REFERENCE_DIAMETER_M if diameter is None else diameter
-    return {**{k: jnp.asarray(v, float) for k, v in parameters.items()}, "diameter_m": jnp.asarray(size)}
+    beside = {"diameter_m": jnp.asarray(size)} | ({} if gravity is None else {GRAVITY: gravity})
+    return {**{k: jnp.asarray(v, float) for k, v in parameters.items()}, **beside}
+
+
+def falling(p: Parameters) -> Array | float:
+    """The impactor's acceleration while nothing pushes: g along the motion [m/s^2]."""
+    return p.get(GRAVITY, 0.0)
 
 
 def rates_of_motion(element: Element, p: Parameters, mass: Array, y: Array) -> Array:
-    """dy/dt with M x'' = -F for y = (x, v, internal lengths) on the first axis."""
+    """dy/dt with M x'' = M g - F for y = (x, v, internal lengths) on the first axis."""
     x, v, s = y[0], y[1], tuple(y[2:])
-    acceleration = -element.force(x, v, s, p) / mass
+    acceleration = falling(p) - element.force(x, v, s, p) / mass
     return jnp.stack([v, acceleration, *element.rates(x, v, s, p)])
 
 
@@ -117,5 +127,5 @@ def at_contact(element: Element, velocity: Array) -> Array:
 
 
 def deceleration_of(element: Element, p: Parameters, mass: Array, y: Array) -> Array:
-    """F / M [m/s^2]."""
+    """F / M [m/s^2]: what a sensor reads that is 0 in free fall, and without gravity -x''."""
     return element.force(y[0], y[1], tuple(y[2:]), p) / mass

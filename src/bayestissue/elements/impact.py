@@ -1,4 +1,4 @@
-"""A whole impact on an element: M x'' = -F(x, x', internal lengths), x(0) = 0, x'(0) = V."""
+"""A whole impact on an element: M x'' = M g - F(x, x', internal lengths), x(0) = 0, x'(0) = V."""
 
 from __future__ import annotations
 
@@ -14,7 +14,14 @@ from jax.typing import ArrayLike
 from jaxtyping import Float
 
 from bayestissue.elements import linear, solver
-from bayestissue.elements.element import Element, Parameters, complete, deceleration_of, rates_of_motion
+from bayestissue.elements.element import (
+    Element,
+    Parameters,
+    complete,
+    deceleration_of,
+    falling,
+    rates_of_motion,
+)
 from bayestissue.elements.registry import element as named
 
 # Steps are short at contact, where a Hertz force has no smooth start, and grow with its square root.
@@ -33,9 +40,11 @@ class Impact(NamedTuple):
     Attributes:
         x: into the tissue [m].
         v: its velocity [m/s].
-        deceleration: F / M while the tissue pushes, else 0 [m/s^2].
+        deceleration: F / M while the tissue pushes, else 0 [m/s^2]: what a sensor reads that is 0 in free
+            fall.
         time_to_peak: from contact to the greatest x [s]; infinite where there is none.
-        leaves: from contact to where the force is 0 [s]; infinite where it never is.
+        leaves: from contact to where the force is 0 [s]; infinite where it never is. What falls back on the
+            tissue after that is not followed.
     """
 
     x: Float[Array, "impact sample"]
@@ -53,6 +62,7 @@ def impact(
     time: Float[Array, "impact sample"],
     *,
     diameter: ArrayLike | None = None,
+    gravity: ArrayLike | None = None,
 ) -> Impact:
     """Simulate impacts, from flight before contact to flight after it.
 
@@ -66,12 +76,13 @@ def impact(
         velocity: V at contact [m/s], likewise.
         time: since contact [s]; before it negative.
         diameter: of the impactor [m]; the reference diameter unless given.
+        gravity: g, the part of gravity along the motion [m/s^2], positive into the tissue; none unless given.
 
     Raises:
         KeyError: there is no such element, or the parameters are not its own.
     """
     time = jnp.asarray(time, float)
-    which, arguments = prepared(element, parameters, mass, velocity, diameter, shape=time.shape[:1])
+    which, arguments = prepared(element, parameters, mass, velocity, diameter, gravity, time.shape[:1])
     return _impact(which, *arguments, time)
 
 
@@ -82,9 +93,9 @@ def _impact(element: Element, p: dict[str, Array], mass: Array, velocity: Array,
     y = path.at(since)
     inside = (time >= 0) & (time <= path.leaves[:, None])
     d = deceleration_of(element, path.columns(), mass[:, None], y)
-    return Impact(
-        y[0] + y[1] * (time - since), y[1], jnp.where(inside, d, 0.0), path.time_to_peak, path.leaves
-    )
+    flight, fall = time - since, falling(path.columns())
+    x, v = y[0] + y[1] * flight + fall * flight**2 / 2, y[1] + fall * flight
+    return Impact(x, v, jnp.where(inside, d, 0.0), path.time_to_peak, path.leaves)
 
 
 def prepared(
@@ -93,6 +104,7 @@ def prepared(
     mass: ArrayLike,
     velocity: ArrayLike,
     diameter: ArrayLike | None,
+    gravity: ArrayLike | None = None,
     shape: tuple[int, ...] = (1,),
 ) -> tuple[Element, tuple[dict[str, Array], Array, Array]]:
     """The element, and its parameters, mass and velocity, each [impact].
@@ -101,7 +113,8 @@ def prepared(
         KeyError: there is no such element, or the parameters are not its own.
     """
     which = named(element)
-    every = complete(which, parameters, None if diameter is None else jnp.asarray(diameter, float))
+    beside = (None if each is None else jnp.asarray(each, float) for each in (diameter, gravity))
+    every = complete(which, parameters, *beside)
     M, V = jnp.asarray(mass, float), jnp.asarray(velocity, float)
     shape = jnp.broadcast_shapes(shape, *(part.shape for part in (*every.values(), M, V)))
     p = {name: jnp.broadcast_to(value, shape) for name, value in every.items()}

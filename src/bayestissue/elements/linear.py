@@ -1,4 +1,7 @@
-"""Linear elements exactly: the state at any time is a matrix exponential times that at contact."""
+"""Linear elements exactly: the state at any time is a matrix exponential times that at contact.
+
+Gravity along the motion is a constant beside the state: a last entry that stays 1.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +10,7 @@ import jax.numpy as jnp
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.elements.element import Element, Parameters, at_contact, rates_of_motion
+from bayestissue.elements.element import GRAVITY, Element, Parameters, at_contact, rates_of_motion
 
 # (1/2)^14 / 14! is below rounding, and 2^40 times rounding is all that could be asked for.
 _ORDER = 14
@@ -19,7 +22,7 @@ _FEW = 16
 def transition(
     element: Element, p: Parameters, mass: Float[Array, " impact"], time: Float[Array, " impact *time"]
 ) -> Float[Array, "impact *time state state"]:
-    """exp(A t) of y' = A y, smooth through repeated roots.
+    """exp(A t) of y' = A y, smooth through repeated roots; along gravity of (y, 1).
 
     Times are in units of t itself, so that all entries of the exponent are of one kind: (omega_n t)^2,
     2 zeta omega_n t and time over relaxation time.
@@ -27,8 +30,12 @@ def transition(
     size = 2 + element.states
     shape = (size, *mass.shape)
     unit = jnp.eye(size).reshape(size, size, *[1] * mass.ndim)
-    columns = [rates_of_motion(element, p, mass, jnp.broadcast_to(unit[j], shape)) for j in range(size)]
+    still = {name: value for name, value in p.items() if name != GRAVITY}
+    columns = [rates_of_motion(element, still, mass, jnp.broadcast_to(unit[j], shape)) for j in range(size)]
     matrix = jnp.moveaxis(jnp.stack(columns, axis=1), (0, 1), (-2, -1))
+    if GRAVITY in p:
+        size += 1
+        matrix = jnp.pad(matrix, [(0, 0)] * mass.ndim + [(0, 1), (0, 1)]).at[..., 1, -1].set(p[GRAVITY])
     time = time.reshape(*time.shape, 1, 1)
     matrix = matrix.reshape(*mass.shape, *[1] * (time.ndim - matrix.ndim), size, size)
     is_velocity = jnp.arange(size) == 1
@@ -79,7 +86,7 @@ def even_grid(
     steps = jnp.stack([jnp.maximum(first_time, 0.0), jnp.broadcast_to(dt, first_time.shape)], axis=-1)
     both = transition(element, p, mass, steps)
     step, states = both[:, 1], range(both.shape[-1])
-    few = jnp.einsum("iab,bi->ia", both[:, 0], at_contact(element, velocity))[..., None]
+    few = jnp.einsum("iab,bi->ia", both[:, 0], _start(element, p, velocity))[..., None]
     # Each round doubles what is known.
     while few.shape[-1] < min(count, _FEW):
         few = jnp.concatenate([few, step @ few], axis=-1)
@@ -91,8 +98,9 @@ def even_grid(
         step = step @ step
     over, few = over[:, :blocks, ..., None], few[:, None]
     # Written out, since so small a product of matrices is a call each.
-    y = jnp.stack([sum(over[:, :, a, b] * few[:, :, b] for b in states) for a in states])
-    return y.reshape(len(states), len(dt), -1)[..., :count]
+    own = 2 + element.states
+    y = jnp.stack([sum(over[:, :, a, b] * few[:, :, b] for b in states) for a in range(own)])
+    return y.reshape(own, len(dt), -1)[..., :count]
 
 
 def at_times(
@@ -103,4 +111,10 @@ def at_times(
     time: Float[Array, "impact time"],
 ) -> Float[Array, "state impact time"]:
     """The state at any times, not negative."""
-    return jnp.einsum("itab,bi->ait", transition(element, p, mass, time), at_contact(element, velocity))
+    found = jnp.einsum("itab,bi->ait", transition(element, p, mass, time), _start(element, p, velocity))
+    return found[: 2 + element.states]
+
+
+def _start(element: Element, p: Parameters, velocity: Array) -> Array:
+    y = at_contact(element, velocity)
+    return jnp.concatenate([y, jnp.ones_like(y[:1])]) if GRAVITY in p else y

@@ -25,7 +25,7 @@ class Peaks(NamedTuple):
     Attributes:
         depth: greatest penetration [m].
         time: from contact to it [s]; infinite where there is none, and the depth is then that at the end.
-        force: greatest force on the impactor [N]: M times the greatest deceleration. Of a damper beside a
+        force: greatest force on the impactor [N]: M times the greatest F / M. Of a damper beside a
             spring it may be at contact.
     """
 

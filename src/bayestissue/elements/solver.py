@@ -14,7 +14,7 @@ import numpy as np
 from jax import Array
 from jaxtyping import Float
 
-from bayestissue.elements.element import Element, Parameters, at_contact, rates_of_motion
+from bayestissue.elements.element import Element, Parameters, at_contact, falling, rates_of_motion
 
 # At least so many steps over a trace, where it has as many samples.
 STEPS = 64
@@ -62,7 +62,7 @@ def nodes(
 
     def rates(y: Array, p: Parameters, mass: Array) -> Array:
         found = rates_of_motion(element, p, mass, y)
-        return found.at[1].set(jnp.where(y[0] < 0, 0.0, found[1])) if flies_off else found
+        return found.at[1].set(jnp.where(y[0] < 0, falling(p), found[1])) if flies_off else found
 
     def field(t: Any, y: Array, args: Any) -> Array:
         p, mass, duration = args

@@ -218,13 +218,19 @@ def _record(
         # The likelihood asks the samples itself when contact was; what they said of it must not count twice.
         start = (signal.n_samples, signal.bracket_s, signal.dt)
         plain = specification.discrepancy != "always" and specification.noise == "white"
+        # Of an impact along gravity an error of the gain is not one of the velocity.
+        plain &= not (dataset.gravity and chain.relative_gain_sd)
         if specification.element != SIDE_BY_SIDE or not plain or dataset.recorder is not None:
             return _element_record(dataset, specification, signal, offset_sd)
         errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
         peak = np.abs(signal.deceleration).max(axis=1)
         record = (signal.deceleration, *start, signal.velocity, errors, signal.bracket_uniform)
-        return DecelerationRecord.of(*record), peak
+        return DecelerationRecord.of(*record, gravity=signal.gravity), peak
+    gravity = signal.gravity if specification.signal.equilibrium != "sample-mean" else 0.0
     level_sd = signal.velocity * signal.contact_time_sd
+    # Along gravity a gain in error is an offset too, and a contact time a velocity.
+    velocity_sd = np.hypot(velocity_sd, signal.gravity * signal.contact_time_sd)
+    offset_sd = np.hypot(offset_sd, signal.gravity * chain.relative_gain_sd)
     if recorded:
         level_sd = np.hypot(level_sd, chain.offset_sd)
         velocity_sd, offset_sd = np.zeros_like(velocity_sd), np.zeros_like(offset_sd)
@@ -232,7 +238,7 @@ def _record(
     if specification.signal.equilibrium == "estimated":
         level_sd = np.hypot(level_sd, peak)
     errors = np.stack([level_sd, velocity_sd, offset_sd], axis=1)
-    return displacement_record(signal.x, *start, errors), peak
+    return displacement_record(signal.x, *start, errors, gravity), peak
 
 
 def common_depth(signal: Displacements) -> float:
@@ -255,10 +261,10 @@ def _element_record(
     gain_sd, velocity_sd = (
         np.full(len(size), value) for value in (chain.relative_gain_sd, chain.velocity_sd_m_s)
     )
-    if specification.element == SIDE_BY_SIDE and dataset.recorder is not None:
+    if specification.element == SIDE_BY_SIDE and dataset.recorder is not None and not dataset.gravity:
         # In proportion to the velocity: one error, as of the likelihood without a filter.
         velocity_sd, gain_sd = np.hypot(velocity_sd, gain_sd * signal.velocity), np.zeros(len(size))
-    besides: dict[str, Any] = {}
+    besides: dict[str, Any] = {"gravity": signal.gravity} if dataset.gravity else {}
     contact_sd, uniform = signal.bracket_sd, signal.bracket_uniform
     lead = 0
     if dataset.recorder is not None:

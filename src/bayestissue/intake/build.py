@@ -31,8 +31,8 @@ _OPTIONS = {
     for key, option in (
         *(("quantity", "quantity"), ("unit", "unit"), ("time_unit", "time-unit"), ("scale", "scale")),
         *(("value_column", "channel"), ("time_column", "time"), ("offset", "offset")),
-        ("crop", "crop"),
         *((key, f"text {key}") for key in TextSettings.model_fields),
+        *(("crop", "crop"), ("gravity", "gravity"), ("zero", "zero")),
     )
 }
 

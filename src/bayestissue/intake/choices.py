@@ -12,6 +12,7 @@ from bayestissue.dataset.model import Quantity
 from bayestissue.dataset.plausible import MIN_SAMPLES
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem
+from bayestissue.intake.columns import is_height
 from bayestissue.intake.folder import About, File, Found
 
 _QUANTITIES: tuple[str, ...] = get_args(Quantity)
@@ -23,6 +24,10 @@ _NEEDED = {
     "mass_kg": ("mass of the impactor, kg", "2.1"),
     "velocity_m_s": ("velocity at contact, m/s, or drop_height_m instead", "1.5"),
 }
+_FALLS = (
+    "how it moves at contact: straight down (drop), or across gravity, as a pendulum at its lowest point "
+    "does (none)"
+)
 _ALIKE = "for all recordings alike, or of each by --pattern or --table"
 
 
@@ -45,6 +50,8 @@ class Choices:
         given: facts that hold for all recordings, as text.
         recorder: the table ``[recorder]`` of ``dataset.toml``; none if empty.
         text: how texts are written, as far as it is not to be found: keys of `TextSettings`.
+        gravity: the part of gravity along the motion, as ``signal.gravity``.
+        zero: where the sensor read 0, as ``signal.zero``.
     """
 
     channel: str | None = None
@@ -61,6 +68,8 @@ class Choices:
     given: dict[str, str] = field(default_factory=dict)
     recorder: dict[str, Any] = field(default_factory=dict)
     text: dict[str, Any] = field(default_factory=dict)
+    gravity: str | float | None = None
+    zero: str | None = None
 
     def signal(self) -> dict[str, Any]:
         """The table ``[signal]`` of ``dataset.toml``."""
@@ -72,6 +81,8 @@ class Choices:
             "time_unit": self.time_unit,
             "scale": self.scale if self.scale != 1 else None,
             "offset": self.offset or None,
+            "gravity": self.gravity,
+            "zero": self.zero,
             "crop": None if self.crop is None else list(self.crop),
             **self.text,
         }
@@ -181,6 +192,8 @@ def settle(choices: Choices, found: Found, facts: frozenset[str]) -> tuple[Choic
         for name, (what, example) in _NEEDED.items()
         if name not in facts and (name != "velocity_m_s" or choices.quantity != "displacement")
     ]
+    if choices.gravity is None and any(map(is_height, facts)):
+        questions.append(Question("--gravity", _FALLS, ("drop", "none"), "drop"))
     return choices, questions
 
 

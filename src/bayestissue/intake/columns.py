@@ -7,9 +7,9 @@ import re
 from collections.abc import Callable
 from functools import partial
 
+from bayestissue.dataset.model import STANDARD_GRAVITY
 from bayestissue.errors import InputError, Problem
 
-GRAVITY = 9.80665
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 
 
@@ -19,7 +19,7 @@ def _times(factor: float, value: float) -> float:
 
 def _fallen(unit_m: float, height: float) -> float:
     """The speed v = √(2 g h), m/s, after a fall, of a pendulum too, of ``height`` times ``unit_m`` metres."""
-    return math.sqrt(2 * GRAVITY * unit_m * height)
+    return math.sqrt(2 * STANDARD_GRAVITY * unit_m * height)
 
 
 # Of each name the column that it fills, and how; a height of fall stays as a covariate too.
@@ -38,6 +38,11 @@ _NUMBERS = {"mass_kg", "velocity_m_s", "sampling_rate_hz", "energy_J", "diameter
 def is_number(name: str) -> bool:
     """Whether a field of this name holds a number."""
     return name in _NUMBERS
+
+
+def is_height(name: str) -> bool:
+    """Whether a field is a height of fall."""
+    return name.startswith("drop_height")
 
 
 def fills(name: str) -> str:
@@ -72,7 +77,7 @@ def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
         column, fill = _FILLS.get(name, (name, partial(_times, 1.0)))
         # Twelve digits are more than anybody measured, and fewer than show how 0.07 is kept.
         cells[column] = float(f"{fill(value):.12g}")
-        if name.startswith("drop_height"):
+        if is_height(name):
             cells[name] = value
     if problems:
         raise InputError(problems)

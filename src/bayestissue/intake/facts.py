@@ -8,7 +8,7 @@ from pathlib import Path, PurePosixPath
 
 from bayestissue.dataset.impact_cells import read_cells
 from bayestissue.errors import InputError, Problem
-from bayestissue.intake.columns import columns, fills
+from bayestissue.intake.columns import columns, fills, is_height
 from bayestissue.intake.folder import File, Found
 from bayestissue.intake.names import Pattern
 
@@ -24,7 +24,7 @@ class Facts:
     Attributes:
         of_file: by the name of the file, what holds for all of its impacts.
         of_number: by the name of the file and the number of the impact, where the table tells them apart.
-        columns: the columns that are filled.
+        columns: the columns that are filled; a height of fall fills that of the velocity besides its own.
         problems: what is wrong.
     """
 
@@ -71,7 +71,8 @@ def gather(found: Found, *, pattern: str | None, table: Path | None, given: dict
                     of_number[file.name, number] = filled
         except InputError as error:
             problems += error.problems
-    filled_columns = frozenset(fills(name) for fields in sources.values() for name in fields)
+    named = [name for fields in sources.values() for name in fields]
+    filled_columns = frozenset([*map(fills, named), *filter(is_height, named)])
     return Facts(of_file, of_number, filled_columns, tuple(problems))
 
 

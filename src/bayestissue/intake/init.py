@@ -10,7 +10,7 @@ from typing import Any
 
 from bayestissue.dataset import Dataset, Quantity, Recorder, read_dataset
 from bayestissue.dataset.recorders import SUFFIXES
-from bayestissue.dataset.settings import TextSettings
+from bayestissue.dataset.settings import Gravity, TextSettings, Zero
 from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import Built, build
@@ -175,6 +175,8 @@ def init_dataset(
     given: Mapping[str, object] | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
     text: Mapping[str, Any] | None = None,
+    gravity: Gravity | None = None,
+    zero: Zero | None = None,
     name: str = "",
     several: bool = False,
     threshold: float = THRESHOLD,
@@ -209,6 +211,9 @@ def init_dataset(
         text: how text files are written, where that is not found rightly, by keys of ``[signal]`` in
             ``dataset.toml``: ``encoding``, ``delimiter``, ``decimal``, ``thousands``, ``header_row``,
             ``units_row``, such as ``{"decimal": "comma"}``.
+        gravity: the part of gravity along the motion: ``"none"``, ``"drop"`` (straight down), or a number of
+            m/s², positive into the tissue; needed where a drop height is given.
+        zero: where an accelerometer read 0: ``"free_fall"`` or ``"rest"``.
         name: of the dataset; that of the folder if empty.
         several: a recording may hold several impacts, which are cut apart.
         threshold: how many standard deviations of the noise an impact rises above.
@@ -234,6 +239,8 @@ def init_dataset(
         {key: str(value) for key, value in (given or {}).items()},
         recorder.settings() if isinstance(recorder, Recorder) else dict(recorder or {}),
         dict(text or {}),
+        gravity,
+        zero,
     )
     write(
         prepare(folder, choices),
@@ -270,11 +277,17 @@ def _words(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
         ("files", f"{len(intake.found.files)}, with the channels {', '.join(every)}"),
         *(("written", words) for words in intake.written()),
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
+        *([("gravity along the motion", _falls(choices))] if choices.gravity is not None else []),
         ("times", times),
         *([("low-pass", _filter(choices))] if choices.recorder else []),
         ("impacts", cut_words),
         ("facts", "; ".join(sources)),
     ]
+
+
+def _falls(choices: Choices) -> str:
+    words = choices.gravity if isinstance(choices.gravity, str) else f"{choices.gravity:g} m/s²"
+    return f"{words}, zero at {(choices.zero or 'free_fall').replace('_', ' ')}"
 
 
 def _filter(choices: Choices) -> str:

@@ -17,7 +17,8 @@ class Motion(NamedTuple):
     Attributes:
         displacement: into the tissue [m].
         velocity: into the tissue [m/s].
-        deceleration: positive while the impactor slows [m/s^2].
+        deceleration: force over mass F / M = g - x'', what a sensor reads that is 0 in free fall [m/s^2].
+            Without gravity along the motion it is -x'', positive while the impactor slows.
     """
 
     displacement: Array
@@ -46,10 +47,17 @@ def spring_damper_inverse(K: ArrayLike, C: ArrayLike, mass: ArrayLike) -> tuple[
     return jnp.sqrt(K / mass), jnp.asarray(C, float) / (2 * jnp.sqrt(K * mass))
 
 
-def impact_motion(time: ArrayLike, omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike) -> Motion:
-    """x(t) = V e^(-zeta omega_n t) sin(omega_d t) / omega_d and its derivatives, from contact on.
+def impact_motion(
+    time: ArrayLike, omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike, gravity: ArrayLike = 0.0
+) -> Motion:
+    """The motion x'' = g - 2 zeta omega_n x' - omega_n^2 x from x = 0 and x' = V at contact on.
 
-    The deceleration is 2 zeta omega_n v + omega_n^2 x: it jumps to 2 zeta omega_n V = C V / M at contact.
+    With u(t) = e^(-zeta omega_n t) sin(omega_d t) / omega_d, the answer to a unit impulse, and the depth
+    x_e = g / omega_n^2 at which the impactor comes to rest,
+
+        x = V u + x_e (1 - u' - 2 zeta omega_n u),   x' = V u' + g u.
+
+    The deceleration F / M = 2 zeta omega_n x' + omega_n^2 x jumps to 2 zeta omega_n V = C V / M at contact.
     Arguments broadcast; smooth through critical damping.
 
     Args:
@@ -57,28 +65,62 @@ def impact_motion(time: ArrayLike, omega_n: ArrayLike, zeta: ArrayLike, velocity
         omega_n: natural frequency [rad/s].
         zeta: damping ratio.
         velocity: impactor's velocity V at contact [m/s].
+        gravity: g, the part of gravity along the motion [m/s^2], positive into the tissue.
     """
-    time, omega_n, zeta, velocity = (jnp.asarray(p, float) for p in (time, omega_n, zeta, velocity))
+    time, omega_n, zeta, velocity, gravity = _floats(time, omega_n, zeta, velocity, gravity)
     cosine, sine = damped_pair(omega_n * time, zeta)
-    x = velocity * time * sine
-    v = velocity * cosine - zeta * omega_n * x
+    u = time * sine
+    slope = cosine - zeta * omega_n * u
+    x = velocity * u + gravity / omega_n**2 * (1 - slope - 2 * zeta * omega_n * u)
+    v = velocity * slope + gravity * u
     return Motion(x, v, 2 * zeta * omega_n * v + omega_n**2 * x)
 
 
-def time_to_peak(omega_n: ArrayLike, zeta: ArrayLike) -> Array:
+def time_to_peak(
+    omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike = 1.0, gravity: ArrayLike = 0.0
+) -> Array:
     """Time from contact to zero velocity, arccos(zeta) / (omega_n sqrt(1 - zeta^2)) [s].
 
     At zeta = 1 this is 1 / omega_n and above it arccosh(zeta) / (omega_n sqrt(zeta^2 - 1)): one smooth
-    function. Arguments broadcast: omega_n [rad/s], zeta > -1.
+    function. With gravity along the motion the same of R omega_n and (zeta - s) / R, where
+    s = g / (omega_n V) and R^2 = 1 - 2 zeta s + s^2; infinite where strong damping lets the impactor sink to
+    its rest x_e = g / omega_n^2 from above, without a peak. Arguments broadcast.
+
+    Args:
+        omega_n: natural frequency [rad/s].
+        zeta: damping ratio, above -1.
+        velocity: V at contact [m/s]; without gravity it does not matter.
+        gravity: g, the part of gravity along the motion [m/s^2].
     """
-    omega_n, zeta = jnp.asarray(omega_n, float), jnp.asarray(zeta, float)
-    return 1 / (omega_n * sinc_root(arc_chord(2 * (1 - zeta))))
+    omega_n, zeta, velocity, gravity = _floats(omega_n, zeta, velocity, gravity)
+    ratio, cosine, peaks = _turn(omega_n, zeta, velocity, gravity)
+    return jnp.where(peaks, 1 / (omega_n * ratio * sinc_root(arc_chord(2 * (1 - cosine)))), jnp.inf)
 
 
-def peak_displacement(omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike) -> Array:
-    """Greatest displacement, (V / omega_n) exp(-zeta omega_n t_peak) [m].
+def peak_displacement(
+    omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike, gravity: ArrayLike = 0.0
+) -> Array:
+    """Greatest displacement, x_e + R (V / omega_n) exp(-zeta omega_n t_peak) [m].
 
-    Arguments broadcast: omega_n [rad/s], zeta > -1, velocity V at contact [m/s].
+    Symbols and arguments as of `time_to_peak`; R = 1 and x_e = 0 without gravity. Where there is no peak it
+    is x_e, at which the impactor comes to rest.
     """
-    omega_n, zeta, velocity = (jnp.asarray(p, float) for p in (omega_n, zeta, velocity))
-    return velocity / omega_n * jnp.exp(-zeta * omega_n * time_to_peak(omega_n, zeta))
+    omega_n, zeta, velocity, gravity = _floats(omega_n, zeta, velocity, gravity)
+    ratio, _, peaks = _turn(omega_n, zeta, velocity, gravity)
+    time = time_to_peak(omega_n, zeta, velocity, gravity)
+    decay = jnp.exp(-zeta * omega_n * jnp.where(peaks, time, 0.0))
+    return gravity / omega_n**2 + jnp.where(peaks, ratio * velocity / omega_n * decay, 0.0)
+
+
+def _turn(omega_n: Array, zeta: Array, velocity: Array, gravity: Array) -> tuple[Array, Array, Array]:
+    """R, (zeta - s) / R and whether there is a peak: see `time_to_peak`."""
+    fall = gravity / (omega_n * velocity)
+    square = 1 - 2 * zeta * fall + fall**2
+    # Below critical damping the square is above 0 anyway. No number has neither.
+    peaks = ~((zeta >= 1) & ((zeta <= fall) | (square <= 0)))
+    ratio = jnp.sqrt(jnp.where(peaks, square, 1.0))
+    return ratio, jnp.where(peaks, (zeta - fall) / ratio, 0.0), peaks
+
+
+def _floats(*values: ArrayLike) -> tuple[Array, ...]:
+    return tuple(jnp.asarray(value, float) for value in values)

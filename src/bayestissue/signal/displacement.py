@@ -58,6 +58,10 @@ class RecordedImpacts(Protocol):
     def recorder(self) -> Recorder | None:
         """The low-pass that they went through, if one is known."""
 
+    @property
+    def gravity(self) -> float:
+        """g, the part of gravity along the motion, m/s²: decelerations are force over mass."""
+
 
 @dataclass(frozen=True)
 class Displacements:
@@ -66,11 +70,12 @@ class Displacements:
     Attributes:
         x: [impact, sample], m, measured from the equilibrium that the options name; 0 past a row's end.
         v: [impact, sample], velocity, m/s.
-        deceleration: [impact, sample], m/s², offset removed and filtered.
+        deceleration: [impact, sample], m/s², offset removed and filtered; along gravity force over mass.
         n_samples: [impact], samples in the window.
         dt: [impact], sampling interval, s.
         mass: [impact], kg.
         velocity: [impact], at contact, m/s.
+        gravity: [impact], along the motion, m/s².
         equilibrium: [impact], m: x + equilibrium is the displacement since contact.
         contact_time_s: [impact], on the recording's own clock.
         contact_time_sd: [impact], s; 0 where contact was given.
@@ -100,6 +105,7 @@ class Displacements:
     dt: Column
     mass: Column
     velocity: Column
+    gravity: Column
     equilibrium: Column
     contact_time_s: Column
     contact_time_sd: Column
@@ -122,9 +128,10 @@ class Displacements:
 def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None) -> Displacements:
     """The displacement of every impact, from contact over the window that the options choose.
 
-    v(t) = V − ∫d and x(t) = ∫v from contact on, both by the rule that the options name (thesis, section
-    2.2); recorded displacements are taken as they are, from their value at contact. The samples of x are
-    the recorder's own: the first one lies up to one interval after contact, where x is already above 0.
+    v(t) = V − ∫(d − g) and x(t) = ∫v from contact on, both by the rule that the options name (thesis, section
+    2.2), g being gravity along the motion; recorded displacements are taken as they are, from their value at
+    contact. The samples of x are the recorder's own: the first one lies up to one interval after contact,
+    where x is already above 0.
 
     Raises:
         InputError: the filter class asks for a higher sampling rate than an impact has.
@@ -132,13 +139,14 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
     options = options or SignalOptions()
     mass = dataset.impacts["mass_kg"].to_numpy(dtype=float)
     velocity = dataset.impacts["velocity_m_s"].to_numpy(dtype=float)
+    gravity = np.full(len(mass), dataset.gravity)
     make = _recorded if dataset.quantity == "displacement" else _integrated
     sign = -1.0 if dataset.quantity == "acceleration" else 1.0
 
     def block(rows: slice) -> Displacements:
         recordings = stack(dataset.traces[rows])
         recordings = replace(recordings, value=sign * recordings.value, ahead_s=ahead_s(dataset.recorder))
-        return make(recordings, mass[rows], velocity[rows], options)
+        return make(recordings, mass[rows], velocity[rows], gravity[rows], options)
 
     return _in_blocks(block, len(mass), max(len(trace.value) for trace in dataset.traces))
 
@@ -146,7 +154,7 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
 def integrated(
     recordings: Recordings, mass: Column, velocity: Column, options: SignalOptions
 ) -> Displacements:
-    """The same of decelerations, m/s², that already lie under one another.
+    """The same of decelerations, m/s², that already lie under one another, without gravity along the motion.
 
     Args:
         recordings: one row per impact.
@@ -161,13 +169,13 @@ def integrated(
     def block(rows: slice) -> Displacements:
         value, n, start, dt = recordings.value, recordings.n, recordings.start, recordings.dt
         part = Recordings(value[rows], n[rows], start[rows], dt[rows], recordings.ahead_s)
-        return _integrated(part, mass[rows], velocity[rows], options)
+        return _integrated(part, mass[rows], velocity[rows], np.zeros_like(mass[rows]), options)
 
     return _in_blocks(block, len(mass), recordings.value.shape[1])
 
 
 def _integrated(
-    recordings: Recordings, mass: Column, velocity: Column, options: SignalOptions
+    recordings: Recordings, mass: Column, velocity: Column, gravity: Column, options: SignalOptions
 ) -> Displacements:
     onset = find_onset(recordings, options)
     offset = onset.offset if options.remove_offset else np.zeros_like(onset.offset)
@@ -178,14 +186,15 @@ def _integrated(
     if options.filter != "none":
         part = replace(part, value=low_pass(part.value, part.dt, options.filter))
     d, inside, dt = part.value, part.inside, part.dt
-    first = cumulative(part, options.integration)
+    slows = d - gravity[:, None]
+    first = cumulative(replace(part, value=slows), options.integration)
     second = cumulative(replace(part, value=first), options.integration)
     cut = (onset.first == 0) & (onset.most > onset.least) & (np.abs(recordings.start) < 1e-6 * dt)
-    start = find_start(d, first, second, inside, dt, velocity, onset.least, onset.most, cut)
+    start = find_start(d, first, second, inside, dt, velocity, onset.least, onset.most, cut, gravity)
     time = np.arange(d.shape[1]) * dt[:, None]
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * time - second
-    stop = zero_velocity(d, v, x, inside, dt)
+    stop = zero_velocity(slows, v, x, inside, dt)
     notes = {NO_OFFSET: options.remove_offset & ~onset.quiet}
     flags = {
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
@@ -194,7 +203,7 @@ def _integrated(
         ): onset.doubtful,
     }
     return _windowed(
-        part, x, v, d, stop, flags, notes, mass, velocity, start, offset, offset_sd, onset.noise_sd,
+        part, x, v, d, stop, flags, notes, mass, velocity, gravity, start, offset, offset_sd, onset.noise_sd,
         _before(recordings, onset, offset), options,
     )  # fmt: skip
 
@@ -215,7 +224,7 @@ def _before(recordings: Recordings, onset: Onset, offset: Column) -> _Before:
 
 
 def _recorded(
-    recordings: Recordings, mass: Column, velocity: Column, options: SignalOptions
+    recordings: Recordings, mass: Column, velocity: Column, gravity: Column, options: SignalOptions
 ) -> Displacements:
     noise = noise_sd(recordings)
     if options.filter != "none":
@@ -237,8 +246,8 @@ def _recorded(
     sd = np.where(options.contact == "time-zero", 0, noise / np.maximum(velocity, 1e-12))
     start = Start(since_contact, sd, since_contact, sd, np.zeros(len(sd), bool), x[:, 0], v[:, 0])
     return _windowed(
-        part, x, v, d, stop, flags, {}, mass, velocity, start, at_contact, np.full_like(sd, np.nan), noise,
-        _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd)), options,
+        part, x, v, d, stop, flags, {}, mass, velocity, gravity, start, at_contact, np.full_like(sd, np.nan),
+        noise, _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd)), options,
     )  # fmt: skip
 
 
@@ -252,6 +261,7 @@ def _windowed(
     notes: dict[Coded, Mask],
     mass: Column,
     velocity: Column,
+    gravity: Column,
     start: Start,
     offset: Column,
     offset_sd: Column,
@@ -276,6 +286,7 @@ def _windowed(
         dt=part.dt,
         mass=mass,
         velocity=velocity,
+        gravity=gravity,
         equilibrium=equilibrium,
         contact_time_s=part.start - start.since_contact,
         contact_time_sd=start.since_contact_sd,

@@ -3,11 +3,12 @@
 The deceleration of a spring and damper met at velocity V jumps by C V / M at contact, so that a contact
 time wrong by half an interval costs half an interval's worth of velocity and of displacement: 2.5 % of the
 peak displacement of a typical impact sampled at 2 kHz. The samples themselves know better. With
-A(t) = ∫d and B(t) = ∬d from the first sample on, a = C/M and b = K/M, the motion obeys
+A(t) = ∫(d − g) and B(t) = ∬(d − g) from the first sample on, a = C/M and b = K/M, the motion obeys
 
     d = a (v₁ − A) + b (x₁ + v₁ t − B),
 
-where (x₁, v₁) is the state that (0, V) grows into over the unknown time δ from contact to that sample.
+where (x₁, v₁) is the state that (0, V) grows into over the unknown time δ from contact to that sample, and
+g is gravity along the motion: d is force over mass.
 """
 
 from __future__ import annotations
@@ -56,6 +57,7 @@ def find_start(
     least: Column,
     most: Column,
     cut: Mask,
+    gravity: Column,
 ) -> Start:
     """The state at the first sample, contact lying between ``least`` and ``most`` seconds before it.
 
@@ -66,7 +68,7 @@ def find_start(
 
     Args:
         deceleration: [impact, sample], m/s², from the first sample in contact on, offset removed.
-        first_integral: [impact, sample], its integral from that sample, m/s.
+        first_integral: [impact, sample], the integral of d − g from that sample, m/s.
         second_integral: [impact, sample], the integral of that, m.
         inside: [impact, sample], true where there is a sample.
         dt: [impact], sampling interval, s.
@@ -76,23 +78,27 @@ def find_start(
         cut: [impact], true where the recording seems to have been cut at contact: its clock starts at 0 with
             its first sample, and that one is in contact already. Contact at that very sample then has a
             prior probability of 0.9.
+        gravity: [impact], g, along the motion, m/s².
     """
     # Some velocity is gone by the first sample; past zero velocity the impactor may have left the tissue.
     fall = np.maximum(deceleration[:, 0] - deceleration[:, min(1, inside.shape[1] - 1)], 0)
-    left = velocity - (deceleration[:, 0] + fall * most / (2 * dt)) * most
+    left = velocity - (deceleration[:, 0] - gravity + fall * most / (2 * dt)) * most
     left = np.clip(left - 0.03 * velocity, 0.5 * velocity, velocity)
     stopped = first_where((first_integral >= left[:, None]) & inside, inside.sum(axis=1) - 1)
     used = inside & (np.arange(inside.shape[1]) <= stopped[:, None])
     duration = np.maximum(stopped, 1) * dt
-    problem = _LeastSquares.of(deceleration, first_integral, second_integral, used, dt, velocity, duration)
+    fall = gravity * duration / velocity
+    problem = _LeastSquares.of(
+        deceleration, first_integral, second_integral, used, dt, velocity, duration, fall
+    )
     low, high = least / duration, most / duration
     with np.errstate(all="ignore"):
         ab, delta, delta_sd = problem.fit(low, high)
         delta, delta_sd = _mean_within(delta, delta_sd, low, high, np.where(cut, _CUT, 0))
         ab = problem.fit_given(ab, delta)
-        x, v = _grown(ab[:, 0], ab[:, 1], delta)
+        x, v = _grown(ab[:, 0], ab[:, 1], delta, fall)
     # Too few samples, or a motion no spring and damper makes: d is held constant back to contact.
-    d1 = np.where(inside[:, 0], deceleration[:, 0], 0) * duration / velocity
+    d1 = np.where(inside[:, 0], deceleration[:, 0] - gravity, 0) * duration / velocity
     sound = (
         np.isfinite(x) & np.isfinite(v) & (np.abs(v - 1) < 0.5) & (np.abs(x - delta) < 0.5 * delta + 1e-12)
     )
@@ -127,10 +133,19 @@ class _LeastSquares:
     gram: Float[np.ndarray, "impact 4 4"]
     moment: Float[np.ndarray, "impact 4"]
     count: Column
+    fall: Column
 
     @classmethod
     def of(
-        cls, d: Rows, first: Rows, second: Rows, used: Mask, dt: Column, velocity: Column, duration: Column
+        cls,
+        d: Rows,
+        first: Rows,
+        second: Rows,
+        used: Mask,
+        dt: Column,
+        velocity: Column,
+        duration: Column,
+        fall: Column,
     ) -> _LeastSquares:
         unit = (velocity * duration)[:, None]
         time = np.arange(d.shape[1]) * (dt / duration)[:, None]
@@ -138,7 +153,7 @@ class _LeastSquares:
         basis = np.where(used[:, None, :], rows, 0)
         target = np.where(used, d * (duration / velocity)[:, None], 0)
         gram = basis @ basis.transpose(0, 2, 1)
-        return cls(basis, target, gram, (basis @ target[..., None])[..., 0], used.sum(axis=1))
+        return cls(basis, target, gram, (basis @ target[..., None])[..., 0], used.sum(axis=1), fall)
 
     def fit(self, low: Column, high: Column) -> tuple[np.ndarray, Column, Column]:
         """(a, b), δ and the standard error of δ, δ free within twice the bracket around it.
@@ -163,7 +178,7 @@ class _LeastSquares:
         return parameters
 
     def _residual(self, parameters: np.ndarray) -> Column:
-        fitted = (_coefficients(parameters)[:, None, :] @ self.basis)[:, 0]
+        fitted = (_coefficients(parameters, self.fall)[:, None, :] @ self.basis)[:, 0]
         return ((self.target - fitted) ** 2).sum(axis=1)
 
     def fit_given(self, ab: np.ndarray, delta: Column) -> np.ndarray:
@@ -175,7 +190,7 @@ class _LeastSquares:
 
     def _first_guess(self, delta: Column) -> np.ndarray:
         # With d held constant back to contact, x₁ and v₁ are known, and the model is linear in a and b.
-        v = np.clip(1 - self.target[:, 0] * delta, 0.3, 1)
+        v = np.clip(1 - (self.target[:, 0] - self.fall) * delta, 0.3, 1)
         x, zero, one = delta * (1 + v) / 2, np.zeros_like(delta), np.ones_like(delta)
         transform = np.stack(
             [np.stack([v, zero, -one, zero], axis=1), np.stack([x, v, zero, -one], axis=1)], axis=2
@@ -183,8 +198,8 @@ class _LeastSquares:
         return self._solve(transform, self.moment)[0]
 
     def _step(self, parameters: np.ndarray, free: int) -> tuple[np.ndarray, np.ndarray]:
-        jacobian = _jacobian(parameters)[:, :, :free]
-        left_over = self.moment - (self.gram @ _coefficients(parameters)[..., None])[..., 0]
+        jacobian = _jacobian(parameters, self.fall)[:, :, :free]
+        left_over = self.moment - (self.gram @ _coefficients(parameters, self.fall)[..., None])[..., 0]
         step, covariance = self._solve(jacobian, left_over)
         return np.pad(step, ((0, 0), (0, 3 - free))), covariance
 
@@ -205,28 +220,30 @@ def _blank(matrices: np.ndarray) -> np.ndarray:
     return unusable[:, None, None] * np.eye(matrices.shape[1])
 
 
-def _coefficients(parameters: np.ndarray) -> np.ndarray:
+def _coefficients(parameters: np.ndarray, fall: Column) -> np.ndarray:
     a, b, delta = parameters.T
-    x, v = _grown(a, b, delta)
+    x, v = _grown(a, b, delta, fall)
     return np.stack([a * v + b * x, b * v, -a, -b], axis=1)
 
 
-def _jacobian(parameters: np.ndarray) -> np.ndarray:
+def _jacobian(parameters: np.ndarray, fall: Column) -> np.ndarray:
     # Complex steps: the coefficients are polynomials, and there is no difference that could cancel.
     step = 1e-30
     return np.stack(
-        [_coefficients(parameters + 1j * step * np.eye(3)[k]).imag / step for k in range(3)], axis=2
+        [_coefficients(parameters + 1j * step * np.eye(3)[k], fall).imag / step for k in range(3)], axis=2
     )
 
 
-def _grown(a: np.ndarray, b: np.ndarray, delta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The motion x″ = −a x′ − b x from x = 0, v = 1, by their Taylor series."""
+def _grown(
+    a: np.ndarray, b: np.ndarray, delta: np.ndarray, fall: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The motion x″ = ``fall`` − a x′ − b x from x = 0, v = 1, by their Taylor series."""
     earlier, later = np.zeros_like(delta), np.ones_like(delta)
     x, v, power = earlier, later, np.ones_like(delta)
     for order in range(1, _ORDER):
         power = power * delta / order
         x = x + later * power
-        earlier, later = later, -a * later - b * earlier
+        earlier, later = later, -a * later - b * earlier + (fall if order == 1 else 0.0)
         v = v + later * power
     return x, v
 

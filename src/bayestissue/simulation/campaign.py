@@ -11,6 +11,7 @@ import pandas as pd
 from jaxtyping import Float, Int
 
 from bayestissue.dataset.model import Dataset, Recorder, Trace, Uncertainty
+from bayestissue.dataset.settings import gravity_m_s2
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
 from bayestissue.signal.filters import modes, on_even_grid
 from bayestissue.simulation.contact import deceleration, leaves, what_is_met
@@ -37,6 +38,7 @@ class Campaign:
         value: [sample], recorded deceleration, m/s².
         uncertainty: standard deviations of the measuring chain.
         recorder: the low-pass that the recordings went through, if any.
+        gravity: along the motion, m/s²; what is recorded is then force over mass.
     """
 
     impacts: pd.DataFrame
@@ -46,6 +48,7 @@ class Campaign:
     value: Float[np.ndarray, " sample"]
     uncertainty: Uncertainty
     recorder: Recorder | None = None
+    gravity: float = 0.0
 
     def traces(self) -> pd.DataFrame:
         """The long trace table: ``impact``, ``time_s``, ``value``."""
@@ -69,6 +72,7 @@ class Campaign:
             folder=None,
             input_hash="",
             recorder=self.recorder,
+            gravity=self.gravity,
         )
 
 
@@ -107,7 +111,8 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
         recording.offset_sd_m_s2,
     )
     recorder = simulation.recorder.values() if simulation.recorder else None
-    return Campaign(impacts, truth, n, np.round(sample / rate, 9), value, uncertainty, recorder)
+    gravity = gravity_m_s2(simulation.gravity)
+    return Campaign(impacts, truth, n, np.round(sample / rate, 9), value, uncertainty, recorder, gravity)
 
 
 def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFrame:
@@ -157,7 +162,8 @@ def _truth(
         for name in ("K_N_per_m", "C_N_s_per_m")
     )
     responses = ("K", "C", *simulation.tissue.parameters)
-    met = what_is_met(simulation.tissue, impacts, stiffness, damping, mass, velocity, further, effects)
+    motion = (mass, velocity, gravity_m_s2(simulation.gravity))
+    met = what_is_met(simulation.tissue, impacts, stiffness, damping, *motion, further, effects)
     return pd.DataFrame(
         {
             "impact": impacts["impact"],
@@ -242,7 +248,8 @@ def _recorded(
     for begin in range(0, len(n), rows):
         # Every block has the same number of rows, so that one compilation serves them all.
         index = np.minimum(np.arange(begin, begin + rows), len(n) - 1)
-        motion = deceleration(simulation.tissue.element, truth.iloc[index], time)
+        gravity = gravity_m_s2(simulation.gravity)
+        motion = deceleration(simulation.tissue.element, truth.iloc[index], time, gravity)
         part = slice(begin, min(begin + rows, len(n)))
         d = np.asarray(motion)[: part.stop - begin]
         noise: Callable[[int], np.ndarray] = random.standard_normal

@@ -27,6 +27,7 @@ def what_is_met(
     C: Float[np.ndarray, " impact"],
     mass: Float[np.ndarray, " impact"],
     velocity: Float[np.ndarray, " impact"],
+    gravity: float,
     random: np.random.Generator,
     effects: Mapping[str, Float[np.ndarray, " impact"]],
 ) -> dict[str, np.ndarray]:
@@ -35,17 +36,24 @@ def what_is_met(
     Of those the ``effects`` of groups are added to the log.
 
     omega_n and zeta are those of stiffness and damping as they compare across elements: K_secant and
-    C_equivalent of `bayestissue.elements.comparables`.
+    C_equivalent of `bayestissue.elements.comparables`. Along gravity, m/s², a spring and damper also has a
+    moment of its own at which it leaves, or none.
     """
+    along = gravity or None
     if tissue.element == SIDE_BY_SIDE:
         omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(K, C, mass))
-        peak = np.asarray(time_to_peak(omega_n, zeta))
-        return {
+        peak = np.asarray(time_to_peak(omega_n, zeta, velocity, gravity))
+        own = {
             "omega_n_rad_s": omega_n,
             "zeta": zeta,
             "time_to_peak_s": peak,
-            "peak_displacement_m": np.asarray(peak_displacement(omega_n, zeta, velocity)),
+            "peak_displacement_m": np.asarray(peak_displacement(omega_n, zeta, velocity, gravity)),
         }
+        if along is None:
+            return own
+        p = {"K": jnp.asarray(K), "C": jnp.asarray(C)}
+        path = impact(SIDE_BY_SIDE, p, mass, velocity, jnp.zeros((len(K), 1)), gravity=along)
+        return own | {"leaves_s": _until(np.asarray(path.leaves), peak)}
     scatter = tissue.sd_impact_parameters * random.standard_normal((len(tissue.parameters), len(K)))
     names = [parameter.name for parameter in element(tissue.element).extra]
     logs = {name: s + effects.get(name, 0.0) for name, s in zip(names, scatter, strict=True)}
@@ -53,25 +61,30 @@ def what_is_met(
     size = {"diameter_m": impacts["diameter_m"].to_numpy()} if "diameter_m" in impacts else {}
     p = {each: jnp.asarray(value) for each, value in {"K": K, "C": C, **further}.items()}
     diameter = size.get("diameter_m")
-    found = comparables(tissue.element, p, mass, velocity, diameter=diameter)
-    path = impact(tissue.element, p, mass, velocity, jnp.zeros((len(K), 1)), diameter=diameter)
+    beside = {"diameter": diameter, "gravity": along}
+    found = comparables(tissue.element, p, mass, velocity, **beside)
+    path = impact(tissue.element, p, mass, velocity, jnp.zeros((len(K), 1)), **beside)
     stiffness, damping = np.asarray(found.K_secant), np.asarray(found.C_equivalent)
     omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(stiffness, damping, mass))
     end, peak = np.asarray(path.leaves), np.asarray(found.time_to_peak)
-    fades = np.where(np.isfinite(peak), 5 * peak, _NEVER_RESTS_S)
     return {
         "omega_n_rad_s": omega_n,
         "zeta": zeta,
         "time_to_peak_s": peak,
         "peak_displacement_m": np.asarray(found.peak_displacement),
-        # A force that only fades is recorded for five times as long as it took to the peak.
-        "leaves_s": np.where(np.isfinite(end), end, fades),
+        "leaves_s": _until(end, peak),
         **further,
         **size,
         "K_secant_N_per_m": stiffness,
         "C_equivalent_N_s_per_m": damping,
         "energy_lost": np.asarray(found.energy_lost),
     }
+
+
+def _until(end: np.ndarray, peak: np.ndarray) -> np.ndarray:
+    """When the force ends; one that only fades is recorded for five times as long as it took to the peak."""
+    fades = np.where(np.isfinite(peak), 5 * peak, _NEVER_RESTS_S)
+    return np.where(np.isfinite(end), end, fades)
 
 
 def leaves(truth: pd.DataFrame) -> Float[np.ndarray, " impact"]:
@@ -81,17 +94,18 @@ def leaves(truth: pd.DataFrame) -> Float[np.ndarray, " impact"]:
 
 
 def deceleration(
-    name: str, truth: pd.DataFrame, time: Float[np.ndarray, " sample"]
+    name: str, truth: pd.DataFrame, time: Float[np.ndarray, " sample"], gravity: float = 0.0
 ) -> Float[Array, "impact sample"]:
-    """What a perfect recorder sees, [impact, sample]: 0 before contact and once the force is 0.
+    """Force over mass, [impact, sample]: 0 before contact and once the force is 0.
 
     Args:
         name: of the element.
         truth: the impacts, with the columns of `what_is_met` and of K, C, mass, velocity and contact time.
         time: on the recorder's clock [s].
+        gravity: along the motion [m/s^2].
     """
     contact = truth["contact_time_s"].to_numpy()[:, None]
-    if name == SIDE_BY_SIDE:
+    if name == SIDE_BY_SIDE and not gravity:
         names = ["omega_n_rad_s", "zeta", "velocity_m_s"]
         others = (truth[column].to_numpy()[:, None] for column in names)
         return _side_by_side(time, contact, leaves(truth)[:, None], *others)
@@ -101,7 +115,8 @@ def deceleration(
     diameter = truth["diameter_m"].to_numpy() if "diameter_m" in truth else None
     since = jnp.asarray(time - contact)
     mass, velocity = truth["mass_kg"].to_numpy(), truth["velocity_m_s"].to_numpy()
-    return impact(name, p, mass, velocity, since, diameter=diameter).deceleration
+    beside = {"diameter": diameter, "gravity": gravity or None}
+    return impact(name, p, mass, velocity, since, **beside).deceleration
 
 
 @jax.jit

@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from bayestissue.dataset.settings import RecorderSettings
+from bayestissue.dataset.settings import Gravity, RecorderSettings
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, GroupTerm
 from bayestissue.hierarchy.priors import term_of_group, term_of_slope
 from bayestissue.settings import checked, read_toml
@@ -253,6 +253,11 @@ class Simulation(_Table):
     design: Design = Field(default=Design(), description="who is hit how.")
     tissue: Tissue = Field(description="a typical person's K and C, and how they vary.")
     recording: Recording = Field(default=Recording(), description="the measuring chain.")
+    gravity: Gravity = Field(
+        default="none",
+        description="the part of gravity along the motion, as signal.gravity of dataset.toml: none, drop, or "
+        "a number of m/s². What is recorded is force over mass, 0 in free fall.",
+    )
     recorder: RecorderSettings | None = Field(
         default=None,
         description="a table [recorder] as in dataset.toml: a low-pass between the sensor and the file. "

@@ -24,6 +24,8 @@ def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> 
         "signal": {"quantity": "deceleration", "unit": "m/s^2"},
         "uncertainty": asdict(campaign.uncertainty),
     }
+    if campaign.gravity:
+        settings["signal"] |= {"gravity": campaign.gravity}
     if campaign.recorder is not None:
         settings["recorder"] = campaign.recorder.settings()
     write_dataset(

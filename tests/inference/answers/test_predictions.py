@@ -29,20 +29,23 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Run:
     return read_run(make_fit_run(tmp_path_factory.mktemp("predicted") / "run"))
 
 
-def sure(run: Run, **sd: float) -> Finished:
+def sure(run: Run, gravity: float = 0.0, **sd: float) -> Finished:
     """The run with these standard deviations in place of its own, conditions and exponents without effect."""
     posterior = run.posterior["posterior"].to_dataset().copy()
     named = {"sd_impact_K": 0.0, "sd_impact_C": 0.0, "sd_subject_K": 0.0, "sd_subject_C": 0.0}
     named |= {"sd_trial_K": 0.0, "sd_trial_C": 0.0, "mass_exponent_K": 0.0, "mass_exponent_C": 0.0} | sd
     for name, value in named.items():
         posterior[name] = xr.full_like(posterior[name], value)
-    return Finished.of(xr.DataTree.from_dict({
-        "posterior": posterior, "constant_data": run.posterior["constant_data"].dataset
-    }), run.about["model"])  # fmt: skip
+    constants = run.posterior["constant_data"].to_dataset()
+    if gravity:
+        constants["gravity_m_s2"] = gravity
+    groups = {"posterior": posterior, "constant_data": constants}
+    return Finished.of(xr.DataTree.from_dict(groups), run.about["model"])
 
 
-def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Run) -> None:
-    finished = sure(run)
+@pytest.mark.parametrize("gravity", [0.0, 9.80665])
+def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Run, gravity: float) -> None:
+    finished = sure(run, gravity)
     table = predict(finished, read_conditions(AT, finished.recorded))
     draws = finished.posterior
     for place, (effect, mass, velocity) in enumerate([("s1", 0.7, 1.5), (None, 1.1, 2.0), (None, 0.7, 1.5)]):
@@ -54,8 +57,8 @@ def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Run) -> None:
         expected = {
             "K_N_per_m": K,
             "C_N_s_per_m": C,
-            "peak_displacement_m": peak_displacement(omega_n, zeta, velocity),
-            "time_to_peak_s": time_to_peak(omega_n, zeta),
+            "peak_displacement_m": peak_displacement(omega_n, zeta, velocity, gravity),
+            "time_to_peak_s": time_to_peak(omega_n, zeta, velocity, gravity),
         }
         for name, values in expected.items():
             ends = np.quantile(values, [0.5, 0.05, 0.95])

@@ -44,13 +44,18 @@ EPSILON = np.finfo(float).eps
 WIDTH = 160
 
 
-def measured(name: str, values: dict[str, float], to_peak: np.ndarray, off: int = 0) -> MeasuredImpact:
+def measured(
+    name: str, values: dict[str, float], to_peak: np.ndarray, off: int = 0, gravity: float | None = None
+) -> MeasuredImpact:
     """A record whose window ends so many samples after the last before the greatest penetration."""
     count = np.floor((to_peak - FIRST) / DT).astype(int) + 1 + off
     still = np.zeros((2, WIDTH))
     given = (FIRST, DT, VELOCITY, np.zeros((2, 4)), np.zeros(2, bool), MASS, np.full(2, 0.0318))
     parameters = jnp.array([np.full(2, value) for value in values.values()])
-    return MeasuredImpact(element(name), parameters, NONE, ElementRecord.of(still, count, *given))
+    record = ElementRecord.of(still, count, *given)
+    if gravity is not None:
+        record = record._replace(gravity=jnp.full(2, gravity))
+    return MeasuredImpact(element(name), parameters, NONE, record)
 
 
 @partial(jax.jit, static_argnums=0)
@@ -62,12 +67,14 @@ def whole(given: MeasuredImpact, delta: Array, error: Array) -> Whole:
     return _whole(given.element, given.parameters, given.record, delta, error)
 
 
-def as_discrepancy(tissue: str, values: dict[str, float]) -> tuple[MeasuredImpact, Whole]:
+def as_discrepancy(
+    tissue: str, values: dict[str, float], gravity: float | None = None
+) -> tuple[MeasuredImpact, Whole]:
     """A tissue's impacts as spring and damper, with all that these lack of it as discrepancy."""
-    true = comparables(tissue, values, MASS, VELOCITY)
-    given = measured("kelvin_voigt", SIDE_BY_SIDE, np.asarray(true.time_to_peak))
+    true = comparables(tissue, values, MASS, VELOCITY, gravity=gravity)
+    given = measured("kelvin_voigt", SIDE_BY_SIDE, np.asarray(true.time_to_peak), gravity=gravity)
     own = motion(given.element, given.parameters, given.record, given.record.velocity)
-    all_of_it = impact(tissue, values, MASS, VELOCITY, given.record.time()).deceleration
+    all_of_it = impact(tissue, values, MASS, VELOCITY, given.record.time(), gravity=gravity).deceleration
     return given, whole(given, all_of_it - own.d, NONE)
 
 
@@ -82,11 +89,14 @@ def test_without_a_discrepancy_the_secant_is_the_element_s(
     np.testing.assert_allclose(found.secant, true.K_secant, rtol=TOLERANCE)
 
 
-def test_the_secant_is_that_of_element_and_discrepancy_together() -> None:
+@pytest.mark.parametrize("gravity", [None, 9.80665])
+def test_the_secant_is_that_of_element_and_discrepancy_together(gravity: float | None) -> None:
     """What spring and damper lack of a stiffening element, given as discrepancy, makes up its secant."""
-    true = comparables("stiffening", STIFF, MASS, VELOCITY)
-    _, found = as_discrepancy("stiffening", STIFF)
+    true = comparables("stiffening", STIFF, MASS, VELOCITY, gravity=gravity)
+    _, found = as_discrepancy("stiffening", STIFF, gravity)
     np.testing.assert_allclose(found.secant, true.K_secant, rtol=OF_DISCREPANCY)
+    np.testing.assert_allclose(found.peak, true.peak_displacement, rtol=OF_DISCREPANCY)
+    np.testing.assert_allclose(found.damping, STIFF["C"], rtol=OF_DAMPING)
     assert (np.abs(SIDE_BY_SIDE["K"] / true.K_secant - 1) > 0.02).all()
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import xarray as xr
 
+from bayestissue.elements.element import GRAVITY
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 
@@ -24,6 +25,7 @@ class Finished:
         recorded: what was measured.
         element: what the impactor met.
         discrepancy: whether a force of unknown shape acts beside the element's.
+        gravity: along the motion [m/s^2].
     """
 
     posterior: xr.Dataset
@@ -31,6 +33,7 @@ class Finished:
     recorded: Recorded
     element: str = SIDE_BY_SIDE
     discrepancy: bool = False
+    gravity: float = 0.0
 
     @classmethod
     def of(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Finished:
@@ -43,4 +46,5 @@ class Finished:
             Recorded.of_run(constants, model),
             str(model.get("element", SIDE_BY_SIDE)),
             "discrepancy" in posterior,
+            float(constants[GRAVITY]) if GRAVITY in constants else 0.0,
         )

@@ -4,7 +4,7 @@ A prediction is of one new impact. Its log K and log C are the expected ones at 
 from impact to impact added: N(0, S), S with the spreads sd_impact_K, sd_impact_C and their correlation; a
 further parameter of the element likewise. People, conditions and other levels that were measured keep their
 effects; any other level, and one that is not given, is a new one of its population. Each draw's K and C, with
-the mass and velocity, are then simulated on the run's element.
+the mass and velocity, are then simulated on the run's element, along the gravity of the run.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.elements import REFERENCE_DIAMETER_M, element
+from bayestissue.elements.element import GRAVITY
 from bayestissue.elements.peaks import Peaks, peaks_of
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
@@ -76,7 +77,10 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
     if finished.discrepancy:
         notes = [[*each, NO_LAW] for each in notes]
     else:
-        values |= _peaks(finished.element, some, mass, velocity, diameter)
+        beside = {"diameter_m": diameter}
+        if finished.gravity:
+            beside[GRAVITY] = np.full(len(conditions), finished.gravity)
+        values |= _peaks(finished.element, some, mass, velocity, beside)
         notes = [[*n, *([] if v > 0 else [NO_VELOCITY])] for n, v in zip(notes, velocity, strict=True)]
     return pd.DataFrame(
         [
@@ -130,11 +134,14 @@ def _peaks(
     parameters: dict[str, Float[np.ndarray, "draw condition"]],
     mass: Float[np.ndarray, " condition"],
     velocity: Float[np.ndarray, " condition"],
-    diameter: Float[np.ndarray, " condition"],
+    beside: dict[str, Float[np.ndarray, " condition"]],
 ) -> dict[str, Float[np.ndarray, "draw condition"]]:
-    """Each of the peaks in every draw and condition; NaN where there is no velocity."""
+    """Each of the peaks in every draw and condition; NaN where there is no velocity.
+
+    ``beside`` is what the element's functions take beside its parameters.
+    """
     shape = parameters["K"].shape
-    p = {**parameters, "diameter_m": np.broadcast_to(diameter, shape)}
+    p = parameters | {name: np.broadcast_to(each, shape) for name, each in beside.items()}
     known = np.where(velocity > 0, velocity, 1.0)
     each = [np.broadcast_to(v, shape).ravel() for v in (*p.values(), mass, known)]
     parts = []

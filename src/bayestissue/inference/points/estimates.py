@@ -24,6 +24,7 @@ from bayestissue.inference.points.notes import (
     STRUCTURED,
     THETA1,
 )
+from bayestissue.oscillator import peak_displacement
 from bayestissue.signal import Displacements, SignalOptions
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.quality import Finding, raised
@@ -69,6 +70,7 @@ def estimates_table(
         signal.dt[long_enough],
         signal.mass[long_enough],
         method,
+        gravity=signal.gravity[long_enough],
     )
     whole = PointFit(*(in_rows(column, long_enough) for column in fit))
     mass_sd = dataset.uncertainty.relative_mass_sd
@@ -171,7 +173,7 @@ def flagged(
 ) -> tuple[list[list[Coded]], list[list[Coded]]]:
     """What is wrong with each impact, and what is only the method's or the recording's way."""
     with np.errstate(invalid="ignore", divide="ignore"):
-        implied = fit.unit_peak * signal.velocity
+        implied = np.asarray(peak_displacement(fit.omega_n, fit.zeta, signal.velocity, signal.gravity))
         another_peak = np.abs(implied / signal.peak_displacement - 1) > PEAK_DISAGREES
         # What is integrated from behind a low-pass has contact, and so its peak, elsewhere.
         another_peak &= method != "impact" or dataset.recorder is None

@@ -21,7 +21,7 @@ from bayestissue.likelihood import SineTransforms, sine_transforms
 from bayestissue.likelihood.arma.arma21 import LOG_2PI
 from bayestissue.likelihood.quadratic import log_determinant
 from bayestissue.likelihood.transforms import FILLED
-from bayestissue.oscillator import arccos_branch, from_differences, peak_displacement, spring_damper
+from bayestissue.oscillator import arccos_branch, from_differences, spring_damper
 from bayestissue.padding import bucket
 
 Method = Literal["exact", "dds"]
@@ -49,7 +49,6 @@ class PointFit(NamedTuple):
         log_likelihood: exact log likelihood of the fit given the first two samples; for "dds" the
             conditional one.
         whiteness_p: p-value of Ljung and Box's test of the residuals over ten lags.
-        unit_peak: peak displacement that omega_n and zeta imply, per unit of contact velocity [s].
         branch: which value of arccos theta1 asks for; K and C are those of the main one, 0.
         noiseless: whether the residual is no more than rounding errors.
         theta1_at_limit: whether theta1 is nearer to -1 or 1 than N samples can tell.
@@ -72,7 +71,6 @@ class PointFit(NamedTuple):
     C_se: Column
     log_likelihood: Column
     whiteness_p: Column
-    unit_peak: Column
     branch: Num[np.ndarray, " impact"]
     noiseless: Num[np.ndarray, " impact"]
     theta1_at_limit: Num[np.ndarray, " impact"]
@@ -85,6 +83,7 @@ def fit_points(
     mass: Column,
     method: Method = "exact",
     *,
+    gravity: Column | None = None,
     repeated: bool = False,
 ) -> PointFit:
     """Fit every impact by itself, all of them in one compiled function.
@@ -96,6 +95,8 @@ def fit_points(
         mass: impacting mass of each [kg].
         method: "exact" maximises the exact likelihood with a free start about the zero of ``x``; "dds"
             is the thesis's conditional least squares on the deviations from the sample mean.
+        gravity: along the motion of each [m/s^2], which gives "exact" the mean g / omega_n^2; "dds" takes the
+            sample mean whatever it is.
         repeated: whether more of the kind follow. A few impacts are otherwise fitted by what compiles soon
             and not by what runs fast.
 
@@ -117,7 +118,8 @@ def fit_points(
         return PointFit(*(np.empty(0, _TYPES.get(name, float)) for name in PointFit._fields))
     x = np.pad(x, ((0, 0), (0, _width(x.shape[1]) - x.shape[1])))
     few = len(x) < _FEW and not repeated
-    columns = (x, n_samples, np.asarray(dt, float), np.asarray(mass, float))
+    fall = np.zeros(len(x)) if gravity is None or method == "dds" else np.asarray(gravity, float)
+    columns = (x, n_samples, np.asarray(dt, float), np.asarray(mass, float), fall)
     items = [(*(column[rows] for column in columns), method, few) for rows in _batches(len(x))]
     parts = dict(computed(_fit_of_batch, items, scheduler=cluster() if len(items) > 1 else None))
     ordered = [parts[place] for place in range(len(items))]
@@ -125,13 +127,32 @@ def fit_points(
     return PointFit(**whole)
 
 
+# With gravity w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2} - c2 g / omega_n^2, of which the last is nearly g dt^2
+# whatever the tissue is: what is left of an error of omega_n in it is its zeta omega_n dt-th part each round.
+_ROUNDS = 3
+
+
 def _fit_of_batch(
-    item: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, Method, bool],
+    item: tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray, Method, bool],
 ) -> dict[str, np.ndarray]:
-    x, n_samples, dt, mass, method, few = item
+    x, n_samples, dt, mass, gravity, method, few = item
     data = _prepared(x, n_samples, centred=method == "dds")
-    fit, values = (_fit_few if few else _fit_batch)(data, dt, mass, method)
-    p = whiteness(np.asarray(data.x), n_samples, *(np.asarray(c) for c in (fit.c1, fit.c2, fit.theta1)))
+    fitted = _fit_few if few else _fit_batch
+    fit, values = fitted(data, dt, mass, method)
+    rest = np.zeros_like(dt)
+    if gravity.any():
+        # The second differences of a parabola are 1.
+        one = sine_transforms(np.arange(x.shape[1]) ** 2 / 2 + np.zeros_like(x), n_samples).columns[0]
+        share = np.ones_like(dt)
+        for _ in range(_ROUNDS):
+            falls = (data.columns[0] - (gravity * dt**2 * share)[:, None] * one, *data.columns[1:])
+            fit, values = fitted(data._replace(columns=falls), dt, mass, method)
+            omega_n, c2 = np.asarray(values["omega_n"]), np.asarray(fit.c2)
+            known = np.isfinite(omega_n) & (omega_n > 0)
+            rest = np.where(known, gravity / np.where(known, omega_n, 1.0) ** 2, 0.0)
+            share = np.where(known, c2 * rest / (gravity * dt**2 + (gravity == 0)), 1.0)
+    about = np.where(np.arange(x.shape[1]) < n_samples[:, None], np.asarray(data.x) - rest[:, None], 0.0)
+    p = whiteness(about, n_samples, *(np.asarray(c) for c in (fit.c1, fit.c2, fit.theta1)))
     return {**jax.tree.map(np.asarray, values), "whiteness_p": p}
 
 
@@ -205,7 +226,6 @@ def _physical(fit: Profile, covariance: Covariance, dt: Array, mass: Array) -> d
         "C": C,
         "K_signed": mass * square / dt**2,
         "C_signed": 2 * mass * decay / dt,
-        "unit_peak": peak_displacement(w / dt, zeta, 1.0),
         "omega_n_se": errors["angle"] / dt,
         "zeta_se": errors["damping"],
         "K_se": errors["square"] * mass / dt**2,

@@ -21,7 +21,7 @@ from bayestissue.inference.quantities.static_force import at_common_depth, whole
 from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
 from bayestissue.likelihood.element.deceleration import MeasuredDeceleration
 from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import CONTACT, VELOCITY, ElementRecord
+from bayestissue.likelihood.element.response import CONTACT, VELOCITY, ElementRecord, beside_parameters
 
 COMPARABLE = {
     "K_tangent": ("N/m", "slope of the force with penetration at contact"),
@@ -84,7 +84,7 @@ def element_quantities(
         return {}
     which, values = element(model.element), element_parameters(model, u)
     p = {parameter.name: value for parameter, value in zip(which.parameters, values, strict=True)}
-    own = {**p, "diameter_m": record.diameter}
+    own = p | beside_parameters(record)
     found = comparables_of(which, own, record.mass, record.velocity + measured.chain_error[:, VELOCITY])
     heavier = jnp.exp(mass_error)
     further, common = {}, None

@@ -50,8 +50,8 @@ class Whole(NamedTuple):
         v: velocity there, 0 from then on [m/s].
         force: M a there, a being the whole deceleration [N].
         peak: greatest depth [m].
-        damping: -M a' / a at the greatest depth [N s/m]. Of F = f(x) + C v that is C whatever the spring's
-            law f, since there v = 0 and v' = -a.
+        damping: -M a' / (a - g) at the greatest depth [N s/m]. Of F = f(x) + C v that is C whatever the
+            spring's law f, since there v = 0 and v' = g - a.
     """
 
     x: Float[Array, "impact sample"]
@@ -69,7 +69,7 @@ class Whole(NamedTuple):
 def whole_impact(
     measured: MeasuredImpact, delta: Float[Array, "impact sample"], velocity_error: Float[Array, " impact"]
 ) -> Whole:
-    """The motion under a = d + delta, the element's own less delta's integrals.
+    """The motion under F / M = a = d + delta, the element's own less delta's integrals.
 
     The greatest depth is soon after, or before, the sample whose velocity is nearest to 0, in the window or a
     little past its end; a and its slope there are those of the parabola through three samples about it.
@@ -92,10 +92,13 @@ def whole_impact(
     before, here, after = (at(a, middle + step) for step in (-1, 0, 1))
     step = record.dt[:, None]
     slope, bend = (after - before) / (2 * step), (after - 2 * here + before) / step**2
-    depth, speed, own_a = at(x, last), at(v, last), at(a, last)
+    depth, speed = at(x, last), at(v, last)
     rate = slope + bend * (last - middle) * step
-    wait = speed / (own_a + rate * (speed / own_a) / 2)
-    peak = depth + wait * (speed - wait * (own_a / 2 + rate * wait / 6))
+    # Force over mass slows by gravity less than itself.
+    fall = 0.0 if record.gravity is None else record.gravity[:, None]
+    slows = at(a, last) - fall
+    wait = speed / (slows + rate * (speed / slows) / 2)
+    peak = depth + wait * (speed - wait * (slows / 2 + rate * wait / 6))
     later = (last - middle) * step + wait
     most, steeper = here + slope * later + bend * later**2 / 2, slope + bend * later
     # One more place, so that the greatest depth is there also where the window's last sample comes before it.
@@ -106,7 +109,7 @@ def whole_impact(
     )
     x, v, a = until
     mass = record.mass
-    return Whole(x, v, mass[:, None] * a, peak[:, 0], -mass * (steeper / most)[:, 0])
+    return Whole(x, v, mass[:, None] * a, peak[:, 0], -mass * (steeper / (most - fall))[:, 0])
 
 
 def whole_at_common_depth(

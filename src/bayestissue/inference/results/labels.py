@@ -11,6 +11,7 @@ import numpy as np
 import xarray as xr
 
 from bayestissue.elements import element, element_names
+from bayestissue.elements.element import GRAVITY
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import intercept, parameter_of
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, stem_of
@@ -65,6 +66,7 @@ _TRACE_ATTRIBUTES = {
         ("mass_kg", "kg", "recorded mass"),
         ("velocity_m_s", "m/s", "recorded velocity at contact"),
         ("common_depth_m", "m", "depth that every impact reaches, that of K_common_depth"),
+        (GRAVITY, "m/s^2", "gravity along the motion, where there is any: decelerations are force over mass"),
         ("n_samples", "1", "samples in the window"),
         ("sampling_interval_s", "s", "sampling interval"),
         ("first_sample_s", "s", "time from contact to the first sample"),
@@ -89,7 +91,7 @@ GROUPS: dict[str, tuple[str, tuple[str, ...]]] = {
         "what is known of each impact",
         (
             *("mass_kg", "velocity_m_s", "n_samples", "sampling_interval_s", "first_sample_s", "time"),
-            "common_depth_m",
+            *("common_depth_m", GRAVITY),
             *(f"{name}_error_sd" for name in ("level", "ramp", "velocity", "gain", "offset", "contact_time")),
         ),
     ),

@@ -12,6 +12,7 @@ import pandas as pd
 import xarray as xr
 
 from bayestissue.dataset.impacts import RESERVED
+from bayestissue.elements.element import GRAVITY
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.derived import named_sites
 from bayestissue.hierarchy.design import Design
@@ -145,6 +146,7 @@ def _constants(prepared: Prepared) -> dict[str, np.ndarray]:
     depth = record.common_depth if isinstance(record, ElementRecord) else None
     return {
         **({} if depth is None else {"common_depth_m": np.asarray(depth)[0]}),
+        **({GRAVITY: signal.gravity[0]} if signal.gravity.any() else {}),
         "time": np.where(inside, time, np.nan),
         "mass_kg": signal.mass,
         "velocity_m_s": signal.velocity,

@@ -26,7 +26,7 @@ from bayestissue.inference.points.notes import UNCORRECTED
 from bayestissue.inference.points.whiteness import ljung_box
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
-from bayestissue.oscillator import peak_displacement, spring_damper_inverse, to_discrete
+from bayestissue.oscillator import spring_damper_inverse, to_discrete
 from bayestissue.resources import shared
 from bayestissue.signal import Displacements, SignalOptions, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
@@ -188,7 +188,6 @@ def _as_fit(found: SinglePosteriors, signal: Displacements, noiseless: np.ndarra
         C_se=C_se,
         log_likelihood=found.log_likelihood,
         whiteness_p=ljung_box(found.innovations.T, found.n_innovations),
-        unit_peak=np.asarray(peak_displacement(omega_n, zeta, 1.0)),
         branch=np.zeros(len(K), int),
         noiseless=noiseless,
         theta1_at_limit=np.zeros(len(K), bool),

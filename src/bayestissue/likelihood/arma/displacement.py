@@ -3,6 +3,9 @@
 With a recorded deceleration (1 + g) d + b and a velocity V recorded for V + dV, two integrations give
 x - (g V + dV) t - b t^2 / 2 for the displacement x, up to products of errors; a contact time in error by
 tau adds V tau. All three are linear: a constant, a ramp and a parabola.
+
+Gravity g along the motion gives the process the mean x_e = g / omega_n^2, where the impactor comes to rest:
+no free parameter. w_t is smaller by c2 x_e then.
 """
 
 from __future__ import annotations
@@ -47,6 +50,7 @@ class DisplacementRecord(NamedTuple):
             in blocks of frequencies.
         spread: 2 - 2 cos(j pi / (n - 1)) in the same blocks.
         error_sd: standard deviations of the constant [m], the ramp [m/s] and the parabola [m/s^2].
+        gravity: g, along the motion [m/s^2].
     """
 
     x: Float[Array, "impact sample"]
@@ -56,6 +60,7 @@ class DisplacementRecord(NamedTuple):
     columns: tuple[Float[Array, "block impact lane"], ...]
     spread: Float[Array, "block impact lane"]
     error_sd: Float[Array, "impact 3"]
+    gravity: Float[Array, " impact"]
 
     @property
     def traces(self) -> Float[Array, "impact sample"]:
@@ -75,7 +80,7 @@ class DisplacementRecord(NamedTuple):
         self, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
     ) -> DisplacementRecord:
         """The record of other traces, or of fewer of their samples."""
-        same = map(np.asarray, (self.first_time, self.dt, self.error_sd))
+        same = map(np.asarray, (self.first_time, self.dt, self.error_sd, self.gravity))
         return displacement_record(traces, n_samples, *same)
 
     def with_normal_errors(self) -> DisplacementRecord:
@@ -89,6 +94,7 @@ def displacement_record(
     first_time: Float[np.ndarray, " impact"],
     dt: Float[np.ndarray, " impact"],
     error_sd: Float[np.ndarray, "impact 3"],
+    gravity: float | Float[np.ndarray, " impact"] = 0.0,
 ) -> DisplacementRecord:
     """Transform the traces and the errors' columns once, those of one length in one call.
 
@@ -125,26 +131,30 @@ def displacement_record(
         tuple(in_blocks(column) for column in columns),
         in_blocks(spread),
         jnp.asarray(error_sd),
+        jnp.asarray(np.broadcast_to(np.asarray(gravity, float), lengths.shape)),
     )
 
 
-def displacement_products(record: DisplacementRecord, c1: Array, c2: Array, theta1: Array) -> Products:
-    """Products of w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2} and of what the errors' columns become.
+def displacement_products(
+    record: DisplacementRecord, c1: Array, c2: Array, theta1: Array, fall: Array
+) -> Products:
+    """Products of w_t = x''_t + c1 x'_{t-1} + c2 (x_{t-2} - x_e) and of what the errors' columns become.
 
     Args:
         record: the traces.
         c1: 2 - phi1, for each impact.
         c2: 1 - phi1 - phi2.
         theta1: moving-average coefficient.
+        fall: c2 x_e [m].
     """
     entries = sums_over_frequencies(_terms(*_parts(record, c1, c2, theta1)))
-    return _products(entries, c1, c2, theta1, record)
+    return _products(entries, c1, c2, theta1, fall, record)
 
 
 def _parts(
     record: DisplacementRecord, c1: Array, c2: Array, theta1: Array
 ) -> tuple[tuple[Array, ...], Array]:
-    """w, 1, t and t^2 by frequency, and 1 over the eigenvalues of T."""
+    """w, without gravity, 1, t and t^2 by frequency, and 1 over the eigenvalues of T."""
     bend, slope, level, *powers = record.columns
     parts = (bend + c1[:, None] * slope + c2[:, None] * level, *powers)
     return parts, 1 / eigenvalues(theta1[:, None], record.spread)
@@ -156,9 +166,14 @@ def _terms(parts: tuple[Array, ...], weight: Array) -> tuple[Array, ...]:
 
 
 def _products(
-    entries: tuple[Array, ...], c1: Array, c2: Array, theta1: Array, record: DisplacementRecord
+    entries: tuple[Array, ...],
+    c1: Array,
+    c2: Array,
+    theta1: Array,
+    fall: Array,
+    record: DisplacementRecord,
 ) -> Products:
-    """From the products of w, 1, t and t^2 to those of w and the errors' columns.
+    """From the products of w, 1, t and t^2 to those of w less gravity's constant and the errors' columns.
 
     The constant becomes c2, the ramp c1 dt + c2 t, half the parabola
     dt^2 + c1 dt (t + dt / 2) + c2 t^2 / 2, all at t - 2.
@@ -169,9 +184,10 @@ def _products(
         (c1 * dt, c2),
         (dt**2 * (1 + c1 / 2), c1 * dt, c2 / 2),
     )
-    with_w = [small.dot(column, plain[0][1:]) for column in columns]
+    w = [plain[0][b] - fall * plain[1][b] for b in range(4)]
+    with_w = [small.dot(column, w[1:]) for column in columns]
     rows = [[small.dot(column, plain[b + 1][1:]) for b in range(3)] for column in columns]
-    lower = [plain[0][0]]
+    lower = [w[0] - fall * w[1]]
     for a in range(3):
         lower += [with_w[a], *(small.dot(columns[b], rows[a]) for b in range(a + 1))]
     count = record.n_samples - 2.0
@@ -184,6 +200,7 @@ def recorded_log_likelihood(
     c2: Float[Array, " impact"],
     theta1: Float[Array, " impact"],
     log_sigma: Float[Array, " impact"],
+    fall: Float[Array, " impact"],
     record: DisplacementRecord,
 ) -> Float[Array, " impact"]:
     """Log density of the recorded traces, errors integrated out: one pass over frequencies, two with slopes.
@@ -193,24 +210,27 @@ def recorded_log_likelihood(
         c2: 1 - phi1 - phi2.
         theta1: moving-average coefficient.
         log_sigma: log of the shocks' standard deviation [m].
+        fall: c2 x_e [m].
         record: the traces.
     """
-    products = displacement_products(record, c1, c2, theta1)
+    products = displacement_products(record, c1, c2, theta1, fall)
     return marginal_log_likelihood(products, log_sigma, record.error_sd)
 
 
 @recorded_log_likelihood.defjvp
 def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
     """Slopes by way of the products take one more pass; all others are of a few numbers an impact."""
-    c1, c2, theta1, log_sigma, record = primals
+    c1, c2, theta1, log_sigma, fall, record = primals
     parts, weight = _parts(record, c1, c2, theta1)
     entries = sums_over_frequencies(_terms(parts, weight))
 
-    def density(entries: tuple[Array, ...], c1: Array, c2: Array, theta1: Array, log_sigma: Array) -> Array:
-        products = _products(entries, c1, c2, theta1, record)
+    def density(
+        entries: tuple[Array, ...], c1: Array, c2: Array, theta1: Array, log_sigma: Array, fall: Array
+    ) -> Array:
+        products = _products(entries, c1, c2, theta1, fall, record)
         return marginal_log_likelihood(products, log_sigma, record.error_sd)
 
-    value, pull_back = jax.vjp(density, entries, c1, c2, theta1, log_sigma)
+    value, pull_back = jax.vjp(density, entries, c1, c2, theta1, log_sigma, fall)
     # Made before the second pass, not anew for each of its frequencies.
     by_entries, *slopes = jax.lax.optimization_barrier(pull_back(jnp.ones_like(value)))
     rows = from_lower_entries(tuple(slope[:, None] for slope in by_entries))
@@ -224,7 +244,7 @@ def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
         *sums_over_frequencies((by_eigenvalue * (record.spread - 2 * (1 - theta1)[:, None]),)),
     )
     changes = [(slope + extra) * d for slope, extra, d in zip(slopes, more, tangents, strict=False)]
-    return value, sum(changes, slopes[3] * tangents[3])
+    return value, sum(changes, slopes[3] * tangents[3] + slopes[4] * tangents[4])
 
 
 class MeasuredDisplacement(dist.Distribution):
@@ -268,14 +288,20 @@ class MeasuredDisplacement(dist.Distribution):
         c1, c2, sampled = to_differences(self.omega_n, self.zeta, self.record.dt)
         return c1, c2, sampled if self.theta1 is None else self.theta1
 
+    def rest(self) -> Array:
+        """x_e = g / omega_n^2, the mean of the process [m]."""
+        return self.record.gravity / self.omega_n**2
+
     def products(self) -> Products:
         """See `displacement_products`."""
-        return displacement_products(self.record, *self.differences())
+        c1, c2, theta1 = self.differences()
+        return displacement_products(self.record, c1, c2, theta1, c2 * self.rest())
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors integrated out."""
         if value is self.record.x:
-            return recorded_log_likelihood(*self.differences(), self.log_sigma, self.record)
+            c1, c2, theta1 = self.differences()
+            return recorded_log_likelihood(c1, c2, theta1, self.log_sigma, c2 * self.rest(), self.record)
         return marginal_log_likelihood(self._filtered(value), self.log_sigma, self.record.error_sd)
 
     def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
@@ -290,7 +316,7 @@ class MeasuredDisplacement(dist.Distribution):
         errors = record.error_sd * jax.random.normal(key_of_errors, (*sample_shape, *self.batch_shape, 3))
         time = record.first_time[:, None] + jnp.arange(record.x.shape[1]) * record.dt[:, None]
         e0, e1, e2 = (errors[..., i, None] for i in range(3))
-        added = e0 + e1 * time + e2 * time**2 / 2
+        added = e0 + e1 * time + e2 * time**2 / 2 + self.rest()[:, None]
         first = record.x[:, :2] - added[..., :2]
         shape = (*sample_shape, *self.batch_shape)
         clean = ARMA21(
@@ -325,6 +351,7 @@ class MeasuredDisplacement(dist.Distribution):
         series = jnp.stack(jnp.broadcast_arrays(value, jnp.ones_like(time), time, time**2 / 2))
         slope = jnp.diff(series, axis=-1)
         w = jnp.diff(slope, axis=-1) + c1[:, None] * slope[..., :-1] + c2[:, None] * series[..., :-2]
+        w = w.at[0].add(-(c2 * self.rest())[:, None])
         valid = jnp.broadcast_to(valid, w.shape)
         errors, spreads = innovations(jnp.where(valid, w, 0.0), jnp.broadcast_to(theta1, w.shape[:-1]), valid)
         return Products(gram(tuple(errors), 1 / spreads[0]), jnp.log(spreads[0]).sum(-1), count)

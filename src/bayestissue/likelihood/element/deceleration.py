@@ -1,8 +1,12 @@
 """Recorded decelerations of an impact on a spring and damper, with white noise and a measuring chain.
 
-(1 + g) d(t - tau; V + dV) + b, to first order in the errors: d itself is V times the deceleration h(t) of
-an impact at unit velocity, so gain and velocity errors add (g V + dV) h(t), an offset adds b, and an error
+(1 + gain) d(t - tau; V + dV) + b, to first order in the errors: d itself is V times the deceleration h(t) of
+an impact at unit velocity, so gain and velocity errors add (gain V + dV) h(t), an offset adds b, and an error
 tau of the contact time adds -tau V h'(t). Contact lies anywhere between two samples: tau is uniform then.
+
+Where gravity g acts along the motion, d is what a sensor reads that is 0 in free fall, F / M = g - x''. The
+answer u(t) to a unit impulse has h = -u'', and a constant force M g adds g (1 - u'): d = V h + g (1 - u') and
+d' = V h' + g h. Gain and velocity are then two errors: see `bayestissue.likelihood.element.impact` for both.
 """
 
 from __future__ import annotations
@@ -28,7 +32,7 @@ from bayestissue.likelihood.linear_errors import (
 )
 from bayestissue.likelihood.quadratic import sums_over_frequencies
 from bayestissue.likelihood.transforms import FILLED, in_blocks
-from bayestissue.oscillator import impact_motion
+from bayestissue.oscillator import Motion, impact_motion
 from bayestissue.padding import bucket
 
 
@@ -42,9 +46,10 @@ class DecelerationRecord(NamedTuple):
         dt: sampling interval [s].
         velocity: recorded velocity at contact [m/s].
         error_sd: standard deviations of velocity and gain together [m/s], of the offset [m/s^2] and of the
-            contact time [s].
+            contact time [s]; along gravity of the velocity alone.
         uniform: where the contact time's error is uniform instead of normal.
         blocks: the decelerations, sample k = lane + lanes * block.
+        gravity: g, along the motion [m/s^2].
     """
 
     d: Float[Array, "impact sample"]
@@ -55,10 +60,11 @@ class DecelerationRecord(NamedTuple):
     error_sd: Float[Array, "impact 3"]
     uniform: Bool[Array, " impact"]
     blocks: Float[Array, "block impact lane"]
+    gravity: Float[Array, " impact"]
 
     @classmethod
-    def of(cls, *arrays: np.ndarray) -> DecelerationRecord:
-        """From numpy arrays in the order of the attributes before ``blocks``.
+    def of(cls, *arrays: np.ndarray, gravity: float | np.ndarray = 0.0) -> DecelerationRecord:
+        """From numpy arrays in the order of the attributes before ``blocks``, and gravity.
 
         Values past a row's end are cleared.
         """
@@ -66,8 +72,9 @@ class DecelerationRecord(NamedTuple):
         d = np.where(np.arange(d.shape[1]) < n_samples[:, None], d, 0.0)
         width = FILLED * bucket(-(-d.shape[1] // FILLED))
         padded = np.pad(d, ((0, 0), (0, width - d.shape[1])))
-        arrays = jax.device_put((d, n_samples, *others))
-        return cls._make([*arrays, in_blocks(padded)])
+        along = np.broadcast_to(np.asarray(gravity, float), n_samples.shape)
+        *arrays, along = jax.device_put((d, n_samples, *others, along))
+        return cls._make([*arrays, in_blocks(padded), along])
 
     @property
     def traces(self) -> Float[Array, "impact sample"]:
@@ -87,7 +94,7 @@ class DecelerationRecord(NamedTuple):
         self, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
     ) -> DecelerationRecord:
         """The record of other traces, or of fewer of their samples."""
-        return self.of(traces, n_samples, *map(np.asarray, self[2:7]))
+        return self.of(traces, n_samples, *map(np.asarray, self[2:7]), gravity=np.asarray(self.gravity))
 
     def with_normal_errors(self) -> DecelerationRecord:
         """The same, every error of the measuring chain taken as normal with its standard deviation."""
@@ -137,11 +144,13 @@ def _parts(
 ) -> tuple[Array, Array, Array, Array]:
     """Residual, unit deceleration, ones and the column of the contact time, all 0 past a trace's end."""
     p, q, velocity = (2 * zeta * omega_n)[:, None], (omega_n**2)[:, None], record.velocity[:, None]
+    gravity = record.gravity[:, None]
     block, _, lane = (jax.lax.broadcasted_iota(int, record.blocks.shape, axis) for axis in range(3))
     inside = jnp.where(lane + block * record.blocks.shape[-1] < record.n_samples[:, None], 1.0, 0.0)
     unit = inside * (p * motion.v + q * motion.x)
-    contact = -velocity * (inside * q * motion.v - p * unit)
-    return record.blocks - velocity * unit, unit, inside, contact
+    contact = -velocity * (inside * q * motion.v - p * unit) - gravity * unit
+    fall = gravity * inside * (1 - motion.v)
+    return record.blocks - velocity * unit - fall, unit, inside, contact
 
 
 def _entries(residual: Array, unit: Array, inside: Array, contact: Array) -> tuple[Array, ...]:
@@ -156,7 +165,7 @@ def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
     With x the answer to a unit impulse and w that to x, dx/dq = -w and dx/dp is its first derivative in time.
     The deceleration, minus the second derivative of x, therefore has for slopes the second and the third
     derivative of w, and the jerk the third and the fourth; w2, w3 and w4 each follow from those before by
-    w2 + p w1 + q w = x.
+    w2 + p w1 + q w = x. Gravity's part, g (1 - x'), has those of g w1 and g w2.
     """
     omega_n, zeta, log_sigma, record = primals
     motion = _motion(omega_n, zeta, record)
@@ -167,16 +176,18 @@ def _recorded_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
     by_entries = jax.lax.optimization_barrier(by_entries)
     (rr, ur, uu, ir, iu, _, cr, cu, ci, cc) = (slope[:, None] for slope in by_entries)
     p, q, velocity = (2 * zeta * omega_n)[:, None], (omega_n**2)[:, None], record.velocity[:, None]
+    gravity = record.gravity[:, None]
     by_residual = 2 * rr * residual + ur * unit + ir * inside + cr * contact
+    by_contact = cr * residual + cu * unit + ci * inside + 2 * cc * contact
     by_unit = ur * residual + 2 * uu * unit + iu * inside + cu * contact - velocity * by_residual
-    by_jerk = -velocity * (cr * residual + cu * unit + ci * inside + 2 * cc * contact)
+    by_unit, by_jerk, by_fall = by_unit - gravity * by_contact, -velocity * by_contact, -gravity * by_residual
     w1 = motion.time * motion.x / 2 - p / 2 * motion.w
     w2 = motion.x - p * w1 - q * motion.w
     w3 = motion.v - p * w2 - q * w1
     w4 = -(p * motion.v + q * motion.x) - p * w3 - q * w2
     # Two loops: one of both sums has more in hand than a processor has registers.
-    (by_q,) = sums_over_frequencies((inside * (by_unit * w2 + by_jerk * w3),))
-    (by_p,) = sums_over_frequencies((inside * (by_unit * w3 + by_jerk * w4),))
+    (by_q,) = sums_over_frequencies((inside * (by_unit * w2 + by_jerk * w3 + by_fall * w1),))
+    (by_p,) = sums_over_frequencies((inside * (by_unit * w3 + by_jerk * w4 + by_fall * w2),))
     slopes = (2 * omega_n * by_q + 2 * zeta * by_p, 2 * omega_n * by_p, by_log_sigma)
     return value, sum(slope * tangent for slope, tangent in zip(slopes, tangents[:3], strict=True))
 
@@ -253,20 +264,26 @@ class MeasuredDeceleration(dist.Distribution):
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
         """A replicate of every trace, as displacement [m] and as deceleration [m/s^2]; NaN past its end."""
         record, trace = self.record, self.sample(key)
-        velocity = record.velocity[:, None]
-        x = impact_motion(record.time(), self.omega_n[:, None], self.zeta[:, None], velocity).displacement
+        x = self._whole().displacement
         found = {"deceleration": trace, "displacement": x}
         return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
 
+    def _whole(self) -> Motion:
+        """The impacts at the recorded velocities."""
+        record = self.record
+        parameters = (self.omega_n, self.zeta, record.velocity, record.gravity)
+        return impact_motion(record.time(), *(each[:, None] for each in parameters))
+
     def _columns(self) -> tuple[Array, tuple[Array, ...], Array]:
         record, inside, time = self.record, self.record.inside(), self.record.time()
-        omega_n, zeta, velocity = self.omega_n[:, None], self.zeta[:, None], record.velocity[:, None]
-        unit = impact_motion(time, omega_n, zeta, 1.0)
-        # d obeys the same equation as x: d' = -2 zeta omega_n d + omega_n^2 v
-        jerk = omega_n**2 * unit.velocity - 2 * zeta * omega_n * unit.deceleration
-        columns = (unit.deceleration, jnp.ones_like(time), -velocity * jerk)
+        omega_n, zeta = self.omega_n[:, None], self.zeta[:, None]
+        unit, whole = impact_motion(time, omega_n, zeta, 1.0), self._whole()
+        # d = 2 zeta omega_n v + omega_n^2 x, and v' = g - d.
+        fall = record.gravity[:, None] - whole.deceleration
+        jerk = omega_n**2 * whole.velocity + 2 * zeta * omega_n * fall
+        columns = (unit.deceleration, jnp.ones_like(time), -jerk)
         return (
-            velocity * unit.deceleration,
+            whole.deceleration,
             tuple(jnp.where(inside, column, 0.0) for column in columns),
             inside,
         )

@@ -1,8 +1,9 @@
 """Recorded decelerations of an impact on any mechanical element, with noise and a measuring chain.
 
-(1 + g) d(t - tau; V + dV) + b, to first order in the errors, d being F / M of the element: the columns of
+(1 + gain) d(t - tau; V + dV) + b, to first order in the errors, d being F / M of the element: the columns of
 the errors are d's derivative by V, d itself, 1 and minus its derivative in time. An element that is not
-linear tells gain from velocity, since its deceleration is not in proportion to V. Where the element's law is
+linear tells gain from velocity, since its deceleration is not in proportion to V, and so does gravity along
+the motion, which does not come with V. Where the element's law is
 not trusted a smooth discrepancy is added: see `bayestissue.likelihood.element.discrepancy`. Noise is white
 or, without a discrepancy, first-order autoregressive: see `bayestissue.likelihood.autoregressive`. Or a part
 of it went through a recorder's low-pass: see `bayestissue.likelihood.element.coloured`.
@@ -31,6 +32,7 @@ from bayestissue.likelihood.element.response import (
     ElementRecord,
     Response,
     columns,
+    in_proportion,
     motion,
     response,
 )
@@ -61,12 +63,13 @@ def _products(
     of_columns = partial(_products_of_columns, noise, record)
     if record.colour is not None and record.before is not None:
         asked = partial(_products_in_colour, noise, record)
-        return contact_cells.products_of_all_rows(found, value, record, asked, linear=element.linear)
+        linear = in_proportion(element, record)
+        return contact_cells.products_of_all_rows(found, value, record, asked, linear=linear)
     if record.before is None:
         residual = jnp.where(record.inside(), value - found.d, 0.0)
         return of_columns((residual, *columns(found, record)))
     if _white(noise):
-        return contact_cells.products(found, value, record, linear=element.linear)
+        return contact_cells.products(found, value, record, linear=in_proportion(element, record))
     return contact_cells.products_in_columns(found, value, record, of_columns)
 
 

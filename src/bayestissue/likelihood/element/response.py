@@ -11,7 +11,7 @@ from jax import Array
 from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements import Element, linear, solver
-from bayestissue.elements.element import deceleration_of, rates_of_motion
+from bayestissue.elements.element import GRAVITY, deceleration_of, rates_of_motion
 from bayestissue.likelihood.element.recorder import PIECES, Colour, Flow, LowPass, low_passed
 
 # Columns of the measuring chain's errors.
@@ -45,6 +45,7 @@ class ElementRecord(NamedTuple):
         low_pass: a filter that the traces went through; None where there is none.
         colour: the noise, where a part of it went through that filter too; else None.
         rate: of coloured noise, which of its sampling rates each impact has.
+        gravity: g, along the motion [m/s^2]: decelerations are force over mass then. None without.
     """
 
     d: Float[Array, "impact sample"]
@@ -66,6 +67,7 @@ class ElementRecord(NamedTuple):
     low_pass: LowPass | None = None
     colour: Colour | None = None
     rate: Int[Array, " impact"] | None = None
+    gravity: Float[Array, " impact"] | None = None
 
     @classmethod
     def of(cls, *arrays: np.ndarray, **named: Any) -> ElementRecord:
@@ -145,7 +147,7 @@ class Motion(NamedTuple):
     Attributes:
         x: penetration [m].
         v: its velocity [m/s].
-        d: deceleration [m/s^2].
+        d: deceleration, that is force over mass [m/s^2].
     """
 
     x: Float[Array, "impact sample"]
@@ -175,7 +177,11 @@ def motion(
     x, v, d = (jnp.take_along_axis(part, jnp.maximum(place, 0), axis=1) for part in found)
     since = jnp.minimum(record.first_time[:, None] + place * record.dt[:, None], 0.0)
     flies, speed = place < 0, velocity[:, None]
-    return Motion(jnp.where(flies, speed * since, x), jnp.where(flies, speed, v), jnp.where(flies, 0.0, d))
+    fall = 0.0 if record.gravity is None else record.gravity[:, None]
+    here = speed * since + fall * since**2 / 2
+    return Motion(
+        jnp.where(flies, here, x), jnp.where(flies, speed + fall * since, v), jnp.where(flies, 0.0, d)
+    )
 
 
 def response(
@@ -198,7 +204,7 @@ def response(
         flow = rates_of_motion(element, p, mass, y)
         return jax.jvp(lambda y: deceleration_of(element, p, mass, y), (y,), (flow,))
 
-    if element.linear:
+    if in_proportion(element, record):
         d, jerk = d_and_jerk(record.velocity)
         by_velocity = d / record.velocity[:, None]
     else:
@@ -208,9 +214,20 @@ def response(
     return Response(*(jnp.where(inside, part, 0.0) for part in (d, by_velocity, jerk)))
 
 
+def in_proportion(element: Element, record: ElementRecord) -> bool:
+    """Whether the deceleration is in proportion to the velocity at contact."""
+    return element.linear and record.gravity is None
+
+
+def beside_parameters(record: ElementRecord) -> dict[str, Array]:
+    """What an element's functions take beside its parameters, by name."""
+    along = {} if record.gravity is None else {GRAVITY: record.gravity}
+    return {"diameter_m": record.diameter, **along}
+
+
 def _named(element: Element, parameters: Array, record: ElementRecord) -> dict[str, Array]:
     names = [parameter.name for parameter in element.parameters]
-    return {**dict(zip(names, parameters, strict=True)), "diameter_m": record.diameter}
+    return dict(zip(names, parameters, strict=True)) | beside_parameters(record)
 
 
 def _states(element: Element, parameters: Array, velocity: Array, record: ElementRecord) -> Array:

@@ -55,6 +55,7 @@ class _Part:
     impacts: pd.DataFrame
     traces: Sequence[Trace]
     recorder: Recorder | None
+    gravity: float
 
 
 def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> list[Finding]:
@@ -80,7 +81,8 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     size, joined = max(1, min(_MOST, _BLOCK // longest)), dict[Kind, list[str]]()
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
-        part = _Part(dataset.quantity, dataset.impacts.iloc[rows], dataset.traces[rows], dataset.recorder)
+        impacts, traces = dataset.impacts.iloc[rows], dataset.traces[rows]
+        part = _Part(dataset.quantity, impacts, traces, dataset.recorder, dataset.gravity)
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
             for kind, values in _inspected(part, options):
@@ -108,7 +110,7 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list
         return
     whole = {"window": "rebound", "filter": "none", "equilibrium": "rest"}
     signal = displacements(part, options.model_copy(update=whole))
-    found = [*_single_samples(recorded), *_at_rest(recorded, signal.time_to_peak)]
+    found = [*_single_samples(recorded), *_at_rest(recorded, signal.time_to_peak, part.gravity)]
     found.append((ABOVE, _words(start > 0, "{:.1%} of the peak at the first sample", start)))
     found.append((BELOW, _words(start < 0, "{:.1%} of the peak at the first sample", start)))
     yield from ((kind, said) for kind, said in found if part.recorder is None or kind is not SLOW)
@@ -126,9 +128,9 @@ def _single_samples(recorded: Recorded) -> Iterator[tuple[Kind, list[str]]]:
     yield COARSE, _words(np.isfinite(levels), "{:.3g} steps", levels)
 
 
-def _at_rest(recorded: Recorded, to_peak: Column) -> Iterator[tuple[Kind, list[str]]]:
+def _at_rest(recorded: Recorded, to_peak: Column, gravity: float) -> Iterator[tuple[Kind, list[str]]]:
     uneven = rest.uneven(recorded, to_peak)
-    frequency, moved = rest.hum(recorded, uneven), rest.moved_zero(recorded)
+    frequency, moved = rest.hum(recorded, uneven), rest.moved_zero(recorded, gravity)
     slow = rest.slow_noise(recorded, to_peak)
     yield HUM, _words(np.isfinite(frequency), "a wave of {:.0f} Hz", frequency)
     yield DRIFT, _words(uneven & np.isnan(frequency), "a signal that is not level", moved)
@@ -139,10 +141,11 @@ def _at_rest(recorded: Recorded, to_peak: Column) -> Iterator[tuple[Kind, list[s
 def _laws(recorded: Recorded, signal: Displacements, named: Mask) -> Iterator[tuple[Kind, list[str]]]:
     used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     used &= ~named[:, None]
-    motion = signal.deceleration, used, signal.dt, signal.x[:, 0], signal.v[:, 0], recorded.sd
-    limit = law.saturation(*motion)
+    start = law.Start(signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
+    limit = law.saturation(signal.deceleration, used, start, recorded.sd)
     flat = limit > 0
-    odd = (limit == 0) | law.no_law(*motion, recorded.freedom, recorded.peak) & ~flat
+    none = law.no_law(signal.deceleration, used, start, recorded.sd, recorded.freedom, recorded.peak)
+    odd = (limit == 0) | none & ~flat
     yield SATURATED, _words(flat, "what a limit of {:.2g} times the peak makes", limit)
     yield NO_LAW, _words(odd, "structure beyond noise in what every law leaves over", limit)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
@@ -22,11 +23,27 @@ _WELL = 4.0
 LIMITS = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
 
 
-def motion(d: Rows, dt: Column, x: Column, v: Column) -> tuple[Rows, Rows]:
-    """Displacement and velocity from the state at the first sample and the deceleration, by trapezoids."""
-    lost = trapezoids(d, dt[:, None])
-    time = np.arange(d.shape[1]) * dt[:, None]
-    return x[:, None] + v[:, None] * time - trapezoids(lost, dt[:, None]), v[:, None] - lost
+class Start(NamedTuple):
+    """What turns force over mass into motion, each [impact].
+
+    Attributes:
+        dt: sampling interval, s.
+        x, v: displacement and velocity at the first sample, m and m/s.
+        gravity: along the motion, m/s².
+    """
+
+    dt: Column
+    x: Column
+    v: Column
+    gravity: Column
+
+
+def motion(d: Rows, start: Start) -> tuple[Rows, Rows]:
+    """Displacement and velocity from the state at the first sample and force over mass, by trapezoids."""
+    dt, x, v, gravity = (column[:, None] for column in start)
+    lost = trapezoids(d - gravity, dt)
+    time = np.arange(d.shape[1]) * dt
+    return x + v * time - trapezoids(lost, dt), v - lost
 
 
 def laws(x: Rows, v: Rows, used: Mask) -> Iterator[Law]:
@@ -65,11 +82,9 @@ def left_over(law: Law, d: Rows, used: Mask) -> Float[np.ndarray, "impact sample
     return target - np.einsum("isk,ik->is", terms, weights)
 
 
-def no_law(
-    d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column, freedom: Column, peak: Column
-) -> Mask:
+def no_law(d: Rows, used: Mask, start: Start, sd: Column, freedom: Column, peak: Column) -> Mask:
     """Where what the widest law leaves over is more than noise and the laws' own misfit."""
-    law = any_law(*motion(d, dt, x, v), used)
+    law = any_law(*motion(d, start), used)
     samples = used.sum(axis=1)
     count = np.maximum(samples - law.shape[-1], 1)
     rest = left_over(law, d, used)
@@ -85,7 +100,7 @@ def no_law(
     return (wide | step) & (samples >= 2 * law.shape[-1])
 
 
-def saturation(d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column) -> Column:
+def saturation(d: Rows, used: Mask, start: Start, sd: Column) -> Column:
     """The limit L of a sensor that gives L tanh(d / L), where this explains what no law does; else NaN.
 
     The laws are fitted to L artanh(d / L), integrated anew, and their residuals counted in recorded units. A
@@ -98,19 +113,20 @@ def saturation(d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column
     """
     found = np.full(len(d), np.nan)
     peak, count = np.where(used, d, 0).max(axis=1), used.sum(axis=1)
-    plain = best_left(d, used, dt, x, v, np.ones_like(d))
+    plain = best_left(d, used, start, np.ones_like(d))
     floor = (sd**2 + (MISFIT * peak) ** 2) * np.maximum(count - _TERMS, 1)
     # A further parameter can't gain much where the laws leave noise alone.
     rows = np.flatnonzero((count >= 12) & (plain > 0.8 * floor) & (peak > 0))
     if not rows.size:
         return found
-    d, used, dt, x, v, peak = (values[rows] for values in (d, used, dt, x, v, peak))
+    d, used, peak = (values[rows] for values in (d, used, peak))
+    start = Start(*(column[rows] for column in start))
     plain, count, floor = plain[rows], count[rows], floor[rows]
     limits, best = np.ones(rows.size), plain.copy()
     for factor in LIMITS:
         limit = (factor * peak)[:, None]
         z = np.clip(d / limit, -0.99, 0.99)
-        square = best_left(np.arctanh(z) * limit, used, dt, x, v, 1 - z**2)
+        square = best_left(np.arctanh(z) * limit, used, start, 1 - z**2)
         limits, best = np.where(square < best, factor, limits), np.minimum(best, square)
     freedom = np.maximum(count - _TERMS - 1, 1)
     gain = (plain - best) / np.maximum(best, floor) * freedom
@@ -119,9 +135,9 @@ def saturation(d: Rows, used: Mask, dt: Column, x: Column, v: Column, sd: Column
     return found
 
 
-def best_left(d: Rows, used: Mask, dt: Column, x: Column, v: Column, weight: Rows) -> Column:
+def best_left(d: Rows, used: Mask, start: Start, weight: Rows) -> Column:
     """The least sum of squares that any of the laws leaves of each impact."""
-    xs, vs = motion(d, dt, x, v)
+    xs, vs = motion(d, start)
     squares = [
         (left_over(law * weight[..., None], d * weight, used) ** 2).sum(axis=1) for law in laws(xs, vs, used)
     ]

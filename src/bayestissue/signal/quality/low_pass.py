@@ -6,9 +6,9 @@ ramp, what is recorded is
     y = a (V s(t - c) - int y) + b (V r(t - c) - int int y),  a = C / M, b = K / M,
 
 since filtering and integrating commute: linear in a and b once the moment of contact c and the corner are
-given. A grid of both is tried, of a filter of the second order. Elements whose force rises from 0, as
-Maxwell's and a ball's do, rise slowly too: what is found is a filter only where it leaves noise alone, and no
-law of depth and velocity comes near that.
+given. Gravity g along the motion adds a g r + b g int r. A grid of both is tried, of a filter of the second
+order. Elements whose force rises from 0, as Maxwell's and a ball's do, rise slowly too: what is found is a
+filter only where it leaves noise alone, and no law of depth and velocity comes near that.
 """
 
 from __future__ import annotations
@@ -59,10 +59,10 @@ def suspected(signal: Displacements) -> Suspected:
         signal: decelerations from contact to zero velocity, unfiltered.
     """
     used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    x, v = signal.x[:, 0] + signal.equilibrium, signal.v[:, 0]
+    start = law.Start(signal.dt, signal.x[:, 0] + signal.equilibrium, signal.v[:, 0], signal.gravity)
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     with np.errstate(all="ignore"):
-        plain = law.best_left(signal.deceleration, used, signal.dt, x, v, np.ones_like(signal.x))
+        plain = law.best_left(signal.deceleration, used, start, np.ones_like(signal.x))
     variance = signal.noise_sd**2 + (law.MISFIT * peak) ** 2
     freedom = np.maximum(0.3 * signal.n_samples, 1)
     count = np.maximum(signal.n_samples - 4, 1)
@@ -78,6 +78,7 @@ def _asked(
 ) -> tuple[float, float, float]:
     """Corner and changes of K and C of one impact; NaN where no filter explains it better than a law."""
     dt, velocity, n = signal.dt[row], signal.velocity[row], signal.n_samples[row]
+    gravity = signal.gravity[row]
     early = min(int(signal.n_before[row]), BEFORE)
     y = np.concatenate([signal.before[row, BEFORE - early :], signal.deceleration[row, :n]])
     time = (np.arange(len(y)) - early) * dt
@@ -89,7 +90,8 @@ def _asked(
         moments = np.linspace(-2.5 / (2 * np.pi * corner) - 3 * dt, dt, _MOMENTS)
         moments = moments[moments > time[0]]
         step, ramp = answers(Recorder(corner), time - moments[:, None])
-        terms = np.stack([velocity * step - lost, velocity * ramp - twice])
+        gained = velocity * step + gravity * ramp, velocity * ramp + gravity * trapezoids(ramp, dt)
+        terms = np.stack([gained[0] - lost, gained[1] - twice])
         squares, each = _fitted(terms, y)
         place = int(np.argmin(squares))
         if squares[place] < best[0]:
@@ -110,7 +112,7 @@ def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float
     """The a and b nearest to the samples of an impact behind no filter, as a fit has them."""
     from scipy.optimize import least_squares
 
-    n, velocity = signal.n_samples[row], signal.velocity[row]
+    n, velocity, gravity = signal.n_samples[row], signal.velocity[row], signal.gravity[row]
     time, y = np.arange(n) * signal.dt[row], signal.deceleration[row, :n]
     reach = np.sqrt(3) * signal.bracket_sd[row] + 1e-12
 
@@ -120,8 +122,11 @@ def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float
         root = np.sqrt(complex(damping**2 / 4 - stiffness)) + 1e-6 * np.sqrt(stiffness)
         first, second = -damping / 2 + root, -damping / 2 - root
         since = time + logs[2]
-        d = (second**2 * np.exp(second * since) - first**2 * np.exp(first * since)) / (first - second)
-        return velocity * d.real - y
+        bend, slope = (
+            (first**k * np.exp(first * since) - second**k * np.exp(second * since)) / (first - second)
+            for k in (2, 1)
+        )
+        return (gravity * (1 - slope) - velocity * bend).real - y
 
     begin = signal.bracket_s[row]
     low, high = [-np.inf, -np.inf, begin - reach], [np.inf, np.inf, begin + reach]

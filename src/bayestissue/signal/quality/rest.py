@@ -116,12 +116,16 @@ def mean_at(recorded: Recorded, rest: Mask) -> tuple[Column, Column]:
     return np.where(known, mean, np.nan), sd / np.sqrt(np.maximum(count, 1))
 
 
-def moved_zero(recorded: Recorded) -> Column:
-    """By how much the mean after contact is off the one before, or off 0 without one, per peak; else 0."""
+def moved_zero(recorded: Recorded, gravity: float) -> Column:
+    """By how much the mean after contact is off the one before, or off 0 without one, per peak; else 0.
+
+    Force over mass is 0 in flight after contact, and ``gravity`` where the impactor rests on the tissue.
+    """
     earlier, its_error = mean_at(recorded, recorded.before)
     later, error = mean_at(recorded, recorded.after)
     known = np.isfinite(earlier)
     away = later - np.where(known, earlier, 0)
+    away = np.where(np.abs(away - gravity) < np.abs(away), away - gravity, away)
     error = np.hypot(error, np.where(known, its_error, recorded.sd))
     with np.errstate(invalid="ignore"):
         found = (
