@@ -21,7 +21,6 @@ from bayestissue.inference.points.estimates import (
 )
 from bayestissue.inference.points.fit import PointFit
 from bayestissue.inference.points.notes import UNCORRECTED
-from bayestissue.inference.points.whiteness import ljung_box
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
 from bayestissue.oscillator import peak_displacement, spring_damper_inverse, to_discrete
@@ -184,7 +183,7 @@ def _as_fit(found: SinglePosteriors, signal: Displacements, noiseless: np.ndarra
         K_se=K_se,
         C_se=C_se,
         log_likelihood=found.log_likelihood,
-        whiteness_p=ljung_box(found.innovations.T, found.n_innovations),
+        whiteness_p=found.noise_p,
         unit_peak=np.asarray(peak_displacement(omega_n, zeta, 1.0)),
         branch=np.zeros(len(K), int),
         noiseless=noiseless,
