@@ -340,6 +340,7 @@ def fit_prepared(
         prepared = with_discrepancy(dataset, specification, prepared)
         analysis = _again(prepared, specification, seed, say, checkpoints)
         told = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
+        told["model_form"] |= {"impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})}
         analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
     else:
         analysis = found

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from bayestissue.report.fit.predictions import Residuals
-from bayestissue.report.fit.words import other_noise
+from bayestissue.report.fit.predictions import OTHER_NOISE, Residuals
 
 DRAWS, SAMPLES = 100, 60
 
@@ -24,11 +23,11 @@ def residuals(rng: np.random.Generator, impacts: int, correlation: float = 0.0) 
 @pytest.mark.parametrize("impacts", [1, 3, 30])
 def test_noise_of_the_models_kind_is_called_another_in_one_of_a_hundred_fits(impacts):
     rng, fits = np.random.default_rng(impacts), 600
-    alarms = sum(other_noise(residuals(rng, impacts)) for _ in range(fits))
+    alarms = sum(residuals(rng, impacts).other_noise_p < OTHER_NOISE for _ in range(fits))
     assert alarms <= binom.ppf(0.999, fits, 0.01)
 
 
 @pytest.mark.parametrize("impacts", [3, 30])
 def test_correlated_noise_beside_a_white_model_is_called_another(impacts):
     rng = np.random.default_rng(impacts)
-    assert all(other_noise(residuals(rng, impacts, correlation=0.6)) for _ in range(20))
+    assert all(residuals(rng, impacts, correlation=0.6).other_noise_p < OTHER_NOISE for _ in range(20))

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 import pandas as pd
 import xarray as xr
 
@@ -27,7 +28,8 @@ from bayestissue.inference.answers.reliability import (
     variances,
 )
 from bayestissue.inference.checking.misfit import misfit_precheck
-from bayestissue.inference.checking.model_form import described, model_form
+from bayestissue.inference.checking.model_form import described, model_form, with_impacts
+from bayestissue.inference.checking.noise_left import noise_p
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.execution.progress import Progress
 from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded, rows_of
@@ -44,7 +46,7 @@ from bayestissue.inference.results.summary import summarise as summary_table
 from bayestissue.inference.results.tree import posterior_tree
 from bayestissue.inference.results.uncertainty_budget import measurement_sd, uncertainty_budget
 from bayestissue.inference.samplers.diagnostics import diagnose
-from bayestissue.inference.samplers.sampling import Draws
+from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 
 Say = Callable[[str, int, int], None]
 
@@ -147,7 +149,8 @@ def label(
         if f"mass_exponent_{q}" in posterior
     }
     say("checking and scoring", 0, 1)
-    form, scores, sensitivity = _form(prepared, tree), cross_validation(tree), prior_sensitivity(tree)
+    form = _form(prepared, constrained, tree)
+    scores, sensitivity = cross_validation(tree), prior_sensitivity(tree)
     recorded = prepared.design.recorded
     budget = uncertainty_budget(prepared, constrained)
     repeatable = {
@@ -190,11 +193,18 @@ def _variances(
     }
 
 
-def _form(prepared: Prepared, tree: xr.DataTree) -> dict[str, Any]:
+def _form(prepared: Prepared, constrained: ConstrainedDraws, tree: xr.DataTree) -> dict[str, Any]:
     """What the residuals say of the model, where it is one of the recorded deceleration."""
     if prepared.model.kind != "impact":
         return {}
-    form = model_form(tree, "deceleration")
+    parameters = constrained.impacts["parameters"]
+    rows = np.arange(parameters.shape[2])
+    if constrained.kept is not None:
+        rows = some_impacts(len(rows))
+    middle = np.median(parameters[:, :, rows].astype(float), axis=(0, 1))
+    asked = some_of(prepared, rows)
+    p = noise_p(asked.model, asked.data, middle)
+    form = with_impacts(model_form(tree, "deceleration"), asked.impacts["impact"].astype(str).tolist(), p)
     if not prepared.model.discrepancy:
         return {"model_form": form}
     found = described(tree)

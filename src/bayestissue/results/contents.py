@@ -124,7 +124,8 @@ FILES: dict[str, File] = {
     "diagnostics.json": File(
         ("fit", "reproduce"),
         "each check of the sampler with its value, limit, meaning and next step; model_form, measuring_chain "
-        "and recordings say what else is in doubt",
+        "and recordings say what else is in doubt; model_form.impacts has the p-value of each impact's "
+        "residuals being the model's noise",
         {},
     ),
     ".bayestissue.json": File(("all",), "which files the program wrote, and so may replace", {}),

@@ -10,7 +10,13 @@ from scipy.optimize import minimize
 from statsmodels.stats.diagnostic import acorr_ljungbox
 
 from bayestissue.inference.points.fit import _fit_batch, fit_points
-from bayestissue.inference.points.whiteness import LAGS, ljung_box, residuals, whiteness
+from bayestissue.inference.points.whiteness import (
+    LAGS,
+    ljung_box,
+    projected_portmanteau,
+    residuals,
+    whiteness,
+)
 from bayestissue.likelihood import ARMA21, arma21_log_likelihood
 from bayestissue.oscillator import impact_motion, spring_damper_inverse, time_to_peak, to_differences
 
@@ -237,3 +243,24 @@ def test_no_impacts_and_no_motion_are_no_reason_to_fail() -> None:
     assert none.K.shape == (0,)
     still = fit_points(np.zeros((2, 20)), np.array([20, 12]), np.full(2, DT), np.ones(2))
     assert np.isnan(still.K).all()
+
+
+@pytest.mark.parametrize(("length", "columns"), [(30, 5), (80, 12), (200, 6)])
+def test_noise_with_smooth_columns_taken_off_is_white_noise_as_often_as_stated(length, columns) -> None:
+    """What a fit takes off makes the rest bend to and fro; Ljung and Box's test calls that structure."""
+    count, rng = 4000, np.random.default_rng(length)
+    time = np.linspace(0, 1, length)
+    smooth = np.exp(-time) * np.sin(np.pi * time * np.arange(1, columns + 1)[:, None])
+    fitted = np.pad(np.broadcast_to(smooth, (count, columns, length)), ((0, 0), (0, 0), (0, 7)))
+    shocks = np.pad(rng.standard_normal((count, length)), ((0, 0), (0, 7)))
+    size = np.full(count, length)
+    # A column twice takes off no more than once.
+    for each in (fitted, np.concatenate([fitted, fitted[:, :1]], axis=1)):
+        p = projected_portmanteau(shocks, each, size)
+        for level in (0.5, 0.1, 0.01):
+            assert np.mean(p < level) == pytest.approx(level, abs=4 * np.sqrt(level / count) + 0.1 * level)
+    correlated = shocks.copy()
+    correlated[:, 1:length] += 0.7 * shocks[:, : length - 1]
+    assert np.mean(projected_portmanteau(correlated, fitted, size) < 0.01) > 0.15
+    short = projected_portmanteau(shocks, fitted, np.full(count, 2 * LAGS))
+    assert np.isnan(short).all()

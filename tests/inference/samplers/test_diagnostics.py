@@ -120,6 +120,15 @@ def test_no_element_at_all_is_said_before_anything_but_a_failed_sampler() -> Non
     assert headline(found | {"passed": False}).startswith("DIAGNOSTICS FAILED")
 
 
+def test_structure_in_some_impacts_is_a_warning_and_its_code_their_own() -> None:
+    form = {"model_form": {"structured": False, "words": "Some.", "impacts": {"structured": True}}}
+    found = diagnosed(run()) | form
+    assert [(warning, warning.code) for warning in warnings(found)] == [("Some.", "structured-residuals")]
+    assert "structure that the model does not explain" in headline(found)
+    form["model_form"]["impacts"]["structured"] = False
+    assert warnings(diagnosed(run()) | form) == []
+
+
 def test_rows_of_the_summary_say_where_an_interval_is_none() -> None:
     table = pd.DataFrame({"variable": ["K", "K", "intercept_K"], "label": ["a", "b", ""]})
     assert noted(table, {})["note"].tolist() == ["", "", ""]

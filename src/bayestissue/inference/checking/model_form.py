@@ -1,15 +1,30 @@
-"""Whether what a fit leaves over of the traces is noise, or the mark of another law than the model's."""
+"""Whether what a fit leaves over of the traces is noise, or the mark of another law than the model's.
+
+One verdict for the page, its first screen and `diagnostics.json`: all impacts together say whether another
+law is at work (`model_form`), each by itself whether its residuals are the model's noise
+(`with_impacts`).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
 from jaxtyping import Float
+from scipy.stats import binom
 
 from bayestissue.inference.points.whiteness import autocorrelation
+from bayestissue.outline import first_of
 
+# An impact's p-value that is counted.
+SMALL_P = 0.01
+# Of sound impacts the share with a smaller one, at the most: 1.0 to 1.6 % of 1,000 were.
+_BY_CHANCE = 0.015
+# Probability that so many of a sound dataset are counted; and that any of them is named alone, at the most.
+_TOO_MANY, _ALONE = 0.01, 0.001
+_NAMED = 5
 # In standard errors of the pooled score: once in thirty thousand fits of the right model.
 LIMIT = 4.0
 # A parabola takes up most of what the measuring chain does and little of another law: a stiffening spring
@@ -57,6 +72,47 @@ def judged(
     else:
         words = f"{_said(score)}: {_ANOTHER_LAW}, and its intervals are too narrow. {_REMEDY}"
     return {"score": score, "structured": structured, "words": words}
+
+
+def with_impacts(
+    form: dict[str, Any], names: Sequence[str], p: Float[np.ndarray, " impact"]
+) -> dict[str, Any]:
+    """What was said of the form, with what each impact's residuals say.
+
+    Args:
+        form: as `model_form` has it.
+        names: of the impacts.
+        p: of each, as `bayestissue.inference.checking.noise_left.noise_p` finds them; NaN where not tested.
+
+    Returns:
+        Besides ``impacts``: ``p`` by name, how many were ``tested`` and are ``below`` `SMALL_P`, whether
+        they are ``structured``, which chance makes of fewer than two sound datasets in a hundred, and then
+        the ``names`` of those below. ``words`` are of these where nothing is said of another law.
+    """
+    every = {
+        str(name): float(f"{each:.4g}") for name, each in zip(names, p, strict=True) if np.isfinite(each)
+    }
+    below = [name for name, each in every.items() if each < SMALL_P]
+    tested, least = len(every), min(every.values(), default=1.0)
+    by_chance = float(binom.sf(len(below) - 1, tested, _BY_CHANCE))
+    structured = by_chance < _TOO_MANY or least < _ALONE / max(tested, 1)
+    own = {
+        "p": every,
+        "tested": tested,
+        "below": len(below),
+        "structured": structured,
+        "names": below if structured else [],
+    }
+    counted = f"{len(below)} of {tested} impacts have p below {SMALL_P:g}, where the model gives about 1 %"
+    words = form["words"]
+    if structured and not form["structured"]:
+        words = (
+            f"The residuals have structure that the model does not explain: {counted} "
+            f"({first_of(below, _NAMED)}). Their intervals may be too narrow: look at their traces."
+        )
+    elif not form["structured"]:
+        words = f"Nothing against the model in its residuals: {counted}. {words}"
+    return form | {"impacts": own, "words": words}
 
 
 def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]:

@@ -112,11 +112,12 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
 def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     """What the model or its data leave in doubt, whatever the sampler did; the measuring chain first."""
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
-    doubted = bool(form.get("structured") or form.get("undescribed"))
     law: Code = "undescribed" if form.get("undescribed") else "model-form"
+    if not _against_all(form):
+        law = "structured-residuals"
     doubts: list[tuple[dict[str, Any], bool, Code]] = [
         (chain, chain.get("passed") is False, "measuring-chain"),
-        (form, doubted, law),
+        (form, _against_all(form) or _against_some(form), law),
     ]
     return [Coded(entry["words"], code) for entry, raised, code in doubts if raised]
 
@@ -161,6 +162,8 @@ def headline(diagnostics: dict[str, Any]) -> str:
         return "The sampler passed, but the traces contradict the measuring chain."
     if form.get("structured"):
         return "The sampler passed, but the traces obey another law than the model's."
+    if _against_some(form):
+        return "The sampler passed, but the residuals have structure that the model does not explain."
     return "Diagnostics passed."
 
 
@@ -178,6 +181,16 @@ def verdict_in_words(diagnostics: dict[str, Any]) -> str:
             f"no divergences.{warning}"
         )
     return f"Failed: {', '.join(failed)}. Do not use these numbers yet.{warning}"
+
+
+def _against_all(form: dict[str, Any]) -> bool:
+    """Whether all impacts together speak against the model."""
+    return bool(form.get("structured") or form.get("undescribed"))
+
+
+def _against_some(form: dict[str, Any]) -> bool:
+    """Whether too many impacts, each by itself, do."""
+    return bool(form.get("impacts", {}).get("structured"))
 
 
 def _worst(summary: pd.DataFrame, column: str) -> dict[str, Any]:

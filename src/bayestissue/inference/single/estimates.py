@@ -23,7 +23,6 @@ from bayestissue.inference.points.estimates import (
 )
 from bayestissue.inference.points.fit import PointFit
 from bayestissue.inference.points.notes import UNCORRECTED
-from bayestissue.inference.points.whiteness import ljung_box
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
 from bayestissue.oscillator import spring_damper_inverse, to_discrete
@@ -187,7 +186,7 @@ def _as_fit(found: SinglePosteriors, signal: Displacements, noiseless: np.ndarra
         K_se=K_se,
         C_se=C_se,
         log_likelihood=found.log_likelihood,
-        whiteness_p=ljung_box(found.innovations.T, found.n_innovations),
+        whiteness_p=found.noise_p,
         branch=np.zeros(len(K), int),
         noiseless=noiseless,
         theta1_at_limit=np.zeros(len(K), bool),

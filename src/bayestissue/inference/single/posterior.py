@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.stats import chi2, norm, qmc
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -29,6 +29,7 @@ from bayestissue.hierarchy.traces import (
     trace_distribution,
     with_normal_errors,
 )
+from bayestissue.inference.checking.noise_left import noise_p
 from bayestissue.inference.execution.chunks import of_each
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
@@ -74,8 +75,8 @@ class SinglePosteriors(NamedTuple):
         log_likelihood: log density of the trace at the medians.
         residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the
             trace [m/s^2]; 0 past its end.
-        innovations: what is white of them where the recorder's noise is not [m/s^2]; 0 past their end.
-        n_innovations: how many there are of each impact.
+        noise_p: p-value of what is left being the recorder's noise: see
+            `bayestissue.inference.checking.noise_left`.
         pareto_k: of the importance weights; above `bayestissue.inference.samplers.psis.k_threshold` nothing
             vouches for the medians and intervals.
     """
@@ -87,8 +88,7 @@ class SinglePosteriors(NamedTuple):
     sigma: Marginal
     log_likelihood: Float[np.ndarray, " impact"]
     residuals: Float[np.ndarray, "impact sample"]
-    innovations: Float[np.ndarray, "impact shock"]
-    n_innovations: Int[np.ndarray, " impact"]
+    noise_p: Float[np.ndarray, " impact"]
     pareto_k: Float[np.ndarray, " impact"]
 
 
@@ -132,8 +132,6 @@ def _of_block(
     K, C, omega_n, zeta, sigma = (_marginal(values, weight) for values in quantities)
     # The mass's error, as likely up as down, moves no median.
     K, C = (each._replace(median=np.exp(middle[:, a])) for a, each in enumerate((K, C)))
-    found = _residuals(model, data, jnp.asarray(middle))
-    left, innovations, number = (np.asarray(each) for each in found)
     return SinglePosteriors(
         K,
         C,
@@ -141,9 +139,8 @@ def _of_block(
         zeta,
         sigma,
         log_likelihoods(model, data, middle[None])[0],
-        left,
-        innovations,
-        number,
+        np.asarray(_residuals(model, data, jnp.asarray(middle))),
+        noise_p(model, data, middle),
         pareto_k,
     )
 
@@ -219,17 +216,11 @@ def _marginal(
 @compiled_quickly()
 def _residuals(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
-) -> tuple[Float[Array, "impact sample"], Float[Array, "impact shock"], Int[Array, " impact"]]:
-    """Residuals, their innovations and how many of these there are.
-
-    The chain's errors are a draw given the trace: of N samples they take up three, whichever the draw.
-    """
+) -> Float[Array, "impact sample"]:
+    """Residuals, of errors of the chain that are a draw given the trace."""
     event = trace_distribution(model, data, list(u.T))
     key = jax.random.PRNGKey(0)
     if isinstance(event, MeasuredImpact):
         event = event.with_contact_found(key)
     assert not isinstance(event, MeasuredDisplacement)  # noqa: S101 - recorded decelerations alone
-    left = event.residuals(event.draw_errors(key))
-    if isinstance(event, MeasuredImpact):
-        return left, *event.innovations(left)
-    return left, left, data.record.n_samples
+    return event.residuals(event.draw_errors(key))

@@ -251,6 +251,12 @@ class MeasuredDeceleration(dist.Distribution):
         added = sum(errors[:, i, None] * column for i, column in enumerate(columns))
         return jnp.where(inside, self.record.d - expected - added, 0.0)
 
+    def innovations(
+        self, left: Float[Array, "impact sample"]
+    ) -> tuple[Float[Array, "impact sample"], Int[Array, " impact"]]:
+        """What is white of residuals [m/s^2]: these themselves; and how many there are of each impact."""
+        return left, self.record.n_samples
+
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces: the impact, the chain's errors and white noise."""
         key_of_noise, key_of_errors = jax.random.split(key)

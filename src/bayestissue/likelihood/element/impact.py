@@ -312,6 +312,8 @@ class MeasuredImpact(dist.Distribution):
         Of coloured noise at the samples that it is asked at.
         """
         record = self.record
+        if self.atanh_correlation is not None:
+            return autoregressive.whitened(left, self.atanh_correlation, record.inside()), record.n_samples
         if record.colour is None or record.rate is None:
             return left, record.n_samples
         every = record.colour.stride

@@ -140,17 +140,18 @@ def _impacts(run: FitRun) -> dict[str, Any]:
 
 def _predictions(run: FitRun) -> dict[str, Any]:
     chosen, left = predictions.chosen_impacts(run), predictions.residuals(run)
-    one_step = predictions.one_step_p(run)
-    # A displacement wanders about what is predicted of it, the more so the longer: it can't be white.
-    whole = left.whiteness_p if run.shown == "deceleration" else np.array([])
+    one_step, tested = predictions.one_step_p(run), np.array(list(run.tested.values()))
     return {
         "recorded": run.shown,
         "chosen": len(chosen),
         "traces_plot": traces_figure(run, chosen),
-        "other_noise": words.other_noise(left),
+        "other_noise": words.other_noise(run, left),
         "residual_words": words.residual_words(run, left, one_step),
-        "residual_plots": [whiteness_figure(whole, one_step), lag_one_figure(left)],
-        "tested": len(left.which),
+        "residual_plots": [
+            whiteness_figure(np.array(list(run.tested.values())), one_step),
+            lag_one_figure(left),
+        ],
+        "tested": tested.size or len(left.which),
         "total": len(run.impacts),
     }
 

@@ -120,11 +120,16 @@ def lag_one_figure(left: Residuals) -> Markup:
 
 
 def whiteness_figure(whole: np.ndarray, one_step: np.ndarray) -> Markup:
-    """Sorted p-values of Ljung and Box over what white residuals would give, both on log scales."""
+    """Sorted p-values over what the model would give, both on log scales.
+
+    Args:
+        whole: of each impact's residuals being the model's noise.
+        one_step: of Ljung and Box, of the exact ARMA(2,1) fits.
+    """
     with style():
         fig, axes = new_figure()
         sets = (
-            (whole, "o", POSTERIOR, "measured less predicted"),
+            (whole, "o", POSTERIOR, "what the fit leaves"),
             (one_step, "^", PUBLISHED, "one step ahead, exact ARMA(2,1)"),
         )
         least = 1e-12
@@ -135,14 +140,14 @@ def whiteness_figure(whole: np.ndarray, one_step: np.ndarray) -> Markup:
                     (np.arange(p.size) + 0.5) / p.size, p, mark, ms=3.4, color=colour, mfc="none", label=label
                 )
         ends = np.array([1e-3, 1])
-        axes.loglog(ends, ends, color=REFERENCE, ls="--", lw=1, label="white")
+        axes.loglog(ends, ends, color=REFERENCE, ls="--", lw=1, label="the model's noise")
         axes.axhline(STRUCTURED, color=MUTED, lw=0.8)
         for axis in (axes.xaxis, axes.yaxis):
             label_in_powers(axis)
-        axes.set(xlabel="p expected of white residuals", ylabel="p found (Ljung-Box, 10 lags)")
+        axes.set(xlabel="p expected", ylabel="p found (10 lags)")
         fig.legend(loc="outside upper left", ncols=2)
         return figure(
             fig,
-            "Sorted p-values of the Ljung-Box test of every impact's residuals over those that white "
-            "residuals would give. Points far below the dashed line are residuals with structure.",
+            "Sorted p-values of the test of every impact's residuals over those that the model's noise "
+            "would give. Points far below the dashed line are residuals with structure.",
         )

@@ -10,7 +10,7 @@ import pandas as pd
 from jaxtyping import Bool, Float
 from scipy.special import chdtrc
 
-from bayestissue.inference.points.whiteness import autocorrelation, ljung_box
+from bayestissue.inference.points.whiteness import autocorrelation
 from bayestissue.report.fit.run import FitRun
 
 PANELS = 9
@@ -27,13 +27,11 @@ class Residuals:
         measured: [impact, sample], in m/s² (or m where displacement was recorded).
         replicated: [draw, impact, sample].
         which: the rows of the run's impacts that they belong to.
-        correlation: of the noise from sample to sample, by the model (posterior median); None where white.
     """
 
     measured: Float[np.ndarray, "impact sample"]
     replicated: Float[np.ndarray, "draw impact sample"]
     which: np.ndarray
-    correlation: Float[np.ndarray, " impact"] | None = None
 
     @cached_property
     def used(self) -> Bool[np.ndarray, "impact sample"]:
@@ -79,21 +77,6 @@ class Residuals:
         p = np.minimum(2 * (nearer + 1) / (draws + 1), 1.0)[np.isfinite(measured)]
         return float(chdtrc(2 * p.size, -2 * np.log(p).sum())) if p.size else 1.0
 
-    @cached_property
-    def whiteness_p(self) -> Float[np.ndarray, " impact"]:
-        """p-values of Ljung and Box's test over ten lags; NaN for a row of fewer than 20 samples.
-
-        What the noise's correlation makes of the sample before is taken off each.
-        """
-        values = [row[used] for row, used in zip(self.measured, self.used, strict=True)]
-        if self.correlation is not None:
-            values = [row[1:] - r * row[:-1] for row, r in zip(values, self.correlation, strict=True)]
-        size = np.array([row.size for row in values])
-        columns = np.zeros((size.max(initial=0), len(values)))
-        for place, row in enumerate(values):
-            columns[: row.size, place] = row - row.mean() if row.size else row
-        return ljung_box(columns, size)
-
 
 def residuals(run: FitRun) -> Residuals:
     """The residuals of every impact, or of 250 evenly spaced ones if there are more."""
@@ -102,10 +85,7 @@ def residuals(run: FitRun) -> Residuals:
     replicates = run.draws(run.shown, "posterior_predictive")[:, which].astype(float)
     middle = np.median(replicates, axis=0)
     measured = run.groups["observed_data"][run.shown].to_numpy()[which]
-    found = run.predicted[which]
-    correlation = run.of_impacts("noise_correlation")
-    expected = correlation["median"].to_numpy()[found] if len(correlation) else None
-    return Residuals(measured - middle, replicates - middle, found, expected)
+    return Residuals(measured - middle, replicates - middle, run.predicted[which])
 
 
 def inside_band(left: Residuals) -> float:
@@ -126,7 +106,12 @@ def chosen_impacts(run: FitRun) -> list[int]:
 
 
 def one_step_p(run: FitRun) -> np.ndarray:
-    """Ljung-Box p-values of the exact ARMA(2,1) fits' one-step residuals [impact], NaN where none is."""
+    """Ljung-Box p-values of the exact ARMA(2,1) fits' one-step residuals [impact], NaN where none is.
+
+    Of a fit of decelerations, which no ARMA(2,1) is asked to describe, there are none.
+    """
+    if run.likelihood == "impact":
+        return np.full(len(run.impacts), np.nan)
     table = run.estimates_exact.set_index("impact").reindex(run.impacts)
     if "whiteness_p" not in table:
         return np.full(len(table), np.nan)

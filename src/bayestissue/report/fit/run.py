@@ -129,6 +129,11 @@ class FitRun(PosteriorRun):
         return bool(self.diagnostics.get("model_form", {}).get("undescribed", False))
 
     @property
+    def tested(self) -> dict[str, float]:
+        """p-values of each impact's residuals being the model's noise; empty where the fit tested none."""
+        return dict(self.diagnostics.get("model_form", {}).get("impacts", {}).get("p", {}))
+
+    @property
     def chain(self) -> dict[str, Any]:
         """What the traces say of their measuring chain; empty where they were not asked."""
         return dict(self.diagnostics.get("measuring_chain", {}))

@@ -184,9 +184,12 @@ def coverage_table(run: FitRun) -> Table | None:
     return table if measured else None
 
 
-def other_noise(left: Residuals) -> bool:
-    """Whether the residuals' autocorrelation is not the model's; by chance in one of a hundred fits."""
-    return left.other_noise_p < OTHER_NOISE
+def other_noise(run: FitRun, left: Residuals) -> bool:
+    """Whether the residuals' autocorrelation is not the model's; by chance in one of a hundred fits.
+
+    Where the fit has tested each impact's residuals its verdict stands instead.
+    """
+    return not run.tested and left.other_noise_p < OTHER_NOISE
 
 
 def undescribed_words(run: FitRun) -> str:
@@ -210,37 +213,31 @@ def chain_words(run: FitRun) -> str:
 
 def residual_words(run: FitRun, left: Residuals, one_step: np.ndarray) -> list[str]:
     """Whether the residuals have structure, and whether the model expects what they have."""
-    names = np.array(run.impacts)[left.which]
     sentences = [
         f"{percent(inside_band(left))} of all measured samples lie in the predicted 90 % band of a new "
         "recording of the same impact, whose chain has errors of its own."
     ]
-    if run.shown == "deceleration":
-        who = "the element alone" if has_discrepancy(run) else "the model"
-        what = "Measured less predicted"
-        if left.correlation is not None:
-            what += ", each sample less what the noise's correlation makes of the one before"
-        sentences.append(_structure(what, who, left.whiteness_p, names))
+    if run.tested:
+        return [*sentences, str(run.diagnostics["model_form"]["words"])]
     if np.isfinite(one_step).any():
-        who = "a single trace's ARMA(2,1)"
         sentences.append(
-            _structure("One step ahead, by the exact point fit", who, one_step, np.array(run.impacts))
+            _structure("One step ahead, by the exact point fit", one_step, np.array(run.impacts))
         )
     table = left.lag_one
     inside = int(table["inside"].sum())
     words = f"The autocorrelation at lag 1 is what the model expects in {inside} of {len(table)} impacts"
-    if other_noise(left):
+    if other_noise(run, left):
         words += ": the noise that it assumes is not the noise that was recorded"
     return [*sentences, f"{words}."]
 
 
-def _structure(what: str, explained_by: str, p: np.ndarray, names: np.ndarray) -> str:
+def _structure(what: str, p: np.ndarray, names: np.ndarray) -> str:
     tested = np.isfinite(p)
     count, total = int((p[tested] < STRUCTURED).sum()), int(tested.sum())
     # By Bonferroni: so small that among all of them not even one would be expected.
     sure = names[tested][p[tested] * total < STRUCTURED]
     if count > _STRUCTURED_SHARE * total:
-        verdict = f"the residuals have structure that {explained_by} does not explain"
+        verdict = "the residuals have structure that a single trace's ARMA(2,1) does not explain"
     elif sure.size:
         verdict = f"structure beyond chance in {listed([str(name) for name in sure])} only"
     else:

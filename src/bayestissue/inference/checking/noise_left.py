@@ -1,0 +1,95 @@
+"""Whether what a model leaves of each recorded deceleration is its noise.
+
+A trace is y = f(u) + A e + noise: the impact's parameters u, the errors of its own measuring chain and,
+where there is one, a discrepancy, all of which e has in units of their standard deviations, A over the
+noise's. Given u, (1 + A A')^-1/2 (y - f(u)) is as white as the noise where the model is right, whatever the
+errors are; errors that are larger than declared stay in it. u was fitted, and takes the columns df/du off.
+The autocorrelations of what is left are held against those of white noise less such columns
+(`bayestissue.inference.points.whiteness.projected_portmanteau`).
+"""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import Array
+from jaxtyping import Float, Int
+
+from bayestissue.elements import element as element_named
+from bayestissue.hierarchy.traces import TraceData, TraceModel, trace_distribution
+from bayestissue.inference.execution.compiling import compiled_quickly
+from bayestissue.inference.points.whiteness import projected_portmanteau
+from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
+from bayestissue.likelihood.element.deceleration import MeasuredDeceleration
+from bayestissue.likelihood.element.impact import MeasuredImpact
+
+
+def noise_p(
+    model: TraceModel, data: TraceData, u: Float[np.ndarray, "impact parameter"]
+) -> Float[np.ndarray, " impact"]:
+    """p-value of each trace's residuals being the noise of the model; NaN of very short traces.
+
+    Args:
+        model: of recorded decelerations.
+        data: the traces.
+        u: a point of each impact's posterior.
+    """
+    left, fitted, size = (np.asarray(each) for each in _left(model, data, jnp.asarray(u)))
+    return projected_portmanteau(left, fitted, size)
+
+
+@compiled_quickly()
+def _left(
+    model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
+) -> tuple[Float[Array, "impact shock"], Float[Array, "impact parameter shock"], Int[Array, " impact"]]:
+    """What is white if the model is right, what a unit of each parameter adds to it, and how much it is."""
+    key, error_sd = jax.random.PRNGKey(0), data.record.error_sd
+    event = _event(model, data, u)
+    if isinstance(event, MeasuredImpact):
+        data = data._replace(record=event.with_contact_found(key).record)
+        event = _event(model, data, u)
+    none = jnp.zeros_like(error_sd)
+
+    def shocks(u: Array, errors: Array) -> Array:
+        event = _event(model, data, u)
+        return event.innovations(event.residuals(errors))[0]
+
+    # The noise's own parameters are no direction of the trace.
+    shape = [0, 1, *range(3, 3 + len(element_named(model.element).extra))]
+    fitted = [jax.jvp(lambda u: shocks(u, none), (u,), (_only(u, a),))[1] for a in shape]
+    shared = [
+        jax.jvp(lambda errors: shocks(u, errors), (none,), (_only(none, a) * error_sd,))[1]
+        for a in range(error_sd.shape[-1])
+    ]
+    if isinstance(event, MeasuredImpact) and event.log_discrepancy is not None:
+        basis, share = event.record.basis, event.record.share
+        assert basis is not None  # noqa: S101 - of a discrepancy
+        assert share is not None  # noqa: S101
+        sd = jnp.exp(event.log_discrepancy)[:, None] * jnp.sqrt(share)
+        shared += [event.innovations(mode * sd[:, j, None])[0] for j, mode in enumerate(basis)]
+    left, size = event.innovations(event.residuals(none))
+    A = jnp.stack(shared, axis=-1) / jnp.exp(event.log_sigma)[:, None, None]
+    both = jnp.stack([left, *fitted], axis=1)
+    white = jax.vmap(_without)(A, both)
+    return white[:, 0], white[:, 1:], size
+
+
+def _without(A: Float[Array, "shock error"], rows: Float[Array, "row shock"]) -> Float[Array, "row shock"]:
+    """(1 + A A')^-1/2 of each row: along the eigenvectors of A'A, of values l, (1 + l)^-1/2 is left."""
+    values, axes = jnp.linalg.eigh(A.T @ A)
+    values = jnp.maximum(values, 0.0)
+    root = jnp.sqrt(1 + values)
+    # (1 - 1 / root) / l without its 0 / 0.
+    return rows - ((rows @ A) @ axes / (root * (1 + root))) @ axes.T @ A.T
+
+
+def _only(array: Array, column: int) -> Array:
+    """Zeros, and ones in one column."""
+    return jnp.zeros_like(array).at[:, column].set(1.0)
+
+
+def _event(model: TraceModel, data: TraceData, u: Array) -> MeasuredDeceleration | MeasuredImpact:
+    event = trace_distribution(model, data, list(u.T))
+    assert not isinstance(event, MeasuredDisplacement)  # noqa: S101 - recorded decelerations alone
+    return event

@@ -1,0 +1,80 @@
+"""The residuals of what the model made, and of what it did not."""
+
+from __future__ import annotations
+
+import numpy as np
+import pandas as pd
+import pytest
+
+import bayestissue as bt
+from bayestissue.inference.checking.model_form import SMALL_P, with_impacts
+from bayestissue.simulation import Simulation, simulate
+
+CHAIN = {
+    "relative_mass_sd": 0.005,
+    "velocity_sd_m_s": 0.0075,
+    "relative_gain_sd": 0.005,
+    "offset_sd_m_s2": 0.2,
+}
+FORM = {"score": 0.3, "structured": False, "words": "The score."}
+
+
+def estimated(impacts: int, tissue: dict, recording: dict) -> pd.DataFrame:
+    own = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0, "sd_impact_K": 0.2, "sd_impact_C": 0.2, **tissue}
+    conditions = [{"trial": "a", "mass_kg": 0.7, "velocity_m_s": 1.5}]
+    made = simulate(
+        Simulation.model_validate(
+            {
+                "name": "made",
+                "seed": 1,
+                "design": {"subjects": impacts, "conditions": conditions},
+                "tissue": own,
+                "recording": {"noise_relative_to_peak": 0.005, "sampling_rate_hz": 5000.0, **recording},
+            }
+        )
+    )
+    return bt.estimate(made.dataset("made"))
+
+
+@pytest.mark.parametrize("chain", [{}, CHAIN], ids=["no errors", "errors as declared"])
+def test_of_a_thousand_sound_impacts_one_in_a_hundred_looks_structured(chain) -> None:
+    """The trace's own errors of the chain, and what was fitted to it, are no structure."""
+    p = estimated(1000, {}, chain)["whiteness_p"].to_numpy()
+    assert np.isfinite(p).all()
+    standard_error = np.sqrt(0.015 * 0.985 / len(p))
+    assert (p < SMALL_P).mean() <= 0.015 + standard_error
+    assert (p < 0.5).mean() == pytest.approx(0.5, abs=4 * np.sqrt(0.25 / len(p)))
+    verdicts = [
+        with_impacts(FORM, [str(name) for name in range(20)], part)["words"] for part in p.reshape(50, 20)
+    ]
+    assert sum(words.startswith("Nothing against the model") for words in verdicts) >= 0.95 * 50
+
+
+def test_a_stiffening_tissue_is_structure_in_every_impact() -> None:
+    tissue = {"element": "stiffening", "parameters": {"stiffening_depth_m": 0.02}}
+    p = estimated(40, tissue, CHAIN)["whiteness_p"].to_numpy()
+    assert (p < 0.001).all()
+    found = with_impacts(FORM, [f"i{k}" for k in range(40)], p)
+    assert found["impacts"]["structured"]
+    assert found["impacts"]["below"] == 40
+    assert "structure that the model does not explain: 40 of 40 impacts" in found["words"]
+
+
+def test_a_verdict_of_few_counts_on_chance() -> None:
+    names = [f"i{k}" for k in range(10)]
+    p = np.full(10, 0.4)
+    assert not with_impacts(FORM, names, p)["impacts"]["structured"]
+    p[0] = 0.005
+    found = with_impacts(FORM, names, p)
+    assert (found["impacts"]["below"], found["impacts"]["structured"]) == (1, False)
+    assert found["words"].endswith("The score.")
+    p[0] = 1e-5
+    found = with_impacts(FORM, names, p)
+    assert found["impacts"]["names"] == ["i0"]
+    assert "(i0)" in found["words"]
+    # What is said of another law stands; too short a trace is not counted.
+    law = FORM | {"structured": True}
+    p[1] = np.nan
+    found = with_impacts(law, names, p)
+    assert (found["words"], found["impacts"]["tested"]) == ("The score.", 9)
+    assert not with_impacts(FORM, names, np.full(10, np.nan))["impacts"]["structured"]
