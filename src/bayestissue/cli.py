@@ -346,6 +346,14 @@ def fit(
             "given again.",
         ),
     ] = None,
+    path: Annotated[
+        Literal["automatic", "exact", "summary"] | None,
+        typer.Option(
+            "--path",
+            help="How draws are made, as sampler.path of a model file; exact goes on where a fit was given "
+            "up because it would take long.",
+        ),
+    ] = None,
     scheduler: Scheduler = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
@@ -365,6 +373,7 @@ def fit(
         K=K,
         C=C,
         questions=ask or [],
+        path=path,
         scheduler=scheduler,
         seed=seed,
         skip_bad=skip_bad,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import os
 import shutil
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from functools import cached_property
+from functools import cache, cached_property, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -212,6 +212,7 @@ def fit(
     K: str | None = None,
     C: str | None = None,
     ask: str | Sequence[str] | Mapping[str, str] = (),
+    path: str | None = None,
     say: Say | None = None,
 ) -> Fit:
     """The posterior of K and C of every impact, person and condition, and of the mass exponents.
@@ -230,6 +231,8 @@ def fit(
             unless given.
         C: the same of log C; that of ``K`` unless given.
         ask: questions, as `Fit.ask` takes them, beside those of the model; a dict names them.
+        path: how draws are made, "automatic", "exact" or "summary"; as the model has it unless given. By
+            "exact" a fit goes on that was given up because it would take long.
         say: told the stage, how much of it is done, and its total.
 
     Returns:
@@ -248,7 +251,9 @@ def fit(
     from bayestissue.dataset import as_dataset
 
     dataset = as_dataset(dataset)
-    specification, source = resolve(model, dataset.quantity, formulas=formulas_of(K, C), questions=ask)
+    specification, source = resolve(
+        model, dataset.quantity, formulas=formulas_of(K, C), questions=ask, path=path
+    )
     with _set_up():
         prepared = prepare(dataset, specification, source=source)
         require_answerable(prepared, specification, source)
@@ -271,6 +276,7 @@ def resolve(
     *,
     formulas: Mapping[str, str] = MappingProxyType({}),
     questions: str | Sequence[str] | Mapping[str, str] = (),
+    path: str | None = None,
 ) -> tuple[ModelSpecification, str]:
     """The model that a name, a path, a dict or a specification stands for, and what messages call it.
 
@@ -279,6 +285,7 @@ def resolve(
         quantity: what was recorded.
         formulas: in place of the model's own, by response.
         questions: beside the model's own; those without names are question_1 and so on.
+        path: in place of the model's ``sampler.path``.
 
     Raises:
         InputError: there is no such model or file (see `resources.model_file`), or it is wrong.
@@ -286,10 +293,19 @@ def resolve(
     asked = {"question_1": questions} if isinstance(questions, str) else questions
     if not isinstance(asked, Mapping):
         asked = {f"question_{number}": text for number, text in enumerate(asked, start=1)}
+    content, source, text = _content(model, quantity, formulas)
+    if isinstance(model, ModelSpecification) and not (formulas or asked or path):
+        return model, source
+    tables = {"formula": formulas, "questions": asked, "sampler": {"path": path} if path else {}}
+    given = content | {key: {**content.get(key, {}), **own} for key, own in tables.items() if own}
+    return specification_of(given, source, text=text), source
+
+
+def _content(
+    model: Model | None, quantity: str, formulas: Mapping[str, str]
+) -> tuple[dict[str, Any], str, str]:
+    """What a model's file would hold, what messages call it, and its text."""
     if isinstance(model, ModelSpecification):
-        source = f"model {model.name}"
-        if not formulas and not asked:
-            return model, source
         content = model.model_dump(mode="json", exclude_unset=True)
         # Priors that were filled in are of its own formulas.
         terms = Formulas(**{**dict(model.formula), **formulas}).group_terms()
@@ -297,15 +313,13 @@ def resolve(
         for name in {"sd_group", "sd_slope"} & set(content.get("priors", {})):
             own = content["priors"][name]
             content["priors"][name] = {key: own[key] for key in own if key in keys}
-        return specification_of(content, source, formulas=formulas, questions=asked), source
+        return content, f"model {model.name}", ""
     if isinstance(model, Mapping):
-        return specification_of(model, "model", formulas=formulas, questions=asked), "model"
+        return dict(model), "model", ""
     named = default_model(quantity) if model is None else model
     path = resources.model_file(named, lambda content: content.get("likelihood") in KINDS)
     text = read_text(path, str(path))
-    content = {"name": path.stem} | parse_toml(text, str(path))
-    found = specification_of(content, str(path), text=text, formulas=formulas, questions=asked)
-    return found, str(path)
+    return {"name": path.stem} | parse_toml(text, str(path)), str(path), text
 
 
 def require_answerable(prepared: Prepared, specification: ModelSpecification, source: str) -> None:
@@ -334,18 +348,19 @@ def fit_prepared(
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     plain = _without_discrepancy(dataset, specification, prepared)
-    found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints)
+    chain = cache(partial(_chain, dataset, plain))
+    contradicted = partial(_contradiction, chain)
+    found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints, contradicted=contradicted)
     form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
     if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
         prepared = with_discrepancy(dataset, specification, prepared)
-        analysis = _again(prepared, specification, seed, say, checkpoints)
+        analysis = _again(prepared, specification, seed, say, checkpoints, contradicted)
         told = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
         told["model_form"] |= {"impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})}
         analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
     else:
         analysis = found
-    if dataset.quantity != "displacement":
-        analysis = _with_chain(analysis, plain)
+    analysis = _with_chain(analysis, chain())
     analysis = replace(analysis, summary=noted(analysis.summary, analysis.diagnostics))
     points = point_estimates(dataset, specification.signal, prepared.signal)
     if flagged := flagged_recordings(*(points["exact"][name].tolist() for name in ("impact", "flags"))):
@@ -362,10 +377,21 @@ def _without_discrepancy(dataset: Dataset, specification: ModelSpecification, pr
     return assemble(dataset, plain, prepared.design, prepared.signal)
 
 
-def _with_chain(analysis: TraceAnalysis, plain: Prepared) -> TraceAnalysis:
+def _chain(dataset: Dataset, plain: Prepared) -> dict[str, Any]:
+    """What the traces say of their measuring chain; nothing of displacements."""
+    return {} if dataset.quantity == "displacement" else judge(plain)
+
+
+def _contradiction(chain: Callable[[], dict[str, Any]]) -> str:
+    """What the traces contradict of it, in words; empty where nothing."""
+    found = chain()
+    return str(found["words"]) if found.get("passed") is False else ""
+
+
+def _with_chain(analysis: TraceAnalysis, chain: dict[str, Any]) -> TraceAnalysis:
     """The same with what the traces say of their measuring chain in its diagnostics."""
-    chain, diagnostics = judge(plain), dict(analysis.diagnostics)
-    if "model_form" in diagnostics:
+    diagnostics = dict(analysis.diagnostics)
+    if chain and "model_form" in diagnostics:
         diagnostics["model_form"] = model_form.with_chain(diagnostics["model_form"], chain)
     return replace(analysis, diagnostics=diagnostics | ({"measuring_chain": chain} if chain else {}))
 
@@ -396,6 +422,7 @@ def _again(
     seed: int,
     say: Say,
     checkpoints: Path | None,
+    contradicted: Callable[[], str],
 ) -> TraceAnalysis:
     """The fit of ``prepared``, its stages told and its checkpoints kept apart from those of the first."""
     kept = None if checkpoints is None else checkpoints / "discrepancy"
@@ -405,7 +432,7 @@ def _again(
     def told(stage: str, done: int, total: int) -> None:
         say(f"again with a discrepancy: {stage}", done, total)
 
-    found = fit_traces(prepared, specification, seed, told, checkpoints=kept)
+    found = fit_traces(prepared, specification, seed, told, checkpoints=kept, contradicted=contradicted)
     assert isinstance(found, TraceAnalysis)  # noqa: S101 - with a discrepancy there is no other
     return found
 

@@ -24,6 +24,7 @@ def run(
     K: str | None,
     C: str | None,
     questions: list[str],
+    path: str | None,
     scheduler: str | None,
     seed: int,
     skip_bad: bool,
@@ -50,7 +51,9 @@ def run(
         from bayestissue.report import draw_page
 
         data = read_dataset(dataset, skip_bad=skip_bad)
-        specification, source = resolve(model, data.quantity, formulas=formulas_of(K, C), questions=questions)
+        specification, source = resolve(
+            model, data.quantity, formulas=formulas_of(K, C), questions=questions, path=path
+        )
         if model is None and not quiet:
             echo(f"model {specification.name}, that of a recorded {data.quantity}; --model takes another")
         if skip_bad:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
@@ -314,29 +313,16 @@ def read_specification(path: Path) -> ModelSpecification:
     return specification_of(given, str(path), text=text)
 
 
-def specification_of(
-    content: Mapping[str, Any],
-    file: str,
-    *,
-    text: str = "",
-    formulas: Mapping[str, str] = MappingProxyType({}),
-    questions: Mapping[str, str] = MappingProxyType({}),
-) -> ModelSpecification:
+def specification_of(content: Mapping[str, Any], file: str, *, text: str = "") -> ModelSpecification:
     """A model from the content of its file, with all priors.
 
     Args:
         content: as TOML has it.
         file: what messages call it.
         text: of the file, whose rows messages then name.
-        formulas: in place of its own, by response.
-        questions: beside its own, by name.
 
     Raises:
         InputError: as of `read_specification`.
     """
-    given = {"name": "own"} | dict(content)
-    for key, further in (("formula", formulas), ("questions", questions)):
-        if further:
-            given[key] = {**given.get(key, {}), **further}
-    found = checked(given, ModelSpecification, file=file, text=text)
+    found = checked({"name": "own"} | dict(content), ModelSpecification, file=file, text=text)
     return found.model_copy(update={"priors": found.complete_priors()})

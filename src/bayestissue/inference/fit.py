@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy import derived
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
@@ -49,6 +50,8 @@ from bayestissue.inference.samplers.diagnostics import diagnose
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 
 Say = Callable[[str, int, int], None]
+# So long a fit may take by the exact path without having been asked for it, s.
+_LONGEST_UNASKED_S = 300
 
 
 @dataclass(frozen=True)
@@ -74,6 +77,7 @@ def fit_traces(
     say: Say,
     *,
     checkpoints: Path | None = None,
+    contradicted: Callable[[], str] = str,
 ) -> TraceAnalysis | dict[str, Any]:
     """Sample the posterior of every impact and of the population, check it, and label everything.
 
@@ -83,11 +87,16 @@ def fit_traces(
         seed: of all draws.
         say: told the stage, how much of it is done, and its total.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
+        contradicted: says what the traces contradict of what is declared; asked before a long exact path.
 
     By the summary path the population is sampled with each trace's site in its place, and the draws are then
     corrected; "automatic" goes on to the exact path, every trace in every step, where no correction can be
     trusted: see `Correction.checks`. Where the model file leaves a discrepancy to the program, and the best
     fits show plainly that one is needed, this is all that is returned: see `misfit_precheck`.
+
+    Raises:
+        InputError: by "automatic", where the exact path would take longer than five minutes, or the traces
+            contradict what is declared of their measuring chain.
     """
     done = partial(say, "summarising each trace")
     done(0, 1)
@@ -105,21 +114,42 @@ def fit_traces(
         if not route.exact:
             likelihood = LikelihoodApproximation(sites, correction.of_impacts)
             return label(prepared, specification, sites, draws, seed, say, likelihood, route)
+    automatic = settings.path == "automatic"
+    if automatic and (words := contradicted()):
+        raise InputError(_refusal(words, route))
     say(f"sampling by the exact path, {route.why}", 0, 1)
-    whitening, told = approximate(prepared, say=done), _with_estimate(say)
+    whitening = approximate(prepared, say=done)
+    told = _with_estimate(say, route if automatic else None)
     draws = exact_draws(prepared, whitening, settings, seed, progress=told, checkpoints=checkpoints)
     # Scores ask for sites that stand for the traces; those of the chains only whiten.
     likelihood = LikelihoodApproximation(sites or whitening)
     return label(prepared, specification, whitening, draws, seed, say, likelihood, route)
 
 
-def _with_estimate(say: Say) -> Progress:
-    """Tells the transitions done by the exact path, and from the first ones on how long all of them take."""
+def _refusal(why: str, route: Route) -> Problem:
+    """That the exact path is not begun unasked, and how to ask for it."""
+    return Problem(
+        "fit",
+        "recordings that the short way can sample",
+        f"{why} To go on all the same, by the exact path: --path exact, or sampler.path in the model file. "
+        f"It is not begun unasked, {route.why}.",
+        code="exact-path",
+    )
+
+
+def _with_estimate(say: Say, unasked: Route | None) -> Progress:
+    """Tells the transitions done by the exact path, and from the first ones on how long all of them take.
+
+    Where it was ``unasked`` for and would take longer than `_LONGEST_UNASKED_S`, it is given up.
+    """
     stage, began = ["first transitions of the exact path"], time.monotonic()
 
     def told(done: int, total: int) -> None:
         if done and len(stage) == 1:
             each = (time.monotonic() - began) / done
+            if unasked is not None and each * total > _LONGEST_UNASKED_S:
+                words = f"The exact path would take about {duration(each * total)}."
+                raise InputError(_refusal(words, unasked))
             stage.append(f"exact path, {each:.2g} s a transition, about {duration(each * total)} in all")
         say(stage[-1], done, total)
 

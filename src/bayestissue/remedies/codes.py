@@ -134,6 +134,7 @@ Code = Literal[
     "averaged",
     "one-session",
     "columns-not-used",
+    "exact-path",
     "new-level",
     "not-simulated",
     "wrong-quantity",

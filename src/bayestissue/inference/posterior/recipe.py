@@ -62,7 +62,7 @@ _MOST_PASSES, _GAIN = 4, 1.5
 # Of log weights: with more next to no draw is effective.
 _MOST_SCATTER = 2.0
 # Chains of the population so many times longer still take less time than the exact path.
-_LONGEST = 5
+_LONGEST = 8
 
 
 class Attempt(NamedTuple):

@@ -23,9 +23,12 @@ class Route:
 
     @property
     def exact(self) -> bool:
-        """Whether every trace is in every step: as asked for, or where the correction can't be trusted."""
+        """Whether every trace is in every step: as asked for, or where the correction can't be trusted.
+
+        Weights that are good but leave few effective draws are no reason: the diagnostics say how few.
+        """
         if self.asked == "automatic" and self.correction is not None:
-            return not self.correction.trusted
+            return not (self.correction.trusted or self.correction.lacks_only_draws)
         return self.asked == "exact"
 
     @property
@@ -37,6 +40,8 @@ class Route:
         found = self.correction.words
         if not failed:
             return f"since the correction can be trusted: {found}"
+        if not self.exact and self.asked == "automatic":
+            return f"since the correction's weights are good, though few draws are effective: {found}"
         if not self.exact:
             return f"as the model file asks, though the correction can't be trusted ({failed}): {found}"
         count = len(self.correction.attempts)
