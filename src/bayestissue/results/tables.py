@@ -51,11 +51,8 @@ def read_table(path: Path) -> pd.DataFrame:
     )
     if not commas:
         return table
-    return table.apply(
-        lambda column: (
-            column.str.replace(",", ".", regex=False) if column.str.fullmatch(_WITH_COMMA).all() else column
-        )
-    )
+    numbers = [name for name in table if table[name].str.fullmatch(_WITH_COMMA).all()]
+    return table.assign(**{str(name): table[name].str.replace(",", ".", regex=False) for name in numbers})
 
 
 def _decimal_here() -> str:
