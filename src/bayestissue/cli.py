@@ -72,6 +72,14 @@ Scheduler = Annotated[
         "impact, where there are hundreds.",
     ),
 ]
+Excel = Annotated[
+    Literal["auto", "comma", "point"] | None,
+    typer.Option(
+        "--excel",
+        help="Write the tables as your Excel opens them: comma if it writes 1,5, point if 1.5, auto by the "
+        "language of this machine.",
+    ),
+]
 FinishedFit = Annotated[
     Path, typer.Argument(help="Folder of a finished run of `bayestissue fit`.", metavar="RUN")
 ]
@@ -238,6 +246,7 @@ def check(
         typer.Option("--out", help="Also write quality figures and a page with one panel per impact."),
     ] = None,
     skip_bad: SkipBad = False,
+    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -245,7 +254,9 @@ def check(
     """Say what is wrong with a dataset: file, row, column, value, what was expected, how to mend it."""
     from bayestissue.commands import check
 
-    check.run(dataset, out=out, skip_bad=skip_bad, overwrite=overwrite, quiet=quiet, as_json=as_json)
+    check.run(
+        dataset, out=out, skip_bad=skip_bad, excel=excel, overwrite=overwrite, quiet=quiet, as_json=as_json
+    )
 
 
 @app.command()
@@ -298,6 +309,7 @@ def estimate(
     ] = None,
     scheduler: Scheduler = None,
     skip_bad: SkipBad = False,
+    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -313,6 +325,7 @@ def estimate(
         vary=tuple(vary or ()),
         scheduler=scheduler,
         skip_bad=skip_bad,
+        excel=excel,
         overwrite=overwrite,
         quiet=quiet,
         as_json=as_json,
@@ -357,6 +370,7 @@ def fit(
     scheduler: Scheduler = None,
     seed: Seed = 0,
     skip_bad: SkipBad = False,
+    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> None:
@@ -377,6 +391,7 @@ def fit(
         scheduler=scheduler,
         seed=seed,
         skip_bad=skip_bad,
+        excel=excel,
         overwrite=overwrite,
         quiet=quiet,
     )
@@ -428,6 +443,7 @@ def compare(
     out: Annotated[
         Path | None, typer.Option("--out", help="Also write the tables and a page with figures.")
     ] = None,
+    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -435,7 +451,7 @@ def compare(
     """Which finished fit predicts best what it has not seen, and whether the fits agree on K and C."""
     from bayestissue.commands import compare
 
-    compare.run(runs, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
+    compare.run(runs, out=out, excel=excel, overwrite=overwrite, quiet=quiet, as_json=as_json)
 
 
 @app.command()
@@ -451,6 +467,7 @@ def ask(
     out: Annotated[
         Path | None, typer.Option("--out", help="Also write questions.csv and report.html to this folder.")
     ] = None,
+    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -468,7 +485,7 @@ def ask(
     """
     from bayestissue.commands import ask
 
-    ask.run(run, questions, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
+    ask.run(run, questions, out=out, excel=excel, overwrite=overwrite, quiet=quiet, as_json=as_json)
 
 
 @app.command()
@@ -485,6 +502,7 @@ def predict(
     out: Annotated[
         Path | None, typer.Option("--out", help="Also write predictions.csv and report.html to this folder.")
     ] = None,
+    excel: Excel = None,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
     as_json: Json = False,
@@ -498,7 +516,7 @@ def predict(
     """
     from bayestissue.commands import predict
 
-    predict.run(run, at=at, out=out, overwrite=overwrite, quiet=quiet, as_json=as_json)
+    predict.run(run, at=at, out=out, excel=excel, overwrite=overwrite, quiet=quiet, as_json=as_json)
 
 
 @app.command()

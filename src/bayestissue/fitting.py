@@ -437,18 +437,21 @@ def _again(
     return found
 
 
-def write_run(fit: Fit, folder: Path, say: Say | None = None) -> None:
-    """Write every file of a finished run into ``folder``, but for the page that is drawn of them."""
+def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.Excel | None = None) -> None:
+    """Write every file of a finished run into ``folder``, but for the page that is drawn of them.
+
+    Tables are written as `results.write_table` does with ``excel``.
+    """
     say = say or _silent
     say("writing the results", 0, 1)
     results.write_tree(fit.analysis.tree, folder / "posterior.nc")
     for name in TABLES:
-        getattr(fit.analysis, name).to_csv(folder / f"{name}.csv", index=False)
+        results.write_table(getattr(fit.analysis, name), folder / f"{name}.csv", excel)
     if fit.specification.questions:
-        fit.questions.to_csv(folder / "questions.csv", index=False)
-    fit.agreement.to_csv(folder / "agreement.csv", index=False)
+        results.write_table(fit.questions, folder / "questions.csv", excel)
+    results.write_table(fit.agreement, folder / "agreement.csv", excel)
     for method, table in fit.point_estimates.items():
-        table.to_csv(folder / f"estimates_{method}.csv", index=False)
+        results.write_table(table, folder / f"estimates_{method}.csv", excel)
     # A simulated dataset knows the truth; the report draws it in.
     home = fit.dataset.folder
     if home is not None and (truth := home / "truth.csv").is_file():

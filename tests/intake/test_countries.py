@@ -100,6 +100,22 @@ def test_a_workbook_of_facts_and_one_of_all_samples(tmp_path: Path) -> None:
         np.testing.assert_array_equal(one.value, other.value)
 
 
+def test_columns_of_several_lengths(tmp_path: Path) -> None:
+    """Two channels with times of their own, as a recorder of two rates exports them."""
+    folder = tmp_path / "rates"
+    folder.mkdir()
+    time, value = deceleration(0.5, 1.2)
+    slow, force = time[::4], 2 * value[::4]
+    cells = pd.DataFrame({"Zeit 1": time, "a": value}).join(pd.DataFrame({"t2": slow, "F": force}))
+    cells.to_csv(folder / "a.csv", index=False, sep=";", decimal=",")
+    sets = ("--set", "subject=s", "--set", "trial=x", "--set", "mass_kg=0.5", "--set", "velocity_m_s=1.2")
+    for channel, clock, expected, scale in (("a", "Zeit 1", value, 1.0), ("F", "t2", force, 0.5)):
+        said = ("--channel", channel, "--time", clock, "--unit", "m/s^2", "--scale", str(scale))
+        out, made = init(folder, *said, *sets, "--overwrite")
+        assert made.status == 0, made.err
+        np.testing.assert_array_equal(bt.read_dataset(out).traces[0].value, scale * expected)
+
+
 def test_what_is_wrong_with_all_files_is_one_problem(tmp_path: Path) -> None:
     """Decimal commas between which commas separate: no program can tell, and one sentence says so."""
     recordings(tmp_path / "de", Country(delimiter=",", decimal=","), people=2)

@@ -24,6 +24,7 @@ def answer(
     name: str,
     inputs: tuple[Path, ...],
     out: Path | None,
+    excel: results.Excel | None,
     overwrite: bool,
     quiet: bool,
     as_json: bool,
@@ -39,6 +40,7 @@ def answer(
             JSON.
         inputs: files and folders that are read and must not be overwritten.
         out: where to write; nowhere unless given.
+        excel: how the table is written; see `results.write_table`.
         overwrite: whether an older result there may be replaced.
         quiet: print nothing.
         as_json: print JSON instead.
@@ -57,7 +59,7 @@ def answer(
             with place.folder() as folder:
                 from bayestissue.report import answers_page
 
-                table.to_csv(folder / f"{name}.csv", index=False)
+                results.write_table(table, folder / f"{name}.csv", excel)
                 page = getattr(answers_page, f"{name}_page")(table, finished.about)
                 (folder / "report.html").write_text(page, encoding="utf-8")
         if as_json:

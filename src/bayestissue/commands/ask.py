@@ -10,12 +10,21 @@ from bayestissue.commands.answers import answer
 if TYPE_CHECKING:
     import pandas as pd
 
+    from bayestissue.results import Excel
+
 _DIGITS = {"posterior": "{:.3f}", "prior": "{:.3f}", "bayes_factor": "{:.3g}", "mcse": "{:.2g}"}
 _HEADINGS = {"bayes_factor": "Bayes factor", "mcse": "Monte Carlo error"}
 
 
 def run(
-    run: Path, questions: list[str], *, out: Path | None, overwrite: bool, quiet: bool, as_json: bool
+    run: Path,
+    questions: list[str],
+    *,
+    out: Path | None,
+    excel: Excel | None = None,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
 ) -> None:
     """Answer questions, print them and, with ``out``, write ``questions.csv`` and a page.
 
@@ -31,6 +40,7 @@ def run(
         name="questions",
         inputs=(run,),
         out=out,
+        excel=excel,
         overwrite=overwrite,
         quiet=quiet,
         as_json=as_json,

@@ -17,14 +17,21 @@ from bayestissue.errors import Problem
 from bayestissue.remedies import codes_in
 from bayestissue.report.recordings.check_page import kinds
 from bayestissue.report.writing import after_results
-from bayestissue.results import Place, claim_if, whole_file
+from bayestissue.results import Excel, Place, claim_if, whole_file, write_table
 from bayestissue.signal.recorder_noise import white_share
 
 _NAMED = 10
 
 
 def run(
-    dataset: Path, *, out: Path | None, skip_bad: bool, overwrite: bool, quiet: bool, as_json: bool
+    dataset: Path,
+    *,
+    out: Path | None,
+    excel: Excel | None = None,
+    skip_bad: bool,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
 ) -> None:
     """Check a dataset folder, say what was found and, with ``out``, write quality figures.
 
@@ -37,7 +44,7 @@ def run(
     with claim_if(out, overwrite=overwrite, command="check", inputs=(dataset,)) as place:
         found = check(read_dataset(dataset, skip_bad=skip_bad))
         if place is not None:
-            _write(place, found)
+            _write(place, found, excel)
         if as_json:
             echo(json.dumps(_plain(found), default=str, ensure_ascii=False))
         elif not quiet:
@@ -124,10 +131,10 @@ def _range(values: pd.Series, unit: str) -> str:
     return f"{low:.6g}{unit}" if low == high else f"{low:.6g} to {high:.6g}{unit}"
 
 
-def _write(place: Place, found: Check) -> None:
+def _write(place: Place, found: Check, excel: Excel | None) -> None:
     with place.folder() as staging:
-        found.quality.to_csv(staging / "quality.csv", index=False)
-        found.problems.to_csv(staging / "problems.csv", index=False)
+        write_table(found.quality, staging / "quality.csv", excel)
+        write_table(found.problems, staging / "problems.csv", excel)
     with (
         after_results(place.path, "the same command with --overwrite repeats it"),
         whole_file(place.path / "check.html") as staging,

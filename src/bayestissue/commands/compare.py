@@ -27,7 +27,15 @@ _unfit = partial(Problem, code="runs-to-compare")
 _OF_IMPACTS = ("K", "C", "K_secant", "C_equivalent")
 
 
-def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_json: bool) -> None:
+def run(
+    runs: list[Path],
+    *,
+    out: Path | None,
+    excel: results.Excel | None = None,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
     """Compare finished fits, print the table and, with ``out``, write it with a page.
 
     Writes ``comparison.csv``, ``posteriors.csv``, ``implied.csv``, ``run.json`` and ``report.html``.
@@ -52,9 +60,9 @@ def run(runs: list[Path], *, out: Path | None, overwrite: bool, quiet: bool, as_
         of_weights = implied(found, comparison)
         if place is not None:
             with place.folder() as folder:
-                comparison.to_csv(folder / "comparison.csv", index=False)
-                posteriors.to_csv(folder / "posteriors.csv", index=False)
-                of_weights.to_csv(folder / "implied.csv", index=False)
+                results.write_table(comparison, folder / "comparison.csv", excel)
+                results.write_table(posteriors, folder / "posteriors.csv", excel)
+                results.write_table(of_weights, folder / "implied.csv", excel)
                 about = {
                     "program": "bayestissue",
                     "command": "compare",

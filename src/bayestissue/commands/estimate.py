@@ -8,7 +8,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from bayestissue.resources import model_file
-from bayestissue.results import claim, write_json
+from bayestissue.results import Excel, claim, write_json, write_table
 from bayestissue.runtime import configure, versions
 
 if TYPE_CHECKING:
@@ -29,6 +29,7 @@ def run(
     model: str | Path | None,
     vary: tuple[str, ...],
     scheduler: str | None,
+    excel: Excel | None = None,
     skip_bad: bool,
     overwrite: bool,
     quiet: bool,
@@ -65,14 +66,14 @@ def run(
             table = estimate(data, method=method, options=options)
             varied = _varied(data, method, choices) if choices else None
         with place.folder() as staging:
-            table.to_csv(staging / "estimates.csv", index=False)
+            write_table(table, staging / "estimates.csv", excel)
             if varied is not None:
-                varied.to_csv(staging / "vary.csv", index=False)
+                write_table(varied, staging / "vary.csv", excel)
             if method == "dds":
                 # What this fit makes of one tissue under several masses, so that readers can judge their own.
-                centring_table().to_csv(staging / "centring.csv", index=False)
+                write_table(centring_table(), staging / "centring.csv", excel)
             if data.left_out:
-                _left_out(data).to_csv(staging / "left_out.csv", index=False)
+                write_table(_left_out(data), staging / "left_out.csv", excel)
             about = _about(data, method, options, file, started, perf_counter() - clock)
             write_json(about, staging / "run.json")
         draw_page(place.path)

@@ -27,6 +27,7 @@ def run(
     path: str | None,
     scheduler: str | None,
     seed: int,
+    excel: results.Excel | None = None,
     skip_bad: bool,
     overwrite: bool,
     quiet: bool,
@@ -66,7 +67,7 @@ def run(
             with on_cluster(scheduler), place.unfinished(job) as kept:
                 fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept)
                 with place.folder() as folder:
-                    write_run(fit, folder, say)
+                    write_run(fit, folder, say, excel=excel)
             say("writing the report", 0, 1)
             draw_page(place.path)
         if not quiet:

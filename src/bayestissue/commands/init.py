@@ -10,7 +10,7 @@ from typing import Any
 import typer
 
 from bayestissue.commands.console import echo, explained
-from bayestissue.errors import InputError, Problem, printable
+from bayestissue.errors import InputError, Problem, by_cause, printable
 from bayestissue.intake import Choices, Cutting, Intake, Question, prepare, write
 
 
@@ -39,7 +39,7 @@ def run(
     built = write(intake, out, name=name, cutting=cutting, skip_bad=skip_bad, overwrite=overwrite)
     path = built.dataset.folder or out
     if not quiet and not as_json:
-        for problem in built.left_out:
+        for problem in by_cause(built.left_out):
             echo(f"left out: {problem} [{problem.code}]")
         explained(problem.code for problem in built.left_out)
         for words in intake.written():

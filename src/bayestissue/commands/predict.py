@@ -11,8 +11,19 @@ from bayestissue.commands.answers import answer
 if TYPE_CHECKING:
     import pandas as pd
 
+    from bayestissue.results import Excel
 
-def run(run: Path, *, at: Path, out: Path | None, overwrite: bool, quiet: bool, as_json: bool) -> None:
+
+def run(
+    run: Path,
+    *,
+    at: Path,
+    out: Path | None,
+    excel: Excel | None = None,
+    overwrite: bool,
+    quiet: bool,
+    as_json: bool,
+) -> None:
     """Predict each row of a table, print that and, with ``out``, write ``predictions.csv`` and a page.
 
     Raises:
@@ -26,6 +37,7 @@ def run(run: Path, *, at: Path, out: Path | None, overwrite: bool, quiet: bool, 
         name="predictions",
         inputs=(run, at),
         out=out,
+        excel=excel,
         overwrite=overwrite,
         quiet=quiet,
         as_json=as_json,

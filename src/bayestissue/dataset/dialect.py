@@ -390,7 +390,9 @@ def _thousands(body: memoryview, delimiter: str, decimal: str) -> str:
         each = f"(?:{'|'.join(map(re.escape, marks))})"
         before, after = ('"', '"') if within else (r"(?<![\d.,])", r"(?!\d)")
         groups = rf"[+-]?\d{{1,3}}(?:(?:{each}\d{{3}})+{mark}\d|(?:{each}\d{{3}}){{2,}}{after})"
-        if re.search(each.encode(), body) and re.search(f"{before}{groups}".encode(), body):
+        # The second search takes a second for 20 MB.
+        three = rf"{each}\d{{3}}".encode()
+        if re.search(three, body) and re.search(f"{before}{groups}".encode(), body):
             return marks
     return ""
 

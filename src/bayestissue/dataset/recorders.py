@@ -81,10 +81,16 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
         return _contents(path, label)
     found = read_numbers(path, label, remedy=REMEDY, stated=stated)
     channels = {
-        name: Channel(column.array, unit=column.unit or unit_in_name(name))
+        name: Channel(_to_its_end(column.array), unit=column.unit or unit_in_name(name))
         for name, column in found.numbers.items()
     }
     return Contents(channels, found.first_row, str(found.dialect or ""))
+
+
+def _to_its_end(values: np.ndarray) -> np.ndarray:
+    """A column without the empty cells behind its end, where others of the table are longer."""
+    filled = np.flatnonzero(np.isfinite(values))
+    return values[: filled[-1] + 1] if filled.size else values
 
 
 def long_enough(channels: Mapping[str, Channel]) -> list[str]:

@@ -146,16 +146,14 @@ def read_numbers(path: Path, label: str, *, remedy: str, stated: Stated | None =
         found = _of_text(text, label, [name for name in text.names if name], ())
     return replace(
         found,
-        numbers={
-            name: column
-            for name, column in found.numbers.items()
-            if 2 * np.count_nonzero(np.isfinite(column.array)) >= column.array.size - _empty(column) > 0
-        },
+        numbers={name: column for name, column in found.numbers.items() if _holds_numbers(column)},
     )
 
 
-def _empty(column: Numbers) -> int:
-    return sum(not text.strip() for text in column.text.values())
+def _holds_numbers(column: Numbers) -> bool:
+    """Whether at least half of the filled cells hold a number, and any does."""
+    numbers = int(np.count_nonzero(np.isfinite(column.array)))
+    return numbers > 0 and numbers >= sum(bool(text.strip()) for text in column.text.values())
 
 
 def _of_text(text: TextTable, label: str, numbers: Sequence[str], labels: Sequence[str]) -> Columns:

@@ -17,6 +17,7 @@ from bayestissue.report.settings import settings_table
 from bayestissue.report.style import POSTERIOR, PUBLISHED, new_figure, style
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import interval, listed, number, significant
+from bayestissue.results import read_table
 
 # The columns of `estimates.csv` (see the interfaces) that the page can't do without.
 _LAYOUT = TableFile(
@@ -128,7 +129,7 @@ def _interval(table: pd.DataFrame, column: str) -> tuple[pd.Series, pd.Series]:
 
 def _further(folder: Path) -> list[tuple[str, str, str, Table]]:
     return [
-        (name, heading, words, plain_table(pd.read_csv(path, dtype=str, keep_default_na=False)))
+        (name, heading, words, plain_table(read_table(path)))
         for name, heading, words in _FURTHER
         if (path := folder / f"{name}.csv").is_file()
     ]

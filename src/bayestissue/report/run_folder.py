@@ -15,7 +15,7 @@ import xarray as xr
 
 from bayestissue.errors import InputError, Problem
 from bayestissue.remedies.codes import Code
-from bayestissue.results import damaged
+from bayestissue.results import damaged, read_table
 
 AGAIN = (
     "Give the folder of a finished run, or make it anew with `bayestissue fit` or `bayestissue reproduce`."
@@ -210,7 +210,7 @@ def read_tables(folder: Path, layouts: tuple[TableFile, ...]) -> Mapping[str, pd
 
 def _read_table(path: Path, layout: TableFile, problems: list[Problem]) -> pd.DataFrame:
     try:
-        table = pd.read_csv(path, dtype=str, keep_default_na=False, encoding="utf-8")
+        table = read_table(path)
     except (OSError, UnicodeDecodeError, pd.errors.ParserError, pd.errors.EmptyDataError) as error:
         problems.append(wrong_in(path, "a table as a run writes it", value=type(error).__name__))
         return pd.DataFrame()

@@ -5,16 +5,20 @@ from bayestissue.results.mark import damaged
 from bayestissue.results.place import Place, claim, claim_if
 from bayestissue.results.refusals import require_free, require_place
 from bayestissue.results.staging import scratch, whole_file
+from bayestissue.results.tables import Excel, read_table, write_table
 
 __all__ = [
+    "Excel",
     "Place",
     "claim",
     "claim_if",
     "damaged",
+    "read_table",
     "require_free",
     "require_place",
     "scratch",
     "whole_file",
     "write_json",
+    "write_table",
     "write_tree",
 ]

@@ -135,10 +135,10 @@ def _panel(ax: Any, index: int, *, dataset: Dataset, signal: Displacements) -> N
 
 
 def kinds(problems: Sequence[Problem]) -> list[list[Problem]]:
-    """The same slip in many impacts as one entry: alike are those of one file, column and remedy."""
+    """The same slip in many impacts, or in the files of many, as one entry: of one column and remedy."""
     alike: dict[tuple[object, ...], list[Problem]] = {}
     for problem in problems:
-        alike.setdefault((problem.file, problem.column, problem.remedy), []).append(problem)
+        alike.setdefault((problem.code, problem.column, problem.remedy), []).append(problem)
     return list(alike.values())
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from bayestissue.dataset import Dataset
-from bayestissue.errors import Problem
+from bayestissue.errors import Problem, by_cause
 from bayestissue.report.page import render_page
 from bayestissue.report.recordings.sheets import sheets
 from bayestissue.report.style import FAINT, MUTED, PALETTE
@@ -46,7 +46,7 @@ def init_page(
             columns("what", "understood as", words=("understood as",)), [Row(pair) for pair in understood]
         ),
         notes=notes,
-        left_out=[str(problem) for problem in left_out],
+        left_out=[str(problem) for problem in by_cause(left_out)],
         codes=[problem.code for problem in left_out],
         shown=len(which),
         total=total,
