@@ -3,8 +3,8 @@
     .venv/bin/python benchmarks/drops.py
 
 Masses of 0.3 to 1.2 kg are dropped from 3 to 12 cm on tissues around K = 3000 N/m and C = 25 N s/m, recorded
-at 10 kHz in white noise of 0.5 % of the peak: 1,000 impacts a line, of which a coverage of 90 % has a standard
-error of 0.9 %. An impact without an interval counts as not held. The table goes to drops.csv.
+at 10 kHz in white noise of 0.5 % of the peak: 1,000 impacts a line, of which a coverage of 90 % has a
+standard error of 0.9 %. An impact without an interval counts as not held. The table goes to drops.csv.
 """
 
 from __future__ import annotations

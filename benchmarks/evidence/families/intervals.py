@@ -89,11 +89,11 @@ def drops() -> Named:
     declared = rows[rows.index.str.startswith("declared, ")]
     held = 100 * declared[["K_held", "C_held"]].to_numpy()
     wrong, right = rows.loc["declared as none"], rows.loc["none, declared as none"]
+    named, alarms = (f"{each['gravity_named']:.0f} of {each['impacts']:.0f}" for each in (wrong, right))
     text = (
         f"90 % intervals of vertical drops held K and C in {held.min():.0f} to {held.max():.0f} %; of drops "
-        f"declared as none K came out {percent(wrong['K_bias'], 0)} too large, and {wrong['gravity_named']} "
-        f"of {wrong['impacts']} were flagged, as were {right['gravity_named']} of {right['impacts']} impacts "
-        "without gravity"
+        f"declared as none K came out {percent(wrong['K_bias'], 0)} too large, and {named} were flagged, as "
+        f"were {alarms} impacts without gravity"
     )
     yield "sentence", Figure(text, names("drops"))
 
