@@ -1,10 +1,12 @@
 from __future__ import annotations
 
 import json
+import tomllib
 from dataclasses import replace
 from datetime import UTC, datetime
 
 import jax
+import numpy as np
 import pandas as pd
 import pytest
 import scipy.linalg  # noqa: F401 - so that its BLAS is there
@@ -20,6 +22,7 @@ from bayestissue.inference.fit import TraceAnalysis
 from bayestissue.inference.single.estimates import estimate
 from bayestissue.resources import shared
 from bayestissue.simulation import Simulation, simulate
+from campaigns import FOUR_BY_FOUR
 from make_fit_run import make_fit_run
 
 WORST = {"r_hat": 1.003, "ess_bulk": 1200.0, "ess_tail": 900.0}
@@ -274,3 +277,22 @@ def test_a_fit_has_one_blas_thread_and_gives_the_others_back() -> None:
         with fitting._set_up():
             assert set(threads().values()) == {1}
         assert threads() == before
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("model", ["impact", "arma"])
+def test_a_fit_of_drops_finds_the_tissue(model):
+    made = Simulation.model_validate(tomllib.loads(FOUR_BY_FOUR) | {"gravity": "drop"})
+    campaign = simulate(made)
+    true = campaign.truth["K_N_per_m"].to_numpy()
+
+    def logs(gravity: float) -> np.ndarray:
+        dataset = replace(campaign.dataset(made.name), gravity=gravity)
+        draws = bt.fit(dataset, model).posterior["posterior"]["K"]
+        return np.log(draws.transpose("impact", ...).to_numpy().reshape(len(true), -1) / true[:, None])
+
+    found, without = logs(9.80665), logs(0.0)
+    # Sixteen impacts, whose errors of mass and velocity are declared: 1.6 is the 0.1 % quantile of the rms.
+    z = found.mean(1) / found.std(1)
+    assert np.sqrt((z**2).mean()) < 1.6
+    assert without.mean() > 0.1

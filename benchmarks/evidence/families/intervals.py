@@ -77,6 +77,28 @@ def coverage_point() -> Named:
 
 
 @family
+def drops() -> Named:
+    lines = read("drops.csv")
+    shown = lines[["drops", "impacts"]].copy()
+    for q in "KC":
+        shown[f"{q} held"] = lines[f"{q}_held"].map(percent)
+        shown[f"{q} off by"] = lines[f"{q}_bias"].map(lambda off: percent(off, 2))
+    shown["gravity flagged"] = lines["gravity_named"]
+    yield "table", block(table(shown), "drops")
+    rows = lines.set_index("drops")
+    declared = rows[rows.index.str.startswith("declared, ")]
+    held = 100 * declared[["K_held", "C_held"]].to_numpy()
+    wrong, right = rows.loc["declared as none"], rows.loc["none, declared as none"]
+    named, alarms = (f"{each['gravity_named']:.0f} of {each['impacts']:.0f}" for each in (wrong, right))
+    text = (
+        f"90 % intervals of vertical drops held K and C in {held.min():.0f} to {held.max():.0f} %; of drops "
+        f"declared as none K came out {percent(wrong['K_bias'], 0)} too large, and {named} were flagged, as "
+        f"were {alarms} impacts without gravity"
+    )
+    yield "sentence", Figure(text, names("drops"))
+
+
+@family
 def many_impacts() -> Named:
     row = pieces()["many_impacts"].rows().iloc[0]
     text = (

@@ -98,6 +98,7 @@ def _summary(found: Check) -> list[tuple[str, str]]:
             f"{len(impacts)}; subjects: {impacts['subject'].nunique()}, trials: {impacts['trial'].nunique()}",
         ),
         ("recorded", data.quantity),
+        *([("gravity along the motion", f"{data.gravity:.4g} m/s²")] if data.gravity else []),
         *([("low-pass", str(data.recorder)), ("noise entered", _entry(found))] if data.recorder else []),
         ("samples per impact", _range(quality["n_samples"], "")),
         ("sampling rate", _range(quality["sampling_rate_hz"], " Hz")),

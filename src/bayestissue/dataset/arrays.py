@@ -50,7 +50,7 @@ def dataset(
     value_column: str = "value",
     scale: float = 1.0,
     offset: float = 0.0,
-    gravity: Gravity = "none",
+    gravity: Gravity | None = None,
     zero: Zero = "free_fall",
     uncertainty: Mapping[str, float] | Uncertainty | None = None,
     recorder: Mapping[str, Any] | Recorder | None = None,
@@ -76,8 +76,8 @@ def dataset(
         value_column: the name of the values' column there.
         scale: by which the values are multiplied before the unit.
         offset: added to them after that.
-        gravity: the part of gravity along the motion: "none", "drop" (straight down), or a number of m/s²,
-            positive into the tissue.
+        gravity: the part of gravity along the motion: "none" (taken unless given), "drop" (straight down), or
+            a number of m/s², positive into the tissue.
         zero: where an accelerometer read 0: "free_fall" or "rest".
         uncertainty: standard deviations of the measuring chain, by the keys of ``[uncertainty]``.
         recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]``.
@@ -96,7 +96,8 @@ def dataset(
         **{"quantity": quantity, "unit": unit, "time_unit": time_unit},
         **{"time_column": time_column, "value_column": value_column},
         **{"scale": _plain(scale), "offset": _plain(offset)},
-        **{"gravity": _plain(gravity), "zero": zero},
+        **({} if gravity is None else {"gravity": _plain(gravity)}),
+        **{"zero": zero},
     }
     chain = asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else dict(uncertainty or {})
     chain = {key: _plain(value) for key, value in chain.items()}

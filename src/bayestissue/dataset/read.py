@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from bayestissue.dataset.model import Dataset, Trace
 from bayestissue.dataset.recordings import Recordings
 from bayestissue.dataset.samples import Reading, Samples
 from bayestissue.dataset.settings import FILE as SETTINGS
-from bayestissue.dataset.settings import Settings, read_settings
+from bayestissue.dataset.settings import Settings, SignalSettings, read_settings
 from bayestissue.dataset.stated import stated_problems
 from bayestissue.dataset.trace_files import read_files
 from bayestissue.errors import InputError, Problem
@@ -108,6 +109,7 @@ def checked_dataset(
     problems += stated_problems(recordings.without(problems))
     _refuse(problems, skip_bad, table)
     bad = {problem.impact for problem in problems}
+    unstated = _falls_unsaid(signal, table.table.columns)
     keep = ~table.table["impact"].isin(list(bad)).to_numpy()
     return Dataset(
         name=settings.name,
@@ -116,7 +118,7 @@ def checked_dataset(
         traces=_traces(reading.samples, keep),
         quantity=signal.quantity,
         uncertainty=uncertainty,
-        warnings=tuple(w for w in table.warnings + findings.warnings if w.impact not in bad),
+        warnings=tuple(w for w in [*unstated, *table.warnings, *findings.warnings] if w.impact not in bad),
         left_out=tuple(problems),
         folder=folder,
         input_hash=input_hash,
@@ -125,6 +127,21 @@ def checked_dataset(
         recorder=settings.recorder.values() if settings.recorder else None,
         gravity=gravity,
     )
+
+
+def _falls_unsaid(signal: SignalSettings, columns: Iterable[str]) -> Iterator[Problem]:
+    """A height of fall where nothing says whether gravity acts along the motion."""
+    heights = [name for name in columns if name.startswith("drop_height")]
+    if heights and "gravity" not in signal.model_fields_set:
+        yield Problem(
+            SETTINGS,
+            "whether gravity acts along the motion, since there is a height of fall",
+            'Write gravity = "drop" under [signal] for an impactor that falls straight down, or "none" for a '
+            "pendulum at its lowest point.",
+            column="signal.gravity",
+            value=f"a column {heights[0]}, and no signal.gravity",
+            code="gravity",
+        )
 
 
 def _tables(folder: Path) -> tuple[Settings, ImpactTable]:

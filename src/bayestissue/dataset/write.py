@@ -62,8 +62,7 @@ def write_whole(data: Dataset, path: Path, *, overwrite: bool) -> Path:
     free_text = {name: getattr(data, name) for name in ("name", "description", "licence", "source")}
     unit = "m" if data.quantity == "displacement" else "m/s^2"
     settings = {name: text for name, text in free_text.items() if text} | {
-        "signal": {"quantity": data.quantity, "unit": unit}
-        | ({"gravity": data.gravity} if data.gravity else {}),
+        "signal": {"quantity": data.quantity, "unit": unit, "gravity": data.gravity or "none"},
         "uncertainty": asdict(data.uncertainty),
     }
     if data.recorder is not None:

@@ -90,6 +90,7 @@ Code = Literal[
     "low-pass-not-applied",
     "saturated",
     "no-law",
+    "gravity",
     "contact-doubtful",
     "no-zero-velocity",
     # Estimates of single impacts.

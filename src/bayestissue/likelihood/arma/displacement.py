@@ -332,9 +332,12 @@ class MeasuredDisplacement(dist.Distribution):
         return jnp.where(inside, clean + added, 0.0)
 
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
-        """A replicate of every trace, as displacement [m] and as deceleration [m/s^2]; NaN past its end."""
+        """A replicate of every trace, as displacement [m] and as deceleration [m/s^2]; NaN past its end.
+
+        Along gravity the deceleration is force over mass, as recorded ones are.
+        """
         record, trace = self.record, self.sample(key)
-        bend = -jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
+        bend = record.gravity[:, None] - jnp.diff(trace, n=2, axis=1) / record.dt[:, None] ** 2
         edges = jnp.pad(bend, ((0, 0), (1, 1)), constant_values=jnp.nan)
         left = record.n_samples[:, None] - jnp.arange(trace.shape[1])
         return {

@@ -13,13 +13,15 @@ from bayestissue.dataset.model import Recorder
 from bayestissue.errors import Coded
 from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements
 from bayestissue.signal.options import SignalOptions
-from bayestissue.signal.quality import law, rest, samples
+from bayestissue.signal.quality import gravity, law, rest, samples
 from bayestissue.signal.quality.kinds import (
     ABOVE,
     BELOW,
     COARSE,
     DEEP,
     DRIFT,
+    FALLS,
+    FALLS_NOT,
     HUM,
     MOVED,
     NO_LAW,
@@ -117,8 +119,12 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list
     # What a declared low-pass makes of a law is none.
     if part.recorder is not None:
         return
-    named = np.array([[bool(value) for value in values] for _, values in found]).any(axis=0)
-    yield from _laws(recorded, signal, named)
+    used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
+    other = gravity.another(signal, used, recorded.sd, recorded.freedom)
+    words = "what one of {:.3g} m/s² explains far better"
+    yield FALLS_NOT if part.gravity else FALLS, _words(other, words, gravity.tried(signal))
+    named = np.array([[bool(value) for value in values] for _, values in found]).any(axis=0) | other
+    yield from _laws(recorded, signal, used & ~named[:, None])
 
 
 def _single_samples(recorded: Recorded) -> Iterator[tuple[Kind, list[str]]]:
@@ -128,9 +134,9 @@ def _single_samples(recorded: Recorded) -> Iterator[tuple[Kind, list[str]]]:
     yield COARSE, _words(np.isfinite(levels), "{:.3g} steps", levels)
 
 
-def _at_rest(recorded: Recorded, to_peak: Column, gravity: float) -> Iterator[tuple[Kind, list[str]]]:
+def _at_rest(recorded: Recorded, to_peak: Column, along: float) -> Iterator[tuple[Kind, list[str]]]:
     uneven = rest.uneven(recorded, to_peak)
-    frequency, moved = rest.hum(recorded, uneven), rest.moved_zero(recorded, gravity)
+    frequency, moved = rest.hum(recorded, uneven), rest.moved_zero(recorded, along)
     slow = rest.slow_noise(recorded, to_peak)
     yield HUM, _words(np.isfinite(frequency), "a wave of {:.0f} Hz", frequency)
     yield DRIFT, _words(uneven & np.isnan(frequency), "a signal that is not level", moved)
@@ -138,9 +144,7 @@ def _at_rest(recorded: Recorded, to_peak: Column, gravity: float) -> Iterator[tu
     yield SLOW, _words(np.isfinite(slow) & ~uneven, "noise up to {:.0f} Hz", slow)
 
 
-def _laws(recorded: Recorded, signal: Displacements, named: Mask) -> Iterator[tuple[Kind, list[str]]]:
-    used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    used &= ~named[:, None]
+def _laws(recorded: Recorded, signal: Displacements, used: Mask) -> Iterator[tuple[Kind, list[str]]]:
     start = law.Start(signal.dt, signal.x[:, 0], signal.v[:, 0], signal.gravity)
     limit = law.saturation(signal.deceleration, used, start, recorded.sd)
     flat = limit > 0

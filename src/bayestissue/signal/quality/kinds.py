@@ -64,6 +64,14 @@ NO_LAW = Kind(
     Coded("no force of depth and velocity gives this trace", "no-law"),
     "a deceleration that follows from depth and velocity, whatever the tissue",
 )
+FALLS = Kind(
+    Coded("looks like gravity along the motion, which is not declared", "gravity"),
+    'signal.gravity = "drop" in dataset.toml where the impactor falls straight down',
+)
+FALLS_NOT = Kind(
+    Coded("looks like no gravity along the motion, though it is declared", "gravity"),
+    'signal.gravity = "none" in dataset.toml where the impactor moves across gravity',
+)
 DEEP = Kind(
     Coded(
         "begins above zero: contact came before the recording, or the sensor has another zero", "starts-deep"

@@ -152,6 +152,17 @@ def _require_masses(dataset: Dataset, source: str) -> None:
                 code="wrong-quantity",
             )
         )
+    if dataset.gravity:
+        raise InputError(
+            Problem(
+                source,
+                "impacts across gravity, as the thesis's pendulum made them",
+                "The causes are simulated without gravity; a dataset of drops can't be compared.",
+                column="signal.gravity",
+                value=f"{dataset.gravity:g} m/s²",
+                code="wrong-quantity",
+            )
+        )
     masses = dataset.impacts.groupby("trial")["mass_kg"].mean().round(9).nunique()
     if masses < FEWEST_MASSES:
         raise InputError(
