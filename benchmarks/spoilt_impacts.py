@@ -3,7 +3,8 @@
     .venv/bin/python benchmarks/spoilt_impacts.py
 
 Sound impacts are those of `bayestissue.simulation.sound`: on all six elements, 1 to 10 kHz, noise of 0.1 to
-2 % of the peak, with and without a quiet part, ended after the peak or after the rebound. Each kind of
+2 % of the peak, with and without a quiet part, ended after the peak or after the rebound; and the same, all
+cropped at contact. Each kind of
 `bayestissue.simulation.spoiling` spoils 200 of them. An impact is flagged where `check` refuses it or warns
 of it, or where `estimate` flags it. K or C is off where spoiling moves the point estimate by more than 5 %
 from that of the same impact recorded with the same chain and noise and not spoilt. The table goes to
@@ -64,6 +65,7 @@ def measure(number: int) -> None:
     impacts = sound.impacts(600)
     sets = {
         "sound, deceleration": lambda: sound_ones(impacts, SOUND),
+        "sound, cropped at contact": lambda: sound_ones(impacts, SOUND, cropped=True),
         "sound, displacement": lambda: sound_ones(impacts, number, "displacement"),
         **{kind: partial(spoilt_ones, kind, impacts, number) for kind in KINDS},
     }

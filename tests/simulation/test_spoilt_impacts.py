@@ -10,7 +10,8 @@ import pandas as pd
 import pytest
 from scipy.stats import binom
 
-from bayestissue.simulation.sound import impacts
+from bayestissue.inference.single.estimates import estimate
+from bayestissue.simulation.sound import dataset, impacts
 from bayestissue.simulation.spoiling import DISPLACEMENT, KINDS
 from bayestissue.simulation.spoilt import judged, sound_ones, spoilt_ones
 
@@ -40,6 +41,30 @@ def test_there_are_at_least_fifteen_ways_to_spoil_a_recording():
 def test_fewer_than_one_sound_recording_in_twenty_is_flagged(pool, quantity, count):
     flagged = (judged(sound_ones(pool, count, quantity, seed=1))["flags"] != "").sum()
     assert flagged <= binom.ppf(1 - CHANCE, count, 0.05)
+
+
+@pytest.fixture(scope="module")
+def tissues():
+    return impacts(120, seed=4, elements=("kelvin_voigt", "stiffening", "maxwell", "hunt_crossley"))
+
+
+def test_fewer_than_one_sound_recording_in_twenty_that_is_cropped_at_contact_is_flagged(pool, tissues):
+    """A spring and damper's deceleration begins at C V / M, and published recordings as a rule with it."""
+    made = sound_ones(pool, SOUND, seed=1, cropped=True) + sound_ones(tissues, 120, seed=2, cropped=True)
+    # More than half of them begin above 4 % of the peak, and are asked about.
+    first = [trace.value[0] / trace.value.max() for trace in made.traces]
+    assert np.mean(np.array(first) > 0.04) > 0.5
+    flagged = (judged(made)["flags"] != "").sum()
+    assert flagged <= binom.ppf(1 - CHANCE, len(first), 0.05)
+
+
+def test_estimate_leaves_sound_recordings_cropped_at_contact_alone(pool):
+    """By the method for decelerations, at damping ratios of 0.05 to 1."""
+    made = sound_ones(pool, SOUND, seed=3, cropped=True)
+    table = estimate(dataset(made.impacts, made.traces, "deceleration"))
+    assert table["zeta"].min() < 0.1
+    assert table["zeta"].max() > 0.6
+    assert (table["flags"] != "").sum() <= binom.ppf(1 - CHANCE, SOUND, 0.05)
 
 
 def test_nine_in_ten_spoilt_recordings_that_move_K_or_C_are_found(spoilt):

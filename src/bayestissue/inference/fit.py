@@ -30,9 +30,9 @@ from bayestissue.inference.answers.reliability import (
 )
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form, with_impacts
-from bayestissue.inference.checking.noise_left import noise_p
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.execution.progress import Progress
+from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded, rows_of
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import exact_draws

@@ -96,7 +96,7 @@ def find_start(
         ab, delta, delta_sd = problem.fit(low, high)
         delta, delta_sd = _mean_within(delta, delta_sd, low, high, np.where(cut, _CUT, 0))
         ab = problem.fit_given(ab, delta)
-        x, v = _grown(ab[:, 0], ab[:, 1], delta, fall)
+        x, v = grown(ab[:, 0], ab[:, 1], delta, fall)
     # Too few samples, or a motion no spring and damper makes: d is held constant back to contact.
     d1 = np.where(inside[:, 0], deceleration[:, 0] - gravity, 0) * duration / velocity
     sound = (
@@ -222,7 +222,7 @@ def _blank(matrices: np.ndarray) -> np.ndarray:
 
 def _coefficients(parameters: np.ndarray, fall: Column) -> np.ndarray:
     a, b, delta = parameters.T
-    x, v = _grown(a, b, delta, fall)
+    x, v = grown(a, b, delta, fall)
     return np.stack([a * v + b * x, b * v, -a, -b], axis=1)
 
 
@@ -234,9 +234,7 @@ def _jacobian(parameters: np.ndarray, fall: Column) -> np.ndarray:
     )
 
 
-def _grown(
-    a: np.ndarray, b: np.ndarray, delta: np.ndarray, fall: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def grown(a: np.ndarray, b: np.ndarray, delta: np.ndarray, fall: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The motion x″ = ``fall`` − a x′ − b x from x = 0, v = 1, by their Taylor series."""
     earlier, later = np.zeros_like(delta), np.ones_like(delta)
     x, v, power = earlier, later, np.ones_like(delta)

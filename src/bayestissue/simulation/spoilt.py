@@ -36,11 +36,18 @@ class Recorded:
 
 
 def sound_ones(
-    impacts: list[Impact], count: int, quantity: Quantity = "deceleration", seed: int = 0
+    impacts: list[Impact],
+    count: int,
+    quantity: Quantity = "deceleration",
+    seed: int = 0,
+    *,
+    cropped: bool = False,
 ) -> Recorded:
-    """``count`` of the impacts in sound recordings."""
+    """``count`` of the impacts in sound recordings, all ``cropped`` at contact or not."""
     rng = np.random.default_rng([seed, len(KINDS) + (quantity == "displacement")])
     chosen, chains = _drawn(impacts, count, rng, quantity)
+    if cropped:
+        chains = [replace(each, before=0.0) for each in chains]
     return Recorded(chosen, chains, _sound(chosen, chains, quantity), quantity)
 
 

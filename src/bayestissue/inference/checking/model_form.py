@@ -82,7 +82,7 @@ def with_impacts(
     Args:
         form: as `model_form` has it.
         names: of the impacts.
-        p: of each, as `bayestissue.inference.checking.noise_left.noise_p` finds them; NaN where not tested.
+        p: of each, as `bayestissue.inference.factors.noise_left.noise_p` finds them; NaN where not tested.
 
     Returns:
         Besides ``impacts``: ``p`` by name, how many were ``tested`` and are ``below`` `SMALL_P`, whether

@@ -29,12 +29,12 @@ from bayestissue.hierarchy.traces import (
     trace_distribution,
     with_normal_errors,
 )
-from bayestissue.inference.checking.noise_left import noise_p
 from bayestissue.inference.execution.chunks import of_each
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.laplace import laplace_sites
 from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
@@ -76,7 +76,7 @@ class SinglePosteriors(NamedTuple):
         residuals: what the impact at the medians, and the chain's errors as the trace has them, leave of the
             trace [m/s^2]; 0 past its end.
         noise_p: p-value of what is left being the recorder's noise: see
-            `bayestissue.inference.checking.noise_left`.
+            `bayestissue.inference.factors.noise_left`.
         pareto_k: of the importance weights; above `bayestissue.inference.samplers.psis.k_threshold` nothing
             vouches for the medians and intervals.
     """

@@ -13,7 +13,7 @@ from bayestissue.dataset.model import Recorder
 from bayestissue.errors import Coded
 from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements
 from bayestissue.signal.options import SignalOptions
-from bayestissue.signal.quality import gravity, law, rest, samples
+from bayestissue.signal.quality import beginning, gravity, law, rest, samples
 from bayestissue.signal.quality.kinds import (
     ABOVE,
     BELOW,
@@ -65,8 +65,9 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
 
     Each detector is a test with a false alarm rate of 0.001 (0.003 where laws are fitted) a sound recording,
     all samples and values that it tries taken together, and finds only what is large enough to change K or C
-    by some per cent. What only says that no tissue makes such a trace is asked of impacts that no other
-    detector names.
+    by some per cent. A recording that begins above zero may begin at contact: it is found where an impact
+    that begins there does not explain it. What only says that no tissue makes such a trace is asked of
+    impacts that no other detector names.
 
     Args:
         dataset: the recordings.
@@ -113,7 +114,11 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list
     whole = {"window": "rebound", "filter": "none", "equilibrium": "rest"}
     signal = displacements(part, options.model_copy(update=whole))
     found = [*_single_samples(recorded), *_at_rest(recorded, signal.time_to_peak, part.gravity)]
-    found.append((ABOVE, _words(start > 0, "{:.1%} of the peak at the first sample", start)))
+    above = start > 0
+    if part.recorder is None:
+        # An impact's force may jump at contact; behind a low-pass it can't.
+        above = beginning.contact_missed(recorded, signal, above)
+    found.append((ABOVE, _words(above, "{:.1%} of the peak at the first sample", start)))
     found.append((BELOW, _words(start < 0, "{:.1%} of the peak at the first sample", start)))
     yield from ((kind, said) for kind, said in found if part.recorder is None or kind is not SLOW)
     # What a declared low-pass makes of a law is none.

@@ -16,7 +16,7 @@ type Law = Float[np.ndarray, "impact sample term"]
 ALARMS = 3e-3
 # What the laws below leave over of the elements' own noise-free traces, as a fraction of the peak.
 MISFIT = 0.0015
-_TERMS = 4
+TERMS = 4
 # A limit that explains the trace leaves at most so many times the noise's sum of squares.
 _WELL = 4.0
 # The sensor's limits tried, as multiples of the greatest recorded value.
@@ -114,7 +114,7 @@ def saturation(d: Rows, used: Mask, start: Start, sd: Column) -> Column:
     found = np.full(len(d), np.nan)
     peak, count = np.where(used, d, 0).max(axis=1), used.sum(axis=1)
     plain = best_left(d, used, start, np.ones_like(d))
-    floor = (sd**2 + (MISFIT * peak) ** 2) * np.maximum(count - _TERMS, 1)
+    floor = (sd**2 + (MISFIT * peak) ** 2) * np.maximum(count - TERMS, 1)
     # A further parameter can't gain much where the laws leave noise alone.
     rows = np.flatnonzero((count >= 12) & (plain > 0.8 * floor) & (peak > 0))
     if not rows.size:
@@ -128,7 +128,7 @@ def saturation(d: Rows, used: Mask, start: Start, sd: Column) -> Column:
         z = np.clip(d / limit, -0.99, 0.99)
         square = best_left(np.arctanh(z) * limit, used, start, 1 - z**2)
         limits, best = np.where(square < best, factor, limits), np.minimum(best, square)
-    freedom = np.maximum(count - _TERMS - 1, 1)
+    freedom = np.maximum(count - TERMS - 1, 1)
     gain = (plain - best) / np.maximum(best, floor) * freedom
     sure = fdtrc(1, freedom, gain) < ALARMS
     found[rows[sure]] = np.where(best < _WELL * floor, limits, 0.0)[sure]
