@@ -8,9 +8,9 @@ velocity at contact, an impact recorded with an offset o obeys
 
 g being gravity along the motion and (x, v) the state that (0, 1) grows into over the time from contact to the
 first sample. Three accounts are held against each other: contact no more than a sampling interval before the
-first sample and no offset; contact longer before it; an offset. What another law than that of a spring and damper does to a trace may
-look like any of them: of a trace that neither of the last two explains it is asked whether any law of
-tissue does.
+first sample and no offset; contact longer before it; an offset. What another law than that of a spring and
+damper does to a trace may look like any of them: of a trace that neither of the last two explains it is asked
+whether any law of tissue does.
 """
 
 from __future__ import annotations
