@@ -94,15 +94,23 @@ def init(
     folder: Annotated[
         Path, typer.Argument(help="Folder of recorder files; nothing in it is changed.", metavar="FOLDER")
     ],
-    out: Annotated[Path, typer.Option("--out", help="Folder for the dataset; it must be new or empty.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Folder for the dataset, new or empty; that of the recordings with -dataset behind unless "
+            "given. The dataset is called after it.",
+        ),
+    ] = None,
     pattern: Annotated[
         str | None,
         typer.Option(
             "--pattern",
             metavar="PATTERN",
-            help="How file names are read. A name in braces is a column of impacts.csv; {} is what does not "
-            "matter. mass_g, velocity_cm_s, drop_height_m, _cm and _mm are converted (v = sqrt(2 g h), for a "
-            "pendulum too). With / the folders above the file are read as well.",
+            help="How file names are read; guessed from the names unless given. A name in braces is a "
+            "column of impacts.csv; {} is what does not matter. mass_g, velocity_cm_s, drop_height_m, _cm "
+            "and _mm are converted (v = sqrt(2 g h), for a pendulum too). With / the folders above the file "
+            "are read as well.",
         ),
     ] = None,
     table: Annotated[
@@ -164,6 +172,15 @@ def init(
             "(none, point, comma, space, apostrophe), header_row, units_row; may be repeated.",
         ),
     ] = None,
+    uncertainty: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--uncertainty",
+            metavar="NAME=SD",
+            help="How well the measuring chain is known, as a standard deviation: mass and gain as a "
+            "fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.",
+        ),
+    ] = None,
     gravity: Annotated[
         str | None,
         typer.Option(
@@ -197,10 +214,10 @@ def init(
     """Make a dataset of a folder of recorder files: CSV, Excel, Parquet, .lvm, .tdms, .mat, .c3d, .acq, .h5.
 
     What the files do not say is asked for at a terminal, or given as options. Files such as
-    s01_left_2.5kg_1.lvm, dropped from 12 cm:
+    s01_left_2.5kg_1.lvm, whose names are read as {subject}_{side}_{mass_kg}kg_{n}, dropped from 12 cm:
 
-        bayestissue init recorded --out drops --pattern "{subject}_{side}_{mass_kg}kg_{n}.lvm"
-        --quantity deceleration --unit g --set drop_height_cm=12 --gravity drop --set trial=drop
+        bayestissue init recorded --quantity deceleration --unit g --set drop_height_cm=12 --gravity drop
+        --uncertainty velocity=0.01
 
     The recordings are copied as they are; init.html beside them shows what was understood.
     """
@@ -224,6 +241,7 @@ def init(
         init.entries(text or [], "--text", "decimal=comma"),
         init.gravity(gravity),
         zero,
+        init.uncertainty(uncertainty or []),
     )
     init.run(
         folder,

@@ -125,8 +125,8 @@ def test_without_a_terminal_all_that_is_missing_is_said_at_once(folder: Callable
     refused = bayestissue("init", folder(".c3d"), "--out", tmp_path / "drops")
     assert refused.status == 2
     lines = refused.err.splitlines()
-    assert lines[0] == "7 problems; nothing was written."
-    options = ("--channel", "--quantity", "--unit", "--set subject", "--set trial", "--set mass_kg")
+    assert lines[0] == "4 problems; nothing was written."
+    options = ("--channel", "--quantity", "--unit", "--set velocity_m_s")
     assert [option for option in options if not any(f"  {option}: " in line for line in lines)] == []
     assert "  Impact [m/s^2]: 400 samples" in lines
     assert lines[-1].startswith("Options to add, with your own values: --channel Fz --quantity deceleration")
@@ -138,26 +138,28 @@ def test_the_options_of_that_message_are_enough(folder: Callable, tmp_path: Path
     with pytest.raises(InputError) as refused:
         bt.init_dataset(recorded, out)
     line = refused.value.__notes__[-1].split("values: ")[1]
-    sets = "--set subject=s01 --set trial=drop --set mass_kg=2.1 --set velocity_m_s=1.5"
-    assert line == f"--quantity deceleration {sets}"
+    assert line == "--quantity deceleration --set velocity_m_s=1.5"
     assert bayestissue("init", recorded, "--out", out, *line.split()).status == 0
 
 
 def test_at_a_terminal_it_asks(folder: Callable, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
-    answers = ["nonsense", "Impact", "deceleration", "drop", str(VELOCITY)]
+    answers = ["nonsense", "Impact", "deceleration", str(VELOCITY)]
 
     def prompt(words: str, **_: object) -> str:
         asked.append(words)
         return answers[len(asked) - 1]
 
     monkeypatch.setattr(typer, "prompt", prompt)
+    monkeypatch.setattr(typer, "confirm", lambda *_, **__: True)
     monkeypatch.setattr(command, "_at_a_terminal", lambda: True)
     made = bayestissue("init", folder(".lvm"), "--out", tmp_path / "drops", "--pattern", f"{PATTERN}.lvm")
     assert made.status == 0
     assert len(asked) == len(answers)
     assert "The channel with the impact (Force, Impact)" in asked[:2]
-    assert "The same without questions: --channel Impact --quantity deceleration --set trial=drop" in made.err
+    assert (
+        "The same without questions: --channel Impact --quantity deceleration --set velocity_m_s=" in made.err
+    )
 
 
 def facts(**columns: object) -> pd.DataFrame:

@@ -103,8 +103,8 @@ def _summary(found: Check) -> list[tuple[str, str]]:
         ("samples per impact", _range(quality["n_samples"], "")),
         ("sampling rate", _range(quality["sampling_rate_hz"], " Hz")),
         ("mass", _range(impacts["mass_kg"], " kg")),
-        ("velocity at contact", _range(impacts["velocity_m_s"], " m/s")),
-        ("time to peak", _range(quality["time_to_peak_s"] * 1e3, " ms")),
+        ("velocity at contact", _range(impacts["velocity_m_s"], " m/s", digits=4)),
+        ("time to peak", _range(quality["time_to_peak_s"] * 1e3, " ms", digits=3)),
         ("samples until the peak", _range(quality["samples_in_window"], "")),
         ("noise", f"{noise.median():.2g} of the peak, at worst {noise.max():.2g}"),
     ]
@@ -125,11 +125,12 @@ def _names(problems: list[Problem]) -> str:
     return f"{', '.join(names[:_NAMED])}{more}" if names else f"{len(problems)} more places"
 
 
-def _range(values: pd.Series, unit: str) -> str:
+def _range(values: pd.Series, unit: str, digits: int = 6) -> str:
     low, high = values.min(), values.max()
     if pd.isna(low):
         return "not stated"
-    return f"{low:.6g}{unit}" if low == high else f"{low:.6g} to {high:.6g}{unit}"
+    ends = [f"{end:.0f}" if end >= 10**digits else f"{end:.{digits}g}" for end in (low, high)]
+    return f"{ends[0]}{unit}" if low == high else f"{ends[0]} to {ends[1]}{unit}"
 
 
 def _write(place: Place, found: Check, excel: Excel | None) -> None:

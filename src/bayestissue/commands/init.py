@@ -11,13 +11,20 @@ import typer
 
 from bayestissue.commands.console import echo, explained
 from bayestissue.errors import InputError, Problem, by_cause, printable
-from bayestissue.intake import Choices, Cutting, Intake, Question, prepare, write
+from bayestissue.intake import Choices, Cutting, Intake, Question, default_out, prepare, write
+
+_CHAIN = {
+    "mass": "relative_mass_sd",
+    "velocity": "velocity_sd_m_s",
+    "gain": "relative_gain_sd",
+    "offset": "offset_sd",
+}
 
 
 def run(
     folder: Path,
     *,
-    out: Path,
+    out: Path | None,
     choices: Choices,
     name: str,
     cutting: Cutting | None,
@@ -36,6 +43,9 @@ def run(
     intake = prepare(folder, choices)
     if intake.questions and not quiet and not as_json and _at_a_terminal():
         intake = _asked(intake)
+    elif intake.guess and not quiet and not as_json:
+        echo("\n".join(intake.design()))
+    out = out or default_out(folder)
     built = write(intake, out, name=name, cutting=cutting, skip_bad=skip_bad, overwrite=overwrite)
     path = built.dataset.folder or out
     if not quiet and not as_json:
@@ -96,6 +106,11 @@ def entries(texts: list[str], option: str, example: str) -> dict[str, Any]:
     return {key: _value(text) for key, text in found.items()}
 
 
+def uncertainty(texts: list[str]) -> dict[str, Any]:
+    """The options ``--uncertainty NAME=SD``, by the keys of ``[uncertainty]`` or their first words."""
+    return {_CHAIN.get(key, key): sd for key, sd in entries(texts, "--uncertainty", "velocity=0.01").items()}
+
+
 def gravity(text: str | None) -> str | float | None:
     """The option ``--gravity``: a word, or a number of m/s²."""
     try:
@@ -124,6 +139,8 @@ def _asked(intake: Intake) -> Intake:
         intake = intake.answered(question, text)
         options.append(Question(question.option, "", (), text).line)
     echo(f"The same without questions: {' '.join(options)}", err=True)
+    echo("\n".join(intake.design()), err=True)
+    typer.confirm("Write the dataset", default=True, abort=True, err=True)
     return intake
 
 

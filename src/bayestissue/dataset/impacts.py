@@ -29,7 +29,7 @@ _POSITIVE = {
 COLUMNS = {
     "impact": "the impact's name, each once",
     "subject": "who was hit",
-    "trial": "the condition; impacts at one mass and velocity share its name",
+    "trial": "the condition; impacts at one mass and velocity share its name. It may be left out",
     "mass_kg": _POSITIVE["mass_kg"],
     "velocity_m_s": f"{_POSITIVE['velocity_m_s']}; of recorded displacements it may be left out",
     "trace": "the impact's file, relative to the folder and inside it; left out, one table has all samples",
@@ -89,11 +89,13 @@ def read_impacts(path: Path, *, needs_velocity: bool) -> ImpactTable:
 
 def wanted(*, needs_velocity: bool) -> list[str]:
     """The columns that a table of impacts must have."""
-    return [*_TEXT, "mass_kg", *(["velocity_m_s"] if needs_velocity else [])]
+    return ["impact", "subject", "mass_kg", *(["velocity_m_s"] if needs_velocity else [])]
 
 
 def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool) -> ImpactTable:
-    """The same of cells, as `read_cells` returns them."""
+    """The same of cells, as `read_cells` returns them; without ``trial`` masses and velocities name it."""
+    if "trial" not in cells:
+        cells = cells.assign(trial=_conditions(cells))
     problems = [*_name_problems(cells, rows), *control_characters(cells, rows)]
     warnings: list[Problem] = []
     columns: dict[str, object] = {}
@@ -117,6 +119,18 @@ def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool)
     problems += _reversed(table, rows)
     warnings += [*_unlikely(table, rows), *alike_names(table, rows, FILE)]
     return ImpactTable(table, rows, problems, warnings)
+
+
+def _conditions(cells: pd.DataFrame) -> list[str]:
+    """A name for each mass and velocity: those of either that vary, and come with two impacts on average."""
+    names = pd.Series("all", index=cells.index)
+    for column, unit in (("mass_kg", "kg"), ("velocity_m_s", "m/s")):
+        if column in cells and len(set(cells[column])) > 1:
+            numbers = pd.to_numeric(cells[column], errors="coerce")
+            finer = numbers.map(lambda value, unit=unit: f"{value:.4g} {unit}")
+            finer = finer if (names == "all").all() else names + ", " + finer
+            names = finer if 2 * finer.nunique() <= len(cells) else names
+    return names.tolist()
 
 
 def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:

@@ -46,7 +46,8 @@ def write_dataset(
         KeyError: a needed column is missing.
     """
     signal = parse_settings(settings).signal
-    impacts = impacts[["impact", "subject", "trial", "mass_kg", *_others(impacts)]]
+    first = [name for name in ("impact", "subject", "trial", "mass_kg") if name != "trial" or name in impacts]
+    impacts = impacts[[*first, *_others(impacts)]]
     folder.mkdir(parents=True, exist_ok=True)
     (folder / "dataset.toml").write_text(_toml(settings), encoding="utf-8")
     impacts.to_csv(folder / "impacts.csv", index=False, lineterminator="\n")

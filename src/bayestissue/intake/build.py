@@ -5,13 +5,14 @@ from __future__ import annotations
 import re
 import shutil
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from bayestissue.dataset import Dataset, Trace, read_dataset, write_dataset
+from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, TextSettings, parse_settings
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.choices import Choices
@@ -23,9 +24,18 @@ from bayestissue.outline import first_of
 
 _FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
 _CHAIN = (
-    "Before a fit, add to dataset.toml a table [uncertainty] with the standard deviations of mass, velocity, "
-    "gain and zero: without it they count as exact, and intervals of K and C come out too narrow."
+    "Before a fit, state how well mass, velocity, gain and zero are known, by --uncertainty velocity=0.01 or "
+    "in dataset.toml, where a table for it waits: else they count as exact, and intervals of K and C come "
+    "out too narrow."
 )
+_TEMPLATE = """
+# Standard deviations of the measuring chain. What is left out counts as exact. Give yours without the #.
+# [uncertainty]
+# relative_mass_sd = 0.002     # the balance: 0.2 % of the mass
+# velocity_sd_m_s = 0.01       # m/s
+# relative_gain_sd = 0.005     # the sensor's calibration: 0.5 %
+# offset_sd = 0.1              # the sensor's zero, in m/s^2, or in m of a displacement
+"""
 _OPTIONS = {
     f"signal.{key}": f"--{option}"
     for key, option in (
@@ -109,7 +119,8 @@ def build(
 
 def _settings(choices: Choices, name: str, files: int) -> dict[str, Any]:
     names = f", names read as {choices.pattern}" if choices.pattern else ""
-    stated = {"recorder": choices.recorder} if choices.recorder else {}
+    tables = {"recorder": choices.recorder, "uncertainty": choices.uncertainty}
+    stated = {key: table for key, table in tables.items() if table}
     return {
         "name": name,
         "source": f"bayestissue init, from {files} recorder file{'s' if files > 1 else ''}{names}",
@@ -139,6 +150,9 @@ def _write(folder: Path, settings: dict[str, Any], rows: list[dict[str, Any]], f
     table = pd.DataFrame(rows)
     order = dict.fromkeys([*(name for name in _FIRST if name in table), *table.columns])
     write_dataset(folder, settings=settings, impacts=table[list(order)])
+    if "uncertainty" not in settings:
+        with (folder / SETTINGS).open("a", encoding="utf-8") as settings_file:
+            settings_file.write(_TEMPLATE)
     for file in found.files:
         copy = folder / RECORDINGS / file.name
         if f"{RECORDINGS}/{file.name}" in set(table["trace"]):
@@ -176,11 +190,11 @@ def _hinted(
 
 
 def _notes(dataset: Dataset, cutting: Cutting | None) -> tuple[str, ...]:
-    several = [] if cutting else _with_several(dataset)
-    if not several:
-        return (_CHAIN,)
-    advice = "the impact with the highest peak is used; --several cuts them apart"
-    return (f"{first_of(several, 5)}: the recording seems to hold several impacts; {advice}.", _CHAIN)
+    notes = [] if any(asdict(dataset.uncertainty).values()) else [_CHAIN]
+    if several := [] if cutting else _with_several(dataset):
+        advice = "the impact with the highest peak is used; --several cuts them apart"
+        notes.insert(0, f"{first_of(several, 5)}: the recording seems to hold several impacts; {advice}.")
+    return tuple(notes)
 
 
 def _with_several(dataset: Dataset) -> list[str]:

@@ -20,7 +20,6 @@ _TIME = re.compile(r"(time|zeit|t)\b|time_", re.IGNORECASE)
 # What impacts.csv needs: what it is, and an example.
 _NEEDED = {
     "subject": ("who was hit", "s01"),
-    "trial": ("the condition", "drop"),
     "mass_kg": ("mass of the impactor, kg", "2.1"),
     "velocity_m_s": ("velocity at contact, m/s, or drop_height_m instead", "1.5"),
 }
@@ -49,6 +48,7 @@ class Choices:
         table: a table of facts.
         given: facts that hold for all recordings, as text.
         recorder: the table ``[recorder]`` of ``dataset.toml``; none if empty.
+        uncertainty: the table ``[uncertainty]`` of ``dataset.toml``; none if empty.
         text: how texts are written, as far as it is not to be found: keys of `TextSettings`.
         gravity: the part of gravity along the motion, as ``signal.gravity``.
         zero: where the sensor read 0, as ``signal.zero``.
@@ -70,6 +70,7 @@ class Choices:
     text: dict[str, Any] = field(default_factory=dict)
     gravity: str | float | None = None
     zero: str | None = None
+    uncertainty: dict[str, Any] = field(default_factory=dict)
 
     def signal(self) -> dict[str, Any]:
         """The table ``[signal]`` of ``dataset.toml``."""

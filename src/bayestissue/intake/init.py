@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from bayestissue.dataset import Dataset, Quantity, Recorder, read_dataset
+from bayestissue.dataset import Dataset, Quantity, Recorder, Uncertainty, read_dataset
 from bayestissue.dataset.recorders import SUFFIXES
 from bayestissue.dataset.settings import Gravity, TextSettings, Zero
 from bayestissue.dataset.tables import TEXT_SUFFIXES
@@ -18,11 +18,15 @@ from bayestissue.intake.choices import Choices, Question, settle
 from bayestissue.intake.cutting import SEPARATION_S, THRESHOLD
 from bayestissue.intake.facts import Facts, gather
 from bayestissue.intake.folder import About, Found, look
+from bayestissue.intake.guess import guessed
 from bayestissue.intake.rows import Cutting
+from bayestissue.outline import first_of
 from bayestissue.results import claim
 from bayestissue.settings import checked
 
 PAGE = "init.html"
+# Facts that tell recordings of one combination apart, and how many values of a fact a line shows.
+_COUNTS, _SHOWN = ("n", "impact"), 8
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,6 +44,7 @@ class Intake:
     choices: Choices
     facts: Facts
     questions: tuple[Question, ...]
+    guess: str | None = None
 
     def answered(self, question: Question, text: str) -> Intake:
         """The same with one question answered.
@@ -47,7 +52,26 @@ class Intake:
         Raises:
             InputError: the answer contradicts what names or a table say.
         """
-        return _understood(self.found, question.answer(self.choices, text))
+        choices = question.answer(self.choices, text)
+        if "{" in text and question.option == "--set subject=":
+            choices = replace(self.choices, pattern=text)
+        return replace(_understood(self.found, choices), guess=self.guess)
+
+    def design(self) -> list[str]:
+        """How names are read, and of each fact its values with the number of recordings, in lines."""
+        rows = list(self.facts.of_file.values())
+        if not self.choices.pattern or not rows:
+            return []
+        how = ", a guess; --pattern takes another" if self.guess else ""
+        lines = [f"Names read as {self.choices.pattern}{how}:"]
+        repeats = Counter(tuple(v for k, v in row.items() if k not in _COUNTS) for row in rows)
+        for name in sorted(rows[0], key=lambda name: name != "subject"):
+            count = Counter(f"{row[name]:.4g}" if isinstance(row[name], float) else row[name] for row in rows)
+            values = first_of([f"{value} ({number})" for value, number in count.items()], _SHOWN)
+            lines.append(f"  {name}: {len(count)}, {values}")
+        low, high = min(repeats.values()), max(repeats.values())
+        many = f"{low}" if low == high else f"{low} to {high}"
+        return [*lines, f"  recordings of each combination: {many}"]
 
     def listed(self) -> list[str]:
         """What was found, in lines: how many files, and of each channel its name, unit and samples."""
@@ -61,6 +85,7 @@ class Intake:
                 for name, each in self.found.candidates().items()
             ),
             *(f"Texts read as: {words}" for words in self.written()),
+            *self.design(),
         ]
 
     def written(self) -> list[str]:
@@ -88,7 +113,7 @@ class Intake:
 
 
 def prepare(folder: str | Path, choices: Choices) -> Intake:
-    """Look at a folder and settle what its files leave no doubt about.
+    """Look at a folder and settle what its files leave no doubt about; a pattern is `guessed` if need be.
 
     Raises:
         InputError: there are no recorder files, or the pattern or the table can't be used.
@@ -101,7 +126,10 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     ignore = [choices.table] if choices.table else []
     stated = checked(choices.text, TextSettings, file="--text").stated
     found = look(folder, suffix=max(ends, key=len, default=""), ignore=ignore, stated=stated)
-    return _understood(found, choices)
+    guess = None
+    if choices.pattern is None and choices.table is None and "subject" not in choices.given:
+        guess = guessed(found.files, choices.given)
+    return replace(_understood(found, replace(choices, pattern=guess or choices.pattern)), guess=guess)
 
 
 def _understood(found: Found, choices: Choices) -> Intake:
@@ -124,7 +152,7 @@ def write(
     Args:
         intake: with no question left.
         out: the folder of the dataset, new or empty.
-        name: of the dataset; that of the folder if empty.
+        name: of the dataset; that of its folder if empty.
         cutting: cut several impacts in one recording apart.
         skip_bad: leave out what is wrong, instead of refusing the whole.
         overwrite: replace a dataset that this function wrote and nobody changed.
@@ -140,7 +168,7 @@ def write(
         from bayestissue.report.recordings.init_page import init_page
 
         with place.folder() as staging:
-            name = name or intake.found.folder.resolve().name
+            name = name or place.path.resolve().name
             built = build(
                 staging,
                 intake.found,
@@ -157,9 +185,14 @@ def write(
         return replace(built, dataset=replace(built.dataset, folder=place.path))
 
 
+def default_out(folder: str | Path) -> Path:
+    """The folder of a dataset that nobody named: that of the recordings, with ``-dataset`` behind, here."""
+    return Path(f"{Path(folder).resolve().name}-dataset")
+
+
 def init_dataset(
     folder: str | Path,
-    out: str | Path,
+    out: str | Path | None = None,
     *,
     quantity: Quantity | None = None,
     channel: str | None = None,
@@ -177,6 +210,7 @@ def init_dataset(
     text: Mapping[str, Any] | None = None,
     gravity: Gravity | None = None,
     zero: Zero | None = None,
+    uncertainty: Mapping[str, float] | Uncertainty | None = None,
     name: str = "",
     several: bool = False,
     threshold: float = THRESHOLD,
@@ -205,7 +239,7 @@ def init_dataset(
             columns of ``impacts.csv``; ``mass_g``, ``drop_height_m``, ``drop_height_cm`` and others are
             converted (v = √(2 g h)).
         table: a CSV file with a column ``file`` and a column for each fact.
-        given: facts that hold for all recordings, such as ``{"trial": "drop", "mass_kg": 2.1}``.
+        given: facts that hold for all recordings, such as ``{"mass_kg": 2.1, "drop_height_cm": 12}``.
         recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]`` in
             ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``.
         text: how text files are written, where that is not found rightly, by keys of ``[signal]`` in
@@ -214,7 +248,8 @@ def init_dataset(
         gravity: the part of gravity along the motion: ``"none"``, ``"drop"`` (straight down), or a number of
             m/s², positive into the tissue; needed where a drop height is given.
         zero: where an accelerometer read 0: ``"free_fall"`` or ``"rest"``.
-        name: of the dataset; that of the folder if empty.
+        uncertainty: of the measuring chain, by the keys of ``[uncertainty]`` in ``dataset.toml``.
+        name: of the dataset; that of its folder if empty.
         several: a recording may hold several impacts, which are cut apart.
         threshold: how many standard deviations of the noise an impact rises above.
         separation_s: the least time between two impacts.
@@ -241,7 +276,9 @@ def init_dataset(
         dict(text or {}),
         gravity,
         zero,
+        asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else dict(uncertainty or {}),
     )
+    out = default_out(folder) if out is None else out
     write(
         prepare(folder, choices),
         out,
