@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from bayestissue.dataset.dialect import DECIMALS, DELIMITERS, Dialect, Stated, text_table
-from bayestissue.dataset.tables import read_numbers, read_table
+from bayestissue.dataset.impact_cells import read_cells
+from bayestissue.dataset.tables import Columns, read_numbers, read_table
 from bayestissue.errors import InputError
 
 TIME = np.arange(300) / 1000 - 0.005
@@ -185,3 +190,23 @@ def test_the_words_name_all_that_was_found() -> None:
         "UTF-16, a tab between cells, a decimal comma, a point between thousands, "
         "names in row 3, units in row 4"
     )
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(
+    text=st.text(alphabet="0123456789.,;\t| '\"eE+-ams\n\r\u00a0", max_size=200),
+    encoding=st.sampled_from(["utf-8", "utf-16", "cp1252"]),
+)
+def test_any_text_is_read_or_refused(text: str, encoding: str) -> None:
+    """Never a traceback; as numbers only what are numbers in the spelling that was found."""
+    path = Path(tempfile.mkdtemp()) / "a.csv"
+    try:
+        for read_any in (lambda: read(path, text, encoding), lambda: read_cells(path, ())):
+            try:
+                found = read_any()
+            except InputError:
+                continue
+            if isinstance(found, Columns):
+                assert all(np.isfinite(each.array).any() for each in found.numbers.values())
+    finally:
+        shutil.rmtree(path.parent)
