@@ -148,6 +148,25 @@ def test_what_is_stated_is_not_looked_for(tmp_path: Path) -> None:
     assert [(name, column.unit) for name, column in two.numbers.items()] == [("u", "a"), ("v", "b")]
 
 
+def test_a_row_that_is_stated_must_be_there(tmp_path: Path) -> None:
+    for key, row in (("header_row", 9), ("units_row", 2)):
+        with pytest.raises(InputError, match=f"column {key}: found {row}; expected a row that is not empty"):
+            read(tmp_path / "a.csv", "a;b\n\n1;2\n3;4\n", stated=Stated(**{key: row}))
+    without = read(tmp_path / "a.csv", "s;g\n1;2\n3;4\n", stated=Stated(header_row=0))
+    assert list(without.numbers) == ["column 1", "column 2"]
+
+
+def test_empty_columns_of_a_spreadsheet_are_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("file;mass_kg;;\na;0,5;;\nb;1,5;;\n;;;\n")
+    cells, rows = read_cells(path, ["file"])
+    assert cells.to_dict("list") == {"file": ["a", "b"], "mass_kg": ["0.5", "1.5"]}
+    assert rows.tolist() == [2, 3]
+    path.write_text("file;mass_kg;;\na;0,5;;x\n")
+    with pytest.raises(InputError, match="a name over every column"):
+        read_cells(path, ["file"])
+
+
 def test_a_wanted_name_finds_its_line() -> None:
     found = text_table(b"x,y\ntime_s,value\n1,2\n", "a", wanted=["value"])
     assert (found.names, found.dialect.header_row) == (["time_s", "value"], 2)

@@ -68,8 +68,13 @@ def read_cells(
                 code="cells-in-a-row",
             )
         ) from None
+    names = text.names
+    # A spreadsheet writes empty columns where something once stood.
+    width = max((at for at, name in enumerate(names, 1) if name), default=0)
+    if not any(any(cells[width:]) for cells in body):
+        names, body = names[:width], [cells[:width] for cells in body]
     return cells_of(
-        text.names, body, lines, wanted, label=label, row=text.dialect.header_row, delimiter=text.delimiter
+        names, body, lines, wanted, label=label, row=text.dialect.header_row, delimiter=text.delimiter
     )
 
 
