@@ -2,13 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
+import tempfile
 from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from bayestissue.dataset.dialect import DECIMALS, DELIMITERS, Dialect, Stated, text_table
-from bayestissue.dataset.tables import read_numbers, read_table
+from bayestissue.dataset.impact_cells import read_cells
+from bayestissue.dataset.tables import Columns, read_numbers, read_table
 from bayestissue.errors import InputError
 
 TIME = np.arange(300) / 1000 - 0.005
@@ -143,6 +148,25 @@ def test_what_is_stated_is_not_looked_for(tmp_path: Path) -> None:
     assert [(name, column.unit) for name, column in two.numbers.items()] == [("u", "a"), ("v", "b")]
 
 
+def test_a_row_that_is_stated_must_be_there(tmp_path: Path) -> None:
+    for key, row in (("header_row", 9), ("units_row", 2)):
+        with pytest.raises(InputError, match=f"column {key}: found {row}; expected a row that is not empty"):
+            read(tmp_path / "a.csv", "a;b\n\n1;2\n3;4\n", stated=Stated(**{key: row}))
+    without = read(tmp_path / "a.csv", "s;g\n1;2\n3;4\n", stated=Stated(header_row=0))
+    assert list(without.numbers) == ["column 1", "column 2"]
+
+
+def test_empty_columns_of_a_spreadsheet_are_none(tmp_path: Path) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("file;mass_kg;;\na;0,5;;\nb;1,5;;\n;;;\n")
+    cells, rows = read_cells(path, ["file"])
+    assert cells.to_dict("list") == {"file": ["a", "b"], "mass_kg": ["0.5", "1.5"]}
+    assert rows.tolist() == [2, 3]
+    path.write_text("file;mass_kg;;\na;0,5;;x\n")
+    with pytest.raises(InputError, match="a name over every column"):
+        read_cells(path, ["file"])
+
+
 def test_a_wanted_name_finds_its_line() -> None:
     found = text_table(b"x,y\ntime_s,value\n1,2\n", "a", wanted=["value"])
     assert (found.names, found.dialect.header_row) == (["time_s", "value"], 2)
@@ -185,3 +209,23 @@ def test_the_words_name_all_that_was_found() -> None:
         "UTF-16, a tab between cells, a decimal comma, a point between thousands, "
         "names in row 3, units in row 4"
     )
+
+
+@settings(max_examples=300, deadline=None, derandomize=True)
+@given(
+    text=st.text(alphabet="0123456789.,;\t| '\"eE+-ams\n\r\u00a0", max_size=200),
+    encoding=st.sampled_from(["utf-8", "utf-16", "cp1252"]),
+)
+def test_any_text_is_read_or_refused(text: str, encoding: str) -> None:
+    """Never a traceback; as numbers only what are numbers in the spelling that was found."""
+    path = Path(tempfile.mkdtemp()) / "a.csv"
+    try:
+        for read_any in (lambda: read(path, text, encoding), lambda: read_cells(path, ())):
+            try:
+                found = read_any()
+            except InputError:
+                continue
+            if isinstance(found, Columns):
+                assert all(np.isfinite(each.array).any() for each in found.numbers.values())
+    finally:
+        shutil.rmtree(path.parent)

@@ -31,6 +31,7 @@ def test_sixty_files_of_a_german_excel(tmp_path: Path) -> None:
     assert (made.status, made.err) == (0, "")
     assert f"texts read as: {WRITTEN}" in made.out
     assert "dataset: fine" in made.out
+    assert "texts read as: info.csv: cp1252, a semicolon between cells, a decimal comma" in made.out
     assert WRITTEN in (out / "init.html").read_text()
     data = bt.read_dataset(out)
     assert len(data.impacts) == 60

@@ -19,6 +19,7 @@ from typing import Literal
 from bayestissue.dataset.files import as_utf8, first_line
 from bayestissue.dataset.sheet import is_workbook, sheet_text
 from bayestissue.dataset.units import Dimension, to_si
+from bayestissue.errors import InputError, Problem
 
 Encoding = Literal["utf-8", "utf-16", "cp1252"]
 Delimiter = Literal["comma", "semicolon", "tab", "pipe", "space"]
@@ -209,6 +210,16 @@ class _Lines:
         below = next((each for each in self.records if names and each.row >= names.below), None)
         return below if below and not self.is_data(below) and _are_units(below.cells) else None
 
+    def stated(self, key: str, stated: Stated, label: str) -> _Record | None:
+        """The record that somebody named by its row; None where nobody did, or said that there is none."""
+        row = getattr(stated, key)
+        found = next((each for each in self.records if each.row == row), None)
+        if row and found is None:
+            expected = f"a row that is not empty, among the first {len(self.records)} such rows"
+            remedy = f"Correct {key}, or leave it out."
+            raise InputError(Problem(label, expected, remedy, column=key, value=row, code="cells-in-a-row"))
+        return found
+
     def first_row(self, above: _Record | None) -> int:
         """The row of the first record below the names and units."""
         if above is None:
@@ -252,10 +263,10 @@ def text_table(
     head = data if len(data) <= _HEAD else data[: data.rfind(b"\n", 0, _HEAD) + 1 or _HEAD]
     text = head.decode("utf-8", "ignore")
     lines = _Lines.of(text, DELIMITERS[stated.delimiter]) if stated.delimiter else _cut(text)
-    rows = {each.row: each for each in lines.records}
-    told, told_units = stated.header_row, stated.units_row
-    header = lines.names(wanted, named=named) if told is None else rows.get(told)
-    below = lines.units(header) if told_units is None else rows.get(told_units)
+    header = lines.stated("header_row", stated, label) or lines.names(wanted, named=named)
+    header = None if stated.header_row == 0 else header
+    below = lines.stated("units_row", stated, label) or lines.units(header)
+    below = None if stated.units_row == 0 else below
     first_row = lines.first_row(below or header)
     body = memoryview(data)[_offset(head, first_row) :]
     cells = [each.cells for each in lines.records if each.row >= first_row]

@@ -36,7 +36,11 @@ def column_problems(label: str, names: Sequence[str], wanted: Sequence[str], row
                 code="missing-column",
             )
         )
-    twice = [name for name, count in Counter(names).items() if count > 1 and (name in wanted or not wanted)]
+    twice = [
+        name
+        for name, count in Counter(names).items()
+        if count > 1 and name and (name in wanted or not wanted)
+    ]
     problems += [
         Problem(
             label,

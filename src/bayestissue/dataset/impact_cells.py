@@ -30,6 +30,8 @@ def read_cells(
 ) -> tuple[pd.DataFrame, np.ndarray]:
     """All cells as text without the spaces around them, numbers with a decimal point, and their rows.
 
+    The table's ``attrs["written"]`` says how the file is written.
+
     Args:
         path: the file.
         wanted: the columns that it must have.
@@ -68,9 +70,16 @@ def read_cells(
                 code="cells-in-a-row",
             )
         ) from None
-    return cells_of(
-        text.names, body, lines, wanted, label=label, row=text.dialect.header_row, delimiter=text.delimiter
+    names = text.names
+    # A spreadsheet writes empty columns where something once stood.
+    width = max((at for at, name in enumerate(names, 1) if name), default=0)
+    if not any(any(cells[width:]) for cells in body):
+        names, body = names[:width], [cells[:width] for cells in body]
+    table, rows = cells_of(
+        names, body, lines, wanted, label=label, row=text.dialect.header_row, delimiter=text.delimiter
     )
+    table.attrs["written"] = str(text.dialect)
+    return table, rows
 
 
 def cells_of(

@@ -26,12 +26,14 @@ class Facts:
         of_number: by the name of the file and the number of the impact, where the table tells them apart.
         columns: the columns that are filled; a height of fall fills that of the velocity besides its own.
         problems: what is wrong.
+        written: how the table is written, in words; empty without one.
     """
 
     of_file: dict[str, Cells]
     of_number: dict[tuple[str, int], Cells]
     columns: frozenset[str]
     problems: tuple[Problem, ...]
+    written: str = ""
 
 
 def gather(found: Found, *, pattern: str | None, table: Path | None, given: dict[str, str]) -> Facts:
@@ -73,7 +75,7 @@ def gather(found: Found, *, pattern: str | None, table: Path | None, given: dict
             problems += error.problems
     named = [name for fields in sources.values() for name in fields]
     filled_columns = frozenset([*map(fills, named), *filter(is_height, named)])
-    return Facts(of_file, of_number, filled_columns, tuple(problems))
+    return Facts(of_file, of_number, filled_columns, tuple(problems), rows.written if rows else "")
 
 
 def _once(sources: dict[str, tuple[str, ...]]) -> None:
@@ -112,13 +114,14 @@ class _Table:
     label: str
     facts: tuple[str, ...]
     rows: tuple[tuple[int, dict[str, str]], ...]
+    written: str
 
     @classmethod
     def read(cls, path: Path) -> _Table:
         cells, lines = read_cells(path, [FILE], label=path.name)
         facts = tuple(name for name in cells.columns if name not in (FILE, NUMBER))
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
-        return cls(path.name, facts, records)  # type: ignore[arg-type]
+        return cls(path.name, facts, records, f"{path.name}: {cells.attrs['written']}")  # type: ignore[arg-type]
 
     def of(self, file: File) -> dict[int | None, dict[str, str]]:
         """The facts of a file; by the number of the impact where the table has a column of that name."""

@@ -2,9 +2,9 @@
 
 Names such as ``s01_left_2.5kg_1`` are cut at underscores, hyphens, spaces and folders. Where all names have
 the same number of parts, a number before ``kg`` or ``g`` is a mass, before ``cm`` or ``mm`` a drop height,
-and before ``mps`` a velocity; words such as left and right are a side; a number behind ``session`` or ``day``
-is a session; counts are repeats; and the first other part that varies is the person. A guess is shown and can be
-replaced. Where no person comes twice there is none.
+before ``mps`` a velocity; words such as left and right are a side; a number behind ``session`` or ``day`` is
+a session; counts are repeats; and the first other part that varies is the person. A guess is shown and can
+be replaced. Where no person comes twice there is none.
 """
 
 from __future__ import annotations

@@ -89,9 +89,10 @@ class Intake:
         ]
 
     def written(self) -> list[str]:
-        """How the files that are texts are written, each way once, with the number of files."""
+        """How texts are written: each way of the recordings with the number of files, then the table."""
         count = Counter(file.written for file in self.found.files if file.written)
-        return [words if len(count) == 1 else f"{words} ({number} files)" for words, number in count.items()]
+        each = [words if len(count) == 1 else f"{words} ({number} files)" for words, number in count.items()]
+        return [*each, *([self.facts.written] if self.facts.written else [])]
 
     def unanswered(self) -> InputError:
         """What is wrong while questions are left: each with an option that answers it, and all else."""
