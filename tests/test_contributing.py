@@ -43,6 +43,7 @@ data = SimpleNamespace(
     impacts=pd.DataFrame({"impact": ["i"], "mass_kg": [1.0], "velocity_m_s": [0.003]}),
     traces=[SimpleNamespace(time_s=time, value=pulse)],
     recorder=None,
+    gravity=0.0,
 )
 found = {each.kind.flag: each for each in inspect(data)}
 print("check", found["a peak below 1 m/s²"].said, found["a peak below 1 m/s²"].kind.flag.code)

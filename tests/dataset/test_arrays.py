@@ -77,6 +77,14 @@ def test_a_zero_at_rest_becomes_force_over_mass(tmp_path, quantity):
     require_equal(bt.read_dataset(at_rest.write(tmp_path / "written")), at_rest)
 
 
+def test_a_height_of_fall_asks_how_the_impact_moves():
+    impacts, traces = tables()
+    impacts = impacts.assign(drop_height_cm=12.0)
+    (warning,) = bt.dataset(impacts, traces, **GIVEN).warnings
+    assert (warning.code, warning.column) == ("gravity", "gravity")
+    assert not bt.dataset(impacts, traces, **GIVEN, gravity="none").warnings
+
+
 def test_a_folder_says_how_the_impact_moves(lab: Lab):
     assert bt.read_dataset(lab.folder).gravity == 0.0
     lab.replace("dataset.toml", 'unit = "m/s^2"', 'unit = "m/s^2"\ngravity = -1.5\nzero = "rest"')

@@ -45,6 +45,28 @@ def test_a_sound_recording_is_left_alone():
     assert flags(spoilt(lambda t, d: d)) == [[]] * COUNT
 
 
+@pytest.mark.parametrize(("true", "declared"), [(9.80665, 0.0), (0.0, 9.80665), (9.80665, 9.80665)])
+def test_gravity_that_is_declared_otherwise_than_it_is_is_found(true, declared):
+    lab = record([replace(TYPICAL, gravity=true)] * COUNT, 1e4, before=0.03, after=0.03, noise=0.005)
+    words = f"looks like {'no ' * (true == 0)}gravity along the motion"
+    rows = flags(replace(lab, gravity=declared))
+    assert [any(flag.startswith(words) for flag in row) for row in rows] == [true != declared] * COUNT
+    assert true != declared or rows == [[]] * COUNT
+
+
+def test_an_impactor_that_stays_on_the_tissue_has_no_other_zero():
+    drop = replace(TYPICAL, zeta=0.7, gravity=9.80665)
+    lab = record([drop] * COUNT, 1e4, before=0.03, noise=0.002)
+    rest = np.arange(1, 1500) * 1e-4
+    traces = []
+    for trace in lab.traces:
+        time = np.concatenate([trace.time_s[trace.time_s < 0.05], 0.05 + rest - 1e-4])
+        force = 9.80665 - drop.derivative(2, np.maximum(time, 0))
+        noise = 0.002 * force.max() * np.random.default_rng(2).standard_normal(len(time))
+        traces.append(Recorded(time, np.where(time >= 0, force, 0) + noise))
+    assert flags(replace(lab, traces=traces)) == [[]] * COUNT
+
+
 def test_a_plateau_with_noise_on_it_is_found():
     for row in flags(spoilt(lambda t, d: np.minimum(d, 0.7))):
         assert row in (

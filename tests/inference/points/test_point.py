@@ -27,12 +27,14 @@ MOST = 1000
 motion = jax.jit(impact_motion)
 
 
-def trace(K: np.ndarray, C: np.ndarray, mass: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
+def trace(
+    K: np.ndarray, C: np.ndarray, mass: np.ndarray, rate: float, gravity: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
     """Noise-free displacements from contact to the peak, padded, and their lengths."""
     omega_n, zeta = (np.asarray(p) for p in spring_damper_inverse(K, C, mass))
-    n = np.floor(np.asarray(time_to_peak(omega_n, zeta)) * rate).astype(int) + 1
+    n = np.floor(np.asarray(time_to_peak(omega_n, zeta, VELOCITY, gravity)) * rate).astype(int) + 1
     time = np.arange(n.max()) / rate
-    return np.asarray(motion(time, omega_n[:, None], zeta[:, None], VELOCITY).displacement), n
+    return np.asarray(motion(time, omega_n[:, None], zeta[:, None], VELOCITY, gravity).displacement), n
 
 
 def driven(count: int, theta1: float, sigma_a: float, mass: float = 0.666, seed: int = 1) -> np.ndarray:
@@ -60,6 +62,19 @@ def test_noise_free_impacts_give_back_stiffness_and_damping(rate: float) -> None
     # the samples satisfy the recursion to 1e-16 of x; x'' is (omega dt)^2 > 1e-7 of it
     np.testing.assert_allclose(fit.K, K, rtol=1e-8)
     np.testing.assert_allclose(fit.C, damping, rtol=1e-8)
+
+
+@pytest.mark.parametrize("rate", [2e3, 1e4])
+def test_noise_free_drops_give_back_stiffness_and_damping(rate: float) -> None:
+    mass, zeta = (a.ravel() for a in np.meshgrid([0.1, 0.375, 1.0, 5.0], [0.02, 0.1, 0.3, 0.5, 1.0, 1.5]))
+    damping = 2 * zeta * np.sqrt(K * mass)
+    x, n = trace(np.full(24, K), damping, mass, rate, 9.80665)
+    given = (x, n, np.full(24, 1 / rate), mass)
+    fit, without = fit_points(*given, gravity=np.full(24, 9.80665)), fit_points(*given)
+    # As above; what each round leaves of an error of omega_n is some hundredths.
+    np.testing.assert_allclose(fit.K, K, rtol=1e-6)
+    np.testing.assert_allclose(fit.C, damping, rtol=1e-6)
+    assert (np.abs(without.K / K - 1) > 0.01).all()
 
 
 @pytest.mark.parametrize("theta1", [-0.27, 0.5, -1.0])

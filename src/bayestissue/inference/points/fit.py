@@ -129,7 +129,7 @@ def fit_points(
 
 # With gravity w_t = x''_t + c1 x'_{t-1} + c2 x_{t-2} - c2 g / omega_n^2, of which the last is nearly g dt^2
 # whatever the tissue is: what is left of an error of omega_n in it is its zeta omega_n dt-th part each round.
-_ROUNDS = 3
+_ROUNDS = 6
 
 
 def _fit_of_batch(

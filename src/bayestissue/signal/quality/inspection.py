@@ -126,7 +126,7 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list
         return
     used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
     other = gravity.another(signal, used, recorded.sd, recorded.freedom)
-    words = "what one of {:.3g} m/s² explains far better"
+    words = "a trace that gravity of {:.3g} m/s² explains far better"
     yield FALLS_NOT if part.gravity else FALLS, _words(other, words, gravity.tried(signal))
     named = np.array([[bool(value) for value in values] for _, values in found]).any(axis=0) | other
     yield from _laws(recorded, signal, used & ~named[:, None])
