@@ -37,7 +37,7 @@ import typer
 
 from bayestissue import cli
 from bayestissue.dataset import read_dataset
-from bayestissue.fitting import require_answerable, resolve
+from bayestissue.fitting import formulas_of, require_answerable, resolve
 from bayestissue.hierarchy.trace_data import prepare
 from command_line import bayestissue
 
@@ -213,9 +213,15 @@ def parse(block: Block) -> None:
             options = {name for parameter in known.params for name in parameter.opts}
             unknown = [word for word in words if word.startswith("--") and word not in options]
             assert not unknown, f"line {block.line}: {unknown}"
-            if words[0] == "fit" and "--model" in words and Path(words[1]).is_dir():
-                specification, source = resolve(words[words.index("--model") + 1])
-                prepared = prepare(read_dataset(words[1]), specification, source=source)
+            if words[0] == "fit" and Path(words[1]).is_dir():
+                given = {
+                    key: words[words.index(key) + 1] for key in ("--model", "--K", "--ask") if key in words
+                }
+                data, model = read_dataset(words[1]), given.get("--model")
+                formulas = formulas_of(given.get("--K"), None)
+                asked = [given["--ask"]] if "--ask" in given else []
+                specification, source = resolve(model, data.quantity, formulas=formulas, questions=asked)
+                prepared = prepare(data, specification, source=source)
                 require_answerable(prepared, specification, source)
 
 

@@ -67,23 +67,18 @@ def averaged_sentence(run: FitRun) -> str:
     over = averaged_over(run, "K_new")
     if not over:
         return ""
-    found = []
+    sentences = [f"Averaged over {over}, each level with equal weight."]
     for name in over.split(" and "):
         variables = {q: f"{q}_{stem_of(name)}" for q in QUANTITIES if run.has(f"{q}_{stem_of(name)}")}
         if not variables or len(run.labels(name)) > _MOST_CATEGORIES:
             continue
-        levels = [
-            listed(
-                [
-                    f"{q} {(each := spread(run.draws(variable)[:, place])).value} {UNITS[q]} ({each.range})"
-                    for q, variable in variables.items()
-                ]
-            )
-            + f" {label}"
-            for place, label in enumerate(run.labels(name))
-        ]
-        found.append(f" By {name}, of a typical person: {'; '.join(levels)}.")
-    return f"Averaged over {over}, each level with equal weight.{''.join(found)}"
+        levels = []
+        for place, label in enumerate(run.labels(name)):
+            each = {q: spread(run.draws(variable)[:, place]) for q, variable in variables.items()}
+            values = [f"{q} {found.value} {UNITS[q]} ({found.range})" for q, found in each.items()]
+            levels.append(f"{label} {listed(values)}")
+        sentences.append(f"By {name}, of a typical person: {'; '.join(levels)}.")
+    return " ".join(sentences)
 
 
 def impact_sureness(run: FitRun, quantity: str) -> str:
