@@ -14,7 +14,7 @@ HOW := the commands: $(BIN)/bayestissue --help, or make shell and then bayestiss
 REPORTS := reports
 
 .DEFAULT_GOAL := help
-.PHONY: help setup shell report report-example report-published test check-code docs docs-outputs test-long evidence evidence-status evidence-pages evidence-peers lock clean
+.PHONY: help setup shell report report-example report-arma report-published test check-code docs docs-outputs test-long evidence evidence-status evidence-pages evidence-peers lock clean
 
 help:  ## list the targets
 	@awk -F ':.*## ' '/^[a-z-]+:.*## / { printf "make %-16s %s\n", $$1, $$2 }' $(MAKEFILE_LIST)
@@ -41,15 +41,19 @@ $(READY_FOR_TESTS): $(READY) requirements-dev.lock
 	@$(PYTHON) tools/install.py $(VENV) requirements-dev.lock
 	@touch $@
 
-# Neither half needs the other: each takes one core, and what both print follows one after the other.
-report: $(READY)  ## the main job: the example campaign's fit and the published estimates' re-analysis, in reports/
-	@echo "fitting the example campaign and re-analysing the published estimates side by side, a minute or two ..."
-	@$(MAKE) --no-print-directory -j2 $(if $(filter output-sync,$(.FEATURES)),--output-sync=target) report-example report-published
-	@echo "open $(REPORTS)/example/report.html and $(REPORTS)/published/report.html"
+# No part needs another: each takes one core, and what they print follows one after the other.
+report: $(READY)  ## the main job: the example campaign fitted in two ways, and the published estimates, in reports/
+	@echo "fitting the example campaign in two ways and re-analysing the published estimates, some minutes ..."
+	@$(MAKE) --no-print-directory -j2 $(if $(filter output-sync,$(.FEATURES)),--output-sync=target) report-example report-arma report-published
+	@$(BIN)/bayestissue compare $(REPORTS)/example $(REPORTS)/example-arma --out $(REPORTS)/comparison --overwrite
+	@echo "open report.html in $(REPORTS)/example, $(REPORTS)/comparison and $(REPORTS)/published"
 	@echo "$(HOW)"
 
 report-example: $(READY)
-	@$(BIN)/bayestissue fit data/example --model models/arma.toml --out $(REPORTS)/example --overwrite
+	@$(BIN)/bayestissue fit data/example --out $(REPORTS)/example --overwrite
+
+report-arma: $(READY)
+	@$(BIN)/bayestissue fit data/example --model arma --out $(REPORTS)/example-arma --overwrite
 
 report-published: $(READY)
 	@$(BIN)/bayestissue reproduce --out $(REPORTS)/published --overwrite

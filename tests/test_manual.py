@@ -154,15 +154,15 @@ def test_the_reference_has_every_result_file(manual):
     shown = code(manual, "results")
     for name, file in FILES.items():
         assert {name, *file.columns} <= shown
-    assert {path.name for path in (ROOT / "reports").glob("*/*")} <= {*FILES, "truth.toml"}
+    assert {path.name for path in (ROOT / "docs" / "reports").glob("*/*")} <= {*FILES, "truth.toml"}
 
 
-TABLES = sorted(f"{path.parent.name}/{path.name}" for path in (ROOT / "reports").glob("*/*.csv"))
+TABLES = sorted(f"{path.parent.name}/{path.name}" for path in (ROOT / "docs" / "reports").glob("*/*.csv"))
 
 
 @pytest.mark.parametrize("name", TABLES)
 def test_tables_have_the_columns_that_the_reference_tells(name):
-    path = ROOT / "reports" / name
+    path = ROOT / "docs" / "reports" / name
     found = pd.read_csv(path, nrows=1).columns
     told = list(FILES.get(name, FILES[path.name]).columns)
     if path.name == "comparison.csv":

@@ -120,7 +120,7 @@ def test_the_page_on_reading_a_report_has_every_part_and_answer_of_one() -> None
     template = ROOT / "src" / "bayestissue" / "report" / "templates" / "fit.html"
     asked = re.findall(r'<h2 id="answer-\w+">(.*?)</h2>', template.read_text(encoding="utf-8"))
     assert first_cells(answers) == list(dict.fromkeys(asked))
-    report = (ROOT / "reports" / "example" / "report.html").read_text(encoding="utf-8")
+    report = (ROOT / "docs" / "reports" / "example" / "report.html").read_text(encoding="utf-8")
     links = report.split('<nav aria-label="Contents">')[1].split("</nav>")[0]
     assert first_cells(parts) == re.findall(r"<a [^>]*>(.*?)</a>", links)
 

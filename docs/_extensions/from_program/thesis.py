@@ -1,4 +1,4 @@
-"""What the finished reports of the thesis's numbers say, from the tables of `reports/`."""
+"""What the finished reports of the thesis's numbers say, from the tables of `docs/reports/`."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import pandas as pd
 
 from from_program.markdown import code, escaped, table
 
-REPORTS = Path(__file__).resolve().parents[3] / "reports"
+REPORTS = Path(__file__).resolve().parents[2] / "reports"
 
 
 def exponents() -> str:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-REPORT = Path(__file__).resolve().parents[3] / "reports" / "causes"
+REPORT = Path(__file__).resolve().parents[3] / "docs" / "reports" / "causes"
 
 
 @pytest.fixture(scope="module")
