@@ -85,7 +85,8 @@ def checked_dataset(
     reading = replace(reading, samples=samples)
     problems = [*reading.problems, *outside]
     uncertainty = settings.uncertainty.values()
-    recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty)
+    recorder = settings.recorder.values() if settings.recorder else None
+    recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty, recorder)
     findings = check_recordings(recordings)
     problems += findings.problems
     problems += stated_problems(recordings.without(problems))
@@ -105,7 +106,7 @@ def checked_dataset(
         input_hash=input_hash,
         licence=settings.licence,
         source=settings.source,
-        recorder=settings.recorder.values() if settings.recorder else None,
+        recorder=recorder,
     )
 
 

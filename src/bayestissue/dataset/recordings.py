@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64, Shaped
 
-from bayestissue.dataset.model import Quantity, Uncertainty
+from bayestissue.dataset.model import Quantity, Recorder, Uncertainty
 from bayestissue.dataset.samples import Samples
 from bayestissue.errors import Problem
 from bayestissue.remedies import Code
@@ -25,6 +25,7 @@ class Recordings:
         rate: the sampling rate that ``impacts.csv`` states, Hz; nan where it states none.
         quantity: what was recorded.
         uncertainty: of the measuring chain.
+        recorder: a low-pass that is declared, or None.
     """
 
     samples: Samples
@@ -33,10 +34,16 @@ class Recordings:
     rate: Float64[np.ndarray, " impact"]
     quantity: Quantity
     uncertainty: Uncertainty
+    recorder: Recorder | None = None
 
     @classmethod
     def of(
-        cls, samples: Samples, impacts: pd.DataFrame, quantity: Quantity, uncertainty: Uncertainty
+        cls,
+        samples: Samples,
+        impacts: pd.DataFrame,
+        quantity: Quantity,
+        uncertainty: Uncertainty,
+        recorder: Recorder | None = None,
     ) -> Recordings:
         """Put the rows of ``impacts`` beside the samples."""
         mine = impacts.iloc[samples.impact]
@@ -48,6 +55,7 @@ class Recordings:
             rate.to_numpy(),
             quantity,
             uncertainty,
+            recorder,
         )
 
     def without(self, problems: list[Problem]) -> Recordings:
