@@ -26,6 +26,8 @@ class Motion:
             that first one. An impactor that has left the tissue may go farther than it came in.
         pulse: how many samples exceed a tenth of the greatest deceleration; all, for displacements.
         duration: of those samples, s.
+        rise: from a tenth of the greatest deceleration, the last time before it, to the greatest, s; 0 for
+            displacements.
         loss, gain: the greatest speed lost (gained) between any two moments, m/s; 0 for displacements.
         pulse_loss: as ``loss``, but after taking off what the recording shows at its quieter end, so that
             an offset over a long recording counts for little.
@@ -38,6 +40,7 @@ class Motion:
     extreme: Float64[np.ndarray, " impact"]
     pulse: Int[np.ndarray, " impact"]
     duration: Float64[np.ndarray, " impact"]
+    rise: Float64[np.ndarray, " impact"]
     loss: Float64[np.ndarray, " impact"]
     gain: Float64[np.ndarray, " impact"]
     pulse_loss: Float64[np.ndarray, " impact"]
@@ -59,10 +62,14 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
     begins = _first_at(np.abs(away) >= _BEGINS * np.maximum.reduceat(np.abs(away), begin)[owner], begin)
     side = np.where(away[begins] < 0, -1.0, 1.0)
     interval = (samples.time[end - 1] - samples.time[begin]) / (samples.count - 1)
-    loss = gain = pulse_loss = np.zeros(begin.size)
+    peak = _first_at(slowing == greatest[owner], begin)
+    loss = gain = pulse_loss = rise = np.zeros(begin.size)
     pulse = samples.count
     if quantity != "displacement":
-        pulse = np.add.reduceat((slowing > 0.1 * greatest[owner]).astype(int), begin)
+        above, place = slowing > 0.1 * greatest[owner], np.arange(owner.size)
+        pulse = np.add.reduceat(above.astype(int), begin)
+        below = np.where(~above & (place < peak[owner]), place, begin[owner])
+        rise = samples.time[peak] - samples.time[np.maximum.reduceat(below, begin)]
         # An offset can't add up to much over a recording that is hardly longer than the impact.
         rest = np.where(2 * pulse < samples.count, _rest(samples, slowing), 0)
         step = np.append(np.diff(samples.time), 0)
@@ -74,10 +81,11 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
     return Motion(
         low=np.minimum.reduceat(samples.value, begin),
         high=np.maximum.reduceat(samples.value, begin),
-        peak=_first_at(slowing == greatest[owner], begin),
+        peak=peak,
         extreme=side * np.maximum.reduceat(side[owner] * away, begin),
         pulse=pulse,
         duration=pulse * interval,
+        rise=rise,
         loss=loss,
         gain=gain,
         pulse_loss=pulse_loss,

@@ -8,11 +8,14 @@ import numpy as np
 
 from bayestissue.dataset.motion import Motion, flat_top
 from bayestissue.dataset.recordings import Recordings
+from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.errors import Problem
 
 MIN_SAMPLES = 8
 FLAT_SAMPLES = 4
 FALL_WITHIN = 0.05
+# The answer of a low-pass of the second order to the shortest blow of all rises for 0.17 over its corner.
+_SLOWEST = 0.15
 # Of the greatest value: a recording that ends below it shows the whole force.
 _FORCE_IS_GONE = 0.1
 # An impact on tissue lasts some hundredths of a second: longer steps hold no eight samples of it.
@@ -57,10 +60,12 @@ def movement_problems(recordings: Recordings, moving: Motion) -> list[Problem]:
     more samples at one extreme value and hardly any just below it (a recorder's limit). For decelerations
     also: an impactor that gains speed (the sign is wrong), one that loses more than three times the speed it
     came with (a unit is wrong), and a recording that ends before it has lost that speed, 5 %, one sample and
-    three standard deviations of gain, velocity and offset allowed for. For displacements: one that goes down
+    three standard deviations of gain, velocity and offset allowed for. Once for all impacts, a declared
+    low-pass that is far too slow for the median of them. For displacements: one that goes down
     where it should go into the tissue, deeper than a metre, or at quite another speed than that at contact.
     """
     problems = [*_dead(recordings, moving), *_coarse(recordings, moving), *_clipped(recordings, moving)]
+    problems += _slow_low_pass(recordings, moving)
     if recordings.quantity == "displacement":
         return [*problems, *_wrong_way(recordings, moving), *_depths(recordings, moving)]
     return [*problems, *_speeds(recordings, moving)]
@@ -108,6 +113,24 @@ def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
             value=f"{count} samples at {top:g}",
             at=at,
             code="clipped",
+        )
+
+
+def _slow_low_pass(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+    rise = moving.rise[moving.rise > 0]
+    if recordings.recorder is None or not rise.size:
+        return
+    corner, typical = recordings.recorder.low_pass_hz, float(np.median(rise))
+    if corner * typical < _SLOWEST:
+        yield Problem(
+            SETTINGS,
+            f"a low-pass that recordings can have passed which peak {1e3 * typical:.3g} ms (median) after "
+            f"their rise began: a corner of about {1 / typical:.2g} Hz, and no less than "
+            f"{_SLOWEST / typical:.2g} Hz",
+            "Look up the corner of sensor, amplifier and recorder, in Hz, or take [recorder] out.",
+            column="recorder.low_pass_hz",
+            value=f"{corner:g} Hz",
+            code="impossible-low-pass",
         )
 
 

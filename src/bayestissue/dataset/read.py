@@ -103,7 +103,8 @@ def checked_dataset(
     problems = [*reading.problems, *outside]
     uncertainty = settings.uncertainty.values()
     gravity = signal.gravity_m_s2
-    recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty, gravity)
+    recorder = settings.recorder.values() if settings.recorder else None
+    recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty, gravity, recorder)
     findings = check_recordings(recordings)
     problems += findings.problems
     problems += stated_problems(recordings.without(problems))
@@ -124,7 +125,7 @@ def checked_dataset(
         input_hash=input_hash,
         licence=settings.licence,
         source=settings.source,
-        recorder=settings.recorder.values() if settings.recorder else None,
+        recorder=recorder,
         gravity=gravity,
     )
 

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Float64, Shaped
 
-from bayestissue.dataset.model import Quantity, Uncertainty
+from bayestissue.dataset.model import Quantity, Recorder, Uncertainty
 from bayestissue.dataset.samples import Samples
 from bayestissue.errors import Problem
 from bayestissue.remedies import Code
@@ -26,6 +26,7 @@ class Recordings:
         quantity: what was recorded.
         uncertainty: of the measuring chain.
         gravity: along the motion, m/s².
+        recorder: a low-pass that is declared, or None.
     """
 
     samples: Samples
@@ -35,6 +36,7 @@ class Recordings:
     quantity: Quantity
     uncertainty: Uncertainty
     gravity: float = 0.0
+    recorder: Recorder | None = None
 
     @classmethod
     def of(
@@ -44,6 +46,7 @@ class Recordings:
         quantity: Quantity,
         uncertainty: Uncertainty,
         gravity: float = 0.0,
+        recorder: Recorder | None = None,
     ) -> Recordings:
         """Put the rows of ``impacts`` beside the samples."""
         mine = impacts.iloc[samples.impact]
@@ -56,6 +59,7 @@ class Recordings:
             quantity,
             uncertainty,
             gravity,
+            recorder,
         )
 
     def without(self, problems: list[Problem]) -> Recordings:

@@ -73,6 +73,7 @@ Code = Literal[
     "sign",
     "ends-early",
     "velocity-off",
+    "impossible-low-pass",
     "recording-twice",
     # Spoilt recordings.
     "spike",

@@ -13,8 +13,9 @@ from bayestissue.dataset import Dataset, Uncertainty
 from bayestissue.hierarchy.specification import Formulas, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.inference.factors.likelihoods import log_likelihoods
-from bayestissue.inference.points.notes import NOISELESS, STRUCTURED
+from bayestissue.inference.points.notes import C_UNTOLD, K_UNTOLD, NOISELESS, STRUCTURED
 from bayestissue.inference.samplers.psis import k_threshold
+from bayestissue.inference.single import estimates as single_estimates
 from bayestissue.inference.single.posterior import POINTS, single_posteriors
 from bayestissue.resources import shared
 from bayestissue.signal import SignalOptions
@@ -131,6 +132,29 @@ def test_a_trace_of_another_law_is_flagged():
     tissue = {"element": "stiffening", "parameters": {"stiffening_depth_m": 0.02}}
     table = bt.estimate(made(6, {"noise_relative_to_peak": 0.002}, **tissue).dataset("stiffening"))
     assert table["flags"].str.contains(STRUCTURED).all()
+
+
+def test_what_the_recording_does_not_tell_is_empty_and_flagged(monkeypatch):
+    """An interval over two decades is no estimate, and neither is the point that a search began at."""
+    data = made(4, {"noise_relative_to_peak": 0.005}).dataset("untold")
+    real = single_estimates.single_posteriors
+
+    def spoilt(prepared):
+        found = real(prepared)
+        wide = found.C._replace(high=np.where(np.arange(4) == 1, 200 * found.C.low, found.C.high))
+        lost = found.K._replace(high=np.where(np.arange(4) == 2, 200 * found.K.low, found.K.high))
+        return found._replace(C=wide, K=lost, moved=np.arange(4) != 3)
+
+    assert real(single_estimates.some_of(prepared(data), np.arange(4))).moved.all()
+    monkeypatch.setattr(single_estimates, "single_posteriors", spoilt)
+    table = bt.estimate(data)
+    of_K = ["K_N_per_m", "K_low_N_per_m", "K_high_N_per_m", "K_se_N_per_m", "omega_n_rad_s"]
+    of_C = ["C_N_s_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m", "C_se_N_s_per_m", "zeta"]
+    assert table[of_K].isna().all(axis=1).tolist() == [False, False, True, True]
+    assert table[of_C].isna().all(axis=1).tolist() == [False, True, True, True]
+    assert table[of_K].notna().all(axis=1).tolist() == [True, True, False, False]
+    neither = f"{K_UNTOLD}; {C_UNTOLD}"
+    assert table["flags"].tolist() == ["", C_UNTOLD, neither, neither]
 
 
 def test_without_noise_there_are_medians_and_no_intervals():

@@ -27,7 +27,9 @@ UNCORRECTED = Coded("importance weights are not to be trusted: its interval may 
 NO_OSCILLATOR = Coded("no oscillator has these coefficients", "no-answer")
 NOT_POSITIVE = Coded("K or C is not positive", "no-answer")
 AT_A_LIMIT = Coded("zeta at a limit", "no-answer")
-FAILED = (NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, ANOTHER_PEAK)
+K_UNTOLD = Coded("the recording does not tell K: no estimate", "no-answer")
+C_UNTOLD = Coded("the recording does not tell C: no estimate", "no-answer")
+FAILED = (K_UNTOLD, C_UNTOLD, NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, ANOTHER_PEAK)
 # The same of a displacement, where sound recordings come to it too.
 NO_ANSWER = Coded("the fit came to no answer", "sensor-noise")
 

@@ -22,7 +22,7 @@ from bayestissue.inference.points.estimates import (
     table_of,
 )
 from bayestissue.inference.points.fit import PointFit
-from bayestissue.inference.points.notes import UNCORRECTED
+from bayestissue.inference.points.notes import C_UNTOLD, K_UNTOLD, UNCORRECTED
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
 from bayestissue.oscillator import spring_damper_inverse, to_discrete
@@ -40,6 +40,8 @@ Method = Literal["impact", "exact", "dds"]
 _METHODS = ("impact", "exact", "dds")
 # Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count.
 _LEAST_NOISE = 1e-5
+# An interval whose ends are this many times apart leaves the order of magnitude open.
+_DECADES = 100.0
 
 
 def method_for(dataset: Dataset, options: SignalOptions | None = None) -> Method:
@@ -79,7 +81,8 @@ def estimate(
         method or of how it was recorded (see `bayestissue.inference.points.notes`). By "impact" K and C are
         posterior medians, omega_n, zeta, phi1, phi2 and theta1 those of an oscillator of this K and C, errors
         posterior standard deviations, and ``sigma_a`` is empty: the noise is the recorder's, in
-        ``noise_sd_m_s2``, and no shock drives the impact; ``pareto_k`` is of the importance weights. By the
+        ``noise_sd_m_s2``, and no shock drives the impact; ``pareto_k`` is of the importance weights. K, or C,
+        is empty and flagged where its interval spans more than a factor of 100, or nothing was found. By the
         others intervals are from the trace and the relative standard deviation of the mass alone, and hold
         when the noise is what an ARMA(2,1) assumes.
 
@@ -143,21 +146,48 @@ def by_impact(
     of_long = single_posteriors(prepared)
     peak = np.exp(np.asarray(prepared.data.log_peak))
     noiseless = of_long.sigma.median < _LEAST_NOISE * peak
-    fit = PointFit(*(in_rows(column, rows) for column in _as_fit(of_long, prepared.signal, noiseless)))
+    untold = _untold(of_long, noiseless)
+    known = _as_fit(of_long, prepared.signal, noiseless)
+    fit = PointFit(*(in_rows(column, rows) for column in _told(known, untold)))
 
-    def sure(column: np.ndarray) -> np.ndarray:
-        return in_rows(np.where(noiseless, np.nan, column), rows)
+    def sure(column: np.ndarray, quantity: str) -> np.ndarray:
+        return in_rows(np.where(noiseless | untold[quantity], np.nan, column), rows)
 
-    ends = {name: (sure(each.low), sure(each.high)) for name, each in (("K", of_long.K), ("C", of_long.C))}
+    ends = {
+        name: (sure(each.low, name), sure(each.high, name))
+        for name, each in (("K", of_long.K), ("C", of_long.C))
+    }
     flags, notes = flagged(dataset, signal, fit, found, "impact")
     pareto_k = in_rows(of_long.pareto_k, rows)
     failed = (pareto_k > k_threshold(POINTS)) & ~fit.noiseless
-    for own, raised in zip(flags, failed, strict=True):
-        own.extend([UNCORRECTED] * bool(raised))
+    raised = {UNCORRECTED: failed}
+    raised |= {words: in_rows(untold[name], rows) > 0 for words, name in ((K_UNTOLD, "K"), (C_UNTOLD, "C"))}
+    for own, *up in zip(flags, *raised.values(), strict=True):
+        own.extend(words for words, here in zip(raised, up, strict=True) if here)
     table = table_of(dataset, signal, fit, ends, flags, notes)
     last = table.pop("notes")
     noise = in_rows(of_long.sigma.median, rows)
     return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, notes=last), of_long
+
+
+def _untold(found: SinglePosteriors, noiseless: np.ndarray) -> dict[str, np.ndarray]:
+    """Where the recording does not tell K, or C: its interval spans decades, or nothing was found at all."""
+    with np.errstate(all="ignore"):
+        wide = {name: ~(each.high < _DECADES * each.low) for name, each in (("K", found.K), ("C", found.C))}
+    nothing = (~found.moved | wide["K"]) & ~noiseless
+    return {"K": nothing, "C": nothing | wide["C"] & ~noiseless}
+
+
+def _told(fit: PointFit, untold: dict[str, np.ndarray]) -> PointFit:
+    """The same without what the recordings do not tell; K needs no C, all else needs both."""
+    of_K = {"K", "K_signed", "K_se", "omega_n", "omega_n_se"}
+    kept = {"log_likelihood", "whiteness_p", "branch", "noiseless", "theta1_at_limit"}
+    return PointFit(
+        *(
+            column if name in kept else np.where(untold["K" if name in of_K else "C"], np.nan, column)
+            for name, column in zip(fit._fields, fit, strict=True)
+        )
+    )
 
 
 def _as_fit(found: SinglePosteriors, signal: Displacements, noiseless: np.ndarray) -> PointFit:

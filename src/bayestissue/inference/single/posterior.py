@@ -17,7 +17,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 from scipy.stats import chi2, norm, qmc
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -44,6 +44,8 @@ POINTS = 1024
 # Degrees of freedom of the proposal.
 _TAILS = 5.0
 _ROUNDS = 4
+# Of log K or log C: a search that ends nearer to its start has not begun.
+_MOVES = 1e-9
 # Of the points' dimensions, after those of the parameters: the t's common scale and the error of the mass.
 _BESIDES = 2
 
@@ -77,6 +79,7 @@ class SinglePosteriors(NamedTuple):
             trace [m/s^2]; 0 past its end.
         noise_p: p-value of what is left being the recorder's noise: see
             `bayestissue.inference.factors.noise_left`.
+        moved: whether the search for the posterior's mode left the point that it started from.
         pareto_k: of the importance weights; above `bayestissue.inference.samplers.psis.k_threshold` nothing
             vouches for the medians and intervals.
     """
@@ -89,6 +92,7 @@ class SinglePosteriors(NamedTuple):
     log_likelihood: Float[np.ndarray, " impact"]
     residuals: Float[np.ndarray, "impact sample"]
     noise_p: Float[np.ndarray, " impact"]
+    moved: Bool[np.ndarray, " impact"]
     pareto_k: Float[np.ndarray, " impact"]
 
 
@@ -141,6 +145,7 @@ def _of_block(
         log_likelihoods(model, data, middle[None])[0],
         np.asarray(_residuals(model, data, jnp.asarray(middle))),
         noise_p(model, data, middle),
+        np.any(np.abs(np.asarray(sites.centre) - start)[:, :2] > _MOVES, axis=1),
         pareto_k,
     )
 
