@@ -29,7 +29,7 @@ RECORDED = shared("data", "tutorial", "recorded")
         ("s01_day1_left_0.5kg_r1 s01_day2_right_0.5kg_r2", None),
         (
             "s01_day1_left_0.5kg_r1 s01_day2_right_0.5kg_r2 s02_day2_right_0.5kg_r2",
-            "{subject}_day{session}_{side}_0.5kg_r{n}",
+            "{subject}_day{session}_{side}_{mass_kg}kg_r{n}",
         ),
         ("exp/max/L1 exp/max/R1 exp/eva/L2", "exp/{subject}/{group}"),
         ("s1_12cm_soft s1_15cm_hard s2_15cm_hard", "{subject}_{drop_height_cm}cm_{group}"),
@@ -46,7 +46,7 @@ def test_a_pattern_is_what_names_look_like(names: str, pattern: str | None) -> N
 
 def test_what_is_given_otherwise_does_not_matter_in_names() -> None:
     files = [SimpleNamespace(name=f"p{n}_{s}_500g.csv", suffix=".csv") for n in (1, 2) for s in "lr"]
-    assert guessed(files, {"mass_kg", "side"}) == "{subject}_{}_500g"
+    assert guessed(files, {"mass_kg", "side"}) == "{subject}_{}_{}g"
 
 
 def test_without_options_init_says_what_it_understood_and_what_it_needs(

@@ -53,6 +53,8 @@ Condition = Mapping[str, str | float]
 # What questions and tables call a level that was not measured.
 NEW = "new"
 # Chosen by who measures, and no property of a person or a side.
+# What `bayestissue init` fills besides: counts of repeats, and heights that became velocities.
+_COUNTS = ("n", "drop_height_m", "drop_height_cm", "drop_height_mm")
 _CHOSEN = ("mass_kg", "velocity_m_s", "trial")
 
 
@@ -103,7 +105,7 @@ class Recorded:
     def not_used(self) -> tuple[str, ...]:
         """The columns that vary and that no formula is of, besides what every study has."""
         usual = ("subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "diameter_m", "sampling_rate_hz")
-        others = [name for name in map(str, self.rows) if name not in (*usual, *self.needed)]
+        others = [name for name in map(str, self.rows) if name not in (*usual, *_COUNTS, *self.needed)]
         return tuple(name for name in others if len(self.levels(name)) > 1)
 
     @cached_property

@@ -89,17 +89,17 @@ def _others() -> list[str]:
 
 def _by_its_look(texts: set[str]) -> str | None:
     """What a part is, where that shows; None of one that a person may be."""
+    numbered = [_NUMBERED.fullmatch(text) for text in texts]
+    alike = {(each["before"], each["after"]) for each in numbered if each}
+    before, after = alike.pop() if None not in numbered and len(alike) == 1 else ("", None)
+    if after in _UNITS:
+        return f"{before}{{{_UNITS[after]}}}{after}"
     if len(texts) == 1:
         return texts.pop().replace("{", "{{").replace("}", "}}")
     if {text.lower() for text in texts} <= _SIDES:
         return "{side}"
-    numbered = [_NUMBERED.fullmatch(text) for text in texts]
-    alike = {(each["before"], each["after"]) for each in numbered if each}
-    if None in numbered or len(alike) != 1:
+    if after is None:
         return None
-    before, after = alike.pop()
-    if after in _UNITS:
-        return f"{before}{{{_UNITS[after]}}}{after}"
     if not after and before.lower() in _SESSIONS:
         return f"{before}{{session}}"
     few = max(float(each["number"].replace(",", ".")) for each in numbered if each) <= 30
