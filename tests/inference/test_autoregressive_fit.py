@@ -100,7 +100,11 @@ def test_a_fit_holds_the_correlation_and_finds_no_other_law() -> None:
     assert low < RHO < high
     # About 80 samples of each of twelve impacts tell it to 0.03.
     assert high - low < 0.2
-    assert not fit.diagnostics["model_form"]["structured"]
+    form = fit.diagnostics["model_form"]
+    assert not form["structured"]
+    # Of twelve impacts whose noise is the model's, correlated as it is.
+    assert (form["impacts"]["tested"], form["impacts"]["structured"]) == (12, False)
+    assert form["words"].startswith("Nothing against the model")
     true = {"K": made.truth["K_N_per_m"], "C": made.truth["C_N_s_per_m"]}
     true["noise_correlation"] = np.full(len(made.truth), RHO)
     for variable, values in true.items():

@@ -125,8 +125,7 @@ def _slow_low_pass(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
         yield Problem(
             SETTINGS,
             f"a low-pass that recordings can have passed which peak {1e3 * typical:.3g} ms (median) after "
-            f"their rise began: a corner of about {1 / typical:.2g} Hz, and no less than "
-            f"{_SLOWEST / typical:.2g} Hz",
+            f"their rise began: about {1 / typical:.2g} Hz, and no less than {_SLOWEST / typical:.2g} Hz",
             "Look up the corner of sensor, amplifier and recorder, in Hz, or take [recorder] out.",
             column="recorder.low_pass_hz",
             value=f"{corner:g} Hz",
