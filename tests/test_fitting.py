@@ -181,7 +181,7 @@ def test_structured_residuals_ask_for_a_second_fit(
     made = replace(fitted.analysis, tree=tree, diagnostics=fitted.diagnostics | {"model_form": form})
     seen, said, asked = [], [], []
 
-    def fit_traces(prepared, specification, seed, say, *, checkpoints):
+    def fit_traces(prepared, specification, seed, say, *, checkpoints, contradicted):
         seen.append((prepared.model.discrepancy, checkpoints))
         say("summarising each trace", 0, 1)
         return made

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 
+from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.inference import fit as fitting
 from bayestissue.inference.factors.conditional_prior import PopulationDraws
@@ -188,17 +189,22 @@ def test_chains_are_no_longer_where_some_draws_judge_all(monkeypatch) -> None:
     assert tried.sampled == ["first", "again 1"]
 
 
-def test_a_fit_that_leaves_the_short_way_tells_why_and_how_long_it_takes(monkeypatch) -> None:
-    spent = replace(correction(0.02, k=0.41), attempts=(correction(0.02).row(),))
-    clock = iter([100.0, 130.0])
+class _Left(NamedTuple):
+    """A fit whose corrections are made up, and what it said."""
+
+    route: Any
+    said: list[tuple[str, int, int]]
+
+
+def left(monkeypatch, k: float, *, seconds: float = 3.0, contradicted: str = "") -> _Left:
+    """Weights of this Pareto k, 80 draws of them effective; so long for a hundred transitions of 4800."""
+    spent = replace(correction(0.02, k=k), attempts=(correction(0.02).row(),))
+    clock = iter([100.0, 100.0 + seconds])
     monkeypatch.setattr(fitting.time, "monotonic", lambda: next(clock))
     for name in ("expanded", "approximate"):
         monkeypatch.setattr(fitting, name, lambda *_, **__: SimpleNamespace(sites=None, grid=None))
-    monkeypatch.setattr(
-        fitting,
-        "corrected_draws",
-        lambda *_, **__: (SimpleNamespace(sites=None, grid=None), None, spent),
-    )
+    summary = SimpleNamespace(sites=None, grid=None), None, spent
+    monkeypatch.setattr(fitting, "corrected_draws", lambda *_, **__: summary)
 
     def exact_draws(*_: Any, progress: Any, **__: Any) -> Draws:
         for done in (0, 100, 4800):
@@ -208,19 +214,40 @@ def test_a_fit_that_leaves_the_short_way_tells_why_and_how_long_it_takes(monkeyp
     monkeypatch.setattr(fitting, "exact_draws", exact_draws)
     monkeypatch.setattr(fitting, "label", lambda *given: given[-1])
     said: list[tuple[str, int, int]] = []
-    model = SimpleNamespace(discrepancy=True)
-    route: Any = fit_traces(
-        SimpleNamespace(model=model, impacts=range(3)),  # type: ignore[arg-type]
+    route = fit_traces(
+        SimpleNamespace(model=SimpleNamespace(discrepancy=True), impacts=range(3)),  # type: ignore[arg-type]
         ModelSpecification(name="m", likelihood="impact", sampler=SETTINGS),
         0,
         lambda *told: said.append(told),
+        contradicted=lambda: contradicted,
     )
-    assert route.exact
-    why = next(stage for stage, *_ in said if stage.startswith("sampling by the exact path, since"))
-    assert "80 effective draws of 4000 (relative effective sample size 2.0%), Pareto k 0.41" in why
-    # Thirty seconds for the first hundred of 4800 transitions.
-    assert ("exact path, 0.3 s a transition, about 24 min in all", 4800, 4800) in said
-    assert ("first transitions of the exact path", 0, 4800) in said
+    return _Left(route, said)
+
+
+def test_a_fit_that_leaves_the_short_way_tells_why_and_how_long_it_takes(monkeypatch) -> None:
+    found = left(monkeypatch, k=0.9)
+    assert found.route.exact
+    why = next(stage for stage, *_ in found.said if stage.startswith("sampling by the exact path, since"))
+    assert "80 effective draws of 4000 (relative effective sample size 2.0%), Pareto k 0.90" in why
+    # Three seconds for the first hundred of 4800 transitions.
+    assert ("exact path, 0.03 s a transition, about 2 min in all", 4800, 4800) in found.said
+    assert ("first transitions of the exact path", 0, 4800) in found.said
+
+
+def test_a_long_exact_path_is_not_begun_unasked(monkeypatch) -> None:
+    with pytest.raises(InputError, match="about 24 min") as slow:
+        left(monkeypatch, k=0.9, seconds=30.0)
+    assert "--path exact" in str(slow.value)
+    with pytest.raises(InputError, match=r"The velocity is off\. To go on all the same"):
+        left(monkeypatch, k=0.9, contradicted="The velocity is off.")
+
+
+def test_good_weights_are_used_however_few_draws_are_effective(monkeypatch) -> None:
+    found = left(monkeypatch, k=0.41, contradicted="Not asked.")
+    assert not found.route.exact
+    assert "weights are good, though few draws are effective: 80 effective" in found.route.words
+    # The diagnostics say so.
+    assert [check.passed for check in found.route.checks()] == [True, False]
 
 
 def test_a_route_in_words() -> None:
