@@ -97,6 +97,9 @@ def test_slips_are_named_by_their_array():
         bt.impact(time, np.sin(300 * time), mass_kg=-1.0, velocity_m_s=1.0)
     with pytest.raises(bt.InputError, match='column unit: found "N"'):
         bt.impact(time, np.sin(300 * time), mass_kg=1.0, velocity_m_s=1.0, unit="N")
+    for name, value in (("uncertainty", "2%"), ("recorder", True)):
+        with pytest.raises(bt.InputError, match=f"column {name}: found .*expected a dictionary"):
+            bt.impact(time, np.sin(300 * time), mass_kg=1.0, velocity_m_s=1.0, **{name: value})
 
 
 def test_too_few_samples_give_no_estimate_and_say_so(example):

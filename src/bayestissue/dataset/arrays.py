@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -35,6 +35,7 @@ _WORDS = (
     (re.compile(r"\b(?:signal)\.(\w+)"), r"\1"),
     (re.compile(r"impacts\.csv"), "the table impacts"),
     (re.compile(r"\bthe key (\w)"), r"the argument \1"),
+    (re.compile(r"\ba table with\b"), "a dictionary with"),
     (re.compile(r"\brow (\d+)"), lambda found: f"row {int(found[1]) - _FIRST_ROW}"),
 )
 
@@ -99,14 +100,13 @@ def dataset(
         **({} if gravity is None else {"gravity": _plain(gravity)}),
         **{"zero": zero},
     }
-    chain = asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else dict(uncertainty or {})
-    chain = {key: _plain(value) for key, value in chain.items()}
-    tables: dict[str, Any] = {"signal": signal, "uncertainty": chain}
-    if recorder is not None:
-        own = recorder.settings() if isinstance(recorder, Recorder) else recorder
-        tables["recorder"] = {
-            key: value.item() if isinstance(value, np.generic) else value for key, value in own.items()
-        }
+    chain = asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else uncertainty
+    low_pass = recorder.settings() if isinstance(recorder, Recorder) else recorder
+    tables: dict[str, Any] = {"signal": signal}
+    if chain is not None:
+        tables["uncertainty"] = _each(_plain, chain)
+    if low_pass is not None:
+        tables["recorder"] = _each(_python, low_pass)
     with _in_the_callers_words():
         settings = parse_settings({**free_text, **tables})
         needs_velocity = quantity != "displacement"
@@ -150,9 +150,19 @@ def _in_words(problem: Problem) -> Problem:
     return replace(problem, file=_CALLED.get(problem.file, problem.file), row=row, **changed)
 
 
-def _plain(value: Any) -> Any:
+def _each(of: Callable[[Any], Any], table: Any) -> Any:
+    """``of`` each value of a table; what is none is left for the settings to refuse."""
+    return {str(key): of(value) for key, value in table.items()} if isinstance(table, Mapping) else table
+
+
+def _python(value: Any) -> Any:
     """A NumPy number as Python's, which settings are checked as."""
-    value = value.item() if isinstance(value, np.generic) else value
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _plain(value: Any) -> Any:
+    """The same, whole numbers as any other."""
+    value = _python(value)
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
