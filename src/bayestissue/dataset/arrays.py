@@ -69,7 +69,8 @@ def dataset(
             name, or records. A column ``trace`` is left out: recordings are ``traces``.
         traces: the recordings: one long table with a column ``impact`` beside the time and the value column;
             or by the impact's name, or in the order of ``impacts``, each a table of these two columns, a
-            pair (time, value), an array of two rows or two columns, times first, or a `Trace`.
+            pair (time, value), an array of two rows or two columns, times first, or a `Trace`. What a masked
+            array hides is left out at either end of a recording, and refused between.
         quantity: "deceleration", "acceleration" or "displacement".
         unit: of the recorded values, such as "m/s^2", "g_0" or "mm".
         time_unit: of the times.
@@ -233,14 +234,17 @@ def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Sample
 
 def _joined(named: list[tuple[str, Any]], columns: tuple[str, str]) -> _Samples:
     pairs = all_of(lambda each: _pair(each[1], each[0], columns), named)
-    count = [len(times.array) for times, _ in pairs]
+    count = [len(times.array) for _, times, _ in pairs]
     labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
-    rows = np.concatenate([np.empty(0, int), *(np.arange(number) for number in count)]) + _FIRST_ROW
-    times, readings = (_end_to_end([pair[side] for pair in pairs]) for side in (0, 1))
+    own = (first + np.arange(number) for (first, *_), number in zip(pairs, count, strict=True))
+    rows = np.concatenate([np.empty(0, int), *own]) + _FIRST_ROW
+    times = _end_to_end([times for _, times, _ in pairs])
+    readings = _end_to_end([readings for *_, readings in pairs])
     return _Samples(_SINGLE, times, readings, labels, rows)
 
 
-def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[Numbers, Numbers]:
+def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbers, Numbers]:
+    """The first sample that is not hidden, and the times and values from there to the last such one."""
     if isinstance(trace, Trace):
         trace = trace.time_s, trace.value
     elif isinstance(trace, pd.DataFrame):
@@ -270,7 +274,19 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[Numbers, N
                 code="array-shape",
             )
         )
-    return times, readings
+    hidden = np.zeros(len(times.array), bool)
+    for each in trace:
+        hidden |= np.ma.getmaskarray(each) if isinstance(each, np.ma.MaskedArray) else False
+    if not hidden.any():
+        return 0, times, readings
+    shown = np.flatnonzero(~hidden)
+    first, stop = (shown[0], shown[-1] + 1) if len(shown) else (0, 0)
+    return int(first), _stretch(times, hidden, first, stop), _stretch(readings, hidden, first, stop)
+
+
+def _stretch(numbers: Numbers, hidden: np.ndarray, first: int, stop: int) -> Numbers:
+    text = {place - first: words for place, words in numbers.text.items() if first <= place < stop}
+    return Numbers(np.where(hidden, np.nan, numbers.array)[first:stop], text)
 
 
 def _numbers(values: Any, label: str, column: str, impact: str | None) -> Numbers:
