@@ -57,6 +57,12 @@ def fitted(dataset, tmp_path_factory):
     )
 
 
+@pytest.mark.parametrize("seed", [-1, "a", 1.5, True, None, 2**63])
+def test_a_seed_that_is_none_is_refused_before_anything_else(seed):
+    with pytest.raises(bt.InputError, match=r"column seed: .*a whole number from 0 to \d+. Pass"):
+        bt.fit("no folder", seed=seed)
+
+
 def test_a_fit_hands_out_its_posterior_summary_and_diagnostics(fitted):
     assert "posterior" in fitted.posterior.children
     assert "mass_exponent_K" in set(fitted.summary["variable"])

@@ -87,6 +87,16 @@ def test_where_the_sensors_zero_is_makes_no_difference(drop):
     assert pytest.approx(in_free_fall.K, rel=0.005) == at_rest.K
 
 
+def test_what_a_masked_array_hides_is_not_used(drop):
+    time, value = drop
+    wrong = np.where(time > 0.055, 500.0, value)
+    found = bt.impact(time, np.ma.array(wrong, mask=time > 0.055), **GIVEN_OF_DROP, gravity="drop")
+    shown = time <= 0.055
+    assert found.K == bt.impact(time[shown], value[shown], **GIVEN_OF_DROP, gravity="drop").K
+    with pytest.raises(bt.InputError, match="row 250, column value"):
+        bt.impact(time, np.ma.array(value, mask=np.arange(len(time)) == 250), **GIVEN_OF_DROP)
+
+
 def test_slips_are_named_by_their_array():
     time = np.arange(100) * 1e-4
     with pytest.raises(bt.InputError, match="100 times and 99 values"):
@@ -97,6 +107,9 @@ def test_slips_are_named_by_their_array():
         bt.impact(time, np.sin(300 * time), mass_kg=-1.0, velocity_m_s=1.0)
     with pytest.raises(bt.InputError, match='column unit: found "N"'):
         bt.impact(time, np.sin(300 * time), mass_kg=1.0, velocity_m_s=1.0, unit="N")
+    for name, value in (("uncertainty", "2%"), ("recorder", True)):
+        with pytest.raises(bt.InputError, match=f"column {name}: found .*expected a dictionary"):
+            bt.impact(time, np.sin(300 * time), mass_kg=1.0, velocity_m_s=1.0, **{name: value})
 
 
 def test_too_few_samples_give_no_estimate_and_say_so(example):

@@ -83,7 +83,9 @@ Excel = Annotated[
 FinishedFit = Annotated[
     Path, typer.Argument(help="Folder of a finished run of `bayestissue fit`.", metavar="RUN")
 ]
-Seed = Annotated[int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0)]
+Seed = Annotated[
+    int, typer.Option("--seed", help="Same seed, same machine: same numbers.", min=0, max=runtime.MOST_SEED)
+]
 
 
 _FAILED = more(["machine-failed"])

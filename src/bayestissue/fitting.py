@@ -226,7 +226,7 @@ def fit(
         model: the name of a model that comes with the program, such as "impact" or "maxwell"; the path of
             your own file; what such a file holds, as a dict; or a `ModelSpecification`. "impact" of recorded
             decelerations and "arma" of displacements unless given.
-        seed: same seed, same machine: same numbers.
+        seed: same seed, same machine: same numbers. A whole number from 0.
         K: what log K depends on, in the notation of R, such as "side + (1|subject)"; as the model has it
             unless given.
         C: the same of log C; that of ``K`` unless given.
@@ -241,7 +241,7 @@ def fit(
         ``.predict(table)``, ``.report(folder)``.
 
     Raises:
-        InputError: the model is wrong, or asks for what these recordings can't tell.
+        InputError: the model is wrong, or asks for what these recordings can't tell; the seed is none.
 
     Example:
         >>> fit = bt.fit("drops", K="log(mass_kg) + side + (1|subject)", ask="K[side=left] > K[side=right]")
@@ -250,6 +250,7 @@ def fit(
     """
     from bayestissue.dataset import as_dataset
 
+    seed = _checked_seed(seed)
     dataset = as_dataset(dataset)
     specification, source = resolve(
         model, dataset.quantity, formulas=formulas_of(K, C), questions=ask, path=path
@@ -258,6 +259,16 @@ def fit(
         prepared = prepare(dataset, specification, source=source)
         require_answerable(prepared, specification, source)
         return fit_prepared(dataset, specification, prepared, seed, say or _silent)
+
+
+def _checked_seed(seed: Any) -> int:
+    if isinstance(seed, int | np.integer) and not isinstance(seed, bool) and 0 <= seed <= runtime.MOST_SEED:
+        return int(seed)
+    expected, remedy = (
+        f"a whole number from 0 to {runtime.MOST_SEED}",
+        "Pass such a number, or leave seed out.",
+    )
+    raise InputError(Problem("arguments", expected, remedy, column="seed", value=seed, code="option-value"))
 
 
 def formulas_of(K: str | None, C: str | None) -> dict[str, str]:

@@ -114,7 +114,8 @@ def impact(
 
     Args:
         time_s: of each sample, s; contact may be anywhere in it.
-        deceleration: positive while the impactor slows, until it has lost its speed or longer.
+        deceleration: positive while the impactor slows, until it has lost its speed or longer. What a masked
+            array hides is left out at either end, and refused between.
         mass_kg: of the impactor.
         velocity_m_s: at contact.
         unit: of the decelerations, such as "m/s^2" or "g_0".
@@ -139,7 +140,7 @@ def impact(
     }
     data = dataset_of(
         impacts,
-        [(np.asarray(time_s), np.asarray(deceleration))],
+        [(np.asanyarray(time_s), np.asanyarray(deceleration))],
         quantity="deceleration",
         unit=unit,
         gravity=gravity,

@@ -19,6 +19,8 @@ LIBRARIES = ("bayestissue", "numpy", "scipy", "jax", "numpyro", "arviz", "pandas
 
 
 _FOLDER = "JAX_COMPILATION_CACHE_DIR"
+# The greatest seed that random numbers of every library can begin from.
+MOST_SEED = 2**63 - 1
 _MOST_KEPT = 1_000_000_000
 
 

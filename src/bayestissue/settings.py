@@ -150,6 +150,10 @@ def _problem(detail: Any, schema: type[BaseModel], file: str, within: tuple[str,
         )
     if detail["type"] == "missing":
         return Problem(file, "a value", f"Add the key {key}.", column=key, code="missing-key")
+    if detail["type"] == "model_type":
+        keys = f"a table with some of {', '.join(allowed_keys(schema, location))}"
+        remedy = f"Give each value of the key {key} by its name."
+        return Problem(file, keys, remedy, column=key, value=detail["input"], code="key-value")
     message = detail["msg"].removeprefix("Input should be ").removeprefix("Value error, ")
     remedy = f"Change the key {key}." if key else "Change one of them."
     shown = None if isinstance(detail["input"], Mapping) else detail["input"]

@@ -150,6 +150,10 @@ def test_it_finds_what_is_found_in_a_folder(tmp_path, spoil):
         ({"zero": "drop"}, "'free_fall' or 'rest'"),
         ({"uncertainty": {"mass": 0.1}}, "column uncertainty.mass"),
         ({"uncertainty": {"relative_mass_sd": np.float64(3.0)}}, "3 %, if that is meant, is 0.03"),
+        ({"uncertainty": "2%"}, 'uncertainty: found "2%"; expected a dictionary with some of relative'),
+        ({"uncertainty": 5, "recorder": True}, "recorder: found True; expected a dictionary with some"),
+        ({"uncertainty": 5, "recorder": True}, "the argument uncertainty by its name"),
+        ({"recorder": {1: 2}}, "column recorder.1"),
         ({"traces": []}, "found \"0 recordings\""),
         ({"traces": {}}, "samples of every impact in the table impacts"),
         ({"traces": tables()[1].drop(columns="value")}, 'a column "value"'),
@@ -193,6 +197,23 @@ def test_an_array_of_two_rows_or_columns_is_a_pair():
     for stacked in (np.stack, np.column_stack):
         other = {name: stacked([np.asarray(part) for part in pair]) for name, pair in pairs.items()}
         assert bt.dataset(impacts, other, **GIVEN).input_hash == plain.input_hash
+
+
+def test_what_a_masked_array_hides_is_not_used():
+    impacts, traces = tables()
+    pairs = separate(impacts, traces)
+    name = impacts["impact"][0]
+    time, value = (np.asarray(part) for part in pairs[name])
+    lied = np.concatenate([[-50.0], value, [1e6, 70.0]])
+    times = time[0] + np.arange(-1, len(time) + 2) * (time[1] - time[0])
+    ends = np.isin(np.arange(len(lied)), [0, len(lied) - 2, len(lied) - 1])
+    hidden = bt.dataset(impacts, pairs | {name: (times, np.ma.array(lied, mask=ends))}, **GIVEN)
+    np.testing.assert_array_equal(hidden.traces[0].value, value)
+    ends[20] = True
+    with pytest.raises(bt.InputError, match=f"row 20, column value, impact {name}"):
+        bt.dataset(impacts, pairs | {name: (times, np.ma.array(lied, mask=ends))}, **GIVEN)
+    with pytest.raises(bt.InputError, match=f"impact {name}"):
+        bt.dataset(impacts, pairs | {name: (times, np.ma.masked_all(len(lied)))}, **GIVEN)
 
 
 def test_bad_impacts_can_be_left_out():

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from typing import Any
@@ -35,6 +35,7 @@ _WORDS = (
     (re.compile(r"\b(?:signal)\.(\w+)"), r"\1"),
     (re.compile(r"impacts\.csv"), "the table impacts"),
     (re.compile(r"\bthe key (\w)"), r"the argument \1"),
+    (re.compile(r"\ba table with\b"), "a dictionary with"),
     (re.compile(r"\brow (\d+)"), lambda found: f"row {int(found[1]) - _FIRST_ROW}"),
 )
 
@@ -68,7 +69,8 @@ def dataset(
             name, or records. A column ``trace`` is left out: recordings are ``traces``.
         traces: the recordings: one long table with a column ``impact`` beside the time and the value column;
             or by the impact's name, or in the order of ``impacts``, each a table of these two columns, a
-            pair (time, value), an array of two rows or two columns, times first, or a `Trace`.
+            pair (time, value), an array of two rows or two columns, times first, or a `Trace`. What a masked
+            array hides is left out at either end of a recording, and refused between.
         quantity: "deceleration", "acceleration" or "displacement".
         unit: of the recorded values, such as "m/s^2", "g_0" or "mm".
         time_unit: of the times.
@@ -99,14 +101,13 @@ def dataset(
         **({} if gravity is None else {"gravity": _plain(gravity)}),
         **{"zero": zero},
     }
-    chain = asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else dict(uncertainty or {})
-    chain = {key: _plain(value) for key, value in chain.items()}
-    tables: dict[str, Any] = {"signal": signal, "uncertainty": chain}
-    if recorder is not None:
-        own = recorder.settings() if isinstance(recorder, Recorder) else recorder
-        tables["recorder"] = {
-            key: value.item() if isinstance(value, np.generic) else value for key, value in own.items()
-        }
+    chain = asdict(uncertainty) if isinstance(uncertainty, Uncertainty) else uncertainty
+    low_pass = recorder.settings() if isinstance(recorder, Recorder) else recorder
+    tables: dict[str, Any] = {"signal": signal}
+    if chain is not None:
+        tables["uncertainty"] = _each(_plain, chain)
+    if low_pass is not None:
+        tables["recorder"] = _each(_python, low_pass)
     with _in_the_callers_words():
         settings = parse_settings({**free_text, **tables})
         needs_velocity = quantity != "displacement"
@@ -150,9 +151,19 @@ def _in_words(problem: Problem) -> Problem:
     return replace(problem, file=_CALLED.get(problem.file, problem.file), row=row, **changed)
 
 
-def _plain(value: Any) -> Any:
+def _each(of: Callable[[Any], Any], table: Any) -> Any:
+    """``of`` each value of a table; what is none is left for the settings to refuse."""
+    return {str(key): of(value) for key, value in table.items()} if isinstance(table, Mapping) else table
+
+
+def _python(value: Any) -> Any:
     """A NumPy number as Python's, which settings are checked as."""
-    value = value.item() if isinstance(value, np.generic) else value
+    return value.item() if isinstance(value, np.generic) else value
+
+
+def _plain(value: Any) -> Any:
+    """The same, whole numbers as any other."""
+    value = _python(value)
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
@@ -223,14 +234,17 @@ def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Sample
 
 def _joined(named: list[tuple[str, Any]], columns: tuple[str, str]) -> _Samples:
     pairs = all_of(lambda each: _pair(each[1], each[0], columns), named)
-    count = [len(times.array) for times, _ in pairs]
+    count = [len(times.array) for _, times, _ in pairs]
     labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
-    rows = np.concatenate([np.empty(0, int), *(np.arange(number) for number in count)]) + _FIRST_ROW
-    times, readings = (_end_to_end([pair[side] for pair in pairs]) for side in (0, 1))
+    own = (first + np.arange(number) for (first, *_), number in zip(pairs, count, strict=True))
+    rows = np.concatenate([np.empty(0, int), *own]) + _FIRST_ROW
+    times = _end_to_end([times for _, times, _ in pairs])
+    readings = _end_to_end([readings for *_, readings in pairs])
     return _Samples(_SINGLE, times, readings, labels, rows)
 
 
-def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[Numbers, Numbers]:
+def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbers, Numbers]:
+    """The first sample that is not hidden, and the times and values from there to the last such one."""
     if isinstance(trace, Trace):
         trace = trace.time_s, trace.value
     elif isinstance(trace, pd.DataFrame):
@@ -260,7 +274,19 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[Numbers, N
                 code="array-shape",
             )
         )
-    return times, readings
+    hidden = np.zeros(len(times.array), bool)
+    for each in trace:
+        hidden |= np.ma.getmaskarray(each) if isinstance(each, np.ma.MaskedArray) else False
+    if not hidden.any():
+        return 0, times, readings
+    shown = np.flatnonzero(~hidden)
+    first, stop = (shown[0], shown[-1] + 1) if len(shown) else (0, 0)
+    return int(first), _stretch(times, hidden, first, stop), _stretch(readings, hidden, first, stop)
+
+
+def _stretch(numbers: Numbers, hidden: np.ndarray, first: int, stop: int) -> Numbers:
+    text = {place - first: words for place, words in numbers.text.items() if first <= place < stop}
+    return Numbers(np.where(hidden, np.nan, numbers.array)[first:stop], text)
 
 
 def _numbers(values: Any, label: str, column: str, impact: str | None) -> Numbers:

@@ -220,13 +220,14 @@ class _Lines:
             raise InputError(Problem(label, expected, remedy, column=key, value=row, code="cells-in-a-row"))
         return found
 
-    def first_row(self, above: _Record | None) -> int:
+    def first_row(self, above: _Record | None, *, named: bool) -> int:
         """The row of the first record below the names and units."""
         if above is None:
             return next((each.row for each in self.records if self.is_data(each)), 1)
-        # An empty line of a single column is an empty cell.
-        after = [] if self.width == 1 else [each.row for each in self.records if each.row >= above.below]
-        return after[0] if after else above.below
+        # An empty line of a single column is an empty cell, and in a table with names one may be a row.
+        if self.width == 1 or named:
+            return above.below
+        return next((each.row for each in self.records if each.row >= above.below), above.below)
 
 
 def text_table(
@@ -267,7 +268,7 @@ def text_table(
     header = None if stated.header_row == 0 else header
     below = lines.stated("units_row", stated, label) or lines.units(header)
     below = None if stated.units_row == 0 else below
-    first_row = lines.first_row(below or header)
+    first_row = lines.first_row(below or header, named=named)
     body = memoryview(data)[_offset(head, first_row) :]
     cells = [each.cells for each in lines.records if each.row >= first_row]
     decimal = DECIMALS[stated.decimal] if stated.decimal else _decimal(cells, body)

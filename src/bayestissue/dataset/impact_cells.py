@@ -26,6 +26,7 @@ def read_cells(
     wanted: Sequence[str],
     *,
     label: str = FILE,
+    keep_empty: bool = False,
     remedy: str = "Write one: a header and one row per impact; docs/how-to/write-a-dataset.md shows how.",
 ) -> tuple[pd.DataFrame, np.ndarray]:
     """All cells as text without the spaces around them, numbers with a decimal point, and their rows.
@@ -36,6 +37,7 @@ def read_cells(
         path: the file.
         wanted: the columns that it must have.
         label: what messages call it.
+        keep_empty: whether a row of empty cells is a row; a line without any cell never is.
         remedy: what to do if it is not there.
 
     Raises:
@@ -56,7 +58,7 @@ def read_cells(
                 cell.strip() if name in NAMES else text.dialect.plain(cell.strip())
                 for name, cell in zip_longest(text.names, record, fillvalue="")
             ][: len(record)]
-            if any(cells):
+            if any(cells) or (keep_empty and record):
                 body.append(cells)
                 lines.append(above + reader.line_num)
     except csv.Error as error:

@@ -43,6 +43,19 @@ def sure(run: Run, gravity: float = 0.0, **sd: float) -> Finished:
     return Finished.of(xr.DataTree.from_dict(groups), run.about["model"])
 
 
+def test_a_row_of_empty_cells_is_a_row_of_a_file(run: Run, tmp_path: Path) -> None:
+    """Predictions are joined to their rows by position."""
+    path = tmp_path / "at.csv"
+    path.write_text("subject,mass_kg,velocity_m_s\n,,\ns1,0.7,1.5\n,,\n\ns1,1.1,2\n")
+    s1 = {"subject": "s1", "mass_kg": 0.7, "velocity_m_s": 1.5}
+    rows = read_conditions(path, run.finished.recorded)
+    assert rows == [{}, s1, {}, s1 | {"mass_kg": 1.1, "velocity_m_s": 2.0}]
+    pd.read_csv(path).to_csv(path, index=False)
+    assert read_conditions(path, run.finished.recorded) == rows
+    path.write_text('mass_kg\n""\n0.7\n')
+    assert read_conditions(path, run.finished.recorded) == [{}, {"mass_kg": 0.7}]
+
+
 @pytest.mark.parametrize("gravity", [0.0, 9.80665])
 def test_without_scatter_the_peaks_are_those_of_the_formulas(run: Run, gravity: float) -> None:
     finished = sure(run, gravity)

@@ -3,6 +3,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import socket
 import subprocess
 import sys
 import time
@@ -22,7 +23,7 @@ from bayestissue.hierarchy.gaussian.arrangement import arrange
 from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference.execution import chunks
 from bayestissue.inference.execution.chunks import in_blocks
-from bayestissue.inference.execution.workers import on_cluster
+from bayestissue.inference.execution.workers import _PATIENCE_S, on_cluster
 from bayestissue.inference.points import fit
 from bayestissue.likelihood.arma.displacement import displacement_record
 from bayestissue.thesis.causes.batches import Batch
@@ -152,13 +153,25 @@ def test_what_is_done_impact_by_impact_is_the_same_on_a_cluster(
     np.testing.assert_array_equal(here[0]["row"], 2 * np.arange(count))
 
 
-def test_a_scheduler_that_does_not_answer_is_an_input_error(
-    batches: list[Batch], monkeypatch: pytest.MonkeyPatch
-) -> None:
+@pytest.mark.parametrize("address", ["tcp://127.0.0.1:1", "nonsense", "silent"])
+def test_a_scheduler_that_does_not_answer_is_refused_soon_and_in_our_words(address: str) -> None:
     pytest.importorskip("distributed")
-    monkeypatch.setattr("bayestissue.inference.execution.workers._PATIENCE_S", 0.5)
-    with pytest.raises(InputError, match="dask worker"):
-        run_batches(batches, scheduler="tcp://127.0.0.1:1")
+    ask = (
+        "import sys; from bayestissue.inference.execution.workers import on_cluster as o, InputError\n"
+        "try: o(sys.argv[1]).__enter__()\n"
+        "except InputError as error: print(error)\n"
+    )
+    # A port that takes a connection, and never a word more.
+    with socket.create_server(("127.0.0.1", 0)) as silent:
+        address = f"tcp://127.0.0.1:{silent.getsockname()[1]}" if address == "silent" else address
+        begun = time.monotonic()
+        told = subprocess.run(  # noqa: S603
+            [sys.executable, "-c", ask, address], capture_output=True, text=True, timeout=60, check=True
+        )
+    # Beside the start of a process, which imports Dask.
+    assert time.monotonic() - begun < _PATIENCE_S + 10
+    assert told.stdout.count("dask worker") == 1
+    assert told.stderr == ""
 
 
 def test_without_dask_the_next_step_is_told(batches: list[Batch], monkeypatch: pytest.MonkeyPatch) -> None:

@@ -23,7 +23,7 @@ _in_table = partial(Problem, code="prediction-table")
 
 
 def read_conditions(table: str | Path | pd.DataFrame, recorded: Recorded) -> list[Condition]:
-    """What is given of each new impact, by column; an empty cell is not given.
+    """What is given of each new impact, by column; an empty cell is not given, also where all of a row are.
 
     Args:
         table: a CSV file or a pandas table, whose columns are among those of the run's ``impacts.csv``.
@@ -40,7 +40,7 @@ def read_conditions(table: str | Path | pd.DataFrame, recorded: Recorded) -> lis
     else:
         label = str(table)
         remedy = "Write one: a header with columns of impacts.csv, and a row for each new impact."
-        cells, rows = read_cells(Path(table), (), label=label, remedy=remedy)
+        cells, rows = read_cells(Path(table), (), label=label, keep_empty=True, remedy=remedy)
     if problems := [*_columns(cells, recorded, label), *_lacking(recorded, label)]:
         raise InputError(problems)
     if problems := list(_wrong(cells, rows, recorded, label)):

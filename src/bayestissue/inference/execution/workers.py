@@ -6,6 +6,7 @@ its items with it, and they are computed again by others.
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import as_completed
 from contextlib import contextmanager
@@ -18,7 +19,7 @@ from bayestissue.results import scratch
 
 # Workers that die this often without an item done between are no accident.
 _DEATHS = 5
-_PATIENCE_S = 10
+_PATIENCE_S = 4
 _SCHEDULER: ContextVar[str | None] = ContextVar("scheduler", default=None)
 
 
@@ -128,8 +129,10 @@ def _client(address: str) -> Any:
             )
         ) from error
     try:
+        # A client that fails waits for itself, and complains when collected; so a bare connection first.
+        asyncio.run(_answers(address))
         return distributed.Client(address, timeout=_PATIENCE_S, set_as_default=False)
-    except (OSError, TimeoutError, ValueError) as error:
+    except Exception:  # whatever another program answers may be read as anything
         raise InputError(
             Problem(
                 "--scheduler",
@@ -139,4 +142,13 @@ def _client(address: str) -> Any:
                 value=address,
                 code="scheduler",
             )
-        ) from error
+        ) from None
+
+
+async def _answers(address: str) -> None:
+    """Return if a Dask scheduler is reached at the address within `_PATIENCE_S`; raise else."""
+    from distributed.core import connect
+
+    # Its own limit leaves out the greeting.
+    async with asyncio.timeout(_PATIENCE_S):
+        (await connect(address, timeout=_PATIENCE_S)).abort()
