@@ -122,14 +122,14 @@ def test_an_impacts_density_is_its_likelihood_integrated_over_the_population(fit
     likelihood = log_likelihoods(fit.prepared.model, fit.prepared.data, points)
     direct, error = log_mean(likelihood + log_population - log_proposal)
     # Of these points and of those that traces and summaries were compared at, which count by what the summary
-    # and this draw of the population make of them, over how dense they lie. A last parameter that has a grid
-    # is no part of them.
-    u = np.asarray(fit.ratios.u)
-    size = u.shape[-1]
-    precision = np.linalg.inv(np.linalg.inv(anchor.precision)[:, :size, :size])
-    away = u - anchor.mean[:, :size]
-    dense = fit.likelihood.approximation.sites.log_density(u) - fit.ratios.log_density
-    share = softmax(dense - (away * np.matvec(precision, away)).sum(-1) / 2, axis=0)
+    # and this draw of the population make of them, over how dense they lie; with a grid all alike.
+    dense = np.zeros(fit.ratios.log_ratio.shape)
+    if fit.likelihood.approximation.grid is None:
+        u = np.asarray(fit.ratios.u)
+        away = u - anchor.mean
+        dense = fit.likelihood.approximation.sites.log_density(u) - fit.ratios.log_density
+        dense = dense - (away * np.matvec(anchor.precision, away)).sum(-1) / 2
+    share = softmax(dense, axis=0)
     ratio = np.exp(np.asarray(fit.ratios.log_ratio))
     middle = (share * ratio).sum(0)
     error = np.hypot(error, np.sqrt(np.square(share * (ratio - middle)).sum(0)) / middle)
