@@ -7,7 +7,7 @@ from numpy.testing import assert_allclose
 
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.design import build_design
-from bayestissue.hierarchy.formulas.formula import left_out_words
+from bayestissue.hierarchy.formulas.formula import judge, left_out_words
 from bayestissue.hierarchy.specification import Formulas
 
 PLAIN = "log(mass_kg) + (1|subject) + (1|trial)"
@@ -36,6 +36,24 @@ def refusal(formula: str, table: pd.DataFrame) -> str:
     assert problem.column == "formula.C"
     assert problem.value == formula
     return str(problem)
+
+
+@pytest.mark.parametrize(
+    ("formula", "words"),
+    [
+        ("", "it is empty"),
+        ("side + ", "it breaks off"),
+        ("(" * 3000 + "side" + ")" * 3000, "too many parentheses"),
+        ("K ~ side", "leave it out"),
+        ("poly(mass_kg, 2)", "there is no poly()"),
+        ("scale(age) + side", "there is no scale()"),
+        ("age + side", "age is missing in 1 of 4 impacts, such as impact b"),
+    ],
+)
+def test_formulas_that_cannot_be_used_are_refused_in_our_words(formula, words):
+    rows = pd.DataFrame({"impact": list("abcd"), "subject": list("ssuu"), "trial": list("xyxy")})
+    rows = rows.assign(mass_kg=[0.5, 1.0] * 2, side=list("llrr"), age=[1.0, np.nan, 3.0, 4.0])
+    assert words in " ".join(fault.reason for fault in judge(formula, rows, 1.0).faults)
 
 
 def test_log_mass_is_zero_at_the_reference_mass_and_is_not_scaled() -> None:

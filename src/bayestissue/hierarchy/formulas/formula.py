@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -17,6 +18,7 @@ from bayestissue.hierarchy.formulas.identifiability import (
     PRECISION,
     Fault,
     aliased,
+    lacking,
     unidentified,
     unsuited_columns,
     written_twice,
@@ -29,6 +31,9 @@ _INTERCEPT = "Intercept"
 _TIED = {"mass": {"mass_kg"}, "energy": {"energy_J"}, "velocity": {"velocity_m_s"}}
 # Only these functions are within a formula's reach.
 FUNCTIONS = {"log": np.log, "sqrt": np.sqrt}
+_EVALUATED = "terms that can be evaluated: columns, +, :, {arithmetic}, C(), log() and sqrt()"
+_QUOTED = re.compile(r"`[^`]*`|\"[^\"]*\"|'[^']*'")
+_CALLED = re.compile(r"([^\W\d]\w*)\s*\(")
 
 
 @dataclass(frozen=True)
@@ -85,9 +90,10 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
         reference_mass_kg: at which, and at every other covariate's mean, the columns are zero.
     """
     try:
+        _require_plain(formula)
         terms, faults = _read(formula)
     except Exception as error:  # formulae raises its own scanner and parser errors, which share no base
-        wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', f"{error}")
+        wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', _unread(formula, error))
         found = judge(DEFAULT_FORMULA, rows, reference_mass_kg)
         return replace(found, faults=(wrong,))
     faults += [*_unknown(terms, rows), *unsuited_columns(terms.groups, rows)]
@@ -108,6 +114,23 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
             return Judged(terms, columns, tuple(names), kept, tuple(faults))
         faults += wrong_terms
         terms = terms.without(fault.term for fault in wrong_terms)
+
+
+def _require_plain(formula: str) -> None:
+    """Raise where a formula has a left-hand side."""
+    if "~" in _QUOTED.sub("", formula):
+        raise ValueError(
+            "~ says what is explained, which is log K or log C: leave it out, and what is before"
+        )
+
+
+def _unread(formula: str, error: Exception) -> str:
+    """Why a formula can't be read, in the words of `formulae` only where these say it."""
+    if isinstance(error, RecursionError):
+        return "too many parentheses within one another"
+    if not formula.strip():
+        return "it is empty; 1 stands for no covariate and no group"
+    return "it breaks off" if str(error).endswith("''") else f"{error}"
 
 
 def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
@@ -203,12 +226,18 @@ def _unknown(terms: Terms, rows: pd.DataFrame) -> list[Fault]:
     for term, variables in terms.common.items():
         strange = sorted(variables - set(usable))
         labels = sorted(variables & set(LABELS))
-        if strange:
+        missing = [name for name in sorted(variables & set(usable)) if rows[name].isna().any()]
+        unknown = sorted({*_CALLED.findall(_QUOTED.sub("", term))} - {*FUNCTIONS, "C", "I"})
+        if unknown:
+            faults.append(Fault(term, _EVALUATED, f"there is no {unknown[0]}()"))
+        elif strange:
             expected = f"columns of the data: {', '.join(usable)}"
             faults.append(Fault(term, expected, f"there is no column {', '.join(strange)}"))
         elif labels:
             wanted = f"{labels[0]} as a group effect, written (1|{labels[0]})"
             faults.append(Fault(term, wanted, f"{labels[0]} is a name and no covariate"))
+        elif missing:
+            faults.append(lacking(term, missing[0], rows))
     return faults
 
 
@@ -273,8 +302,7 @@ def _evaluated(
 
 
 def _unusable(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> list[Fault]:
-    expected = "terms that can be evaluated: columns, +, :, {arithmetic}, log() and sqrt()"
-    faults = []
+    expected, faults = _EVALUATED, []
     for term in terms.common:
         try:
             _design([term], rows, reference_mass_kg)

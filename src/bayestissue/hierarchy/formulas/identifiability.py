@@ -43,6 +43,14 @@ class Fault:
     reason: str
 
 
+def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
+    """A term of a column that is missing in some impacts."""
+    without = rows.loc[rows[column].isna(), "impact" if "impact" in rows else column]
+    where = f", such as impact {without.iloc[0]}" if "impact" in rows else ""
+    reason = f"{column} is missing in {len(without)} of {len(rows)} impacts{where}"
+    return Fault(term, f"a {column} of every impact", reason)
+
+
 def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
     """Effects that more than one of the parentheses of a formula ask for, each parenthesis' terms given."""
     seen: set[tuple[str, frozenset[str]]] = set()
@@ -75,10 +83,7 @@ def unsuited_columns(terms: Sequence[GroupTerm], rows: pd.DataFrame) -> list[Fau
             reason = "results need that name for something else; rename the column"
             faults.append(Fault(str(term), expected, reason))
         elif missing:
-            lacking = rows.loc[rows[missing[0]].isna(), "impact" if "impact" in rows else missing[0]]
-            where = f", such as impact {lacking.iloc[0]}" if "impact" in rows else ""
-            reason = f"{missing[0]} is missing in {len(lacking)} of {len(rows)} impacts{where}"
-            faults.append(Fault(str(term), f"a {missing[0]} of every impact", reason))
+            faults.append(lacking(str(term), missing[0], rows))
         elif term.stem in stems:
             expected, reason = "names that differ", f"{term.stem} would name two terms' effects"
             faults.append(Fault(str(term), expected, reason))

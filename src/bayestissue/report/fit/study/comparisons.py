@@ -30,13 +30,24 @@ def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
         shown = [line for line in lines(part) if line.quantity in ("K", "C")]
         found.append(
             {
-                "what": f"{level} over {against}",
+                # A number alone says nothing: session 2 over session 1.
+                "what": f"{factor} {level} over {against}"
+                if _is_number(level)
+                else f"{level} over {against}",
                 "factor": factor,
                 "ratios": [_ratio(line) for line in shown],
                 "words": " ".join(_words(line, str(level), equivalence(run)) for line in shown),
             }
         )
     return found[:_ON_FIRST_SCREEN]
+
+
+def _is_number(level: Any) -> bool:
+    try:
+        float(level)
+    except ValueError:
+        return False
+    return True
 
 
 def equivalence(run: FitRun) -> float:
