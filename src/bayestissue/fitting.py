@@ -304,9 +304,9 @@ def resolve(
     asked = {"question_1": questions} if isinstance(questions, str) else questions
     if not isinstance(asked, Mapping):
         asked = {f"question_{number}": text for number, text in enumerate(asked, start=1)}
-    content, source, text = _content(model, quantity, formulas)
     if isinstance(model, ModelSpecification) and not (formulas or asked or path):
-        return model, source
+        return model, f"model {model.name}"
+    content, source, text = _content(model, quantity, formulas)
     tables = {"formula": formulas, "questions": asked, "sampler": {"path": path} if path else {}}
     given = content | {key: {**content.get(key, {}), **own} for key, own in tables.items() if own}
     return specification_of(given, source, text=text), source

@@ -133,13 +133,18 @@ def typical_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
     return log + sites[f"covariate_effect_{response}"][..., : len(covariates)] @ covariates
 
 
-def _dataset(design: Design, reported: Draws) -> xr.Dataset:
-    """What `reported_sites` has, with the levels of each group term's effects."""
-    levels = {
+def effect_dimensions(design: Design) -> dict[str, str]:
+    """The dimension of the effects, or of the own coefficients, of each group term of each response."""
+    return {
         (term.own if term.slope else term.effect)(q): term.grouping
         for q, part in design.responses.items()
         for term in part.terms
     }
+
+
+def _dataset(design: Design, reported: Draws) -> xr.Dataset:
+    """What `reported_sites` has, with the levels of each group term's effects."""
+    levels = effect_dimensions(design)
     coords = {name: list(design.groupings[name].levels) for name in set(levels.values())}
     return xr.Dataset(
         {k: (("chain", "draw", *([levels[k]] if k in levels else [])), v) for k, v in reported.items()},

@@ -160,10 +160,14 @@ class Recorded:
         return tuple(str(name) for name in self.rows if name in self.factors or self.is_category(str(name)))
 
     @cached_property
+    def terms(self) -> tuple[GroupTerm, ...]:
+        """The group terms of all formulas, each once."""
+        return tuple(dict.fromkeys(t for each in self.formulas.values() for t in group_terms(each)))
+
+    @cached_property
     def factors(self) -> frozenset[str]:
         """The columns that group terms are of, and the person."""
-        terms = [term for each in self.formulas.values() for term in group_terms(each)]
-        return frozenset({"subject", *(factor for term in terms for factor in term.factors)})
+        return frozenset({"subject", *(factor for term in self.terms for factor in term.factors)})
 
     def categories(self, response: str) -> tuple[str, ...]:
         """The covariates of a response that are categories."""
@@ -173,8 +177,8 @@ class Recorded:
 
     def named_by(self, response: str) -> tuple[str, ...]:
         """The covariates with categories of whose levels a variable of the posterior is."""
-        terms = [term for each in self.formulas.values() for term in group_terms(each)]
-        taken = {*RESERVED_DIMENSIONS, *RESERVED_STEMS, "subject", "trial", *(t.grouping for t in terms)}
+        groupings = ("subject", "trial", *(term.grouping for term in self.terms))
+        taken = {*RESERVED_DIMENSIONS, *RESERVED_STEMS, *groupings}
         return tuple(n for n in self.categories(response) if n not in taken and "/" not in n)
 
     def conditions_of(self, grouping: Grouping) -> list[Condition]:

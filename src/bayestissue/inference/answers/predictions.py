@@ -22,7 +22,6 @@ from bayestissue.elements.element import GRAVITY
 from bayestissue.elements.peaks import Peaks, peaks_of
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
-from bayestissue.hierarchy.formulas.formula import group_terms
 from bayestissue.hierarchy.levels import NEW, Condition, Recorded, log_at_levels
 from bayestissue.inference.answers.finished import Finished
 
@@ -169,9 +168,8 @@ def _summary(values: dict[str, Float[np.ndarray, " draw"]]) -> dict[str, float]:
 def _new(recorded: Recorded, condition: Condition) -> list[str]:
     """The groups of which a condition has a new level."""
     complete = recorded.completed(condition)
-    terms = dict.fromkeys(term for each in recorded.formulas.values() for term in group_terms(each))
     found = []
-    for term in terms:
+    for term in recorded.terms:
         given = {factor: complete[factor] for factor in term.factors if factor in complete}
         if len(given) < len(term.factors) or not len(recorded.matching(given)):
             found.append(term.grouping)

@@ -12,6 +12,7 @@ import xarray as xr
 
 from bayestissue.elements import element, element_names
 from bayestissue.elements.element import GRAVITY
+from bayestissue.hierarchy.derived import effect_dimensions
 from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.effects import intercept, parameter_of
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, stem_of
@@ -203,11 +204,7 @@ def design_dimensions(design: Design) -> dict[str, tuple[str, ...]]:
         for q in design.responses
         for name in (*design.groupings, *design.recorded.named_by(q))
     }
-    return found | {
-        (term.own if term.slope else term.effect)(q): (term.grouping,)
-        for q, part in design.responses.items()
-        for term in part.terms
-    }
+    return found | {name: (grouping,) for name, grouping in effect_dimensions(design).items()}
 
 
 def of_one_person(draws: xr.Dataset) -> None:

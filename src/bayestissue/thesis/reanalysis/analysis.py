@@ -145,6 +145,7 @@ def _quantities(
     design: Design, observations: PublishedObservations, sites: derived.Draws, rng: np.random.Generator
 ) -> dict[str, np.ndarray]:
     values = derived.reported_sites(design, sites)
+    levels = derived.values_at_levels(design, values)
     cell = np.full((len(design.subjects), len(design.trials)), -1)
     cell[design.subject, design.trial] = np.arange(len(design.subject))
     for q in RESPONSES:
@@ -152,7 +153,6 @@ def _quantities(
         values[q] = row[..., observations.impact_cell]
         values[f"{q}_cell"] = row[..., cell]
     mass = observations.cells["mass_kg"].to_numpy(float)
-    levels = derived.values_at_levels(design, derived.reported_sites(design, sites))
     values |= levels | derived.new_impact(design, sites, levels, rng)
     return values | derived.straight_lines(design, sites, mass)
 
