@@ -73,7 +73,7 @@ def with_traces(prepared: Prepared, traces: np.ndarray) -> Prepared:
     error_sd = np.asarray(record.error_sd)
     if isinstance(record, DecelerationRecord):
         velocity = np.asarray(record.velocity)
-        made = DecelerationRecord.of(
+        made = DecelerationRecord.from_arrays(
             traces, n_samples, first, dt, velocity, error_sd, np.asarray(record.uniform)
         )
         # First guesses, from which the summaries start, ask for the motion.

@@ -65,7 +65,7 @@ from bayestissue.inference.answers.reliability import (
     reliability,
     variances,
 )
-from bayestissue.inference.factors.conditional_prior import population_draws
+from bayestissue.inference.factors.conditional import population_draws
 from bayestissue.inference.posterior.approximate import marginal_model
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.inference.results.predictions import prior_draws
@@ -394,7 +394,7 @@ class Studies:
             gaussian(self._base.data, self._sites(drawn, random))
             for drawn, random in zip(worlds, randoms, strict=True)
         ]
-        laid = jax.tree.map(lambda *each: jnp.stack(each), *(data.laid for data in every))
+        laid = jax.tree.map(lambda *each: jnp.stack(each), *(data.blocked_sites for data in every))
         # Chains begin at draws of the prior, those of another study.
         begin = np.roll([self._raw(drawn) for drawn in worlds], 1, axis=0)
         raw = np.asarray(self._sample(begin, laid, jnp.stack(keys)))
@@ -406,7 +406,7 @@ class Studies:
 
     def _chain(self, begin: Array, laid: SitesFirst, key: Array) -> Array:
         """Hamiltonian Monte Carlo on the marginal density of a fit, [draw, hyperparameter], unconstrained."""
-        data = gaussian(self._base.data, self._flat)._replace(laid=laid)
+        data = gaussian(self._base.data, self._flat)._replace(blocked_sites=laid)
         unwarped = straight(len(begin))
 
         def potential(y: Array) -> Array:

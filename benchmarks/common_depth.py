@@ -40,8 +40,7 @@ from evidence import recorded
 from bayestissue import runtime
 from bayestissue.elements import element
 from bayestissue.hierarchy.specification import ModelSpecification, read_specification
-from bayestissue.inference.quantities.secant_exponents import mass_exponents_of_secants
-from bayestissue.inference.quantities.secant_population import of_secant
+from bayestissue.inference.quantities.secants import mass_exponents_of_secants, of_secant
 from bayestissue.inference.samplers.psis import GREATEST_K
 from bayestissue.simulation import Simulation, simulate
 

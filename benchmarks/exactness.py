@@ -150,7 +150,7 @@ def impacts(name: str) -> Iterator[Row]:
     count = np.minimum(middle.argmax(1) + 3, SAMPLES)
     d = middle + 0.3 + NOISE * np.random.default_rng(4).standard_normal(middle.shape)
     ones = np.ones(len(MASS))
-    record = ElementRecord.of(
+    record = ElementRecord.from_arrays(
         d, count, FIRST * ones, DT * ones, VELOCITY, np.outer(ones, CHAIN_SD), ones < 0, MASS, 0.0318 * ones
     )
     found = density(name)(jnp.array([value * ones for value in values.values()]), record)

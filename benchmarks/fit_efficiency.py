@@ -45,7 +45,7 @@ from bayestissue.hierarchy.traces import (
 from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.exact import start_of, straightened
-from bayestissue.inference.posterior.recipe import placed, population_attempt, with_impacts
+from bayestissue.inference.posterior.recipe import fitted_to_population, population_attempt, with_impacts
 from bayestissue.inference.samplers.nuts import run_chains
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.resources import shared
@@ -109,7 +109,9 @@ class Bench:
     def _sites(self) -> Approximation:
         self.whitening = approximate(self.prepared)
         settings = self.specification.sampler
-        return placed(self.prepared, self.whitening, settings, SEED, np.random.default_rng(SEED))
+        return fitted_to_population(
+            self.prepared, self.whitening, settings, SEED, np.random.default_rng(SEED)
+        )
 
     def quantities(self, draws: Draws, approximation: Approximation) -> Arrays:
         """What is reported of draws of the fit's standard normals, which these summaries make."""

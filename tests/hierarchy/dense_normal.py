@@ -11,7 +11,7 @@ from jax import Array
 from bayestissue.hierarchy.gaussian.arrangement import arrange, expected_by_cell
 from bayestissue.hierarchy.gaussian.covariances import Covariances, SharedMassError
 from bayestissue.hierarchy.gaussian.effects import EffectsConditional, integrate_effects, log_density_of_cells
-from bayestissue.hierarchy.gaussian.impacts import CellSums, Sites, cell_sums, lay
+from bayestissue.hierarchy.gaussian.impacts import CellSums, Sites, cell_sums, sites_by_cell
 
 SIZE = 4
 OWN = np.array([[0.2, -0.05], [-0.05, 0.3]])
@@ -115,12 +115,12 @@ class Dense:
         return Sites(*map(jnp.asarray, (centre, slope, precision, value)))
 
     @property
-    def laid(self) -> Sites:
-        return lay(self.design, self.sites)
+    def blocked_sites(self) -> Sites:
+        return sites_by_cell(self.design, self.sites)
 
     def sums(self, covariances: Covariances) -> CellSums:
         about = expected_by_cell(self.design, jnp.asarray(self.mean))
-        return cell_sums(covariances.of_impact(), about, self.laid)
+        return cell_sums(covariances.of_impact(), about, self.blocked_sites)
 
     def log_density(self, own: Any, nuisance: Any, locations: Any) -> Array:
         """As a function of all standard deviations."""

@@ -49,7 +49,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
     @partial(jax.jit, compiler_options={"xla_backend_optimization_level": 0})
     def found() -> tuple[jax.Array, ...]:
-        own = (dense.covariances.own, dense.covariances.nuisance, dense.covariances.locations)
+        own = (dense.covariances.pair, dense.covariances.nuisance, dense.covariances.locations)
         value, slopes = jax.value_and_grad(lambda own: dense.log_density(*own))(own)
         conditional, mean = dense.conditional(), jnp.asarray(dense.mean)
         unit = jnp.eye(len(mean))
@@ -62,7 +62,7 @@ def case(request: pytest.FixtureRequest) -> Case:
 
 def test_every_element_of_b_has_its_place_and_every_impact_its_row(case: Case) -> None:
     dense, design = case.dense, case.dense.design
-    elements = np.concatenate([np.ravel(each) for each in (*design.inner_element, *design.rest_element)])
+    elements = np.concatenate([np.ravel(each) for each in (*design.inner_element, *design.outer_element)])
     assert sorted(elements[elements < len(dense.sd)]) == list(range(len(dense.sd)))
     members = np.asarray(design.members)
     assert sorted(members[members < dense.number]) == list(range(dense.number))
@@ -95,7 +95,7 @@ def test_derivatives_are_those_of_the_dense_density(case: Case) -> None:
     by_u = np.einsum("iaib->ab", by_whole.reshape(dense.number, SIZE, dense.number, SIZE))
     own, nuisance, locations = case.slopes
     # By logs, as chains move; the terms that cancel in a slope are about as many as there are impacts.
-    entries, sd = np.asarray(dense.covariances.own), np.asarray(dense.covariances.nuisance)
+    entries, sd = np.asarray(dense.covariances.pair), np.asarray(dense.covariances.nuisance)
     by_entries = np.array([by_u[0, 0], 2 * by_u[0, 1], by_u[1, 1]])
     assert_allclose(entries * np.asarray(own), entries * by_entries, rtol=1e-7, atol=1e-7)
     assert_allclose(sd * np.asarray(nuisance), 2 * sd**2 * np.diag(by_u)[2:], rtol=1e-7, atol=1e-7)

@@ -130,7 +130,7 @@ def test_results_are_named_as_those_of_k_and_c() -> None:
     design = design_of("(1|subject)", "1", thickness_m=FORMULA)
     effects, _ = population_design(design, wall(FORMULA).complete_priors(), NUISANCE)
     rng, sites = np.random.default_rng(3), {}
-    for each in effects.each:
+    for each in effects.blocks:
         several = each.spread or each.name.startswith("covariate")
         sites[each.name] = rng.normal(size=(2, 5, each.width) if several else (2, 5))
     for name in {*effects.spread, "sd_impact_K", "sd_impact_C", "sd_log_thickness_m"} - {""}:

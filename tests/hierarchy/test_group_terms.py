@@ -159,7 +159,7 @@ def test_names_follow_the_columns() -> None:
     exponent, side = GroupTerm(("subject",), MASS_TERM), GroupTerm(("subject", "side"))
     assert (side.sd("K"), side.effect("K")) == ("sd_subject_side_K", "subject_side_effect_K")
     assert exponent.sd("C") == "sd_subject_mass_exponent_C"
-    assert exponent.own("C") == "subject_mass_exponent_C"
+    assert exponent.coefficient("C") == "subject_mass_exponent_C"
     assert GroupTerm(("side",)).effect("K") == "side_effect_K"
 
 

@@ -29,7 +29,7 @@ def dense() -> Dense:
 def conditional(dense: Dense, of_u: np.ndarray) -> ImpactConditional:
     precision = np.linalg.inv(of_u)
     prior = ImpactPrior(precision, np.linalg.slogdet(precision)[1])
-    return ImpactConditional.of(prior, parameters_first(Sites(*map(np.asarray, dense.sites))))
+    return ImpactConditional.from_sites(prior, parameters_first(Sites(*map(np.asarray, dense.sites))))
 
 
 def test_u_has_its_dense_conditional(dense: Dense) -> None:
@@ -40,7 +40,7 @@ def test_u_has_its_dense_conditional(dense: Dense) -> None:
     pulled = np.einsum("iab,ib->ia", precision, dense.seen) + about.T @ prior
     mean = found.draw(about, np.zeros(about.shape))
     assert_allclose(np.transpose(mean), np.einsum("iab,ib->ia", left, pulled), rtol=1e-9, atol=1e-10)
-    assert_allclose(found.moved(about), np.subtract(mean, about), rtol=1e-9, atol=1e-10)
+    assert_allclose(found.mean_shift(about), np.subtract(mean, about), rtol=1e-9, atol=1e-10)
     unit = np.broadcast_to(np.eye(SIZE)[..., None], (SIZE, SIZE, dense.number))
     root = np.stack([np.subtract(found.draw(about, unit[:, a]), mean) for a in range(SIZE)], axis=1)
     assert_allclose(np.einsum("aki,bki->iab", root, root), left, rtol=1e-8, atol=1e-10)
@@ -57,10 +57,13 @@ def test_a_site_with_u_integrated_out_is_the_dense_integral(dense: Dense, scale:
     assert_allclose(found.log_density(about), direct + dense.constants, rtol=1e-10)
     weight = np.linalg.inv(whole)
     assert_allclose(
-        np.moveaxis(stacked(found.weight), -1, 0), weight, rtol=1e-8, atol=1e-10 * np.abs(weight).max()
+        np.moveaxis(stacked(found.marginal_precision), -1, 0),
+        weight,
+        rtol=1e-8,
+        atol=1e-10 * np.abs(weight).max(),
     )
     pull = np.einsum("iab,ib->ai", weight, dense.seen - about.T)
-    assert_allclose(found.pull(about), pull, rtol=1e-7, atol=1e-9 * np.abs(pull).max())
+    assert_allclose(found.marginal_shift(about), pull, rtol=1e-7, atol=1e-9 * np.abs(pull).max())
 
 
 def test_a_parameter_that_a_site_says_nothing_of_keeps_its_prior(dense: Dense) -> None:
@@ -69,7 +72,7 @@ def test_a_parameter_that_a_site_says_nothing_of_keeps_its_prior(dense: Dense) -
     opened = Dense("people", 2)
     opened.sites = dense.sites._replace(precision=precision, slope=slope)  # type: ignore[arg-type]
     found = conditional(opened, dense.of_u)
-    weight = stacked(found.weight)
+    weight = stacked(found.marginal_precision)
     assert not weight[-1].any()
     assert not weight[:, -1].any()
     assert_allclose(found.covariance[-1][-1], dense.of_u[-1, -1], rtol=1e-12)
@@ -81,7 +84,7 @@ def test_many_draws_of_the_population_at_once_are_each_of_them(dense: Dense) -> 
     prior = ImpactPrior(precision[..., None], np.linalg.slogdet(precision.T)[1][:, None])
     about = np.random.default_rng(2).normal(size=(SIZE, 3, dense.number))
     sites = parameters_first(Sites(*map(np.asarray, dense.sites)))
-    together = ImpactConditional.of(prior, sites).log_density(about)
+    together = ImpactConditional.from_sites(prior, sites).log_density(about)
     for place, scale in enumerate(scales):
         alone = conditional(dense, dense.of_u / scale).log_density(about[:, place])
         assert_allclose(together[place], alone, rtol=1e-12)
@@ -98,7 +101,7 @@ def test_slopes_of_any_half_of_the_weights_agree_with_differences(
 
     def weight(moved: jax.Array) -> jax.Array:
         changed = prior._replace(precision=prior.precision + moved * direction)
-        return cell_sums(changed, about, dense.laid).weight[entry].sum()
+        return cell_sums(changed, about, dense.blocked_sites).precision[entry].sum()
 
     step = 1e-5
     difference = (weight(jnp.asarray(step)) - weight(jnp.asarray(-step))) / (2 * step)

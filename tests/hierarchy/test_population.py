@@ -87,11 +87,11 @@ def test_an_error_of_mass_moves_both_logs_alike() -> None:
     sites |= {"residual_correlation": jnp.asarray(-0.4), "sd_noise": jnp.asarray(0.7)}
     sites |= {"sd_atanh_theta1": jnp.asarray(0.2)}
     spread = covariances_of(locations, sites, 0.05, NUISANCE)
-    assert_allclose(spread.own, [0.09 + 0.0025, -0.06 + 0.0025, 0.25 + 0.0025], rtol=1e-12)
+    assert_allclose(spread.pair, [0.09 + 0.0025, -0.06 + 0.0025, 0.25 + 0.0025], rtol=1e-12)
     assert_allclose(spread.nuisance, [0.7, 0.2])
     for name, place in locations.parts.items():
         known = locations.sd[place]
         wanted = known if np.isfinite(known).all() else sites[locations.spread[place.start]]
         assert_allclose(spread.locations[place], wanted, err_msg=name)
     without = {name: value for name, value in sites.items() if name != "residual_correlation"}
-    assert_allclose(covariances_of(locations, without, 0.0, NUISANCE).own[1], 0.0)
+    assert_allclose(covariances_of(locations, without, 0.0, NUISANCE).pair[1], 0.0)

@@ -57,7 +57,9 @@ def made(kind: Kind) -> tuple[TraceModel, TraceData, Sites]:
     errors = np.tile([1e-4, 0.02, 0.5], (NUMBER, 1))
     if kind == "impact":
         d = 50 + RNG.normal(size=(NUMBER, SAMPLES))
-        record = DecelerationRecord.of(d, *start, np.full(NUMBER, 1.5), errors, np.arange(NUMBER) % 2 == 0)
+        record = DecelerationRecord.from_arrays(
+            d, *start, np.full(NUMBER, 1.5), errors, np.arange(NUMBER) % 2 == 0
+        )
         peak = 50.0
     else:
         x = 0.02 * np.sin(np.arange(SAMPLES) / 9) + 1e-4 * RNG.normal(size=(NUMBER, SAMPLES))

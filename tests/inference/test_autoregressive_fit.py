@@ -15,7 +15,7 @@ from bayestissue.fitting import fit_prepared
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.hierarchy.traces import with_normal_errors
-from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
+from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.simulation import Campaign, Simulation, simulate
 

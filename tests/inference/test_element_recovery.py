@@ -20,8 +20,7 @@ from bayestissue.inference.fit import fit_traces
 from bayestissue.inference.posterior.approximate import approximate, expanded
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
-from bayestissue.inference.quantities.elements import COMPARABLE
-from bayestissue.inference.quantities.static_force import static_force
+from bayestissue.inference.quantities.elements import COMPARABLE, static_force
 from bayestissue.simulation import Campaign, Simulation, simulate
 
 TISSUE: dict[str, dict[str, Any]] = {

@@ -36,7 +36,7 @@ def measured(name: str, a: jax.Array | None = A, *, uniform: bool = False) -> Me
     d = np.array(impact("stiffening", EXTRA, MASS, 0.99 * VELOCITY, time).deceleration) + 0.3
     d += 0.5 * np.random.default_rng(4).standard_normal(d.shape)
     chain = (VELOCITY, SD, np.array([uniform, False]))
-    record = ElementRecord.of(d, COUNT, FIRST, DT, *chain, MASS, np.full(2, 0.0318))
+    record = ElementRecord.from_arrays(d, COUNT, FIRST, DT, *chain, MASS, np.full(2, 0.0318))
     which = element(name)
     parameters = jnp.array([np.full(2, EXTRA[each.name]) for each in which.parameters])
     found = record._replace(quiet=jnp.asarray(QUIET))

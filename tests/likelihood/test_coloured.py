@@ -100,7 +100,7 @@ def record(first: float, samples: int, recorder: Recorder, colour: Colour, **bes
     about = {"low_pass": low_pass, "colour": colour, "rate": np.zeros(1, int), **besides}
     d = about.pop("d", np.zeros((1, samples)))
     times = (first * one, DT * one)
-    return ElementRecord.of(d, np.array([samples]), *times, *chain, MASS * one, 0.03 * one, **about)
+    return ElementRecord.from_arrays(d, np.array([samples]), *times, *chain, MASS * one, 0.03 * one, **about)
 
 
 TISSUE, PARAMETERS = element("kelvin_voigt"), jnp.array([[K], [C]])

@@ -76,7 +76,7 @@ def measured(name: str, width: int, *, sigma: float = SIGMA, lead: float = 2.6) 
     before = np.where(np.arange(reach) >= reach - RECORDED[:, None], traces[:, :reach], 0.0)
     error_sd = np.tile(ERROR_SD, (2, 1))
     error_sd[:, 3] = reach * DT / np.sqrt(12)
-    record = ElementRecord.of(
+    record = ElementRecord.from_arrays(
         traces[:, reach:],
         COUNT,
         np.full(2, DT / 2),

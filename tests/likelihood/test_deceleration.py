@@ -50,7 +50,7 @@ def record() -> DecelerationRecord:
     d = RNG.normal(size=(5, WIDTH))
     for i in range(5):
         d[i, : LENGTHS[i]] += expected(i, OMEGA_N[i], ZETA[i])[0]
-    return DecelerationRecord.of(d, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM, gravity=GRAVITY)
+    return DecelerationRecord.from_arrays(d, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM, gravity=GRAVITY)
 
 
 RECORD = record()
@@ -132,7 +132,9 @@ def test_what_lies_past_an_impacts_end_counts_nothing() -> None:
     inside = np.arange(WIDTH) < LENGTHS[:, None]
     value = np.where(inside, RECORD.d, 7.0)
     assert_allclose(density_of(value), density_of(np.asarray(RECORD.d)), rtol=1e-12)
-    messy = DecelerationRecord.of(value, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM, gravity=GRAVITY)
+    messy = DecelerationRecord.from_arrays(
+        value, LENGTHS, FIRST, DT, VELOCITY, ERROR_SD, UNIFORM, gravity=GRAVITY
+    )
     assert_allclose(messy.d, RECORD.d, atol=0)
 
 

@@ -40,7 +40,7 @@ def measured(name: str, log_s: jax.Array | None = LOG_S, *, uniform: bool = Fals
     d = np.array(impact("stiffening", EXTRA, MASS, 0.99 * VELOCITY, time).deceleration) + 0.3
     d += 0.5 * np.random.default_rng(4).standard_normal(d.shape)
     chain = (VELOCITY, SD, np.array([uniform, False]))
-    traces = ElementRecord.of(
+    traces = ElementRecord.from_arrays(
         d, COUNT, FIRST, DT, *chain, MASS, np.full(2, 0.0318), *discrepancy.modes(COUNT, COUNT.max())
     )
     which = element(name)

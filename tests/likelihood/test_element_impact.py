@@ -30,7 +30,7 @@ def record(name: str, *, uniform: bool = False, gravity: float = 0.0) -> Element
     time = FIRST[:, None] + DT[:, None] * np.arange(COUNT.max())
     d = np.array(impact(name, values(name), MASS, 0.99 * VELOCITY, time).deceleration) + 0.3
     d += 0.5 * np.random.default_rng(4).standard_normal(d.shape)
-    return ElementRecord.of(
+    return ElementRecord.from_arrays(
         *(d, COUNT, FIRST, DT, VELOCITY, SD, np.array([uniform, False]), MASS, np.full(2, 0.0318)),
         **({"gravity": np.full(2, gravity)} if gravity else {}),
     )
@@ -94,7 +94,7 @@ def test_kelvin_voigt_has_the_density_of_the_closed_form(gravity: float) -> None
     gain_sd = np.asarray(traces.error_sd)[:, 1]
     sd = np.stack([np.hypot(SD[:, 0], gain_sd * VELOCITY), SD[:, 2], SD[:, 3]], axis=1)
     own = (*(np.asarray(each) for each in traces[:4]), VELOCITY, sd, np.array([True, False]))
-    closed = DecelerationRecord.of(*own, gravity=gravity)
+    closed = DecelerationRecord.from_arrays(*own, gravity=gravity)
     omega_n = jnp.sqrt(2500.0 / MASS)
     found = compiled("kelvin_voigt")(logs_of("kelvin_voigt"), traces)
     expected = jax.jit(recorded_log_likelihood)(omega_n, 30.0 / (2 * omega_n * MASS), LOG_SIGMA, closed)

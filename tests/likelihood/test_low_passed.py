@@ -52,7 +52,7 @@ def low_pass(recorder: Recorder, phases: int = 1, lead: int = 0) -> LowPass:
 
 def record(first_time: float, samples: int, filters: LowPass, **besides: np.ndarray) -> ElementRecord:
     one = np.ones(1)
-    return ElementRecord.of(
+    return ElementRecord.from_arrays(
         besides.pop("d", np.zeros((1, samples))),
         np.array([samples]),
         first_time * one,

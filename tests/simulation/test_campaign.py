@@ -244,7 +244,7 @@ def test_a_recorders_low_pass_takes_the_true_motion_and_leaves_noise_white(recor
     own = [truth[name].to_numpy() for name in ("velocity_m_s", "mass_kg", "K_N_per_m", "C_N_s_per_m")]
     first = np.searchsorted(time, truth["contact_time_s"]) - (60 if made.recorder.zero_phase else 0)
     dt, samples, columns = time[1] - time[0], 120, np.zeros((2, 4))
-    record = ElementRecord.of(
+    record = ElementRecord.from_arrays(
         np.zeros((2, samples)), np.full(2, samples), time[first] - truth["contact_time_s"], np.full(2, dt),
         own[0], columns, np.zeros(2, bool), own[1], np.full(2, 0.03), low_pass=given,
     )  # fmt: skip

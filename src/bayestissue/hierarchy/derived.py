@@ -25,10 +25,10 @@ def named_sites(
     Effects of groups that a formula leaves out are zero, so that what follows need not ask.
     """
     sites = dict(spreads)
-    for each in locations.each:
-        part = locations.parts[each.name]
-        several = each.spread or each.name.startswith("covariate_effect")
-        sites[each.name] = b[..., part] if several else b[..., part.start]
+    for block in locations.blocks:
+        part = locations.parts[block.name]
+        several = block.spread or block.name.startswith("covariate_effect")
+        sites[block.name] = b[..., part] if several else b[..., part.start]
     for term in (SUBJECT, TRIAL, *design.terms):
         levels = len(design.groupings[term.grouping].levels)
         for response in design.responses:
@@ -44,32 +44,32 @@ def reported_sites(design: Design, sites: Draws) -> dict[str, np.ndarray]:
 
     Coefficients of covariates are given per unit of the covariate, not per standard deviation.
     """
-    kept: dict[str, np.ndarray] = {}
+    reported: dict[str, np.ndarray] = {}
     for response, part in design.responses.items():
-        kept[intercept(part.parameter)] = sites[intercept(part.parameter)]
+        reported[intercept(part.parameter)] = sites[intercept(part.parameter)]
         if part.log_mass is not None:
-            kept[f"mass_exponent_{response}"] = sites[f"mass_exponent_{response}"]
+            reported[f"mass_exponent_{response}"] = sites[f"mass_exponent_{response}"]
         for number, name in enumerate(part.names):
             column = sites[f"covariate_effect_{response}"][..., number]
-            kept[f"effect_of_{name}_{response}"] = column / part.scale[number]
+            reported[f"effect_of_{name}_{response}"] = column / part.scale[number]
         for term, group in part.terms.items():
-            kept[term.sd(response)] = sites[term.sd(response)] / group.scale
+            reported[term.sd(response)] = sites[term.sd(response)] / group.scale
             if not term.slope:
-                kept[term.effect(response)] = sites[term.effect(response)]
+                reported[term.effect(response)] = sites[term.effect(response)]
                 continue
             deviation = sites[term.effect(response)] / group.scale
-            shared = _coefficient(kept, term.slope, response)
-            kept[term.own(response)] = deviation + np.asarray(shared)[..., None]
-        kept[sd_impact(part.parameter)] = sites[sd_impact(part.parameter)]
+            shared = _coefficient(reported, term.slope, response)
+            reported[term.coefficient(response)] = deviation + np.asarray(shared)[..., None]
+        reported[sd_impact(part.parameter)] = sites[sd_impact(part.parameter)]
     if "residual_correlation" in sites:
-        kept["residual_correlation"] = sites["residual_correlation"]
-    return kept
+        reported["residual_correlation"] = sites["residual_correlation"]
+    return reported
 
 
-def _coefficient(kept: Draws, slope: str, response: str) -> np.ndarray | float:
+def _coefficient(reported: Draws, slope: str, response: str) -> np.ndarray | float:
     """The population's coefficient of a covariate; 0 where the formula has none besides the levels' own."""
     name = f"mass_exponent_{response}" if slope == MASS_TERM else f"effect_of_{slope}_{response}"
-    return kept.get(name, 0.0)
+    return reported.get(name, 0.0)
 
 
 def common_logs(
@@ -105,12 +105,12 @@ def values_at_levels(design: Design, reported: Draws) -> dict[str, np.ndarray]:
     draws, recorded = _dataset(design, reported), design.recorded
     values = {}
     for response in design.responses:
-        asked: dict[str, list[Condition]] = {
+        conditions_of: dict[str, list[Condition]] = {
             stem_of(name): recorded.conditions_of(grouping) for name, grouping in design.groupings.items()
         }
         for name in recorded.named_by(response):
-            asked[stem_of(name)] = [{name: level} for level in recorded.rows[name].drop_duplicates()]
-        for stem, conditions in asked.items():
+            conditions_of[stem_of(name)] = [{name: level} for level in recorded.rows[name].drop_duplicates()]
+        for stem, conditions in conditions_of.items():
             values[f"{response}_{stem}"] = np.exp(log_at_levels(draws, recorded, response, conditions))
         typical = log_at_levels(draws, recorded, response, [{}])
         values[f"{response}_typical_person"] = np.exp(typical[..., 0])
@@ -136,7 +136,7 @@ def typical_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
 def effect_dimensions(design: Design) -> dict[str, str]:
     """The dimension of the effects, or of the own coefficients, of each group term of each response."""
     return {
-        (term.own if term.slope else term.effect)(q): term.grouping
+        (term.coefficient if term.slope else term.effect)(q): term.grouping
         for q, part in design.responses.items()
         for term in part.terms
     }

@@ -122,11 +122,11 @@ class Design:
 
     def terms_left_out(self) -> list[dict[str, Any]]:
         """Each ``term`` that an adapted formula lacks, ``of`` which responses, and the ``reason``."""
-        faults = [(fault.term, fault.reason) for found in self.left_out.values() for fault in found]
+        faults = [(fault.term, fault.reason) for judged in self.left_out.values() for fault in judged]
         return [
             {
                 "term": term,
-                "of": [q for q, found in self.left_out.items() if term in {fault.term for fault in found}],
+                "of": [q for q, judged in self.left_out.items() if term in {fault.term for fault in judged}],
                 "reason": reason,
             }
             for term, reason in dict.fromkeys(faults)
@@ -151,20 +151,20 @@ def build_design(
     mass = rows["mass_kg"].to_numpy(float)
     reference = float(np.exp(np.log(mass).mean())) if reference_mass_kg is None else reference_mass_kg
     problems: list[Problem] = []
-    found: dict[str, Judged] = {}
+    judged_of: dict[str, Judged] = {}
     left_out: dict[str, tuple[Fault, ...]] = {}
     for response, formula in formulas:
-        found[response] = adapted(rows, reference) if formula is None else judge(formula, rows, reference)
-        left_out[response] = found[response].faults if formula is None else ()
-        if formula is not None and found[response].faults:
-            problems.append(_refusal(found[response], formula, f"formula.{response}", source))
+        judged_of[response] = adapted(rows, reference) if formula is None else judge(formula, rows, reference)
+        left_out[response] = judged_of[response].faults if formula is None else ()
+        if formula is not None and judged_of[response].faults:
+            problems.append(_refusal(judged_of[response], formula, f"formula.{response}", source))
     if problems:
         raise InputError(problems)
-    terms = (SUBJECT, TRIAL, *(term for judged in found.values() for term in judged.groups))
+    terms = (SUBJECT, TRIAL, *(term for judged in judged_of.values() for term in judged.groups))
     groupings = (grouping_of(rows, factors) for factors in dict.fromkeys(term.factors for term in terms))
-    written = {response: str(judged.terms) for response, judged in found.items()}
+    written = {response: str(judged.terms) for response, judged in judged_of.items()}
     return Design(
-        {response: _response(parameter_of(response), judged) for response, judged in found.items()},
+        {response: _response(parameter_of(response), judged) for response, judged in judged_of.items()},
         {grouping.name: grouping for grouping in groupings},
         float(reference),
         Formulas(**written),
@@ -188,8 +188,8 @@ def _response(parameter: str, judged: Judged) -> ResponseDesign:
     keep = [i for i, name in enumerate(names) if name != MASS_TERM]
     scale = columns[:, keep].std(axis=0)
     terms = {term: _group_column(term, values) for term, values in judged.groups.items()}
-    kept = tuple(names[i] for i in keep)
-    return ResponseDesign(parameter, kept, columns[:, keep] / scale, scale, log_mass, terms)
+    independent = tuple(names[i] for i in keep)
+    return ResponseDesign(parameter, independent, columns[:, keep] / scale, scale, log_mass, terms)
 
 
 def _group_column(term: GroupTerm, values: np.ndarray) -> GroupColumn:

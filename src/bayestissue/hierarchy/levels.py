@@ -92,14 +92,16 @@ class Recorded:
         cls, impacts: pd.DataFrame, formulas: Mapping[str, str], reference_mass_kg: float
     ) -> Recorded:
         """Of a table of impacts, or of the cells of a design."""
-        kept = ["subject", "trial", "mass_kg", "velocity_m_s"]
-        rows = impacts[[name for name in impacts if name in kept or name not in RESERVED]]
+        standard = ["subject", "trial", "mass_kg", "velocity_m_s"]
+        rows = impacts[[name for name in impacts if name in standard or name not in RESERVED]]
         return cls(rows.reset_index(drop=True), formulas, reference_mass_kg)
 
     @cached_property
     def needed(self) -> tuple[str, ...]:
         """The columns that the formulas are of."""
-        return tuple(dict.fromkeys(name for each in self.formulas.values() for name in columns_named(each)))
+        return tuple(
+            dict.fromkeys(name for formula in self.formulas.values() for name in columns_named(formula))
+        )
 
     @cached_property
     def not_used(self) -> tuple[str, ...]:
@@ -143,12 +145,12 @@ class Recorded:
 
     def completed(self, condition: Condition) -> dict[str, Any]:
         """The condition with the columns that follow from it: see the module."""
-        found = dict(condition)
-        for given, value in condition.items():
-            rows = self.matching({given: value}) if self.followers(given) else self.rows[:0]
+        complete = dict(condition)
+        for column, value in condition.items():
+            rows = self.matching({column: value}) if self.followers(column) else self.rows[:0]
             if len(rows):
-                found = {name: rows[name].iloc[0] for name in self.followers(given)} | found
-        return found
+                complete = {name: rows[name].iloc[0] for name in self.followers(column)} | complete
+        return complete
 
     def followers(self, column: str) -> tuple[str, ...]:
         """The columns that follow from one of a group's levels; none from a number or a covariate."""
@@ -162,7 +164,9 @@ class Recorded:
     @cached_property
     def terms(self) -> tuple[GroupTerm, ...]:
         """The group terms of all formulas, each once."""
-        return tuple(dict.fromkeys(t for each in self.formulas.values() for t in group_terms(each)))
+        return tuple(
+            dict.fromkeys(term for formula in self.formulas.values() for term in group_terms(formula))
+        )
 
     @cached_property
     def factors(self) -> frozenset[str]:
@@ -172,7 +176,7 @@ class Recorded:
     def categories(self, response: str) -> tuple[str, ...]:
         """The covariates of a response that are categories."""
         variables = variables_of_terms(self.formulas.get(response, "1"))
-        named = dict.fromkeys(name for own in variables for name in sorted(own))
+        named = dict.fromkeys(name for columns in variables for name in sorted(columns))
         return tuple(name for name in named if self.is_category(name))
 
     def named_by(self, response: str) -> tuple[str, ...]:
@@ -185,14 +189,16 @@ class Recorded:
         """The condition of each level of a grouping; those of trials have what was chosen in them too."""
         first = np.unique(grouping.code, return_index=True)[1]
         labels = zip(*(labels_of(self.rows[name].iloc[first]) for name in grouping.factors), strict=True)
-        conditions: list[Condition] = [dict(zip(grouping.factors, each, strict=True)) for each in labels]
+        conditions: list[Condition] = [
+            dict(zip(grouping.factors, condition, strict=True)) for condition in labels
+        ]
         if grouping.factors != ("trial",):
             return conditions
         chosen = self.rows[[name for name in ("mass_kg", "velocity_m_s") if name in self.rows]]
         means = chosen.apply(np.log).groupby(grouping.code).mean().apply(np.exp).to_dict("records")
         return [
-            {**each, **{str(k): float(v) for k, v in mean.items()}}
-            for each, mean in zip(conditions, means, strict=True)
+            {**condition, **{str(k): float(v) for k, v in mean.items()}}
+            for condition, mean in zip(conditions, means, strict=True)
         ]
 
     def may_be_new(self, column: str) -> bool:
@@ -201,27 +207,27 @@ class Recorded:
 
     def beyond(self, condition: Condition) -> list[Coded]:
         """Numbers beyond those that were measured: the formula is then drawn out, and the element's law."""
-        found = []
+        notes = []
         for name, value in condition.items():
             if name in self.rows and self.is_number(name) and isinstance(value, float):
                 low, high = self.rows[name].min(), self.rows[name].max()
                 if not low <= value <= high:
                     words = f"{name} beyond those measured, {low:.4g} to {high:.4g}"
-                    found.append(Coded(words, "beyond-measured"))
-        return found
+                    notes.append(Coded(words, "beyond-measured"))
+        return notes
 
-    def average_notes(self, responses: Iterable[str], given: Iterable[str]) -> list[Coded]:
+    def average_notes(self, responses: Iterable[str], columns: Iterable[str]) -> list[Coded]:
         """That responses are averaged where these columns are given; empty where nothing is."""
-        given = tuple(given)
-        over = dict.fromkeys(name for q in responses for name in self.averaged(q, given))
+        columns = tuple(columns)
+        over = dict.fromkeys(name for q in responses for name in self.averaged(q, columns))
         if not over:
             return []
         return [Coded(f"averaged over {' and '.join(over)}, each level with equal weight", "averaged")]
 
-    def averaged(self, response: str, given: Iterable[str]) -> tuple[str, ...]:
+    def averaged(self, response: str, columns: Iterable[str]) -> tuple[str, ...]:
         """The columns whose categories a response is averaged over where these columns are given."""
-        given = set(given)
-        known = given.union(*(self.followers(name) for name in given))
+        columns = set(columns)
+        known = columns.union(*(self.followers(name) for name in columns))
         formula = self.formulas.get(response, "1")
         within = [name for term in group_terms(formula) for name in self._within(term, formula, known)]
         return tuple(dict.fromkeys(n for n in (*self.categories(response), *within) if n not in known))
@@ -230,20 +236,22 @@ class Recorded:
     def _within(term: GroupTerm, formula: str, known: Iterable[str]) -> tuple[str, ...]:
         """The factors of a term whose levels lie in given ones; none where the term's effect is typical."""
         left = tuple(factor for factor in term.factors if factor not in set(known))
-        groups = {each.factors[0] for each in group_terms(formula) if len(each.factors) == 1} | {"subject"}
+        groups = {
+            group_term.factors[0] for group_term in group_terms(formula) if len(group_term.factors) == 1
+        } | {"subject"}
         return () if len(left) == len(term.factors) or groups & set(left) else left
 
     @cached_property
     def _followers(self) -> dict[str, tuple[str, ...]]:
         others = [str(name) for name in self.rows if name not in _CHOSEN]
-        labels = {given: labels_of(self.rows[given]) for given in self.named if given in self.factors}
+        labels = {column: labels_of(self.rows[column]) for column in self.named if column in self.factors}
         return {
-            given: tuple(
+            column: tuple(
                 name
                 for name in others
-                if name != given and self.rows[name].groupby(by).nunique(dropna=False).eq(1).all()
+                if name != column and self.rows[name].groupby(by).nunique(dropna=False).eq(1).all()
             )
-            for given, by in labels.items()
+            for column, by in labels.items()
         }
 
     def at(
@@ -331,14 +339,18 @@ def log_at_levels(
             the seed of all new levels' effects.
         follow: whether a given level brings what follows from it, see the module; else all else is equal.
     """
-    complete = [recorded.completed(each) for each in conditions] if follow else [dict(c) for c in conditions]
+    complete = (
+        [recorded.completed(condition) for condition in conditions]
+        if follow
+        else [dict(c) for c in conditions]
+    )
     covariates, groups = recorded.at(response, complete)
-    found = draws[intercept(parameter_of(response))].to_numpy()[..., None] + np.zeros(len(conditions))
+    log_response = draws[intercept(parameter_of(response))].to_numpy()[..., None] + np.zeros(len(conditions))
     for name, values in covariates.items():
-        found = found + _coefficient(draws, name, response)[..., None] * values
+        log_response = log_response + _coefficient(draws, name, response)[..., None] * values
     for term, values in groups.items():
-        found = found + _effects(draws, recorded, term, response, complete, new_levels) * values
-    return found
+        log_response = log_response + _effects(draws, recorded, term, response, complete, new_levels) * values
+    return log_response
 
 
 def _effects(
@@ -350,24 +362,24 @@ def _effects(
     new_levels: int | None,
 ) -> Float[np.ndarray, "chain draw condition"]:
     """What the levels of a term add to the intercept or to a coefficient."""
-    own = draws[(term.own if term.slope else term.effect)(response)]
-    values = own.to_numpy()
+    term_effects = draws[(term.coefficient if term.slope else term.effect)(response)]
+    values = term_effects.to_numpy()
     if term.slope:
         values = values - _coefficient(draws, term.slope, response)[..., None]
-    levels = own[term.grouping].astype(str).to_numpy().tolist()
+    levels = term_effects[term.grouping].astype(str).to_numpy().tolist()
     weights = np.zeros((len(levels), len(conditions)))
     drawn = {}
-    for place, condition in enumerate(conditions):
-        found = recorded.level_effects(response, term, condition, levels)
-        if found is not None:
-            weights[:, place] = found
-        if found is None or (new_levels is not None and not found.any()):
+    for number, condition in enumerate(conditions):
+        level_weights = recorded.level_effects(response, term, condition, levels)
+        if level_weights is not None:
+            weights[:, number] = level_weights
+        if level_weights is None or (new_levels is not None and not level_weights.any()):
             seed = [new_levels or 0, crc32(f"{term} {response} {_combined(term, condition)}".encode())]
             sd = draws[term.sd(response)].to_numpy()
-            drawn[place] = sd * np.random.default_rng(seed).standard_normal(sd.shape)
+            drawn[number] = sd * np.random.default_rng(seed).standard_normal(sd.shape)
     effects = values @ weights
-    for place, effect in drawn.items():
-        effects[..., place] = effect
+    for number, effect in drawn.items():
+        effects[..., number] = effect
     return effects
 
 

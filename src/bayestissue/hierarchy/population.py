@@ -50,33 +50,33 @@ class EffectPart(NamedTuple):
 class Effects:
     """The parts of b in their order; equal by value, whatever dataset they were made for."""
 
-    each: tuple[EffectPart, ...]
+    blocks: tuple[EffectPart, ...]
 
     @cached_property
     def parts(self) -> dict[str, slice]:
         """Where each part is. Group effects beyond the levels that there are keep their prior."""
-        ends = np.cumsum([part.width for part in self.each]).tolist()
-        return {part.name: slice(end - part.width, end) for part, end in zip(self.each, ends, strict=True)}
+        ends = np.cumsum([part.width for part in self.blocks]).tolist()
+        return {part.name: slice(end - part.width, end) for part, end in zip(self.blocks, ends, strict=True)}
 
     @cached_property
     def mean(self) -> Float[np.ndarray, " location"]:
         """Of the prior."""
-        return self._of_all([part.mean for part in self.each])
+        return self._of_all([part.mean for part in self.blocks])
 
     @cached_property
     def sd(self) -> Float[np.ndarray, " location"]:
         """Of the prior, NaN where it is unknown."""
-        return self._of_all([np.nan if part.sd is None else part.sd for part in self.each])
+        return self._of_all([np.nan if part.sd is None else part.sd for part in self.blocks])
 
     @cached_property
     def spread(self) -> tuple[str, ...]:
         """Name of each element's unknown standard deviation, or ""."""
-        return tuple(part.spread for part in self.each for _ in range(part.width))
+        return tuple(part.spread for part in self.blocks for _ in range(part.width))
 
     @property
     def groups(self) -> list[slice]:
         """Where the effects of each group term are."""
-        return [self.parts[part.name] for part in self.each if part.spread]
+        return [self.parts[part.name] for part in self.blocks if part.spread]
 
     @property
     def size(self) -> int:
@@ -84,7 +84,7 @@ class Effects:
         return len(self.mean)
 
     def _of_all(self, values: list[float]) -> np.ndarray:
-        return np.repeat(np.array(values, float), [part.width for part in self.each])
+        return np.repeat(np.array(values, float), [part.width for part in self.blocks])
 
 
 def population_design(
@@ -113,9 +113,11 @@ def effects_of(
     """What the elements of b are, and of each parameter its columns of X, row by row of the design."""
     known = priors.by_name()
     none = np.zeros((len(design.subject), 0))
-    of = {name: ResponseDesign(name, (), none, np.zeros(0), None, {}) for name in (*RESPONSES, *nuisance)}
-    of |= {part.parameter: part for part in design.responses.values()}
-    rows, parts = zip(*(_columns(design, part, known) for part in of.values()), strict=True)
+    responses = {
+        name: ResponseDesign(name, (), none, np.zeros(0), None, {}) for name in (*RESPONSES, *nuisance)
+    }
+    responses |= {part.parameter: part for part in design.responses.values()}
+    rows, parts = zip(*(_columns(design, part, known) for part in responses.values()), strict=True)
     return Effects(tuple(itertools.chain(*parts))), list(rows)
 
 
@@ -124,8 +126,8 @@ def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
 
     Rows of X are alike where all that its terms are made of is: one column of levels, where X has a hundred.
     """
-    asked = {term.grouping for part in design.responses.values() for term in part.terms}
-    keys = [np.zeros(len(design.subject)), *(design.groupings[name].code for name in sorted(asked))]
+    groupings_used = {term.grouping for part in design.responses.values() for term in part.terms}
+    keys = [np.zeros(len(design.subject)), *(design.groupings[name].code for name in sorted(groupings_used))]
     for part in design.responses.values():
         keys += [*part.covariates.T, *([] if part.log_mass is None else [part.log_mass])]
         keys += [column.covariate for column in part.terms.values()]
@@ -135,11 +137,15 @@ def _distinct_rows(design: Design) -> tuple[Design, np.ndarray]:
             part,
             covariates=part.covariates[first],
             log_mass=None if part.log_mass is None else part.log_mass[first],
-            terms={term: replace(each, covariate=each.covariate[first]) for term, each in part.terms.items()},
+            terms={
+                term: replace(group, covariate=group.covariate[first]) for term, group in part.terms.items()
+            },
         )
         for name, part in design.responses.items()
     }
-    groupings = {name: replace(each, code=each.code[first]) for name, each in design.groupings.items()}
+    groupings = {
+        name: replace(grouping, code=grouping.code[first]) for name, grouping in design.groupings.items()
+    }
     return replace(design, responses=responses, groupings=groupings), row.reshape(-1)
 
 
@@ -198,11 +204,11 @@ def covariances_of(
     sd_K, sd_C = sites["sd_impact_K"], sites["sd_impact_C"]
     correlation = sites.get("residual_correlation", jnp.zeros_like(sd_K))
     error = log_mass_sd**2 if mass_error == "impact" else 0.0
-    own = (sd_K**2 + error, correlation * sd_K * sd_C + error, sd_C**2 + error)
-    each = [(part.width, sites[part.spread] if part.sd is None else part.sd) for part in locations.each]
-    sd = jnp.concatenate([jnp.full(width, value) for width, value in each])
+    pair = (sd_K**2 + error, correlation * sd_K * sd_C + error, sd_C**2 + error)
+    blocks = [(part.width, sites[part.spread] if part.sd is None else part.sd) for part in locations.blocks]
+    sd = jnp.concatenate([jnp.full(width, value) for width, value in blocks])
     shared = None
     if mass_error == "subject":
         on_K, on_C = (np.r_[locations.parts[f"subject_effect_{q}"]] for q in RESPONSES)
         shared = SharedMassError(on_K, on_C, log_mass_sd**2)
-    return Covariances(own, tuple(sites[f"sd_{name}"] for name in nuisance), sd, shared)
+    return Covariances(pair, tuple(sites[f"sd_{name}"] for name in nuisance), sd, shared)

@@ -235,18 +235,18 @@ class Priors(BaseModel):
         pairs = {name: getattr(self, name) for name in _OF_FURTHER}
         for name in ("sd_group", "sd_slope"):
             pairs |= {f'{name}."{key}"': pair for key, pair in getattr(self, name).items()}
-        every = ((name, pair.__pydantic_extra__) for name, pair in pairs.items())
-        return tuple(f"priors.{name}.{key}" for name, further in every for key in further)
+        extras = ((name, pair.__pydantic_extra__) for name, pair in pairs.items())
+        return tuple(f"priors.{name}.{key}" for name, further in extras for key in further)
 
     def by_name(self) -> dict[str, _Prior]:
         """Of every top-level parameter, by its name: ``intercept_K``, ``sd_subject_side_C``, ``sd_noise``."""
         pairs = {name: prior for name, prior in self if isinstance(prior, Pair)}
         pairs |= {f"sd_{term.stem}": pair for term, pair in self.of_terms().items()}
-        found = {f"{stem}_{response}": prior for stem, pair in pairs.items() for response, prior in pair}
+        priors = {f"{stem}_{response}": prior for stem, pair in pairs.items() for response, prior in pair}
         for name, prior in self.element.items():
-            found |= {f"log_{name}_mean": prior.log, f"sd_log_{name}": prior.spread}
+            priors |= {f"log_{name}_mean": prior.log, f"sd_log_{name}": prior.spread}
         alone = {name: prior for name, prior in self if isinstance(prior, _Prior)}
-        return found | {f"{n}_mean" if isinstance(p, Normal) else n: p for n, p in alone.items()}
+        return priors | {f"{n}_mean" if isinstance(p, Normal) else n: p for n, p in alone.items()}
 
     def with_further(self, names: Iterable[str]) -> Priors:
         """The same with priors of the effects on further parameters, where the file gives none."""
@@ -258,8 +258,8 @@ class Priors(BaseModel):
             name: filled(getattr(self, name), default) for name, default in _OF_FURTHER.items()
         }
         for name in ("sd_group", "sd_slope"):
-            every = getattr(self, name).items()
-            update[name] = {key: filled(pair, _half_normal(0.5)) for key, pair in every}
+            pairs = getattr(self, name).items()
+            update[name] = {key: filled(pair, _half_normal(0.5)) for key, pair in pairs}
         return self.model_copy(update=update)
 
     def of_terms(self) -> dict[GroupTerm, Scales]:

@@ -53,8 +53,8 @@ class Formulas(BaseModel):
 
     def group_terms(self) -> tuple[GroupTerm, ...]:
         """The group terms that are asked for besides (1|subject) and (1|trial), each once."""
-        asked = dict.fromkeys(term for _, formula in self for term in group_terms(formula))
-        return tuple(term for term in asked if term not in (SUBJECT, TRIAL))
+        terms = dict.fromkeys(term for _, formula in self for term in group_terms(formula))
+        return tuple(term for term in terms if term not in (SUBJECT, TRIAL))
 
 
 class PracticalEquivalence(_Table):
@@ -227,7 +227,7 @@ class ModelSpecification(_Table):
     def _of_parameters(cls, formulas: Formulas, info: ValidationInfo) -> Formulas:
         if "element" not in info.data:
             return formulas
-        extra = [each.name for each in element(info.data["element"]).extra]
+        extra = [parameter.name for parameter in element(info.data["element"]).extra]
         if strange := sorted(set(formulas.further) - set(extra)):
             raise ValueError(
                 f"formulas of {', '.join(['K', 'C', *extra])}, all that this likelihood and element have, "
@@ -250,23 +250,25 @@ class ModelSpecification(_Table):
 
     def group_terms(self) -> tuple[GroupTerm, ...]:
         """`Formulas.group_terms` of the model's own formulas and of those that compete with them."""
-        every = [self.formula, *(Formulas(K=each, C=each) for each in self.comparison.formulas.values())]
-        return tuple(dict.fromkeys(term for formulas in every for term in formulas.group_terms()))
+        models = [self.formula, *(Formulas(K=text, C=text) for text in self.comparison.formulas.values())]
+        return tuple(dict.fromkeys(term for formulas in models for term in formulas.group_terms()))
 
     @model_validator(mode="after")
     def _of_the_formula(self) -> Self:
-        asked = self.group_terms()
-        if strange := [str(term) for term in self.priors.of_terms() if term not in asked]:
+        terms = self.group_terms()
+        if strange := [str(term) for term in self.priors.of_terms() if term not in terms]:
             raise ValueError(
-                f"priors.sd_group and priors.sd_slope of {', '.join(map(str, asked)) or 'nothing'}, all "
+                f"priors.sd_group and priors.sd_slope of {', '.join(map(str, terms)) or 'nothing'}, all "
                 "group terms of the formulas besides (1|subject) and (1|trial), without "
                 f"{', '.join(strange)}; those two have priors.sd_subject and priors.sd_trial"
             )
-        own = ("K", "C", *self.formula.further)
-        if unknown := sorted(name for name in self.priors.further() if name.rpartition(".")[-1] not in own):
+        responses = ("K", "C", *self.formula.further)
+        if unknown := sorted(
+            name for name in self.priors.further() if name.rpartition(".")[-1] not in responses
+        ):
             raise ValueError(
-                f"priors of {', '.join(own)}, all that have a formula, without {', '.join(unknown)}; an "
-                "element's other parameters have a mean and a spread alone, in priors.element"
+                f"priors of {', '.join(responses)}, all that have a formula, without {', '.join(unknown)}; "
+                "an element's other parameters have a mean and a spread alone, in priors.element"
             )
         return self
 
@@ -282,21 +284,17 @@ class ModelSpecification(_Table):
 
     def complete_priors(self) -> Priors:
         """The priors, those of the element's parameters and of group terms too that the file leaves out."""
-        own = {
-            each.name: ElementPrior(
-                log=Normal(distribution="normal", mean=math.log(each.typical), sd=each.log_sd)
-            )
-            for each in element(self.element).extra
+        element_priors = {
+            x.name: ElementPrior(log=Normal(distribution="normal", mean=math.log(x.typical), sd=x.log_sd))
+            for x in element(self.element).extra
         }
         set_apart = self.priors.of_terms()
         terms = {term: set_apart.get(term, SD_OF_TERM) for term in self.group_terms()}
         return self.priors.model_copy(
             update={
-                "element": own | self.priors.element,
-                "sd_group": {each.grouping: pair for each, pair in terms.items() if not each.slope},
-                "sd_slope": {
-                    f"{each.slope}|{each.grouping}": pair for each, pair in terms.items() if each.slope
-                },
+                "element": element_priors | self.priors.element,
+                "sd_group": {x.grouping: pair for x, pair in terms.items() if not x.slope},
+                "sd_slope": {f"{x.slope}|{x.grouping}": pair for x, pair in terms.items() if x.slope},
             }
         ).with_further(self.formula.further)
 
@@ -309,8 +307,8 @@ def read_specification(path: Path) -> ModelSpecification:
             such key is named with what is allowed.
     """
     text = read_text(Path(path), str(path))
-    given = {"name": Path(path).stem} | parse_toml(text, str(path))
-    return specification_of(given, str(path), text=text)
+    content = {"name": Path(path).stem} | parse_toml(text, str(path))
+    return specification_of(content, str(path), text=text)
 
 
 def specification_of(content: Mapping[str, Any], file: str, *, text: str = "") -> ModelSpecification:
@@ -324,5 +322,5 @@ def specification_of(content: Mapping[str, Any], file: str, *, text: str = "") -
     Raises:
         InputError: as of `read_specification`.
     """
-    found = checked({"name": "own"} | dict(content), ModelSpecification, file=file, text=text)
-    return found.model_copy(update={"priors": found.complete_priors()})
+    specification = checked({"name": "own"} | dict(content), ModelSpecification, file=file, text=text)
+    return specification.model_copy(update={"priors": specification.complete_priors()})

@@ -99,11 +99,11 @@ def assemble(
     nuisance = nuisance_of(
         kind, specification.element, discrepancy=discrepancy, autoregressive=autoregressive
     )
-    found, columns = population_design(design, priors, nuisance)
+    effects, columns = population_design(design, priors, nuisance)
     relative_mass_sd = float(dataset.uncertainty.relative_mass_sd)
     model = TraceModel(
         kind,
-        found,
+        effects,
         priors,
         specification.residual_correlation,
         relative_mass_sd,
@@ -116,7 +116,7 @@ def assemble(
     data = TraceData(
         record,
         jax.device_put(columns),
-        jax.device_put(found.mean),
+        jax.device_put(effects.mean),
         jnp.log(jnp.asarray(signal.mass)),
         jnp.log(jnp.asarray(peak)),
     )
@@ -225,7 +225,7 @@ def _record(
         errors = np.stack([velocity_sd, offset_sd, signal.bracket_sd], axis=1)
         peak = np.abs(signal.deceleration).max(axis=1)
         record = (signal.deceleration, *start, signal.velocity, errors, signal.bracket_uniform)
-        return DecelerationRecord.of(*record, gravity=signal.gravity), peak
+        return DecelerationRecord.from_arrays(*record, gravity=signal.gravity), peak
     gravity = signal.gravity if specification.signal.equilibrium != "sample-mean" else 0.0
     level_sd = signal.velocity * signal.contact_time_sd
     # Along gravity a gain in error is an offset too, and a contact time a velocity.
@@ -264,17 +264,17 @@ def _element_record(
     if specification.element == SIDE_BY_SIDE and dataset.recorder is not None and not dataset.gravity:
         # In proportion to the velocity: one error, as of the likelihood without a filter.
         velocity_sd, gain_sd = np.hypot(velocity_sd, gain_sd * signal.velocity), np.zeros(len(size))
-    besides: dict[str, Any] = {"gravity": signal.gravity} if dataset.gravity else {}
+    optional: dict[str, Any] = {"gravity": signal.gravity} if dataset.gravity else {}
     contact_sd, uniform = signal.bracket_sd, signal.bracket_uniform
     lead = 0
     if dataset.recorder is not None:
         white = white_share(dataset, signal) if specification.noise == "white" else 1.0
-        besides["low_pass"] = low_pass = _low_pass(dataset.recorder, signal.dt)
+        optional["low_pass"] = low_pass = _low_pass(dataset.recorder, signal.dt)
         lead = low_pass.lead
     if specification.discrepancy == "always":
         # It takes up what a wrong moment of contact does to a trace.
         basis, share = modes(signal.n_samples, signal.deceleration.shape[1])
-        besides |= {"basis": basis, "share": share}
+        optional |= {"basis": basis, "share": share}
     if dataset.recorder is not None:
         # No force jumps behind it.
         reach = int(np.ceil(((signal.reach_s + delay(dataset.recorder)) / signal.dt).max())) + lead
@@ -291,16 +291,16 @@ def _element_record(
         # 90 % intervals of Hunt and Crossley's C then held 85 %.
         early = np.pad(signal.before, ((0, 0), (max(0, reach - BEFORE), 0)))
         before = np.moveaxis(early[:, early.shape[1] - reach :, None], 1, 0)
-        besides |= {"before": before, "n_before": np.minimum(signal.n_before, reach)}
-        besides["quiet_sd"] = np.maximum(signal.noise_sd, 1e-12)
+        optional |= {"before": before, "n_before": np.minimum(signal.n_before, reach)}
+        optional["quiet_sd"] = np.maximum(signal.noise_sd, 1e-12)
         contact_sd, uniform = reach * signal.dt / np.sqrt(12), np.ones_like(uniform)
         if dataset.recorder is not None and white < 1:
             rows = reach + signal.deceleration.shape[1]
-            besides["colour"], besides["rate"], longer = _colour(dataset.recorder, white, rows, signal.dt)
+            optional["colour"], optional["rate"], longer = _colour(dataset.recorder, white, rows, signal.dt)
             offset_sd = np.where(np.isfinite(signal.offset_sd), longer * offset_sd, offset_sd)
     if specification.discrepancy == "always" or not element(specification.element).linear:
-        besides["common_depth"] = np.full(len(size), common_depth(signal))
-    record = ElementRecord.of(
+        optional["common_depth"] = np.full(len(size), common_depth(signal))
+    record = ElementRecord.from_arrays(
         signal.deceleration,
         signal.n_samples,
         signal.bracket_s,
@@ -310,7 +310,7 @@ def _element_record(
         uniform,
         signal.mass,
         np.where(np.isfinite(size), size, REFERENCE_DIAMETER_M),
-        **besides,
+        **optional,
     )
     if specification.noise == "autoregressive":
         record = record._replace(quiet=jnp.asarray(np.isfinite(signal.offset_sd)))
@@ -324,9 +324,9 @@ def _colour(
 
     A mean of many samples varies in proportion to the sum of their correlations.
     """
-    intervals, rate = np.unique([float(f"{each:.6g}") for each in dt], return_inverse=True)
+    intervals, rate = np.unique([float(f"{interval:.6g}") for interval in dt], return_inverse=True)
     of_lags = [lambda lag, dt=dt: autocorrelation(recorder, lag * dt) for dt in intervals]
-    sums = white + (1 - white) * np.array([2 * each(np.arange(rows)).sum() - 1 for each in of_lags])
+    sums = white + (1 - white) * np.array([2 * interval(np.arange(rows)).sum() - 1 for interval in of_lags])
     return colour_of(white, of_lags, rows), rate, np.sqrt(np.maximum(sums, white))[rate]
 
 

@@ -26,7 +26,7 @@ from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expecte
 from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
-from bayestissue.hierarchy.gaussian.impacts import ImpactConditional, Sites, lay, parameters_first
+from bayestissue.hierarchy.gaussian.impacts import ImpactConditional, Sites, parameters_first, sites_by_cell
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.population import Effects, MassError, covariances_of, of_impacts
 from bayestissue.hierarchy.priors import HalfNormal, Priors
@@ -88,8 +88,8 @@ class Hyperparameters:
     def hyperparameters(self) -> tuple[str, ...]:
         """Names of the standard deviations and correlations: all that is sampled but standard normals."""
         groups = sorted({name for name in self.locations.spread if name})
-        own = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
-        return (*groups, *own, *(f"sd_{name}" for name in self.nuisance))
+        impact_level = ["sd_impact_K", "sd_impact_C"] + ["residual_correlation"] * self.correlated
+        return (*groups, *impact_level, *(f"sd_{name}" for name in self.nuisance))
 
     def prior_of(self, name: str) -> dist.Distribution:
         """The prior of one of `hyperparameters`."""
@@ -123,8 +123,8 @@ class TraceModel(Hyperparameters):
     @property
     def nuisance(self) -> tuple[str, ...]:
         """Names of an impact's parameters besides log K and log C."""
-        beside = {"discrepancy": self.discrepancy, "autoregressive": self.autoregressive}
-        return nuisance_of(self.kind, self.element, **beside)
+        noise_model = {"discrepancy": self.discrepancy, "autoregressive": self.autoregressive}
+        return nuisance_of(self.kind, self.element, **noise_model)
 
     @property
     def weakly_identified(self) -> bool:
@@ -143,7 +143,7 @@ class TraceModel(Hyperparameters):
         All impacts then share its mean, the last element of b, which is sampled beside the hyperparameters.
         Effects of people and covariates on it are integrated out in closed form, which takes a Gaussian site.
         """
-        return self.weakly_identified and self.locations.each[-1].name == intercept(self.nuisance[-1])
+        return self.weakly_identified and self.locations.blocks[-1].name == intercept(self.nuisance[-1])
 
 
 class Physical(NamedTuple):
@@ -185,9 +185,9 @@ def nuisance_of(
     Without these two an element's further parameter is the last: see `TraceModel.weakly_identified`.
     """
     which = element_named(element)
-    own = [f"log_{parameter.name}" for parameter in which.extra]
+    element_logs = [f"log_{parameter.name}" for parameter in which.extra]
     last = ["discrepancy"] * discrepancy + ["atanh_noise_correlation"] * autoregressive
-    return (*NUISANCE[kind], *own, *last)
+    return (*NUISANCE[kind], *element_logs, *last)
 
 
 def trace_distribution(
@@ -238,9 +238,11 @@ def sample_warped(
     for prior, names in _grouped(model):
         values = raw[jnp.array([model.hyperparameters.index(name) for name in names])]
         transform = biject_to(prior.support)
-        own = transform(values)
-        density += (prior.log_prob(own) + transform.log_abs_det_jacobian(values, own)).sum()
-        sites |= dict(zip(names, own, strict=True))
+        constrained_values = transform(values)
+        density += (
+            prior.log_prob(constrained_values) + transform.log_abs_det_jacobian(values, constrained_values)
+        ).sum()
+        sites |= dict(zip(names, constrained_values, strict=True))
     numpyro.factor("hyperparameters", density)
     return sites, raw[len(model.hyperparameters) :]
 
@@ -248,10 +250,10 @@ def sample_warped(
 def _grouped(model: Hyperparameters) -> list[tuple[dist.Distribution, list[str]]]:
     """The hyperparameters' priors, all half-normal ones as one of a vector."""
     priors = {name: model.prior_of(name) for name in model.hyperparameters}
-    alike = [name for name, prior in priors.items() if isinstance(prior, HalfNormalSpread)]
-    scales = jnp.array([priors[name].scale for name in alike])
-    together = [(HalfNormalSpread(scales), alike)] if alike else []
-    return together + [(prior, [name]) for name, prior in priors.items() if name not in alike]
+    half_normal = [name for name, prior in priors.items() if isinstance(prior, HalfNormalSpread)]
+    scales = jnp.array([priors[name].scale for name in half_normal])
+    together = [(HalfNormalSpread(scales), half_normal)] if half_normal else []
+    return together + [(prior, [name]) for name, prior in priors.items() if name not in half_normal]
 
 
 def constrained(model: Hyperparameters, raw: Mapping[str, Array]) -> dict[str, Array]:
@@ -267,30 +269,30 @@ def population(model: TraceModel, sites: dict[str, Array]) -> Covariances:
 def plain_model(model: TraceModel, data: TraceData, *, conditioned: bool = True) -> None:
     """The model from the top down: standard deviations, b, each impact's parameters, its trace."""
     u = impacts_model(model, data)
-    seen = data.record.traces if conditioned else None
+    observed = data.record.traces if conditioned else None
     with numpyro.plate("impact", data.log_mass.shape[0]):
-        numpyro.sample("trace", trace_distribution(model, data, u), obs=seen)
+        numpyro.sample("trace", trace_distribution(model, data, u), obs=observed)
 
 
 def impacts_model(model: TraceModel, data: TraceData) -> list[Array]:
     """The same without the traces; returns each impact's parameters."""
     covariances = population(model, sample_hyperparameters(model))
     b = numpyro.sample("locations", dist.Normal(data.location_mean, covariances.locations).to_event(1))
-    about = expected(data.design, b)
+    mean_u = expected(data.design, b)
     if covariances.shared is not None:
         # K of a heavier person than recorded looks smaller, by as much in every impact.
         person = dist.Normal(0.0, model.log_mass_sd).expand([len(covariances.shared.effect_on_K)]).to_event(1)
         error = of_impacts(data.design, covariances, numpyro.sample("log_mass_error", person))
-        about = about.at[:2].add(-error)
+        mean_u = mean_u.at[:2].add(-error)
     with numpyro.plate("impacts", data.log_mass.shape[0]):
         # Its check would be compiled in twenty pieces, even within a compiled function.
-        pair = dist.MultivariateNormal(about[:2].T, covariances.of_pair, validate_args=False)
+        pair = dist.MultivariateNormal(mean_u[:2].T, covariances.pair_matrix, validate_args=False)
         logs = numpyro.sample("log_K_and_C", pair)
-        rest = [
+        nuisance = [
             numpyro.sample(name, dist.Normal(mean, sd))
-            for name, mean, sd in zip(model.nuisance, about[2:], covariances.nuisance, strict=True)
+            for name, mean, sd in zip(model.nuisance, mean_u[2:], covariances.nuisance, strict=True)
         ]
-    return [logs[..., 0], logs[..., 1], *rest]
+    return [logs[..., 0], logs[..., 1], *nuisance]
 
 
 def sampled_model(
@@ -317,10 +319,10 @@ def sampled_model(
     if warp is not None and warp.location.shape[0] > count:
         y, z_b = z_b[-1], warped(z_b, warp)
         numpyro.factor("warp", jnp.log(warp.part(-1).slope(y)) + (y**2 - z_b[-1] ** 2) / 2)
-    found = from_standard(model, data, sites, sampled, z_b, z_u)
-    density = found.log_marginal - sites.log_density(jnp.stack(found.u, axis=-1)).sum()
+    draw = from_standard(model, data, sites, sampled, z_b, z_u)
+    density = draw.log_marginal - sites.log_density(jnp.stack(draw.u, axis=-1)).sum()
     numpyro.factor("change_of_variables", density)
-    u = found.u
+    u = draw.u
     if present is not None:
         # Slopes of what is left out must be numbers too.
         u = [jnp.where(present, values, values[:1]) for values in u]
@@ -340,7 +342,7 @@ def _standard(*shape: int) -> dist.Distribution:
 
 def gaussian(data: TraceData, sites: Sites) -> Data:
     """What the hierarchy's closed forms ask of the dataset, a site standing for each trace."""
-    return Data(data.design, data.location_mean, lay(data.design, sites))
+    return Data(data.design, data.location_mean, sites_by_cell(data.design, sites))
 
 
 class Drawn(NamedTuple):
@@ -348,7 +350,7 @@ class Drawn(NamedTuple):
 
     b: Array
     u: list[Array]
-    about: Array
+    prior_mean: Array
     log_marginal: Array
 
 
@@ -365,6 +367,6 @@ def from_standard(
     sums = gaussian(data, sites).sums(covariances)
     effects, log_marginal = integrate_effects(data.design, covariances, sums)
     b = effects_from_standard(data.design, effects, data.location_mean, z_b)
-    about = expected(data.design, b)
-    given = ImpactConditional.of(covariances.of_impact(), parameters_first(sites))
-    return Drawn(b, list(given.draw(about, z_u.T)), about, log_marginal)
+    prior_mean = expected(data.design, b)
+    conditional = ImpactConditional.from_sites(covariances.of_impact(), parameters_first(sites))
+    return Drawn(b, list(conditional.draw(prior_mean, z_u.T)), prior_mean, log_marginal)

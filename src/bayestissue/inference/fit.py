@@ -30,17 +30,17 @@ from bayestissue.inference.answers.reliability import (
 )
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form, with_impacts
+from bayestissue.inference.execution.chunks import Progress
 from bayestissue.inference.execution.kept import some_impacts, some_of
-from bayestissue.inference.execution.progress import Progress
 from bayestissue.inference.factors.noise_left import noise_p
 from bayestissue.inference.posterior.approximate import Approximation, approximate, expanded, rows_of
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
+from bayestissue.inference.posterior.correction import Route, duration
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.recipe import corrected_draws
-from bayestissue.inference.posterior.route import Route, duration
 from bayestissue.inference.posterior.scores import LikelihoodApproximation
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
-from bayestissue.inference.quantities.secant_population import of_secant
+from bayestissue.inference.quantities.secants import of_secant
 from bayestissue.inference.results.cross_validation import cross_validation, prior_sensitivity
 from bayestissue.inference.results.labels import labelled_statistics
 from bayestissue.inference.results.summary import summarise as summary_table
@@ -108,8 +108,10 @@ def fit_traces(
             wrong = misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
             if wrong is not None:
                 return wrong
-        first = approximate(prepared, expansions=expansions, say=done)
-        sites, draws, correction = corrected_draws(prepared, settings, seed, approximation=first, say=say)
+        first = approximate(prepared, expansions=expansions, progress=done)
+        sites, draws, correction = corrected_draws(
+            prepared, settings, seed, approximation=first, progress=say
+        )
         route = Route(settings.path, correction)
         if not route.exact:
             likelihood = LikelihoodApproximation(sites, correction.of_impacts)
@@ -118,7 +120,7 @@ def fit_traces(
     if automatic and (words := contradicted()):
         raise InputError(_refusal(words, route))
     say(f"sampling by the exact path, {route.why}", 0, 1)
-    whitening = approximate(prepared, say=done)
+    whitening = approximate(prepared, progress=done)
     told = _with_estimate(say, route if automatic else None)
     draws = exact_draws(prepared, whitening, settings, seed, progress=told, checkpoints=checkpoints)
     # Scores ask for sites that stand for the traces; those of the chains only whiten.
@@ -229,7 +231,7 @@ def _form(prepared: Prepared, constrained: ConstrainedDraws, tree: xr.DataTree) 
         return {}
     parameters = constrained.impacts["parameters"]
     rows = np.arange(parameters.shape[2])
-    if constrained.kept is not None:
+    if constrained.kept_numbers is not None:
         rows = some_impacts(len(rows))
     middle = np.median(parameters[:, :, rows].astype(float), axis=(0, 1))
     asked = some_of(prepared, rows)

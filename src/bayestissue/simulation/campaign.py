@@ -223,7 +223,7 @@ def _add_group_terms(
         for name, effect in own.items():
             effects[name] = effects.get(name, 0.0) + effect * covariate
             shared = getattr(tissue, f"mass_exponent_{name}", 0.0) if term.slope == MASS_TERM else 0.0
-            column = term.own(name) if term.slope else term.effect(name)
+            column = term.coefficient(name) if term.slope else term.effect(name)
             effects[column] = effects.get(column, 0.0) + effect + shared
 
 

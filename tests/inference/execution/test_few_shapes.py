@@ -20,7 +20,7 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import COORDINATES, gaussian, sampled_model
 from bayestissue.inference.execution.compiling import compiled_quickly, filled_up
-from bayestissue.inference.factors.conditional_prior import (
+from bayestissue.inference.factors.conditional import (
     DRAWS,
     PopulationDraws,
     population_draw,

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
-from bayestissue.inference.factors import regression
-from bayestissue.inference.factors.laplace import _MOST_GAIN as MOST_GAIN
-from bayestissue.inference.factors.regression import _nearest, _parabola
+from bayestissue.inference.factors import sites as gaussian_sites
+from bayestissue.inference.factors.sites import _MOST_GAIN as MOST_GAIN
+from bayestissue.inference.factors.sites import _nearest, _parabola
 
 
 def test_a_parabola_is_found_as_it_is() -> None:
@@ -62,9 +62,9 @@ def test_a_trace_of_which_the_points_tell_too_little_keeps_its_summary(
     weight = np.ones(value.shape)
     # The second trace has no likelihood anywhere, and so weights that are no numbers.
     value[..., 1], weight[..., 1] = -np.inf, np.nan
-    monkeypatch.setattr(regression, "_points", lambda *_: (u, value, weight))
+    monkeypatch.setattr(gaussian_sites, "_points", lambda *_: (u, value, weight))
     old = Sites(*(jnp.full(shape, 9.0) for shape in ((2, 3), (2, 3), (2, 3, 3), (2,))))
-    found = regression.regression_sites(None, None, old, None, 0)  # type: ignore[arg-type]
+    found = gaussian_sites.regression_sites(None, None, old, None, 0)  # type: ignore[arg-type]
     np.testing.assert_allclose(found.precision[0], np.eye(3), atol=1e-6)
     for new, before in zip(found, old, strict=True):
         np.testing.assert_array_equal(new[1], before[1])

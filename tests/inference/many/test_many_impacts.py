@@ -23,12 +23,11 @@ from bayestissue.hierarchy.traces import TraceData
 from bayestissue.inference import fit as traces
 from bayestissue.inference.execution import chunks as trace_blocks
 from bayestissue.inference.execution import kept as many_kept
-from bayestissue.inference.execution.chunks import in_blocks, of_each
+from bayestissue.inference.execution.chunks import in_blocks, map_impacts
 from bayestissue.inference.execution.kept import kept_draws, some_impacts
-from bayestissue.inference.factors.conditional_prior import population_draws
-from bayestissue.inference.factors.grid import LikelihoodGrid
-from bayestissue.inference.factors.grid_sum import surface_of
-from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
+from bayestissue.inference.factors.conditional import population_draws
+from bayestissue.inference.factors.grid import LikelihoodGrid, surface_of
+from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import Approximation, first_guess
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.results.summary import summarise
@@ -156,7 +155,9 @@ def test_few_at_a_time_have_the_sites_of_all_together(
 
     def sites() -> Sites:
         # At the first guess: a search would magnify what rounding does to its steps.
-        return of_each(partial(laplace_sites, made.model, iterations=0), made.data, start, loose.of_each())
+        return map_impacts(
+            partial(laplace_sites, made.model, iterations=0), made.data, start, loose.of_each()
+        )
 
     whole = sites()
     monkeypatch.setattr(trace_blocks, "BLOCK", 6)
@@ -191,7 +192,7 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     monkeypatch.setattr(trace_blocks, "BLOCK", 5)
     monkeypatch.setattr(many_kept, "MOST_PAIRS", 1)
     found = constrained_draws(made, sites, Draws(raw | normal, {}, 10), jax.random.PRNGKey(1))
-    assert list(found.kept) == list(range(0, 40, 4))
+    assert list(found.kept_numbers) == list(range(0, 40, 4))
     error = (np.log(found.impacts["mass"]) - np.asarray(made.data.log_mass)).reshape(20, -1)
     own = error[:, [np.flatnonzero(made.design.subject == s)[0] for s in range(3)]]
     # In 32 bits, of a log near 0.
@@ -200,7 +201,7 @@ def test_impacts_drawn_few_at_a_time_share_their_persons_error_of_mass(
     # And b is moved by the same errors.
     for q in "KC":
         effects = seen[:, model.locations.parts[f"subject_effect_{q}"]].reshape(2, 40, -1)[..., :3]
-        moved = (found.sites[f"subject_effect_{q}"] - effects)[:, found.kept].reshape(20, 3)
+        moved = (found.sites[f"subject_effect_{q}"] - effects)[:, found.kept_numbers].reshape(20, 3)
         np.testing.assert_allclose(moved, own, atol=1e-6)
     # Sites so narrow leave the parameters where they are: in blocks each impact has its own.
     np.testing.assert_allclose(found.impacts["parameters"][0, 0], centre, atol=0.01)

@@ -12,12 +12,11 @@ import pytest
 from bayestissue.errors import InputError
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.inference import fit as fitting
-from bayestissue.inference.factors.conditional_prior import PopulationDraws
+from bayestissue.inference.factors.conditional import PopulationDraws
 from bayestissue.inference.fit import fit_traces
 from bayestissue.inference.posterior import recipe
-from bayestissue.inference.posterior.correction import NEEDED, Correction, needed_size
+from bayestissue.inference.posterior.correction import NEEDED, Correction, Route, duration, needed_size
 from bayestissue.inference.posterior.recipe import Attempt, corrected_draws
-from bayestissue.inference.posterior.route import Route, duration
 from bayestissue.inference.samplers.psis import relative_variance
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -55,8 +54,8 @@ def test_too_few_effective_draws_are_refused_whatever_pareto_k_says() -> None:
     heavy = correction(0.5, k=0.72)
     assert not heavy.trusted
     assert not heavy.lacks_only_draws
-    assert not np.isfinite(Correction.of(np.full((2, 50), -np.inf), 100).pareto_k)
-    assert Correction.of(np.full((2, 50), -np.inf), 100).row()["pareto_k"] is None
+    assert not np.isfinite(Correction.from_log_weights(np.full((2, 50), -np.inf), 100).pareto_k)
+    assert Correction.from_log_weights(np.full((2, 50), -np.inf), 100).row()["pareto_k"] is None
 
 
 def test_needed_draws_keep_the_greatest_of_dozens_of_r_hats_below_its_limit() -> None:
@@ -93,7 +92,7 @@ class _Tried:
         self._found, self.placed = found, []
         monkeypatch.setattr(recipe, "population_attempt", self._draws)
         monkeypatch.setattr(recipe, "refitted", self._about)
-        monkeypatch.setattr(recipe, "placed", self._placed)
+        monkeypatch.setattr(recipe, "fitted_to_population", self._placed)
         monkeypatch.setattr(recipe, "with_expansion", lambda prepared, approximation, *_: approximation)
         monkeypatch.setattr(recipe, "approximate", lambda *_, **__: self._approximation("normal"))
         monkeypatch.setattr(recipe, "with_impacts", lambda prepared, found, *_: found.approximation.name)

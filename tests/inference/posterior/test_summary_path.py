@@ -20,8 +20,13 @@ from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import gaussian
 from bayestissue.inference.execution import chunks
-from bayestissue.inference.factors.conditional import ConditionalPrior, normals, standard_points
-from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
+from bayestissue.inference.factors.conditional import (
+    ConditionalPrior,
+    normals,
+    of_cells,
+    population_draws,
+    standard_points,
+)
 from bayestissue.inference.factors.grid import PLACES, LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import (
     importance_ratios,
@@ -35,7 +40,7 @@ from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.expansion import refitted, to_second_order
-from bayestissue.inference.posterior.recipe import corrected_draws, placed
+from bayestissue.inference.posterior.recipe import corrected_draws, fitted_to_population
 from bayestissue.inference.samplers.coordinates import Coordinates
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
@@ -170,7 +175,7 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     prepared = prepare(dataset, ModelSpecification(name="impact", likelihood="impact"), source="model")
     assert np.asarray(prepared.data.record.uniform).all()
     rng = np.random.default_rng(3)
-    approximation = placed(prepared, approximate(prepared), SETTINGS, 3, rng)
+    approximation = fitted_to_population(prepared, approximate(prepared), SETTINGS, 3, rng)
     model, data, summaries = prepared.model, prepared.data, approximation.sites
     # Populations as the posterior has them, one with hardly any spread of the noise among them.
     size = len(approximation.coordinates.names)

@@ -12,8 +12,12 @@ from scipy.special import logsumexp, softmax
 
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import Prepared, prepare
-from bayestissue.inference.factors.conditional import ConditionalPrior, log_evidence
-from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
+from bayestissue.inference.factors.conditional import (
+    ConditionalPrior,
+    PopulationDraws,
+    log_evidence,
+    of_cells,
+)
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
     log_evidence_corrections,

@@ -14,7 +14,7 @@ from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.half_normal import HalfNormalSpread
 from bayestissue.hierarchy.priors import Normal
 from bayestissue.hierarchy.specification import Formulas
-from bayestissue.inference.quantities.secant_exponents import (
+from bayestissue.inference.quantities.secants import (
     _SPREADS,
     Units,
     mass_exponents_of_secants,

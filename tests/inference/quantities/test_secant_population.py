@@ -5,7 +5,7 @@ import pandas as pd
 
 from bayestissue.hierarchy.design import Design, build_design
 from bayestissue.hierarchy.specification import Formulas
-from bayestissue.inference.quantities.secant_population import shifted
+from bayestissue.inference.quantities.secants import shifted
 
 PEOPLE, CONDITIONS, DRAWS = 4, 3, 5
 EPSILON = np.finfo(float).eps

@@ -14,7 +14,7 @@ from jax import Array
 from bayestissue.elements import element, impact
 from bayestissue.elements.comparables import comparables
 from bayestissue.elements.element import Element
-from bayestissue.inference.quantities.static_force import (
+from bayestissue.inference.quantities.elements import (
     Whole,
     at_common_depth,
     static_force,
@@ -52,7 +52,7 @@ def measured(
     still = np.zeros((2, WIDTH))
     given = (FIRST, DT, VELOCITY, np.zeros((2, 4)), np.zeros(2, bool), MASS, np.full(2, 0.0318))
     parameters = jnp.array([np.full(2, value) for value in values.values()])
-    record = ElementRecord.of(still, count, *given)
+    record = ElementRecord.from_arrays(still, count, *given)
     if gravity is not None:
         record = record._replace(gravity=jnp.full(2, gravity))
     return MeasuredImpact(element(name), parameters, NONE, record)

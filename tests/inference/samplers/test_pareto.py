@@ -141,7 +141,7 @@ def test_a_parameter_that_impacts_nearly_share_is_corrected_wherever_the_draws_h
 def test_weights_of_hundreds_of_nats_are_no_reason_to_trust_or_to_stop(scatter: float) -> None:
     log_weight = scatter * np.random.default_rng(3).normal(size=(4, 1000))
     log_weight[0, 0] = -np.inf
-    found = Correction.of(log_weight, 4000)
+    found = Correction.from_log_weights(log_weight, 4000)
     assert found.pareto_k > 1
     assert not found.trusted
     assert np.isfinite(found.effective)

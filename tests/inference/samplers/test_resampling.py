@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from bayestissue.inference.samplers.resampling import systematic
+from bayestissue.inference.samplers.psis import systematic
 
 
 def test_a_chain_without_weight_stays_as_it_is() -> None:

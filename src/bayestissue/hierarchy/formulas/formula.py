@@ -94,8 +94,8 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
         terms, faults = _read(formula)
     except Exception as error:  # formulae raises its own scanner and parser errors, which share no base
         wrong = Fault("", f'a formula such as "{DEFAULT_FORMULA}"', _unread(formula, error))
-        found = judge(DEFAULT_FORMULA, rows, reference_mass_kg)
-        return replace(found, faults=(wrong,))
+        default = judge(DEFAULT_FORMULA, rows, reference_mass_kg)
+        return replace(default, faults=(wrong,))
     faults += [*_unknown(terms, rows), *unsuited_columns(terms.groups, rows)]
     terms = terms.without(fault.term for fault in faults)
     groups, wrong_groups = _covariates_of_groups(terms, rows, reference_mass_kg)
@@ -107,11 +107,11 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
             wrong_terms = _dependent(terms, columns, names, owners, rows)
         if not wrong_terms:
             categories = [i for i, name in enumerate(owners) if _is_category(name, terms, rows)]
-            of = [" and ".join(sorted(terms.common[owners[i]])) for i in categories]
-            wrong_terms = aliased(terms.groups, columns[:, categories], of, rows)
+            category_names = [" and ".join(sorted(terms.common[owners[i]])) for i in categories]
+            wrong_terms = aliased(terms.groups, columns[:, categories], category_names, rows)
         if not wrong_terms:
-            kept = {term: groups[term] for term in terms.groups}
-            return Judged(terms, columns, tuple(names), kept, tuple(faults))
+            covariates = {term: groups[term] for term in terms.groups}
+            return Judged(terms, columns, tuple(names), covariates, tuple(faults))
         faults += wrong_terms
         terms = terms.without(fault.term for fault in wrong_terms)
 
@@ -154,11 +154,11 @@ def left_out_words(terms: Sequence[Mapping[str, Any]]) -> str:
     """
     if not terms:
         return ""
-    told = [
-        f"{each['term']}{'' if len(each['of']) > 1 else ' of log ' + each['of'][0]}, since {each['reason']}"
-        for each in terms
+    sentences = [
+        f"{term['term']}{'' if len(term['of']) > 1 else ' of log ' + term['of'][0]}, since {term['reason']}"
+        for term in terms
     ]
-    return Coded(f"Left out of the formula: {'; '.join(told)}.", "left-out-of-formula")
+    return Coded(f"Left out of the formula: {'; '.join(sentences)}.", "left-out-of-formula")
 
 
 def _read(formula: str) -> tuple[Terms, list[Fault]]:
@@ -208,8 +208,8 @@ def _parentheses(formula: str) -> Iterator[Any]:
     while waiting:
         part = waiting.pop()
         if isinstance(part, Binary) and part.operator.kind == "PIPE":
-            found = Resolver(part).resolve()
-            yield found if isinstance(found, Model) else Model(found)
+            resolved = Resolver(part).resolve()
+            yield resolved if isinstance(resolved, Model) else Model(resolved)
         elif isinstance(part, Binary):
             waiting += [part.right, part.left]
         elif isinstance(part, Grouping):
@@ -275,10 +275,10 @@ def _is_category(name: str, terms: Terms, rows: pd.DataFrame) -> bool:
 
 def _tied(terms: Terms) -> list[Fault]:
     """The last of three terms that E = ½MV² ties together."""
-    seen: set[str] = set()
+    physical: set[str] = set()
     for term, variables in terms.common.items():
-        seen |= {name for name, columns in _TIED.items() if variables & columns}
-        if len(seen) == len(_TIED):
+        physical |= {name for name, columns in _TIED.items() if variables & columns}
+        if len(physical) == len(_TIED):
             expected = "at most two of mass, energy and velocity, which are tied by E = ½MV²"
             return [Fault(term, expected, "the other two determine it")]
     return []
@@ -292,7 +292,7 @@ def _evaluated(
         columns, names, owners = _design(terms.common, rows, reference_mass_kg)
     except Exception:  # as in `judge`; each term by itself tells which it is of
         return np.empty((len(rows), 0)), [], [], _unusable(terms, rows, reference_mass_kg)
-    owned = [list(terms.common)[place] for place in owners]
+    owned = [list(terms.common)[owner] for owner in owners]
     faults = []
     for name in dict.fromkeys(owned):
         mine = columns[:, [owner == name for owner in owned]]
@@ -392,9 +392,9 @@ def _design(
         at = common if new is None else common.evaluate_new_data(new)
         columns = at.design_matrix - common.evaluate_new_data(reference).design_matrix
     labels = [(label, name) for name, term in common.terms.items() for label in term.labels]
-    own = [name for name in common.terms if name != _INTERCEPT]
+    common_terms = [name for name in common.terms if name != _INTERCEPT]
     keep = [i for i, (_, name) in enumerate(labels) if name != _INTERCEPT]
-    return columns[:, keep], [labels[i][0] for i in keep], [own.index(labels[i][1]) for i in keep]
+    return columns[:, keep], [labels[i][0] for i in keep], [common_terms.index(labels[i][1]) for i in keep]
 
 
 def _dependent(

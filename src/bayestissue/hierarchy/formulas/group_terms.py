@@ -54,7 +54,7 @@ class GroupTerm:
         """The name of the effects themselves, all about 0."""
         return f"{self.stem}_{'deviation' if self.slope else 'effect'}_{response}"
 
-    def own(self, response: str) -> str:
+    def coefficient(self, response: str) -> str:
         """The name of each level's own coefficient: the population's and the level's deviation together."""
         return f"{self.stem}_{response}"
 
@@ -105,11 +105,11 @@ class Grouping:
 def grouping_of(rows: pd.DataFrame, factors: tuple[str, ...]) -> Grouping:
     """The levels of ``factors`` in a table that has no missing value in them."""
     labels = [labels_of(rows[name]) for name in factors]
-    codes = np.stack([pd.factorize(each)[0] for each in labels])
+    codes = np.stack([pd.factorize(level)[0] for level in labels])
     together = np.unique(codes, axis=1, return_inverse=True)[1].reshape(-1)
     code = pd.factorize(together)[0]
     first = np.unique(code, return_index=True)[1]
-    return Grouping(factors, tuple(":".join(each[row] for each in labels) for row in first), code)
+    return Grouping(factors, tuple(":".join(level[row] for level in labels) for row in first), code)
 
 
 def labels_of(column: pd.Series) -> np.ndarray:

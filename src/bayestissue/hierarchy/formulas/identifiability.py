@@ -53,14 +53,14 @@ def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
 
 def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
     """Effects that more than one of the parentheses of a formula ask for, each parenthesis' terms given."""
-    seen: set[tuple[str, frozenset[str]]] = set()
+    keys: set[tuple[str, frozenset[str]]] = set()
     faults = []
     for terms in groups:
-        own = {(term.slope, frozenset(term.factors)): term for term in terms}
-        for key in own.keys() & seen:
-            reason = f"{own[key]} is asked for twice; (x|group) is (1|group) and (0 + x|group) together"
+        by_key = {(term.slope, frozenset(term.factors)): term for term in terms}
+        for key in by_key.keys() & keys:
+            reason = f"{by_key[key]} is asked for twice; (x|group) is (1|group) and (0 + x|group) together"
             faults.append(Fault("", "each group effect once", reason))
-        seen |= own.keys()
+        keys |= by_key.keys()
     return faults
 
 
@@ -100,7 +100,7 @@ def unidentified(values: Mapping[GroupTerm, Float[np.ndarray, " row"]], rows: pd
     """
     groupings = {term: grouping_of(rows, term.factors) for term in values}
     faults = {
-        term: found for term, x in values.items() if (found := _by_itself(term, groupings[term], x, values))
+        term: fault for term, x in values.items() if (fault := _by_itself(term, groupings[term], x, values))
     }
     left = {term: x for term, x in values.items() if term not in faults}
     return [*faults.values(), *_alike(left, groupings)]
@@ -136,13 +136,13 @@ def aliased(
             continue
         first = columns[np.unique(grouping.code, return_index=True)[1]]
         within = np.abs(columns - first[grouping.code]).max(axis=0) <= PRECISION
-        own = [name for name, constant in zip(names, within, strict=True) if constant]
-        beside = " and ".join(dict.fromkeys(own or names))
+        constant_names = [name for name, constant in zip(names, within, strict=True) if constant]
+        categories = " and ".join(dict.fromkeys(constant_names or names))
         reason = (
-            f"{beside} and {term.grouping} change together, each {term.grouping} having one {beside}, so "
-            "that effects of one can't be told from those of the other"
+            f"{categories} and {term.grouping} change together, each {term.grouping} having one "
+            f"{categories}, so that effects of one can't be told from those of the other"
         )
-        expected = f"several levels of {term.grouping} for each {beside}"
+        expected = f"several levels of {term.grouping} for each {categories}"
         faults.append(Fault(str(term), expected, reason))
     return faults
 
@@ -155,7 +155,7 @@ def _by_itself(
 ) -> Fault | None:
     if not term.slope:
         return _too_few(term, grouping)
-    coefficients = sum(each.factors == term.factors for each in values)
+    coefficients = sum(other_term.factors == term.factors for other_term in values)
     return _too_flat(term, grouping, x) or _saturated(term, grouping, coefficients)
 
 
@@ -175,9 +175,9 @@ def _too_flat(term: GroupTerm, grouping: Grouping, x: Float[np.ndarray, " row"])
     if varies.sum() >= 2:
         return None
     what, name = "the mass" if term.slope == MASS_TERM else term.slope, grouping.name
-    found = "has one value in every" if not varies.any() else "varies within one"
+    variation = "has one value in every" if not varies.any() else "varies within one"
     return Fault(
-        str(term), f"{what} that varies within at least two levels of {name}", f"{what} {found} {name}"
+        str(term), f"{what} that varies within at least two levels of {name}", f"{what} {variation} {name}"
     )
 
 
@@ -194,14 +194,14 @@ def _alike(
 ) -> list[Fault]:
     """Terms whose covariance is a combination of those of the scatter and of the terms before them."""
     faults: list[Fault] = []
-    kept: list[GroupTerm] = []
+    independent: list[GroupTerm] = []
     columns = {term: _columns(x, groupings[term]) for term, x in values.items()}
     for term in values:
-        if _left(columns[term], [columns[each] for each in kept]) > PRECISION**2:
-            kept.append(term)
+        if _left(columns[term], [columns[t] for t in independent]) > PRECISION**2:
+            independent.append(term)
             continue
-        same = next((each for each in kept if _same_levels(term, each, groupings)), None)
-        faults.append(_same(term, same) if same else _combined(term, kept))
+        same = next((t for t in independent if _same_levels(term, t, groupings)), None)
+        faults.append(_same(term, same) if same else _combined(term, independent))
     return faults
 
 
@@ -210,32 +210,32 @@ def _columns(x: Float[np.ndarray, " row"], grouping: Grouping) -> csr_array:
     return csr_array((np.asarray(x, float), (np.arange(len(x)), grouping.code)), shape=shape)
 
 
-def _left(own: csr_array, others: Iterable[csr_array]) -> float:
+def _left(indicator: csr_array, others: Iterable[csr_array]) -> float:
     """The share of Z Z' that is no combination of 1 and the others' Z Z', as a squared norm."""
-    every = [*others, own]
-    count = len(every) + 1
+    indicators = [*others, indicator]
+    count = len(indicators) + 1
     products = np.empty((count, count))
-    products[0, 0] = own.shape[0]
-    for k, one in enumerate(every, start=1):
-        products[0, k] = products[k, 0] = (one.data**2).sum()
-        for m, other in enumerate(every[:k], start=1):
-            products[k, m] = products[m, k] = ((one.T @ other).data ** 2).sum()
+    products[0, 0] = indicator.shape[0]
+    for k, left in enumerate(indicators, start=1):
+        products[0, k] = products[k, 0] = (left.data**2).sum()
+        for m, right in enumerate(indicators[:k], start=1):
+            products[k, m] = products[m, k] = ((left.T @ right).data ** 2).sum()
     scale = np.sqrt(np.diag(products))
     products /= np.outer(scale, scale)
     coefficients = np.linalg.lstsq(products[:-1, :-1], products[:-1, -1], rcond=None)[0]
     return float(1 - coefficients @ products[:-1, -1])
 
 
-def _same_levels(one: GroupTerm, other: GroupTerm, groupings: Mapping[GroupTerm, Grouping]) -> bool:
-    if one.slope or other.slope:
+def _same_levels(left: GroupTerm, right: GroupTerm, groupings: Mapping[GroupTerm, Grouping]) -> bool:
+    if left.slope or right.slope:
         return False
-    a, b = groupings[one], groupings[other]
+    a, b = groupings[left], groupings[right]
     pairs = len(np.unique(np.stack([a.code, b.code]), axis=1).T)
     return len(a.levels) == len(b.levels) == pairs
 
 
-def _same(term: GroupTerm, other: GroupTerm) -> Fault:
-    mine, its = (_WORDS.get(each.grouping, each.grouping) for each in (term, other))
+def _same(term: GroupTerm, earlier: GroupTerm) -> Fault:
+    mine, its = (_WORDS.get(t.grouping, t.grouping) for t in (term, earlier))
     plural = {"person": "people", "condition": "conditions"}
     expected = f"{plural.get(its, f'levels of {its}')} in several {plural.get(mine, f'levels of {mine}')}, "
     expected += f"or several {plural.get(its, f'levels of {its}')} in one"

@@ -33,30 +33,30 @@ class PopulationDesign(NamedTuple):
     are empty: their columns are zero, and so is all that is summed over their impacts.
 
     Attributes:
-        cell: of each impact, its place in the table.
-        members: the impacts of each place, some repeats at once; one past the last impact where none is.
+        cell: of each impact, its entry of the table.
+        members: the impacts of each entry, some repeats at once; one past the last impact where none is.
         level: of each row of the table.
-        inner: of each parameter of an impact, the values of the columns of its own effects at every place.
+        inner: of each parameter of an impact, the columns of its level's effects at every entry.
         inner_element: which elements of b these are, one past the last of b where a level has fewer.
-        rest: of each parameter, the columns of all other elements of b; of one row where all rows' are alike.
-        rest_element: which elements these are.
+        outer: of each parameter, the columns of all other elements of b, one row where all rows' are alike.
+        outer_element: which elements these are.
     """
 
     cell: Int[np.ndarray | Array, " impact"]
-    members: Int[np.ndarray | Array, "block repeat place"]
+    members: Int[np.ndarray | Array, "block repeat entry"]
     level: Int[np.ndarray | Array, " row"]
-    inner: tuple[Float[Any, "own row slot"], ...]
-    inner_element: tuple[Int[Any, "own group"], ...]
-    rest: tuple[Float[Any, "#row slot part"], ...]
-    rest_element: tuple[Int[Any, " part"], ...]
+    inner: tuple[Float[Any, "inner row slot"], ...]
+    inner_element: tuple[Int[Any, "inner group"], ...]
+    outer: tuple[Float[Any, "#row slot part"], ...]
+    outer_element: tuple[Int[Any, " part"], ...]
 
-    def some(self, rows: Int[np.ndarray, " row"]) -> PopulationDesign:
+    def subset(self, rows: Int[np.ndarray, " row"]) -> PopulationDesign:
         """The same population over some of the impacts."""
         cell = np.asarray(self.cell)[rows]
         return self._replace(cell=cell, members=_members(cell, self.members.shape[2]))
 
-    def to_cells(self, values: Float[Array, "*batch impact"]) -> Float[Array, "*batch place"]:
-        """Sums over each place's impacts."""
+    def to_cells(self, values: Float[Array, "*batch impact"]) -> Float[Array, "*batch entry"]:
+        """Sums over each entry's impacts."""
         none = jnp.zeros((*values.shape[:-1], 1))
         return jnp.concatenate([values, none], axis=-1)[..., self.members].sum((-3, -2))
 
@@ -70,14 +70,14 @@ def expected(
 
 def expected_by_cell(
     design: PopulationDesign, b: Float[Array, "*draw location"]
-) -> Float[Array, "parameter *draw place"]:
-    """X b of every place: the expectation of each of an impact's parameters there."""
+) -> Float[Array, "parameter *draw entry"]:
+    """X b of every entry: the expectation of each of an impact's parameters there."""
     padded = jnp.concatenate([jnp.asarray(b), jnp.zeros((*b.shape[:-1], 1))], axis=-1)
     values = []
-    for inner, element, rest, others in zip(*design[3:], strict=True):
-        value = jnp.einsum("...p,rsp->...rs", padded[..., others], jnp.asarray(rest))
-        own = padded[..., element][..., jnp.asarray(design.level), None]
-        value = value + (jnp.asarray(inner) * own).sum(-3)
+    for inner, element, outer, others in zip(*design[3:], strict=True):
+        value = jnp.einsum("...p,rsp->...rs", padded[..., others], jnp.asarray(outer))
+        inner_b = padded[..., element][..., jnp.asarray(design.level), None]
+        value = value + (jnp.asarray(inner) * inner_b).sum(-3)
         values.append(value.reshape(*b.shape[:-1], -1))
     return jnp.stack(values)
 
@@ -98,49 +98,49 @@ def arrange(
     """
     begins = np.cumsum([0, *(matrix.shape[1] for matrix in columns)])
     nesting = min(_nestings(columns, begins, groups), key=_Nesting.cost)
-    # A cell of many more impacts than others takes several places, each with the cell's row of the design.
+    # A cell of many more impacts than others takes several entries, each with the cell's row of the design.
     part, _, _ = _positions(np.asarray(cell), len(columns[0]))
-    (of_place, _), place = _distinct(np.asarray(cell), part)
-    part, slot, slots = _positions(nesting.level[of_place], nesting.levels)
-    alike = _slots_alike(nesting, columns, of_place)
-    if alike is not None:
-        part, slot, slots = np.zeros_like(alike), alike, int(alike.max()) + 1
+    (cell_of_entry, _), entry = _distinct(np.asarray(cell), part)
+    part, slot, slots = _positions(nesting.level[cell_of_entry], nesting.levels)
+    shared_slot = _shared_slots(nesting, columns, cell_of_entry)
+    if shared_slot is not None:
+        part, slot, slots = np.zeros_like(shared_slot), shared_slot, int(shared_slot.max()) + 1
     slots = bucket(slots)
-    every = np.arange(nesting.levels)
+    all_levels = np.arange(nesting.levels)
     (level, _), row = _distinct(
-        np.append(nesting.level[of_place], every), np.append(part, np.zeros_like(every))
+        np.append(nesting.level[cell_of_entry], all_levels), np.append(part, np.zeros_like(all_levels))
     )
-    at, places = row[: len(slot)] * slots + slot, len(level) * slots
-    inner, inner_element, rest, rest_element = [], [], [], []
+    at, entries = row[: len(slot)] * slots + slot, len(level) * slots
+    inner, inner_element, outer, outer_element = [], [], [], []
     for matrix, begin in zip(columns, begins[:-1], strict=True):
         element = nesting.elements(begin, begin + matrix.shape[1])
         padded = np.concatenate([matrix, np.zeros((len(matrix), 1))], axis=1)
         column = np.where(element < begins[-1], element - begin, matrix.shape[1])
-        values = np.zeros((len(element), places))
-        values[:, at] = padded[of_place, column[:, nesting.level[of_place]]]
+        values = np.zeros((len(element), entries))
+        values[:, at] = padded[cell_of_entry, column[:, nesting.level[cell_of_entry]]]
         others = np.setdiff1d(np.arange(begin, begin + matrix.shape[1]), element)
-        laid = np.zeros((places if alike is None else slots, len(others)))
-        laid[at if alike is None else slot] = matrix[of_place][:, others - begin]
+        outer_columns = np.zeros((entries if shared_slot is None else slots, len(others)))
+        outer_columns[at if shared_slot is None else slot] = matrix[cell_of_entry][:, others - begin]
         inner.append(values.reshape(len(element), len(level), slots))
         inner_element.append(element)
-        rest.append(laid.reshape(-1, slots, len(others)))
-        rest_element.append(others)
-    arranged = tuple(map(tuple, (inner, inner_element, rest, rest_element)))
-    return PopulationDesign(at[place], _members(at[place], places), level, *arranged)
+        outer.append(outer_columns.reshape(-1, slots, len(others)))
+        outer_element.append(others)
+    arranged = tuple(map(tuple, (inner, inner_element, outer, outer_element)))
+    return PopulationDesign(at[entry], _members(at[entry], entries), level, *arranged)
 
 
-def _slots_alike(
-    nesting: _Nesting, columns: Sequence[np.ndarray], of_place: np.ndarray
-) -> Int[np.ndarray, " place"] | None:
-    """Of each place a slot whose columns of the rest are the same in all rows, if that is possible.
+def _shared_slots(
+    nesting: _Nesting, columns: Sequence[np.ndarray], cell_of_entry: np.ndarray
+) -> Int[np.ndarray, " entry"] | None:
+    """Of each entry a slot whose outer columns are the same in all rows, if that is possible.
 
     Where all people meet the same conditions, a slot is a condition, and one person's columns are everyone's.
     """
     whole = np.concatenate(columns, axis=1)[:, nesting.of_element < 0]
-    found, code = np.unique(whole, axis=0, return_inverse=True)
-    slot, level = code.reshape(-1)[of_place], nesting.level[of_place]
+    distinct, code = np.unique(whole, axis=0, return_inverse=True)
+    slot, level = code.reshape(-1)[cell_of_entry], nesting.level[cell_of_entry]
     several = len(_distinct(level, slot)[0][0]) < len(slot)
-    return None if several or nesting.levels * len(found) > _MOST_EMPTY * len(slot) else slot
+    return None if several or nesting.levels * len(distinct) > _MOST_EMPTY * len(slot) else slot
 
 
 @dataclass(frozen=True)
@@ -152,14 +152,14 @@ class _Nesting:
     of_element: Int[np.ndarray, " location"]
     begins: Int[np.ndarray, " end"]
 
-    def elements(self, begin: int, end: int) -> Int[np.ndarray, "own level"]:
+    def elements(self, begin: int, end: int) -> Int[np.ndarray, "inner level"]:
         """Each level's elements of b among some, one past the last where it has fewer than others."""
-        of = self.of_element[begin:end]
-        own = np.flatnonzero(of >= 0)
-        number = np.bincount(of[own], minlength=self.levels)
+        levels = self.of_element[begin:end]
+        nested = np.flatnonzero(levels >= 0)
+        number = np.bincount(levels[nested], minlength=self.levels)
         table = np.full((number.max(), self.levels), self.begins[-1])
-        _, position, _ = _positions(of[own], self.levels, most_empty=np.inf)
-        table[position, of[own]] = begin + own
+        _, position, _ = _positions(levels[nested], self.levels, most_empty=np.inf)
+        table[position, levels[nested]] = begin + nested
         return table
 
     def cost(self) -> float:
@@ -185,9 +185,9 @@ def _nestings(
             continue
         level, levels = factor.argmax(1), factor.shape[1]
         of_element = nothing.copy()
-        for group, own in zip(groups, present, strict=True):
-            cells, effects = np.nonzero(own)
-            least, greatest = np.full(own.shape[1], levels), np.full(own.shape[1], -1)
+        for group, nonzero in zip(groups, present, strict=True):
+            cells, effects = np.nonzero(nonzero)
+            least, greatest = np.full(nonzero.shape[1], levels), np.full(nonzero.shape[1], -1)
             np.minimum.at(least, effects, level[cells])
             np.maximum.at(greatest, effects, level[cells])
             nested = np.where(least == greatest, least, -1)
@@ -201,7 +201,7 @@ def _nestings(
 def _positions(
     codes: Int[np.ndarray, " item"], count: int, *, most_empty: float = _MOST_EMPTY
 ) -> tuple[Int[np.ndarray, " item"], Int[np.ndarray, " item"], int]:
-    """Items of the same code in parts of one length: of each its part, its place there, and the length."""
+    """Items of the same code in parts of one length: of each its part, its position there, and the length."""
     order = np.argsort(codes, kind="stable")
     number = np.bincount(codes, minlength=count)
     position = np.empty_like(order)
@@ -214,15 +214,15 @@ def _positions(
 
 def _distinct(*keys: Int[np.ndarray, " item"]) -> tuple[Int[np.ndarray, "key one"], Int[np.ndarray, " item"]]:
     """The different items, in order, and which of these each item is."""
-    found, which = np.unique(np.stack(keys), axis=1, return_inverse=True)
-    return found, which.reshape(-1)
+    items, which = np.unique(np.stack(keys), axis=1, return_inverse=True)
+    return items, which.reshape(-1)
 
 
-def _members(place: Int[np.ndarray, " impact"], places: int) -> Int[np.ndarray, "block repeat place"]:
-    _, position, repeats = _positions(place, places, most_empty=np.inf)
+def _members(entry: Int[np.ndarray, " impact"], entries: int) -> Int[np.ndarray, "block repeat entry"]:
+    _, position, repeats = _positions(entry, entries, most_empty=np.inf)
     repeats = bucket(repeats)
-    blocks = -(-repeats * places // max(AT_ONCE, places))
-    each = -(-repeats // blocks)
-    members = np.full((blocks * each, places), len(place))
-    members[position, place] = np.arange(len(place))
-    return members.reshape(blocks, each, places)
+    blocks = -(-repeats * entries // max(AT_ONCE, entries))
+    per_block = -(-repeats // blocks)
+    members = np.full((blocks * per_block, entries), len(entry))
+    members[position, entry] = np.arange(len(entry))
+    return members.reshape(blocks, per_block, entries)

@@ -21,47 +21,52 @@ from bayestissue.likelihood import small
 
 
 class Expansion(NamedTuple):
-    """What the sites leave out of the log density of each place's impacts, to second order.
+    """What the sites leave out of the log density of each entry's impacts, to second order.
 
     As a function of v, which holds X b, then the covariance (KK, KC, CC) of log K and log C about it, then
     the other parameters' variances.
 
     Attributes:
-        about: X b where it was made.
+        prior_mean: X b where it was made.
         covariances: the rest of v where it was made.
-        slope: first derivatives, summed over a place's impacts.
+        slope: first derivatives, summed over an entry's impacts.
         bend: second derivatives.
     """
 
-    about: Float[Array, "parameter place"]
+    prior_mean: Float[Array, "parameter entry"]
     covariances: Float[Array, " entry"]
-    slope: Float[Array, "v place"]
-    bend: Float[Array, "v v place"]
+    slope: Float[Array, "v entry"]
+    bend: Float[Array, "v v entry"]
 
-    def value(self, about: Float[Array, "parameter place"], covariances: Covariances) -> Array:
-        """Of each place, where X b is ``about``."""
-        away = self._away(about, covariances)
-        return (away * (self.slope + self._bent(away) / 2)).sum(0)
+    def value(self, prior_mean: Float[Array, "parameter entry"], covariances: Covariances) -> Array:
+        """Of each entry, where X b is ``prior_mean``."""
+        deviation = self._deviation(prior_mean, covariances)
+        return (deviation * (self.slope + self._curved(deviation) / 2)).sum(0)
 
-    def added_to(self, sums: CellSums, about: Float[Array, "parameter place"], to: Covariances) -> CellSums:
-        """The sums at ``about`` with the expansion in them."""
-        turned = self.slope + self._bent(self._away(about, to))
-        size = len(about)
-        weight, constant = sums.weight - self.bend[:size, :size], sums.constant + self.value(about, to)
-        return CellSums(weight, sums.pull + turned[:size], constant)
+    def added_to(
+        self, sums: CellSums, prior_mean: Float[Array, "parameter entry"], to: Covariances
+    ) -> CellSums:
+        """The sums at ``prior_mean`` with the expansion in them."""
+        slope = self.slope + self._curved(self._deviation(prior_mean, to))
+        size = len(prior_mean)
+        precision, constant = (
+            sums.precision - self.bend[:size, :size],
+            sums.constant + self.value(prior_mean, to),
+        )
+        return CellSums(precision, sums.shift + slope[:size], constant)
 
-    def _bent(self, away: Float[Array, "v place"]) -> Float[Array, "v place"]:
-        return jnp.stack(small.times(self.bend, away))
+    def _curved(self, deviation: Float[Array, "v entry"]) -> Float[Array, "v entry"]:
+        return jnp.stack(small.times(self.bend, deviation))
 
-    def _away(self, about: Array, covariances: Covariances) -> Array:
+    def _deviation(self, prior_mean: Array, covariances: Covariances) -> Array:
         moved = flat_covariances(covariances) - self.covariances
-        common = jnp.broadcast_to(moved[:, None], (len(moved), about.shape[1]))
-        return jnp.concatenate([about - self.about, common])
+        common = jnp.broadcast_to(moved[:, None], (len(moved), prior_mean.shape[1]))
+        return jnp.concatenate([prior_mean - self.prior_mean, common])
 
 
 def flat_covariances(covariances: Covariances) -> Float[Array, "*draw entry"]:
     """The entries as `Expansion` has them."""
-    return jnp.stack([*covariances.own, *(sd**2 for sd in covariances.nuisance)], axis=-1)
+    return jnp.stack([*covariances.pair, *(sd**2 for sd in covariances.nuisance)], axis=-1)
 
 
 class Data(NamedTuple):
@@ -70,20 +75,20 @@ class Data(NamedTuple):
     Attributes:
         design: X, arranged.
         mean: b's prior mean.
-        laid: the sites by place, see `bayestissue.hierarchy.gaussian.impacts.lay`.
+        blocked_sites: see `bayestissue.hierarchy.gaussian.impacts.sites_by_cell`.
         expansion: of what the sites leave out, where that is part of the density.
     """
 
     design: PopulationDesign
     mean: Float[Array, " location"]
-    laid: SitesFirst
+    blocked_sites: SitesFirst
     expansion: Expansion | None = None
 
     def sums(self, covariances: Covariances) -> CellSums:
-        """What the impacts of each place say of X b, their own parameters integrated out."""
-        about = expected_by_cell(self.design, self.mean)
-        sums = cell_sums(covariances.of_impact(), about, self.laid)
-        return sums if self.expansion is None else self.expansion.added_to(sums, about, covariances)
+        """What the impacts of each entry say of X b, their own parameters integrated out."""
+        prior_mean = expected_by_cell(self.design, self.mean)
+        sums = cell_sums(covariances.of_impact(), prior_mean, self.blocked_sites)
+        return sums if self.expansion is None else self.expansion.added_to(sums, prior_mean, covariances)
 
 
 def log_marginal(data: Data, covariances: Covariances) -> Float[Array, ""]:

@@ -40,42 +40,42 @@ class EffectsPrecision(NamedTuple):
     partner: Int[Array, " location+1"] | None
     between: Float[Array, " location+1"] | None
 
-    def among(self, elements: Int[Array, " own *level"]) -> Float[Array, "own own *level"]:
+    def among(self, elements: Int[Array, " inner *level"]) -> Float[Array, "inner inner *level"]:
         """The entries among some elements of b, level by level."""
         size = len(elements)
         one = jnp.eye(size).reshape(size, size, *[1] * (elements.ndim - 1))
-        found = one * self.diagonal[elements][None]
+        entries = one * self.diagonal[elements][None]
         if self.partner is None or self.between is None:
-            return found
+            return entries
         paired = self.partner[elements][:, None] == elements[None]
-        return found + jnp.where(paired, self.between[elements][:, None], 0.0)
+        return entries + jnp.where(paired, self.between[elements][:, None], 0.0)
 
 
 class Covariances(NamedTuple):
     """Covariance of an impact's parameters about X b, and the standard deviations of b's elements.
 
     Attributes:
-        own: of (log K, log C) at the recorded mass, as (KK, KC, CC).
+        pair: of (log K, log C) at the recorded mass, as (KK, KC, CC).
         nuisance: standard deviation of each nuisance parameter between impacts.
         locations: prior standard deviation of each element of b, a shared error left out.
         shared: the error of mass that a person's two effects share, where the mass is a person's own; b's
             effects of people are then those at the recorded mass.
     """
 
-    own: tuple[Array, Array, Array]
+    pair: tuple[Array, Array, Array]
     nuisance: tuple[Array, ...]
     locations: Float[Array, " location"]
     shared: SharedMassError | None = None
 
     @property
-    def of_pair(self) -> Float[Array, "2 2 *batch"]:
+    def pair_matrix(self) -> Float[Array, "2 2 *batch"]:
         """That of (log K, log C) as a matrix."""
-        kk, kc, cc = self.own
+        kk, kc, cc = self.pair
         return small.stacked([[kk, kc], [kc, cc]])
 
     def of_impact(self) -> ImpactPrior:
         """The conditional prior of an impact's parameters about X b."""
-        kk, kc, cc = self.own
+        kk, kc, cc = self.pair
         determinant = kk * cc - kc**2
         size = 2 + len(self.nuisance)
         rows = [[jnp.zeros_like(kk)] * size for _ in range(size)]
@@ -96,8 +96,8 @@ class Covariances(NamedTuple):
         diagonal = diagonal.at[on_K].set((C + variance) / determinant)
         diagonal = diagonal.at[on_C].set((K + variance) / determinant)
         partner = jnp.full(len(diagonal), -1).at[on_K].set(on_C).at[on_C].set(on_K)
-        both = jnp.concatenate([on_K, on_C])
-        between = jnp.zeros_like(diagonal).at[both].set(jnp.tile(-variance / determinant, 2))
+        elements = jnp.concatenate([on_K, on_C])
+        between = jnp.zeros_like(diagonal).at[elements].set(jnp.tile(-variance / determinant, 2))
         return EffectsPrecision(diagonal, partner, between)
 
     def log_scale(self) -> Float[Array, ""]:
@@ -109,7 +109,7 @@ class Covariances(NamedTuple):
         return alone + jnp.log(determinant / (K * C)).sum() / 2
 
     def _pairs(self) -> tuple[Array, Array, Array]:
-        """Of each person: the variances of the own effects, and the covariance's determinant."""
+        """Of each person: the variances of the two effects, and the covariance's determinant."""
         assert self.shared is not None  # noqa: S101 - the callers ask
         K, C = self.locations[self.shared.effect_on_K] ** 2, self.locations[self.shared.effect_on_C] ** 2
         return K, C, K * C + self.shared.variance * (K + C)

@@ -30,32 +30,32 @@ class EffectsConditional(NamedTuple):
     """b given the hyperparameters and all data, less its prior mean: a normal of the precision's factors.
 
     Attributes:
-        factor: L, of each level's own elements.
-        coupling: L^-1 times their products with the rest.
-        half: L^-1 times what pulls them.
-        rest_factor: F, of the rest once these are eliminated.
-        rest_half: F^-1 times what then pulls the rest.
+        factor: L, of each level's inner elements.
+        coupling: L^-1 times their products with the outer elements.
+        half: L^-1 times their shift.
+        outer_factor: F, of the outer elements once these are eliminated.
+        outer_half: F^-1 times their shift then.
     """
 
     factor: small.Triangle
-    coupling: Float[Array, "own rest level"]
-    half: Float[Array, "own level"]
-    rest_factor: Float[Array, "rest rest"]
-    rest_half: Float[Array, " rest"]
+    coupling: Float[Array, "inner outer level"]
+    half: Float[Array, "inner level"]
+    outer_factor: Float[Array, "outer outer"]
+    outer_half: Float[Array, " outer"]
 
     def log_density(self) -> Float[Array, ""]:
         """What integrating b out adds to the log density at its prior mean, but for the prior's scale."""
-        squares = (self.half**2).sum() + (self.rest_half**2).sum()
-        scale = small.log_diagonal(self.factor).sum() + jnp.log(jnp.diagonal(self.rest_factor)).sum()
+        squares = (self.half**2).sum() + (self.outer_half**2).sum()
+        scale = small.log_diagonal(self.factor).sum() + jnp.log(jnp.diagonal(self.outer_factor)).sum()
         return squares / 2 - scale
 
     def solve_upper(
-        self, own: Float[Array, "own level"], rest: Float[Array, " rest"]
-    ) -> tuple[Float[Array, "own level"], Float[Array, " rest"]]:
+        self, inner: Float[Array, "inner level"], outer: Float[Array, " outer"]
+    ) -> tuple[Float[Array, "inner level"], Float[Array, " outer"]]:
         """The inverse of the whole factor's transpose times a vector."""
-        rest = solve_triangular(self.rest_factor, rest, lower=True, trans=1)
-        left = own - (self.coupling * rest[:, None]).sum(1)
-        return _stacked(small.solve_upper(self.factor, left), own), rest
+        outer = solve_triangular(self.outer_factor, outer, lower=True, trans=1)
+        left = inner - (self.coupling * outer[:, None]).sum(1)
+        return _stacked(small.solve_upper(self.factor, left), inner), outer
 
 
 def log_density_of_cells(
@@ -68,11 +68,11 @@ def log_density_of_cells(
     Args:
         design: X, arranged.
         covariances: of which those of b count.
-        sums: what the data of each place say of X b.
+        sums: what the data of each entry say of X b.
     """
-    own, rest = _elements(design)
+    inner, outer = _elements(design)
     precision = covariances.of_effects()
-    gained = _integrated(precision.among(own), precision.among(rest), sums.weight, sums.pull, design)
+    gained = _integrated(precision.among(inner), precision.among(outer), sums.precision, sums.shift, design)
     return sums.constant.sum() + gained - covariances.log_scale()
 
 
@@ -80,10 +80,12 @@ def integrate_effects(
     design: PopulationDesign, covariances: Covariances, sums: CellSums
 ) -> tuple[EffectsConditional, Float[Array, ""]]:
     """What is needed to draw b, and `log_density_of_cells`."""
-    own, rest = _elements(design)
+    inner, outer = _elements(design)
     precision = covariances.of_effects()
-    found = _eliminated(precision.among(own), precision.among(rest), sums.weight, sums.pull, design)
-    return found, sums.constant.sum() + found.log_density() - covariances.log_scale()
+    conditional = _eliminated(
+        precision.among(inner), precision.among(outer), sums.precision, sums.shift, design
+    )
+    return conditional, sums.constant.sum() + conditional.log_density() - covariances.log_scale()
 
 
 def effects_from_standard(
@@ -102,53 +104,53 @@ def effects_from_standard(
         mean: b's prior mean.
         standard: as many standard normals as b has elements.
     """
-    own, rest = _elements(design)
-    half, rest_half = conditional.half, conditional.rest_half
+    inner, outer = _elements(design)
+    half, outer_half = conditional.half, conditional.outer_half
     if standard is not None:
         padded = jnp.append(standard, 0.0)
-        half, rest_half = half + padded[own], rest_half + padded[rest]
-    half, rest_half = conditional.solve_upper(half, rest_half)
-    moved = jnp.zeros(len(mean) + 1).at[rest].set(rest_half).at[own].set(half)
+        half, outer_half = half + padded[inner], outer_half + padded[outer]
+    half, outer_half = conditional.solve_upper(half, outer_half)
+    moved = jnp.zeros(len(mean) + 1).at[outer].set(outer_half).at[inner].set(half)
     return mean + moved[:-1]
 
 
 def _elements(design: PopulationDesign) -> tuple[Array, Array]:
-    """Elements of b that are each level's own, and the others."""
-    return jnp.concatenate(design.inner_element), jnp.concatenate(design.rest_element)
+    """Elements of b that lie within a level, and the others."""
+    return jnp.concatenate(design.inner_element), jnp.concatenate(design.outer_element)
 
 
 def _eliminated(
-    own_prior: Array, rest_prior: Array, weight: Array, pull: Array, design: PopulationDesign
+    inner_prior: Array, outer_prior: Array, precision: Array, shift: Array, design: PopulationDesign
 ) -> EffectsConditional:
     table = design.inner[0].shape[1:]
-    inner, rest = design.inner, design.rest
-    weight, pull = weight.reshape(*weight.shape[:2], *table), pull.reshape(len(pull), *table)
+    inner, outer = design.inner, design.outer
+    precision, shift = precision.reshape(*precision.shape[:2], *table), shift.reshape(len(shift), *table)
 
     def by_level(values: Array) -> Array:
         return _by_level(values, design)
 
-    def of_own(a: int, b: int) -> Array:
-        return by_level((inner[a][:, None] * weight[a, b] * inner[b][None]).sum(-1))
+    def inner_covariance(a: int, b: int) -> Array:
+        return by_level((inner[a][:, None] * precision[a, b] * inner[b][None]).sum(-1))
 
     def across(a: int, b: int) -> Array:
-        return by_level(_times_rest(inner[a] * weight[a, b], rest[b]))
+        return by_level(_times_outer(inner[a] * precision[a, b], outer[b]))
 
-    def of_rest(a: int, b: int) -> Array:
-        left, right = (_flat(columns) for columns in (rest[a], rest[b]))
-        return left.T @ (_as_rest(weight[a, b], rest[a])[:, None] * right)
+    def outer_square(a: int, b: int) -> Array:
+        left, right = (_flat(columns) for columns in (outer[a], outer[b]))
+        return left.T @ (_as_outer(precision[a, b], outer[a])[:, None] * right)
 
-    size = range(len(weight))
-    factor = small.cholesky(_symmetric(of_own, size) + own_prior)
+    size = range(len(precision))
+    factor = small.cholesky(_symmetric(inner_covariance, size) + inner_prior)
     coupled = _assembled(across, size)
     coupling = _stacked(small.solve_lower(factor, coupled), coupled)
-    pulled = by_level(jnp.concatenate([(inner[a] * pull[a]).sum(-1) for a in size]))
-    half = _stacked(small.solve_lower(factor, pulled), pulled)
-    left = _symmetric(of_rest, size) + rest_prior - jnp.einsum("iql,ipl->qp", coupling, coupling)
-    right = jnp.concatenate([_flat(rest[a]).T @ _as_rest(pull[a], rest[a]) for a in size])
-    rest_factor = jnp.linalg.cholesky(left)
+    inner_shift = by_level(jnp.concatenate([(inner[a] * shift[a]).sum(-1) for a in size]))
+    half = _stacked(small.solve_lower(factor, inner_shift), inner_shift)
+    left = _symmetric(outer_square, size) + outer_prior - jnp.einsum("iql,ipl->qp", coupling, coupling)
+    right = jnp.concatenate([_flat(outer[a]).T @ _as_outer(shift[a], outer[a]) for a in size])
+    outer_factor = jnp.linalg.cholesky(left)
     right = right - (coupling * half[:, None]).sum((0, 2))
     return EffectsConditional(
-        factor, coupling, half, rest_factor, solve_triangular(rest_factor, right, lower=True)
+        factor, coupling, half, outer_factor, solve_triangular(outer_factor, right, lower=True)
     )
 
 
@@ -156,25 +158,25 @@ def _stacked(entries: Sequence[Array], like: Array) -> Array:
     return jnp.stack(entries) if entries else like
 
 
-def _flat(columns: Float[Array, "#row slot part"]) -> Float[Array, "place part"]:
+def _flat(columns: Float[Array, "#row slot part"]) -> Float[Array, "entry part"]:
     return columns.reshape(-1, columns.shape[2])
 
 
-def _as_rest(values: Float[Array, "row slot"], columns: Float[Array, "#row slot part"]) -> Array:
+def _as_outer(values: Float[Array, "row slot"], columns: Float[Array, "#row slot part"]) -> Array:
     """Sums over the rows of the table for which the columns are alike."""
     return values.sum(0) if len(columns) == 1 else values.ravel()
 
 
-def _times_rest(
-    values: Float[Array, "own row slot"], columns: Float[Array, "#row slot part"]
-) -> Float[Array, "own part row"]:
-    """Products with the columns of the rest, summed over slots."""
+def _times_outer(
+    values: Float[Array, "inner row slot"], columns: Float[Array, "#row slot part"]
+) -> Float[Array, "inner part row"]:
+    """Products with the outer columns, summed over slots."""
     if len(columns) == 1:
         return jnp.moveaxis(values @ columns[0], 2, 1)
     return jnp.einsum("irs,rsq->iqr", values, columns)
 
 
-def _by_level(values: Float[Array, "*own row"], design: PopulationDesign) -> Float[Array, "*own level"]:
+def _by_level(values: Float[Array, "*inner row"], design: PopulationDesign) -> Float[Array, "*inner level"]:
     """Sums over each level's rows of the table."""
     levels = design.inner_element[0].shape[1]
     if levels == values.shape[-1]:
@@ -196,59 +198,61 @@ def _symmetric(entry: Callable[[int, int], Array], size: Sequence[int]) -> Array
 
 @jax.custom_vjp
 def _integrated(
-    own_prior: Array, rest_prior: Array, weight: Array, pull: Array, design: PopulationDesign
+    inner_prior: Array, outer_prior: Array, precision: Array, shift: Array, design: PopulationDesign
 ) -> Array:
-    return _eliminated(own_prior, rest_prior, weight, pull, design).log_density()
+    return _eliminated(inner_prior, outer_prior, precision, shift, design).log_density()
 
 
-def _forward(own_prior: Array, rest_prior: Array, weight: Array, pull: Array, design: Any) -> tuple[Any, Any]:
-    found = _eliminated(own_prior, rest_prior, weight, pull, design)
-    return found.log_density(), (found, design)
+def _forward(
+    inner_prior: Array, outer_prior: Array, precision: Array, shift: Array, design: Any
+) -> tuple[Any, Any]:
+    conditional = _eliminated(inner_prior, outer_prior, precision, shift, design)
+    return conditional.log_density(), (conditional, design)
 
 
-def _backward(kept: tuple[EffectsConditional, PopulationDesign], change: Array) -> tuple[Any, ...]:
+def _backward(saved: tuple[EffectsConditional, PopulationDesign], change: Array) -> tuple[Any, ...]:
     """By Fisher's identity minus half the expected squares of what each precision is of, given the data.
 
-    By pull that is the mean of X b less its prior mean.
+    By shift that is the mean of X b less its prior mean.
     """
-    found, design = kept
+    conditional, design = saved
     size = range(len(design.inner))
-    rest_covariance = cho_solve((found.rest_factor, True), jnp.eye(len(found.rest_half)))
-    gain = _stacked(small.solve_upper(found.factor, found.coupling), found.coupling)
-    across = -jnp.einsum("iql,qp->ipl", gain, rest_covariance)
+    outer_covariance = cho_solve((conditional.outer_factor, True), jnp.eye(len(conditional.outer_half)))
+    gain = _stacked(small.solve_upper(conditional.factor, conditional.coupling), conditional.coupling)
+    across = -jnp.einsum("iql,qp->ipl", gain, outer_covariance)
     covariance = -jnp.einsum("iql,jql->ijl", across, gain)
-    if found.factor:
-        covariance = covariance + small.stacked(small.squared(small.inverse_factor(found.factor)))
-    own, rest = found.solve_upper(found.half, found.rest_half)
-    inner_parts, rest_parts = _parts(design.inner, 0), _parts(design.rest, 2)
+    if conditional.factor:
+        covariance = covariance + small.stacked(small.squared(small.inverse_factor(conditional.factor)))
+    inner, outer = conditional.solve_upper(conditional.half, conditional.outer_half)
+    inner_parts, outer_parts = _parts(design.inner, 0), _parts(design.outer, 2)
     rows = jnp.asarray(design.level)
 
     def mean(a: int) -> Array:
-        value = (design.inner[a] * own[inner_parts[a]][:, rows, None]).sum(0)
-        return (value + design.rest[a] @ rest[rest_parts[a]]).ravel()
+        value = (design.inner[a] * inner[inner_parts[a]][:, rows, None]).sum(0)
+        return (value + design.outer[a] @ outer[outer_parts[a]]).ravel()
 
     def one_side(a: int, b: int) -> Array:
-        own_to_rest = jnp.moveaxis(across[inner_parts[a], rest_parts[b]][..., rows], 1, 2)
-        if len(design.rest[b]) == 1:
-            between = own_to_rest @ design.rest[b][0].T
+        inner_to_outer = jnp.moveaxis(across[inner_parts[a], outer_parts[b]][..., rows], 1, 2)
+        if len(design.outer[b]) == 1:
+            between = inner_to_outer @ design.outer[b][0].T
         else:
-            between = jnp.einsum("irq,rsq->irs", own_to_rest, design.rest[b])
+            between = jnp.einsum("irq,rsq->irs", inner_to_outer, design.outer[b])
         return (design.inner[a] * between).sum(0)
 
     def scatter(a: int, b: int) -> Array:
-        of_own = covariance[inner_parts[a], inner_parts[b]][..., rows, None]
-        within = (design.inner[a][:, None] * of_own * design.inner[b][None]).sum((0, 1))
-        of_rest = (design.rest[a] @ rest_covariance[rest_parts[a], rest_parts[b]]) * design.rest[b]
-        return (within + of_rest.sum(-1) + one_side(a, b) + one_side(b, a)).ravel()
+        inner_covariance = covariance[inner_parts[a], inner_parts[b]][..., rows, None]
+        within = (design.inner[a][:, None] * inner_covariance * design.inner[b][None]).sum((0, 1))
+        outer_square = (design.outer[a] @ outer_covariance[outer_parts[a], outer_parts[b]]) * design.outer[b]
+        return (within + outer_square.sum(-1) + one_side(a, b) + one_side(b, a)).ravel()
 
-    about = jnp.stack([mean(a) for a in size])
+    mean_by_cell = jnp.stack([mean(a) for a in size])
     upper = {pair: scatter(*pair) for pair in itertools.combinations_with_replacement(size, 2)}
     squares = jnp.stack([jnp.stack([upper[min(a, b), max(a, b)] for b in size]) for a in size])
     return (
-        -change / 2 * (covariance + own[:, None] * own[None]),
-        -change / 2 * (rest_covariance + rest[:, None] * rest[None]),
-        -change / 2 * (squares + about[:, None] * about[None]),
-        change * about,
+        -change / 2 * (covariance + inner[:, None] * inner[None]),
+        -change / 2 * (outer_covariance + outer[:, None] * outer[None]),
+        -change / 2 * (squares + mean_by_cell[:, None] * mean_by_cell[None]),
+        change * mean_by_cell,
         None,
     )
 

@@ -40,15 +40,15 @@ class Sites(NamedTuple):
 
     def log_density(self, u: Any) -> Any:
         """Log of the sites at ``u``."""
-        away = u - self.centre
-        bent = (self.precision * away[..., None, :]).sum(-1)
-        return self.log_likelihood + (away * (self.slope - bent / 2)).sum(-1)
+        deviation = u - self.centre
+        curved = (self.precision * deviation[..., None, :]).sum(-1)
+        return self.log_likelihood + (deviation * (self.slope - curved / 2)).sum(-1)
 
 
 class SitesFirst(NamedTuple):
     """`Sites` with the axes of parameters before those of impacts, of which there may be several.
 
-    Laid out by `lay` they have one axis more before all of these, of blocks.
+    Arranged by `sites_by_cell` they have one axis more before all of these, of blocks.
     """
 
     centre: Float[Array, " ..."]
@@ -84,11 +84,11 @@ class ImpactConditional:
     factor: small.Triangle
 
     @classmethod
-    def of(cls, prior: ImpactPrior, sites: SitesFirst) -> ImpactConditional:
+    def from_sites(cls, prior: ImpactPrior, sites: SitesFirst) -> ImpactConditional:
         """Of sites with the parameters first."""
         size, (p, d) = len(sites.precision), (sites.precision, prior.precision)
-        both = [[p[a][b] + d[a][b] for b in range(a + 1)] for a in range(size)]
-        return cls(prior, sites, small.cholesky(both))
+        precision = [[p[a][b] + d[a][b] for b in range(a + 1)] for a in range(size)]
+        return cls(prior, sites, small.cholesky(precision))
 
     @cached_property
     def _root(self) -> small.Triangle:
@@ -117,48 +117,48 @@ class ImpactConditional:
         return small.transposed([small.turned_times(self._root, column) for column in columns])
 
     @cached_property
-    def weight(self) -> small.Matrix:
+    def marginal_precision(self) -> small.Matrix:
         """W = D V P, the precision with which a site tells X b."""
         columns = [small.transposed(part) for part in (self._of_prior, self._of_site)]
         return small.symmetric(len(self.factor), lambda a, b: small.dot(columns[0][a], columns[1][b]))
 
-    def _toward_site(self, about: small.Vector) -> small.Vector:
+    def _toward_site(self, prior_mean: small.Vector) -> small.Vector:
         """L^-1 (g - P (X b - m))."""
-        bent = small.times(self._of_site, self._away(about))
-        return [g - b for g, b in zip(small.times(self._root, self.sites.slope), bent, strict=True)]
+        curved = small.times(self._of_site, self._deviation(prior_mean))
+        return [g - b for g, b in zip(small.times(self._root, self.sites.slope), curved, strict=True)]
 
-    def _away(self, about: small.Vector) -> small.Vector:
-        return [v - m for v, m in zip(about, self.sites.centre, strict=True)]
+    def _deviation(self, prior_mean: small.Vector) -> small.Vector:
+        return [v - m for v, m in zip(prior_mean, self.sites.centre, strict=True)]
 
-    def moved(self, about: small.Vector) -> small.Vector:
-        """The mean of u less X b, where that is ``about``: V g - V P (X b - m)."""
-        return small.turned_times(self._root, self._toward_site(about))
+    def mean_shift(self, prior_mean: small.Vector) -> small.Vector:
+        """The mean of u less X b, where that is ``prior_mean``: V g - V P (X b - m)."""
+        return small.turned_times(self._root, self._toward_site(prior_mean))
 
-    def pull(self, about: small.Vector) -> small.Vector:
+    def marginal_shift(self, prior_mean: small.Vector) -> small.Vector:
         """The slope of `log_density`: D V g - W (X b - m)."""
-        return small.times(small.transposed(self._of_prior), self._toward_site(about))
+        return small.times(small.transposed(self._of_prior), self._toward_site(prior_mean))
 
-    def log_density(self, about: small.Vector) -> small.Entry:
-        """Log of the sites, u integrated out, where X b is ``about``."""
+    def log_density(self, prior_mean: small.Vector) -> small.Entry:
+        """Log of the sites, u integrated out, where X b is ``prior_mean``."""
         half = small.times(self._root, self.sites.slope)
-        toward = self._toward_site(about)
+        toward = self._toward_site(prior_mean)
         # (X b - m)' (D V g - W (X b - m) / 2), in factors.
         near = [(h + t) / 2 for h, t in zip(half, toward, strict=True)]
-        gained = small.dot(near, small.times(self._of_prior, self._away(about)))
+        gained = small.dot(near, small.times(self._of_prior, self._deviation(prior_mean)))
         scale = self.prior.log_determinant / 2 - small.log_diagonal(self.factor)
         return self.sites.log_likelihood + scale + gained + small.dot(half, half) / 2
 
-    def toward(self, about: small.Vector) -> small.Vector:
-        """L^-1 (g + D (X b - m)), where X b is ``about``."""
-        pulled = small.times(self.prior.precision, self._away(about))
-        right = [g + p for g, p in zip(self.sites.slope, pulled, strict=True)]
+    def toward(self, prior_mean: small.Vector) -> small.Vector:
+        """L^-1 (g + D (X b - m)), where X b is ``prior_mean``."""
+        prior_shift = small.times(self.prior.precision, self._deviation(prior_mean))
+        right = [g + p for g, p in zip(self.sites.slope, prior_shift, strict=True)]
         return small.solve_lower(self.factor, right)
 
-    def draw(self, about: small.Vector, standard: small.Vector) -> small.Vector:
+    def draw(self, prior_mean: small.Vector, standard: small.Vector) -> small.Vector:
         """U from standard normals: N(m + V (g + D (X b - m)), V)."""
-        half = [h + z for h, z in zip(self.toward(about), standard, strict=True)]
+        half = [h + z for h, z in zip(self.toward(prior_mean), standard, strict=True)]
         pairs = zip(self.sites.centre, small.solve_upper(self.factor, half), strict=True)
-        return [m + moved for m, moved in pairs]
+        return [m + mean_shift for m, mean_shift in pairs]
 
 
 def parameters_first(sites: Sites) -> SitesFirst:
@@ -169,93 +169,101 @@ def parameters_first(sites: Sites) -> SitesFirst:
 
 
 class CellSums(NamedTuple):
-    """What the impacts of each place of the design say of X b there, their own parameters integrated out.
+    """What the impacts of each entry of the design say of X b there, their own parameters integrated out.
 
-    Each place's log density is constant + pull'(v - v0) - (v - v0)' weight (v - v0) / 2 as a function of
-    v = X b, v0 being X b at b's prior mean. Of an estimate y ~ N(v, D^-1) that is known exactly the weight is
-    D, the pull D (y - v0), and the constant its log density at v0.
+    Each entry's log density is constant + shift'(v - v0) - (v - v0)' precision (v - v0) / 2 as a function of
+    v = X b, v0 being X b at b's prior mean. Of an estimate y ~ N(v, D^-1) that is known exactly the precision
+    is D, the shift D (y - v0), and the constant its log density at v0.
     """
 
-    weight: Float[Array, "parameter parameter place"]
-    pull: Float[Array, "parameter place"]
-    constant: Float[Array, " place"]
+    precision: Float[Array, "parameter parameter entry"]
+    shift: Float[Array, "parameter entry"]
+    constant: Float[Array, " entry"]
 
 
-def lay(design: PopulationDesign, sites: Sites) -> SitesFirst:
-    """The sites, parameters first, of every place's impacts: [block, parameter, ..., repeat, place].
+def sites_by_cell(design: PopulationDesign, sites: Sites) -> SitesFirst:
+    """The sites, parameters first, of every entry's impacts: [block, parameter, ..., repeat, entry].
 
-    Places without an impact have sites that say nothing, of which nothing is left in any sum.
+    Entries without an impact have sites that say nothing, of which nothing is left in any sum.
     """
     xp = sites.precision.__array_namespace__()
 
-    def laid(values: Any) -> Any:
+    def blocked(values: Any) -> Any:
         none = xp.zeros((1, *values.shape[1:]))
         return xp.moveaxis(xp.concat([values, none])[design.members], (1, 2), (-2, -1))
 
-    return SitesFirst(*map(laid, sites))
+    return SitesFirst(*map(blocked, sites))
 
 
 @jax.custom_vjp
-def cell_sums(prior: ImpactPrior, about: Float[Array, "parameter place"], laid: SitesFirst) -> CellSums:
-    """Integrate every impact's parameters out, and sum what is left over each place's impacts.
+def cell_sums(prior: ImpactPrior, prior_mean: Float[Array, "parameter entry"], sites: SitesFirst) -> CellSums:
+    """Integrate every impact's parameters out, and sum what is left over each entry's impacts.
 
     Differentiable by the prior alone, once, and backwards: the derivatives of the sums by D are expectations
     (Fisher's identity), with half of the operations.
 
     Args:
         prior: of an impact's parameters, one of all impacts.
-        about: X b at b's prior mean.
-        laid: the sites, see `lay`.
+        prior_mean: X b at b's prior mean.
+        sites: as `sites_by_cell` arranges them.
     """
-    weight, pull, constant = _over_blocks(partial(_sums_of_block, prior, about), laid)
-    return CellSums(small.stacked(weight), jnp.stack(pull), constant)
+    precision, shift, constant = _over_blocks(partial(_sums_of_block, prior, prior_mean), sites)
+    return CellSums(small.stacked(precision), jnp.stack(shift), constant)
 
 
-def _over_blocks(function: Any, laid: SitesFirst) -> Any:
+def _over_blocks(function: Any, sites: SitesFirst) -> Any:
     """Sum over blocks of what ``function`` makes of each, one after the other."""
-    if len(laid.centre) == 1:
-        return function(jax.tree.map(lambda leaf: leaf[0], laid))
+    if len(sites.centre) == 1:
+        return function(jax.tree.map(lambda leaf: leaf[0], sites))
 
     def add(total: Any, block: SitesFirst) -> tuple[Any, None]:
         return jax.tree.map(jnp.add, total, function(block)), None
 
-    first = jax.eval_shape(function, jax.tree.map(lambda leaf: leaf[0], laid))
-    return jax.lax.scan(add, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), first), laid)[0]
+    first = jax.eval_shape(function, jax.tree.map(lambda leaf: leaf[0], sites))
+    return jax.lax.scan(add, jax.tree.map(lambda leaf: jnp.zeros(leaf.shape), first), sites)[0]
 
 
-def _sums_of_block(prior: ImpactPrior, about: Array, sites: SitesFirst) -> Any:
-    given = ImpactConditional.of(prior, sites)
-    made = given.weight, given.pull(about), given.log_density(about)
-    return jax.tree.map(lambda values: values.sum(-2), made)
+def _sums_of_block(prior: ImpactPrior, prior_mean: Array, sites: SitesFirst) -> Any:
+    conditional = ImpactConditional.from_sites(prior, sites)
+    terms = (
+        conditional.marginal_precision,
+        conditional.marginal_shift(prior_mean),
+        conditional.log_density(prior_mean),
+    )
+    return jax.tree.map(lambda values: values.sum(-2), terms)
 
 
-def _forward(prior: ImpactPrior, about: Array, laid: SitesFirst) -> tuple[CellSums, Any]:
-    return cell_sums(prior, about, laid), (prior, about, laid)
+def _forward(prior: ImpactPrior, prior_mean: Array, sites: SitesFirst) -> tuple[CellSums, Any]:
+    return cell_sums(prior, prior_mean, sites), (prior, prior_mean, sites)
 
 
-def _backward(given: Any, change: CellSums) -> tuple[ImpactPrior, None, None]:
-    prior, about, laid = given
-    # Whoever reads one half of the weights alone, as a Cholesky factor does, has a change of that half alone.
-    change = change._replace(weight=(change.weight + change.weight.swapaxes(0, 1)) / 2)
-    of_precision = _over_blocks(partial(_change_of_block, prior, about, change), laid)
-    slots = laid.log_likelihood.shape[0] * laid.log_likelihood.shape[1]
+def _backward(saved: Any, change: CellSums) -> tuple[ImpactPrior, None, None]:
+    prior, prior_mean, sites = saved
+    # Whoever reads one half of a precision alone, as a Cholesky factor does, has a change of that half.
+    change = change._replace(precision=(change.precision + change.precision.swapaxes(0, 1)) / 2)
+    of_precision = _over_blocks(partial(_change_of_block, prior, prior_mean, change), sites)
+    slots = sites.log_likelihood.shape[0] * sites.log_likelihood.shape[1]
     return ImpactPrior(small.stacked(of_precision), slots * change.constant.sum() / 2), None, None
 
 
-def _change_of_block(prior: ImpactPrior, about: Array, change: CellSums, sites: SitesFirst) -> Any:
+def _change_of_block(prior: ImpactPrior, prior_mean: Array, change: CellSums, sites: SitesFirst) -> Any:
     """By D: T W T' + (T p t' + t p' T') / 2 - c (V + t t') / 2 with changes W, p and c of the three sums.
 
     T is V P, and t the mean of u - X b.
     """
-    given = ImpactConditional.of(prior, sites)
-    shrink, mean, covariance = given.shrinkage, given.moved(about), given.covariance
-    bent = small.product(shrink, change.weight)
-    pulled = small.times(shrink, change.pull)
+    conditional = ImpactConditional.from_sites(prior, sites)
+    shrink, mean, covariance = (
+        conditional.shrinkage,
+        conditional.mean_shift(prior_mean),
+        conditional.covariance,
+    )
+    curved = small.product(shrink, change.precision)
+    pulled = small.times(shrink, change.shift)
 
     def entry(a: int, b: int) -> Array:
         across = (pulled[a] * mean[b] + pulled[b] * mean[a]) / 2
         squares = covariance[a][b] + mean[a] * mean[b]
-        return (small.dot(bent[a], shrink[b]) + across - change.constant / 2 * squares).sum()
+        return (small.dot(curved[a], shrink[b]) + across - change.constant / 2 * squares).sum()
 
     return small.symmetric(len(mean), entry)
 

@@ -58,13 +58,13 @@ def alarms(z: Float[np.ndarray, " impact"], groups: Groups, rate: float = RATE) 
         groups: by kind ("subject", "trial"), the number of each impact's group, from 0.
         rate: at most this share of right models raises any alarm.
     """
-    each = rate / (3 + len(groups))
+    share = rate / (3 + len(groups))
     count = len(z)
     return Alarms(
-        together=bool(_shifted(np.array([z.mean()]), np.array([count]), each)[0]),
-        groups={kind: _of_groups(z, codes, each) for kind, codes in groups.items()},
-        single=np.abs(z) > norm.isf(each / (2 * count)),
-        scatter=bool((z**2).sum() > max(chi2.isf(each, count), LEAST_SPREAD**2 * count)),
+        together=bool(_shifted(np.array([z.mean()]), np.array([count]), share)[0]),
+        groups={kind: _of_groups(z, codes, share) for kind, codes in groups.items()},
+        single=np.abs(z) > norm.isf(share / (2 * count)),
+        scatter=bool((z**2).sum() > max(chi2.isf(share, count), LEAST_SPREAD**2 * count)),
     )
 
 
@@ -118,10 +118,10 @@ def pattern_of(
         groups: as of `alarms`.
         rate: as of `alarms`.
     """
-    found = alarms(error / sd, groups, rate)
-    if not found.any:
+    alarmed = alarms(error / sd, groups, rate)
+    if not alarmed.any:
         return None
-    flagged = {ALL: np.array([True]), **found.groups}
+    flagged = {ALL: np.array([True]), **alarmed.groups}
     codes_of = {ALL: np.zeros(len(error), int), **groups}
     for kind, chosen in flagged.items():
         codes = codes_of[kind]
@@ -131,6 +131,6 @@ def pattern_of(
         left = error - np.where(concerned, factor[codes] * unit, 0.0)
         if concerned.any() and not alarms(left / sd, groups, rate).any:
             return Pattern(kind, concerned, common=True)
-    if found.single.any():
-        return Pattern(IMPACT, found.single, common=False)
+    if alarmed.single.any():
+        return Pattern(IMPACT, alarmed.single, common=False)
     return Pattern(ALL, np.ones(len(error), bool), common=False)

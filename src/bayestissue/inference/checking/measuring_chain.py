@@ -35,11 +35,11 @@ from bayestissue.inference.checking import incredible
 from bayestissue.inference.checking.incredible import Groups, Pattern
 from bayestissue.inference.checking.misfit import judged_at
 from bayestissue.inference.checking.model_form import LIMIT
-from bayestissue.inference.checking.words import in_words
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
-from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
+from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.posterior.approximate import expanded, first_guess
+from bayestissue.outline import first_of
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
 # Errors that are judged; contact, whose error is not normal, can only turn out to explain what they show.
@@ -54,6 +54,19 @@ _DRAWS = 64
 _CLEAR = 10.0
 # Of the velocity, of the mean deceleration and of the time to peak: wider than any error that is one.
 _WIDE = {AMPLITUDE: 0.5, OFFSET: 1.0, CONTACT: 0.3}
+_MOST_NAMED = 12
+_UNTRUSTED = (
+    "K and C of these impacts can't be trusted: their intervals rest on the declared errors. "
+    "If the measuring chain is right, the tissue obeys another law than the model's."
+)
+_CHECK = {
+    "velocity and gain": "Check the velocity at contact, and the recorder's gain (sensitivity, unit, scale)",
+    "offset": "Check the recorder's zero (drift, hum, a baseline that moves at contact)",
+    "contact": "Check the moment of contact (signal.contact), and that the recording begins before it",
+}
+_OTHER = {"offset": "a zero of the recorder", "contact": "a moment of contact"}
+_OF = {"offset": "the mean deceleration", "contact": "the time to zero velocity"}
+_OF_GROUP = {"trial": "the velocity that is stated for this condition", "subject": "what differs for them"}
 
 
 @dataclass(frozen=True)
@@ -119,12 +132,12 @@ def judge(prepared: Prepared) -> dict[str, Any]:
         return {}
     prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
     groups = _groups(prepared)
-    given = expanded(prepared)
-    found = {name: freed(prepared, name, given) for name in JUDGED}
-    patterns = {name: _pattern(each, groups) for name, each in found.items()}
+    expansions = expanded(prepared)
+    errors = {name: freed(prepared, name, expansions) for name in JUDGED}
+    patterns = {name: _pattern(freed_error, groups) for name, freed_error in errors.items()}
     if not any(patterns.values()):
         return {"passed": True, "of": len(prepared.impacts)}
-    return _account(prepared, groups, given, found, patterns)
+    return _account(prepared, groups, expansions, errors, patterns)
 
 
 def _rate_is_known(prepared: Prepared) -> bool:
@@ -138,20 +151,22 @@ def _groups(prepared: Prepared) -> Groups:
     return {kind: pd.factorize(table[kind].astype(str))[0] for kind in ("trial", "subject")}
 
 
-def _pattern(found: Freed, groups: Groups) -> Pattern | None:
+def _pattern(freed_error: Freed, groups: Groups) -> Pattern | None:
     rate = incredible.RATE / len(JUDGED)
     # An error without a z has no weight either.
-    sd = np.abs(found.error) / np.maximum(np.abs(found.z), 1e-6)
-    return incredible.pattern_of(found.error, np.maximum(sd, found.expected_sd), found.unit, groups, rate)
+    sd = np.abs(freed_error.error) / np.maximum(np.abs(freed_error.z), 1e-6)
+    return incredible.pattern_of(
+        freed_error.error, np.maximum(sd, freed_error.expected_sd), freed_error.unit, groups, rate
+    )
 
 
-def freed(prepared: Prepared, name: str, given: Sites | None = None) -> Freed:
+def freed(prepared: Prepared, name: str, expansions: Sites | None = None) -> Freed:
     """One error of the chain, its declared standard deviation taken away.
 
     Args:
         prepared: the model and its data.
         name: `AMPLITUDE`, `OFFSET` or `CONTACT`.
-        given: `expanded` of the same, if it is at hand.
+        expansions: `expanded` of the same, if it is at hand.
     """
     data, column = with_normal_errors(prepared.data), _column(prepared, name)
     sign = -1.0 if [*prepared.data.record.errors][column] == "ramp_error" else 1.0
@@ -160,27 +175,27 @@ def freed(prepared: Prepared, name: str, given: Sites | None = None) -> Freed:
     wide = np.where(np.arange(sd.shape[1]) == column, _WIDE[name] * unit[:, None], sd)
     data = data._replace(record=data.record._replace(error_sd=jnp.asarray(wide)))
     start = first_guess(prepared)
-    anchor = weak_prior(start)
-    sites = laplace_sites(prepared.model, data, start, anchor)
+    prior = weak_prior(start)
+    sites = laplace_sites(prepared.model, data, start, prior)
     centre = np.asarray(sites.centre)
-    root = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision) + anchor.precision))
+    root = np.linalg.cholesky(np.linalg.inv(np.asarray(sites.precision) + prior.precision))
     z = np.random.default_rng(0).standard_normal((_DRAWS, *centre.shape))
     u = centre + np.einsum("iab,dib->dia", root, z)
     keys = jax.random.split(jax.random.PRNGKey(0), _DRAWS)
-    own = sign * np.asarray(_errors(prepared.model, data, jnp.asarray(u), keys))[..., column]
-    error = np.median(own, axis=0)
+    drawn = sign * np.asarray(_errors(prepared.model, data, jnp.asarray(u), keys))[..., column]
+    error = np.median(drawn, axis=0)
     # Undeclared and known without an error there would be nothing to divide by.
-    spread = np.maximum(own.std(axis=0), 1e-12 * unit)
+    spread = np.maximum(drawn.std(axis=0), 1e-12 * unit)
     # With an error so wide a normal likelihood is z^2 / 2 - log(wide / expected sd) above that as declared.
     occam = np.log(_WIDE[name] * unit / np.hypot(spread, declared))
-    before = np.asarray((given or expanded(prepared)).log_likelihood)
+    before = np.asarray((expansions or expanded(prepared)).log_likelihood)
     gain = np.asarray(sites.log_likelihood) + occam - before
     return Freed(error, spread, declared, unit, centre, gain)
 
 
 def _column(prepared: Prepared, name: str) -> int:
     names = prepared.data.record.errors
-    return next(place for place, each in enumerate(names) if each in _COLUMN[name])
+    return next(number for number, error in enumerate(names) if error in _COLUMN[name])
 
 
 def _unit(prepared: Prepared, name: str) -> Float[np.ndarray, " impact"]:
@@ -219,44 +234,48 @@ def _errors(
 def _account(
     prepared: Prepared,
     groups: Groups,
-    given: Sites,
-    found: dict[str, Freed],
+    expansions: Sites,
+    errors: dict[str, Freed],
     patterns: dict[str, Pattern | None],
 ) -> dict[str, Any]:
     """Which error explains best what the traces contradict, and what it does."""
-    contact = freed(prepared, CONTACT, given)
-    found, patterns = {**found, CONTACT: contact}, {**patterns, CONTACT: _pattern(contact, groups)}
+    contact = freed(prepared, CONTACT, expansions)
+    errors, patterns = {**errors, CONTACT: contact}, {**patterns, CONTACT: _pattern(contact, groups)}
     # Over the way to the peak they do much the same to a trace: the velocity is named first unless another
     # is clearly the better account.
-    gain = {each: found[each].gain.sum() for each, pattern in patterns.items() if pattern is not None}
-    name, *alike = [each for each, own in gain.items() if own > max(gain.values()) - _CLEAR]
-    own, pattern = found[name], patterns[name]
+    gain = {key: errors[key].gain.sum() for key, pattern in patterns.items() if pattern is not None}
+    name, *equivalent = [
+        key for key, freed_error in gain.items() if freed_error > max(gain.values()) - _CLEAR
+    ]
+    freed_error, pattern = errors[name], patterns[name]
     assert pattern is not None  # noqa: S101 - candidates have one
-    left = structure_left(prepared, name, own) if prepared.model.kind == "impact" else 0.0
+    left = structure_left(prepared, name, freed_error) if prepared.model.kind == "impact" else 0.0
     which = pattern.impacts
-    change = np.expm1(np.median((own.centre - np.asarray(given.centre))[which], axis=0))
-    sds = np.abs(own.error[which]) / np.where(own.declared[which] > 0, own.declared[which], np.nan)
-    told = {
+    change = np.expm1(np.median((freed_error.centre - np.asarray(expansions.centre))[which], axis=0))
+    sds = np.abs(freed_error.error[which]) / np.where(
+        freed_error.declared[which] > 0, freed_error.declared[which], np.nan
+    )
+    account = {
         "passed": False if left <= LIMIT else None,
         "error": name,
-        "alike": {each: _relative(found[each], which) for each in alike},
+        "alike": {key: _relative(errors[key], which) for key in equivalent},
         "kind": pattern.kind,
         "common": pattern.common,
         "impacts": prepared.impacts["impact"].astype(str)[which].tolist(),
         "groups": _named_groups(prepared, pattern),
         "of": len(which),
-        "relative": _relative(own, which),
-        "greatest": float(np.abs(own.error / own.unit)[which].max()),
+        "relative": _relative(freed_error, which),
+        "greatest": float(np.abs(freed_error.error / freed_error.unit)[which].max()),
         "declared_sds": None if np.isnan(sds).all() else float(np.nanmedian(sds)),
         "structure_left": left,
         "change_K": float(change[0]),
         "change_C": float(change[1]),
     }
-    return told | {"words": in_words(told)}
+    return account | {"words": in_words(account)}
 
 
-def _relative(found: Freed, which: np.ndarray) -> float:
-    return float(np.median((found.error / found.unit)[which]))
+def _relative(freed_error: Freed, which: np.ndarray) -> float:
+    return float(np.median((freed_error.error / freed_error.unit)[which]))
 
 
 def _named_groups(prepared: Prepared, pattern: Pattern) -> list[str]:
@@ -265,8 +284,73 @@ def _named_groups(prepared: Prepared, pattern: Pattern) -> list[str]:
     return list(dict.fromkeys(prepared.impacts[pattern.kind].astype(str)[pattern.impacts]))
 
 
-def structure_left(prepared: Prepared, name: str, found: Freed) -> float:
+def structure_left(prepared: Prepared, name: str, freed_error: Freed) -> float:
     """The score of `bayestissue.inference.checking.model_form` with an error taken as the traces have it."""
-    data = _shifted(prepared, with_normal_errors(prepared.data), name, found.error)
-    offset = found.error[:, None] if name == OFFSET else 0.0
-    return float(judged_at(prepared, data, found.centre, jax.random.PRNGKey(0), offset)["score"])
+    data = _shifted(prepared, with_normal_errors(prepared.data), name, freed_error.error)
+    offset = freed_error.error[:, None] if name == OFFSET else 0.0
+    return float(judged_at(prepared, data, freed_error.centre, jax.random.PRNGKey(0), offset)["score"])
+
+
+def in_words(account: dict[str, Any]) -> str:
+    """Sentences on what `bayestissue.inference.checking.measuring_chain.judge` found."""
+    if account["passed"] is None:
+        return (
+            f"Whether the measuring chain is as declared can't be told ({account['error']}): the residuals "
+            "stay structured whatever its errors are, and what the traces ask of it may be the tissue's law."
+        )
+    check = _CHECK[account["error"]]
+    if account["error"] == "velocity and gain" and account["kind"] in _OF_GROUP:
+        check += f"; first {_OF_GROUP[account['kind']]}"
+    checks = ". ".join([check, *(_CHECK[error] for error in account["alike"])])
+    return (
+        f"The traces contradict the measuring chain in {_where(account)}: {_what(account)}, {_sds(account)}. "
+        f"K would then be {_change(account['change_K'])} and C {_change(account['change_C'])}."
+        f"{_equivalents(account)} {checks}. {_UNTRUSTED}"
+    )
+
+
+def _equivalents(account: dict[str, Any]) -> str:
+    others = [
+        f"{_OTHER[error]} off by {_percent(size)} of {_OF[error]}" for error, size in account["alike"].items()
+    ]
+    return f" To the traces {' or '.join(others)} would look the same." if others else ""
+
+
+def _where(account: dict[str, Any]) -> str:
+    count, total = len(account["impacts"]), account["of"]
+    if account["kind"] == "all":
+        return f"all {total} impacts" if total > 1 else "the only impact"
+    if account["kind"] in _OF_GROUP:
+        groups = first_of(account["groups"], _MOST_NAMED)
+        return f"all impacts of {account['kind']} {groups} ({count} of {total})"
+    return f"{count} of {total} impacts ({first_of(account['impacts'], _MOST_NAMED)})"
+
+
+def _what(account: dict[str, Any]) -> str:
+    size, common = account["relative"], account["common"] or len(account["impacts"]) == 1
+    at_most = "" if common else "up to "
+    share = f"{at_most}{_percent(size if common else account['greatest'])}"
+    if (error := account["error"]) in _OTHER:
+        return f"they ask for {_OTHER[error]} off by {share} of {_OF[error]}"
+    if not common:
+        return f"they ask for other velocities, off by {share} (or for another gain of each)"
+    way, reads = ("higher", "much") if size > 0 else ("lower", "little")
+    return (
+        f"they ask for a velocity {share} {way} than stated, or a recorder that reads {share} too {reads}"
+        + (", by one common factor" if account["common"] and len(account["impacts"]) > 1 else "")
+    )
+
+
+def _sds(account: dict[str, Any]) -> str:
+    sds = account["declared_sds"]
+    if sds is None:
+        return "where no error was declared"
+    return f"{sds:.2g} declared standard deviations" + (" (median)" if len(account["impacts"]) > 1 else "")
+
+
+def _change(ratio: float) -> str:
+    return f"{_percent(ratio)} {'higher' if ratio > 0 else 'lower'}"
+
+
+def _percent(ratio: float) -> str:
+    return f"{100 * abs(ratio):.2g} %"

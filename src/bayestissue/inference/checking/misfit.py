@@ -41,8 +41,8 @@ def misfit_precheck(prepared: Prepared, expansions: Sites, seed: int) -> dict[st
     if np.median(noise / np.maximum(prepared.signal.noise_sd, 1e-12)) < _SUSPICIOUS:
         return None
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 31)
-    found = judged_at(prepared, prepared.data, best, key)
-    return found if found["score"] > _PLAIN else None
+    verdict = judged_at(prepared, prepared.data, best, key)
+    return verdict if verdict["score"] > _PLAIN else None
 
 
 def judged_at(
@@ -54,7 +54,7 @@ def judged_at(
 ) -> dict[str, Any]:
     """`model_form` of decelerations less the offset, beside replicates of ``data`` at one u."""
     keys = jax.random.split(key, PREDICTIVE_DRAWS)
-    each = np.broadcast_to(u, (PREDICTIVE_DRAWS, *u.shape))
-    made = replicates(prepared.model, data, each, keys)["deceleration"]
-    inside = np.arange(made.shape[-1]) < prepared.signal.n_samples[:, None]
-    return judged(np.where(inside, prepared.signal.deceleration - offset, np.nan), made)
+    draws = np.broadcast_to(u, (PREDICTIVE_DRAWS, *u.shape))
+    replicated = replicates(prepared.model, data, draws, keys)["deceleration"]
+    inside = np.arange(replicated.shape[-1]) < prepared.signal.n_samples[:, None]
+    return judged(np.where(inside, prepared.signal.deceleration - offset, np.nan), replicated)

@@ -89,15 +89,15 @@ def with_impacts(
         they are ``structured``, which chance makes of fewer than two sound datasets in a hundred, and then
         the ``names`` of those below. ``words`` are of these where nothing is said of another law.
     """
-    every = {
-        str(name): float(f"{each:.4g}") for name, each in zip(names, p, strict=True) if np.isfinite(each)
+    p_values = {
+        str(name): float(f"{value:.4g}") for name, value in zip(names, p, strict=True) if np.isfinite(value)
     }
-    below = [name for name, each in every.items() if each < SMALL_P]
-    tested, least = len(every), min(every.values(), default=1.0)
+    below = [name for name, value in p_values.items() if value < SMALL_P]
+    tested, least = len(p_values), min(p_values.values(), default=1.0)
     by_chance = float(binom.sf(len(below) - 1, tested, _BY_CHANCE))
     structured = by_chance < _TOO_MANY or least < _ALONE / max(tested, 1)
-    own = {
-        "p": every,
+    impacts = {
+        "p": p_values,
         "tested": tested,
         "below": len(below),
         "structured": structured,
@@ -112,7 +112,7 @@ def with_impacts(
         )
     elif not form["structured"]:
         words = f"Nothing against the model in its residuals: {counted}. {words}"
-    return form | {"impacts": own, "words": words}
+    return form | {"impacts": impacts, "words": words}
 
 
 def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]:
@@ -138,10 +138,10 @@ def with_discrepancy(first: dict[str, Any], tree: xr.DataTree) -> dict[str, Any]
         f"{_REMEDY}"
     )
     left = model_form(tree, "deceleration")["score"]
-    found = described(tree)
-    if found["undescribed"]:
-        words = f"{_said(first['score'])}. {found['words']}"
-    return first | found | {"left": left, "words": words}
+    discrepancy = described(tree)
+    if discrepancy["undescribed"]:
+        words = f"{_said(first['score'])}. {discrepancy['words']}"
+    return first | discrepancy | {"left": left, "words": words}
 
 
 def described(tree: xr.DataTree) -> dict[str, Any]:
@@ -155,9 +155,9 @@ def described(tree: xr.DataTree) -> dict[str, Any]:
         that is beyond the limit, ``undescribed_impacts``, which are so by themselves, and ``words``.
     """
     draws = tree["posterior"].dataset["discrepancy"]
-    own = draws.median([name for name in draws.dims if name != "impact"])
-    size, beyond = float(draws.median()), own.to_numpy() > MOST_DISCREPANCY
-    names = [str(name) for name in np.asarray(own["impact"])[beyond]]
+    of_impacts = draws.median([name for name in draws.dims if name != "impact"])
+    size, beyond = float(draws.median()), of_impacts.to_numpy() > MOST_DISCREPANCY
+    names = [str(name) for name in np.asarray(of_impacts["impact"])[beyond]]
     words = (
         f"{UNDESCRIBED}: the smooth force that has to be added beside the element is {100 * size:.2g} % of "
         "the peak (rms, median impact). What is printed of K and C is no estimate of the tissue's, and has "
@@ -198,8 +198,9 @@ def pooled_score(
     """See `model_form`; NaN past a row's end."""
     middle = np.median(replicated, axis=0)
     used = np.isfinite(measured) & np.isfinite(middle)
-    own, drawn = (
-        autocorrelation(each - middle, used, powers=_SMOOTH, lags=_LAGS) for each in (measured, replicated)
+    observed, drawn = (
+        autocorrelation(traces - middle, used, powers=_SMOOTH, lags=_LAGS)
+        for traces in (measured, replicated)
     )
-    distance = (own - drawn.mean(0)) / drawn.std(0, ddof=1)
+    distance = (observed - drawn.mean(0)) / drawn.std(0, ddof=1)
     return float(distance.sum() / np.sqrt(len(distance)))

@@ -47,9 +47,9 @@ def comparable_draws(posterior: xr.Dataset, people: np.ndarray) -> dict[str, xr.
     Returns:
         By name, [chain, draw] or [chain, draw, subject].
     """
-    found = {}
+    comparable = {}
     for name, sources in {**OF_IMPACTS, **OF_PEOPLE}.items():
-        source = next((each for each in sources if each in posterior), None)
+        source = next((candidate for candidate in sources if candidate in posterior), None)
         if source is None or "impact" not in posterior[source].dims:
             continue
         logs = xr.apply_ufunc(np.log, posterior[source])
@@ -57,8 +57,8 @@ def comparable_draws(posterior: xr.Dataset, people: np.ndarray) -> dict[str, xr.
             mean = logs.assign_coords(subject=("impact", people)).groupby("subject").mean("impact")
         else:
             mean = logs.mean("impact")
-        found[name] = xr.apply_ufunc(np.exp, mean)
-    return found
+        comparable[name] = xr.apply_ufunc(np.exp, mean)
+    return comparable
 
 
 def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFrame:
@@ -78,8 +78,8 @@ def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFra
     """
     draws = {run.name: comparable_draws(run.tree["posterior"].dataset, run.people) for run in runs}
     parts = []
-    told = comparison[comparison["scheme"].isin(_SCHEMES) & comparison["weight"].notna()]
-    for (scheme, data), rows in told.groupby(["scheme", "data"], sort=False):
+    weighted = comparison[comparison["scheme"].isin(_SCHEMES) & comparison["weight"].notna()]
+    for (scheme, data), rows in weighted.groupby(["scheme", "data"], sort=False):
         weights = dict(zip(rows["model"], rows["weight"].clip(lower=0.0), strict=True))
         for name, unit in UNITS.items():
             having = {run: draws[run][name] for run in weights if name in draws[run]}
@@ -114,8 +114,8 @@ def mixture(weighted: Mapping[str, tuple[float, xr.DataArray]]) -> pd.DataFrame:
     labels = first["subject"].to_numpy().tolist() if "subject" in first.dims else [""]
     values, shares = [], []
     for weight, array in weighted.values():
-        own = array.sel(subject=labels) if labels != [""] else array.expand_dims(subject=[""])
-        flat = own.transpose(..., "subject").to_numpy().reshape(-1, len(labels))
+        by_person = array.sel(subject=labels) if labels != [""] else array.expand_dims(subject=[""])
+        flat = by_person.transpose(..., "subject").to_numpy().reshape(-1, len(labels))
         values.append(flat)
         shares.append(np.full(len(flat), weight / len(flat)))
     together, share = np.concatenate(values), np.concatenate(shares)

@@ -14,7 +14,7 @@ from bayestissue.inference.comparing.implied import UNITS, comparable_draws
 from bayestissue.inference.comparing.stacking import COLUMNS as SCORES
 from bayestissue.inference.comparing.stacking import by_importance
 from bayestissue.inference.quantities.elements import element_attributes
-from bayestissue.inference.quantities.secant_exponents import EXPONENTS as OF_SECANTS
+from bayestissue.inference.quantities.secants import EXPONENTS as OF_SECANTS
 from bayestissue.inference.results.cross_validation import densities_of, scheme_words, schemes
 from bayestissue.inference.results.labels import ATTRIBUTES
 from bayestissue.inference.results.meanings import meaning
@@ -78,17 +78,17 @@ def of_same_numbers(runs: Sequence[FinishedRun]) -> list[list[FinishedRun]]:
     """The runs, sorted by what their likelihoods are densities of."""
     groups: list[list[FinishedRun]] = []
     for run in runs:
-        found = next((group for group in groups if _same_numbers(group[0], run)), None)
-        if found is None:
+        group = next((runs for runs in groups if _same_numbers(runs[0], run)), None)
+        if group is None:
             groups.append([run])
         else:
-            found.append(run)
+            group.append(run)
     return groups
 
 
-def _same_numbers(one: FinishedRun, other: FinishedRun) -> bool:
-    a, b = one.observed, other.observed
-    if one.quantity != other.quantity or a.shape != b.shape:
+def _same_numbers(first: FinishedRun, second: FinishedRun) -> bool:
+    a, b = first.observed, second.observed
+    if first.quantity != second.quantity or a.shape != b.shape:
         return False
     if a["impact"].to_numpy().tolist() != b["impact"].to_numpy().tolist():
         return False
@@ -101,10 +101,10 @@ def _data_names(groups: Sequence[Sequence[FinishedRun]]) -> list[str]:
     firsts = [group[0] for group in groups]
     options = [run.model.get("signal", {}) for run in firsts]
     names = []
-    for run, own in zip(firsts, options, strict=True):
+    for run, settings in zip(firsts, options, strict=True):
         rivals = [o for r, o in zip(firsts, options, strict=True) if r.quantity == run.quantity]
-        differ = [key for key in own if any(rival.get(key) != own[key] for rival in rivals)]
-        names.append(", ".join([run.quantity, *(f"{key} {own[key]}" for key in differ)]))
+        differ = [key for key in settings if any(rival.get(key) != settings[key] for rival in rivals)]
+        names.append(", ".join([run.quantity, *(f"{key} {settings[key]}" for key in differ)]))
     return names
 
 
@@ -132,21 +132,21 @@ def side_by_side(runs: Sequence[FinishedRun]) -> pd.DataFrame:
 def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
     posterior = run.tree["posterior"].dataset
     # Runs of earlier versions have a typical person's as an intercept.
-    own = {name: xr.ufuncs.exp(posterior[log]) for name, log in _TYPICAL.items() if log in posterior}
-    own |= {name: posterior[name] for name in COMPARED if name in posterior}
+    typical = {name: xr.ufuncs.exp(posterior[log]) for name, log in _TYPICAL.items() if log in posterior}
+    typical |= {name: posterior[name] for name in COMPARED if name in posterior}
     people = len(np.unique(run.people))
     tables = []
-    for name, array in {**comparable_draws(posterior, run.people), **own}.items():
-        each = "subject" in array.dims
-        flat = array.transpose("chain", ..., *(["subject"] if each else [])).to_numpy()
+    for name, array in {**comparable_draws(posterior, run.people), **typical}.items():
+        by_person = "subject" in array.dims
+        flat = array.transpose("chain", ..., *(["subject"] if by_person else [])).to_numpy()
         low, median, high = np.percentile(
-            flat.reshape(-1, array.sizes["subject"] if each else 1), [5, 50, 95], axis=0
+            flat.reshape(-1, array.sizes["subject"] if by_person else 1), [5, 50, 95], axis=0
         )
-        labels = array["subject"].astype(str).to_numpy().tolist() if each else [""]
+        labels = array["subject"].astype(str).to_numpy().tolist() if by_person else [""]
         unit = UNITS.get(name) or (ATTRIBUTES | element_attributes())[name]["unit"]
-        of = meaning(name, people=people).of
+        person = meaning(name, people=people).of
         table = pd.DataFrame(
             {"label": labels, "median": median, "eti90_low": low, "eti90_high": high, "variable": name}
         )
-        tables.append(table.assign(of=of, unit=unit, run=run.name))
+        tables.append(table.assign(of=person, unit=unit, run=run.name))
     return tables

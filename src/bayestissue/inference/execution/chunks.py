@@ -11,7 +11,6 @@ from jaxtyping import Int
 
 from bayestissue import runtime
 from bayestissue.hierarchy.traces import TraceData
-from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.execution.workers import cluster, computed
 from bayestissue.likelihood.element.recorder import Colour, LowPass
 
@@ -24,13 +23,21 @@ _SHARED = (LowPass, Colour)
 Rows = Int[np.ndarray, " row"]
 OfBlock = Callable[[TraceData, Rows], Any]
 Item = tuple[OfBlock, TraceData, list[Rows], int]
+# Called with how many of how many parts are done.
+Progress = Callable[[int, int], None]
 
 
-def of_each(function: Callable[..., Any], data: TraceData, *given: Any, progress: Progress = silent) -> Any:
-    """``function(data, *given)`` block by block; arrays of ``given`` have impacts along their first axis."""
+def silent(done: int, total: int) -> None:
+    """A `Progress` that reports nothing."""
+
+
+def map_impacts(
+    function: Callable[..., Any], data: TraceData, *by_impact: Any, progress: Progress = silent
+) -> Any:
+    """``function(data, *by_impact)`` block by block; ``by_impact`` has impacts along first axes."""
 
     def one(part: TraceData, rows: Rows) -> Any:
-        return function(part, *jax.tree.map(lambda leaf: np.asarray(leaf)[rows], given))
+        return function(part, *jax.tree.map(lambda leaf: np.asarray(leaf)[rows], by_impact))
 
     return in_blocks(data, one, progress=progress)
 
@@ -72,19 +79,19 @@ def in_blocks(data: TraceData, function: OfBlock, *, progress: Progress = silent
     few = jax.default_backend() != "cpu" or blocks < _FEW
     jobs, scheduler = 1 if few else runtime.cores(), cluster()
     alone = jobs == 1 and scheduler is None
-    each = 1 if alone else _SHARE
-    shares = [rows[begin : begin + each] for begin in range(0, blocks, each)]
-    found: Iterator[tuple[int, list[Any]]]
+    per_share = 1 if alone else _SHARE
+    shares = [rows[begin : begin + per_share] for begin in range(0, blocks, per_share)]
+    results: Iterator[tuple[int, list[Any]]]
     if alone:
-        found = enumerate(_of_share((function, data, share, 0)) for share in shares)
+        results = enumerate(_of_share((function, data, share, 0)) for share in shares)
     else:
         items = [_item(function, data, share) for share in shares]
-        found = computed(_of_share, items, jobs=jobs, scheduler=scheduler)
-    made: dict[int, list[Any]] = {}
-    for place, parts in found:
-        made[place] = parts
-        progress(sum(map(len, made.values())), blocks)
-    ordered = [part for place in range(len(shares)) for part in made[place]]
+        results = computed(_of_share, items, jobs=jobs, scheduler=scheduler)
+    parts_by_share: dict[int, list[Any]] = {}
+    for number, parts in results:
+        parts_by_share[number] = parts
+        progress(sum(map(len, parts_by_share.values())), blocks)
+    ordered = [part for number in range(len(shares)) for part in parts_by_share[number]]
     return jax.tree.map(lambda *leaves: np.concatenate(leaves)[:count], *ordered)
 
 

@@ -46,7 +46,7 @@ def compiled(static_argnames: Static = ()) -> Callable[[Function], Function]:
 
 
 def by_row(
-    size: int, *, given: int, static_argnames: Static = (), options: dict[str, Any] = _SOONER
+    size: int, *, constant: int, static_argnames: Static = (), options: dict[str, Any] = _SOONER
 ) -> Callable[[Function], Function]:
     """Makes a function of one row one of any number of rows along first axes, its results numpy arrays.
 
@@ -55,7 +55,7 @@ def by_row(
 
     Args:
         size: about as many rows as are often asked for at once.
-        given: how many arguments come before the row's, the same for all rows.
+        constant: how many arguments come before the row's, the same for all rows.
         static_argnames: as of `jax.jit`, among these.
         options: of the compiler.
     """
@@ -63,20 +63,20 @@ def by_row(
     def decorated(function: Function) -> Function:
         @wraps(function)
         def first(*arguments: Any) -> Any:
-            same, rows, number = arguments[:given], arguments[given:-1], arguments[-1]
+            same, rows, number = arguments[:constant], arguments[constant:-1], arguments[-1]
             return _first_rows(lambda *row: function(*same, *row), rows, number)
 
-        call = _for_few_shapes(first, static_argnames, options, given)
+        call = _for_few_shapes(first, static_argnames, options, constant)
 
         @wraps(function)
         def called(*arguments: Any) -> Any:
-            def some(*rows: Any) -> Any:
+            def of_rows(*rows: Any) -> Any:
                 number = len(jax.tree.leaves(rows)[0])
                 places = np.minimum(np.arange(size), number - 1)
-                found = call(*arguments[:given], *jax.tree.map(lambda leaf: leaf[places], rows), number)
-                return jax.tree.map(lambda leaf: leaf[:number], found)
+                results = call(*arguments[:constant], *jax.tree.map(lambda leaf: leaf[places], rows), number)
+                return jax.tree.map(lambda leaf: leaf[:number], results)
 
-            return in_parts(some, arguments[given:], size)
+            return in_parts(of_rows, arguments[constant:], size)
 
         called.jitted = call.jitted  # type: ignore[attr-defined]
         return called
@@ -95,11 +95,11 @@ def in_parts(function: Function, rows: Any, size: int) -> Any:
 def _first_rows(one: Function, rows: Any, number: Any) -> Any:
     """``one(*row)`` of the first ``number`` rows, and 0 behind them."""
 
-    def at(place: Any) -> Any:
-        return one(*jax.tree.map(lambda leaf: leaf[place], rows))
+    def at(index: Any) -> Any:
+        return one(*jax.tree.map(lambda leaf: leaf[index], rows))
 
-    def add(place: Any, found: Any) -> Any:
-        return jax.tree.map(lambda whole, row: whole.at[place].set(row), found, at(place))
+    def add(index: Any, results: Any) -> Any:
+        return jax.tree.map(lambda whole, row: whole.at[index].set(row), results, at(index))
 
     size, shapes = len(jax.tree.leaves(rows)[0]), jax.eval_shape(at, 0)
     empty = jax.tree.map(lambda shape: jnp.zeros((size, *shape.shape), shape.dtype), shapes)
@@ -107,28 +107,33 @@ def _first_rows(one: Function, rows: Any, number: Any) -> Any:
 
 
 def _for_few_shapes(
-    function: Function, static_argnames: Static, options: dict[str, Any], given: int | None = None
+    function: Function, static_argnames: Static, options: dict[str, Any], constant: int | None = None
 ) -> Function:
-    """`jax.jit` of filled up arguments, those behind the first ``given`` being rows and their number."""
+    """`jax.jit` of filled up arguments, those behind the first ``constant`` being rows and their number."""
     jitted = jax.jit(function, static_argnames=static_argnames, compiler_options=options)
 
     @lru_cache(maxsize=1)
     def annotations() -> tuple[tuple[Any, ...], Any]:
         # Only when it is called is everything defined that the annotations name.
         hints = get_type_hints(function)
-        own, returned = tuple(hints.get(name) for name in signature(function).parameters), hints.get("return")
-        if given is None:
-            return own, returned
-        return (*own[:given], *map(Rows, own[given:]), None), Rows(returned)
+        hints_of_arguments, returned = (
+            tuple(hints.get(name) for name in signature(function).parameters),
+            hints.get("return"),
+        )
+        if constant is None:
+            return hints_of_arguments, returned
+        return (*hints_of_arguments[:constant], *map(Rows, hints_of_arguments[constant:]), None), Rows(
+            returned
+        )
 
     @wraps(function)
     def called(*arguments: Any) -> Any:
-        own, returned = annotations()
-        own = own[: len(arguments)]
-        sizes = sizes_of(arguments, own)
+        hints_of_arguments, returned = annotations()
+        hints_of_arguments = hints_of_arguments[: len(arguments)]
+        sizes = sizes_of(arguments, hints_of_arguments)
         if not sizes:
             return jitted(*arguments)
-        pairs = zip(arguments, own, strict=True)
+        pairs = zip(arguments, hints_of_arguments, strict=True)
         return cut(jitted(*(_filled(*pair, sizes) for pair in pairs)), returned, sizes)
 
     called.jitted = jitted  # type: ignore[attr-defined]
@@ -156,8 +161,8 @@ class _Same:
     def __hash__(self) -> int:
         return id(self.value)
 
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Same) and self.value is other.value
+    def __eq__(self, value: object) -> bool:
+        return isinstance(value, _Same) and self.value is value.value
 
 
 @lru_cache(maxsize=8)

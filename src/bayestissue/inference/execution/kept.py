@@ -50,7 +50,7 @@ def some_of(prepared: Prepared, rows: Int[np.ndarray, " row"]) -> Prepared:
         return value[rows] if len(value) == count else value
 
     data = impacts_of(prepared.data, rows)
-    data = jax.tree.map(jnp.asarray, data._replace(design=data.design.some(rows)))
+    data = jax.tree.map(jnp.asarray, data._replace(design=data.design.subset(rows)))
     return replace(
         prepared,
         data=data,

@@ -62,7 +62,7 @@ def computed[Item, Result](
     if scheduler is not None:
         return _on_dask(function, items, scheduler)
     if jobs == 1:
-        return ((place, function(item)) for place, item in enumerate(items))
+        return ((number, function(item)) for number, item in enumerate(items))
     return _in_workers(function, items, jobs)
 
 
@@ -72,7 +72,7 @@ def _in_workers(function: Callable[[Any], Any], items: Sequence[Any], jobs: int)
     left, deaths = set(range(len(items))), 0
     while left:
         with scratch() as places, runtime.worker_pool(min(jobs, len(left)), places) as pool:
-            futures = {pool.submit(function, items[place]): place for place in sorted(left)}
+            futures = {pool.submit(function, items[number]): number for number in sorted(left)}
             try:
                 for future in as_completed(futures):
                     result = future.result()
@@ -93,7 +93,8 @@ def _on_dask(function: Callable[[Any], Any], items: Sequence[Any], address: str)
         left, deaths = set(range(len(items))), 0
         while left:
             futures = {
-                client.submit(_settled, function, items[place], pure=False): place for place in sorted(left)
+                client.submit(_settled, function, items[number], pure=False): number
+                for number in sorted(left)
             }
             try:
                 for future in distributed.as_completed(list(futures), loop=client.loop):

@@ -1,24 +1,35 @@
-"""Impacts' parameters given the population and the sites, as numpy arrays of any number of draws.
+"""Conditional priors N(X b, D^-1) of impacts' parameters, of any number of draws of the population.
 
-The algebra is that of `bayestissue.hierarchy.gaussian.impacts`; parameters are on the last axis.
+With the sites they give normals to draw from and each trace's evidence. The algebra is that of
+`bayestissue.hierarchy.gaussian.impacts`; parameters are on the last axis.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
+from jax import Array
 from jaxtyping import Float, Int
 from scipy.stats import norm, qmc
 
+from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
+from bayestissue.hierarchy.gaussian.conditional import Data
+from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
 from bayestissue.hierarchy.gaussian.impacts import (
     ImpactConditional,
     ImpactPrior,
     Sites,
     parameters_first,
 )
+from bayestissue.hierarchy.traces import TraceModel, constrained, population
+from bayestissue.inference.execution.compiling import by_row
 
 POINTS = 64
+# Draws of one call.
+DRAWS = 64
 
 
 def evenly_spaced(count: int, number: int = POINTS) -> Int[np.ndarray, " number"]:
@@ -46,8 +57,8 @@ class ConditionalPrior(NamedTuple):
         self, u: Float[np.ndarray, "*point impact parameter"]
     ) -> Float[np.ndarray, "*point impact"]:
         """Up to a constant."""
-        away = u - self.mean
-        return -np.vecdot(away, np.matvec(self.precision, away)) / 2
+        deviation = u - self.mean
+        return -np.vecdot(deviation, np.matvec(self.precision, deviation)) / 2
 
 
 def standard_points(size: int, number: int = POINTS) -> Float[np.ndarray, "point parameter"]:
@@ -65,25 +76,90 @@ class Normals(NamedTuple):
         about: X b, the parameters first.
     """
 
-    given: ImpactConditional
-    about: Float[np.ndarray, "parameter *draw impact"]
+    conditional: ImpactConditional
+    prior_mean: Float[np.ndarray, "parameter *draw impact"]
 
     def at(
         self, z: Float[np.ndarray, "*draw impact parameter"]
     ) -> Float[np.ndarray, "*draw impact parameter"]:
         """From standard normals."""
-        return np.stack(self.given.draw(self.about, np.moveaxis(z, -1, 0)), axis=-1)
+        return np.stack(self.conditional.draw(self.prior_mean, np.moveaxis(z, -1, 0)), axis=-1)
 
 
-def normals(sites: Sites, anchor: ConditionalPrior) -> Normals:
+def normals(sites: Sites, prior: ConditionalPrior) -> Normals:
     """See `Normals`; of the sites and a conditional prior N(a, D^-1) of one or more draws."""
-    precision = np.moveaxis(anchor.precision, (-2, -1), (0, 1))
-    prior = ImpactPrior(precision, np.linalg.slogdet(anchor.precision)[1])
-    given = ImpactConditional.of(prior, parameters_first(sites))
-    return Normals(given, np.moveaxis(anchor.mean, -1, 0))
+    precision = np.moveaxis(prior.precision, (-2, -1), (0, 1))
+    impact_prior = ImpactPrior(precision, np.linalg.slogdet(prior.precision)[1])
+    conditional = ImpactConditional.from_sites(impact_prior, parameters_first(sites))
+    return Normals(conditional, np.moveaxis(prior.mean, -1, 0))
 
 
-def log_evidence(sites: Sites, anchor: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
+def log_evidence(sites: Sites, prior: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
     """Log of the integral of each site over a conditional prior, of one or more draws of the population."""
-    given, about = normals(sites, anchor)
-    return given.log_density(about)
+    conditional, prior_mean = normals(sites, prior)
+    return conditional.log_density(prior_mean)
+
+
+class PopulationDraws(NamedTuple):
+    """Draws of the population, given the sites.
+
+    Attributes:
+        raw: the hyperparameters, unconstrained.
+        sites: the standard deviations and the correlation.
+        b: fixed and group effects.
+        precision: D, of an impact's parameters about X b.
+    """
+
+    raw: dict[str, Float[np.ndarray, " draw"]]
+    sites: dict[str, Float[np.ndarray, " draw"]]
+    b: Float[np.ndarray, "draw location"]
+    precision: Float[np.ndarray, "draw parameter parameter"]
+
+    def rows(self, chosen: Any) -> PopulationDraws:
+        """Some of them."""
+        return jax.tree.map(lambda values: values[chosen], self)
+
+    def subset(self, number: int) -> PopulationDraws:
+        """So many of them, evenly spaced."""
+        return self.rows(evenly_spaced(len(self.b), number))
+
+    def priors(self, design: PopulationDesign) -> ConditionalPrior:
+        """The conditional prior of an impact at every place of the design; see `of_cells`."""
+        return ConditionalPrior(_expected(design, self.b), self.precision[:, None])
+
+
+def of_cells(priors: ConditionalPrior, cell: np.ndarray) -> ConditionalPrior:
+    """Of impacts at these places."""
+    return priors._replace(mean=priors.mean[:, cell])
+
+
+def population_draws(
+    model: TraceModel, data: Data, raw: Mapping[str, Any], z_b: Float[np.ndarray, "draw location"]
+) -> PopulationDraws:
+    """Draws of the population from those of the hyperparameters.
+
+    Args:
+        model: the model.
+        data: what the marginal density asks of the dataset.
+        raw: the hyperparameters, unconstrained, [draw].
+        z_b: standard effects: with 0 b has its conditional mean.
+    """
+    raw = {name: np.asarray(raw[name]) for name in model.hyperparameters}
+    return PopulationDraws(raw, *population_draw(model, data, raw, z_b))
+
+
+@by_row(DRAWS, constant=2)
+def population_draw(
+    model: TraceModel, data: Data, raw: dict[str, Array], z_b: Float[Array, " location"]
+) -> tuple[dict[str, Array], Float[Array, " location"], Float[Array, "parameter parameter"]]:
+    """What is compiled of `population_draws`."""
+    sites = constrained(model, raw)
+    covariances = population(model, sites)
+    effects, _ = integrate_effects(data.design, covariances, data.sums(covariances))
+    b = effects_from_standard(data.design, effects, data.mean, z_b)
+    return sites, b, covariances.of_impact().precision
+
+
+@by_row(DRAWS, constant=1)
+def _expected(design: PopulationDesign, b: Float[Array, " location"]) -> Float[Array, "place parameter"]:
+    return expected_by_cell(design, b).T

@@ -63,8 +63,8 @@ class TabulatedRatio(NamedTuple):
 
     def log_mean(self, mean: Array, sd: Array) -> Float[Array, " impact"]:
         """Log of the mean of the ratio under a normal parameter, its mean less the site's centre."""
-        away = mean - self.reference + sd * jnp.asarray(_NORMAL_POINTS)[:, None]
-        log_ratio = jnp.polyval(self.coefficients, jnp.clip(away / self.reach, -1.0, 1.0))
+        distance = mean - self.reference + sd * jnp.asarray(_NORMAL_POINTS)[:, None]
+        log_ratio = jnp.polyval(self.coefficients, jnp.clip(distance / self.reach, -1.0, 1.0))
         return jax.nn.logsumexp(log_ratio, axis=0, b=jnp.asarray(_NORMAL_WEIGHTS)[:, None])
 
 
@@ -94,7 +94,7 @@ def importance_ratios(
     model: TraceModel,
     data: TraceData,
     sites: Sites,
-    anchors: ConditionalPrior,
+    priors: ConditionalPrior,
     standard: Float[np.ndarray, "point parameter"],
     grid: LikelihoodGrid | None = None,
 ) -> ImportanceRatios:
@@ -107,30 +107,32 @@ def importance_ratios(
         model: the model.
         data: the dataset.
         sites: of its traces.
-        anchors: what as many draws of the population as there are points expect of every impact.
+        priors: what as many draws of the population as there are points expect of every impact.
         standard: standard normals of each point.
         grid: of the last parameter, if it has one; it is then drawn from the population.
     """
     known, tables = _known_and_tabulated(model, grid is not None)
     order, free = _order(known, tables), known - tables
-    normals = _Ordered.of(sites, anchors, known, tables)
+    normals = _OrderedConditional.from_sites(sites, priors, known, tables)
     means, sds = map(np.stack, normals.of_tabulated())
     references = means.mean(1)
     reaches = np.abs(means - references[:, None]).max(1) + 4 * sds.max(1)
-    lasts = anchors.mean[..., -1] + anchors.precision[..., -1, -1] ** -0.5 * standard[:, -1:]
+    lasts = priors.mean[..., -1] + priors.precision[..., -1, -1] ** -0.5 * standard[:, -1:]
     of_last = np.zeros(lasts.shape) if grid is None else np.asarray(_of_grid(grid, lasts))
     back = np.argsort(order)
     centre = sites.centre[:, :known]
 
-    def ratio(away: np.ndarray, some: slice) -> tuple[np.ndarray, np.ndarray]:
+    def ratio(offset: np.ndarray, points: slice) -> tuple[np.ndarray, np.ndarray]:
         """With the tabulated parameters so far from the centre, the others from their conditional."""
-        given = normals.at(some)
-        whole = np.broadcast_to(away[:, None], (tables, *given.shift[0].shape))
-        moved = np.concatenate([given.given(whole, standard[some, :free].T[..., None]), whole])
+        conditional = normals.at(points)
+        whole = np.broadcast_to(offset[:, None], (tables, *conditional.shift[0].shape))
+        moved = np.concatenate(
+            [conditional.free_parameters(whole, standard[points, :free].T[..., None]), whole]
+        )
         u = centre + np.moveaxis(moved, 0, -1)[..., back]
-        complete = u if grid is None else np.concatenate([u, lasts[some, :, None]], axis=-1)
+        complete = u if grid is None else np.concatenate([u, lasts[points, :, None]], axis=-1)
         density = log_likelihoods(model, data, complete)
-        of_site = sites.log_density(complete) + of_last[some]
+        of_site = sites.log_density(complete) + of_last[points]
         # Neither infinity less another, where the site fails as well, is a ratio.
         has = np.isfinite(density) & np.isfinite(of_site)
         return u, np.where(has, density - np.where(has, of_site, 0.0), -np.inf)
@@ -153,21 +155,21 @@ def importance_ratios(
         values = values - values[_NODES // 2]
         return TabulatedRatio(references[number], reaches[number], np.linalg.solve(np.vander(nodes), values))
 
-    made = tuple(table(number) for number in range(tables))
-    return ImportanceRatios(u, log_density, log_ratio, made)  # type: ignore[arg-type]
+    tabulated = tuple(table(number) for number in range(tables))
+    return ImportanceRatios(u, log_density, log_ratio, tabulated)  # type: ignore[arg-type]
 
 
 def ratios_among(
     model: TraceModel,
     data: TraceData,
     sites: Sites,
-    anchors: ConditionalPrior,
+    priors: ConditionalPrior,
     grid: LikelihoodGrid | None = None,
 ) -> ImportanceRatios:
-    """`importance_ratios` at evenly spaced ones of any number of draws, which ``anchors`` has."""
-    some = ConditionalPrior(*(part[evenly_spaced(len(anchors.mean))] for part in anchors))
+    """`importance_ratios` at evenly spaced ones of any number of draws, which ``priors`` has."""
+    subset = ConditionalPrior(*(part[evenly_spaced(len(priors.mean))] for part in priors))
     standard = standard_points(sites.centre.shape[1])
-    return importance_ratios(model, data, sites, some, standard, grid)
+    return importance_ratios(model, data, sites, subset, standard, grid)
 
 
 def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:
@@ -179,7 +181,7 @@ def _known_and_tabulated(model: TraceModel, profiled: bool) -> tuple[int, int]:
 _of_grid = compiled_quickly()(LikelihoodGrid.at)
 
 
-class _Ordered(NamedTuple):
+class _OrderedConditional(NamedTuple):
     """The normal conditional of each impact's parameters less the site's centre, the tabulated ones last.
 
     L' (u - m) - shift is standard normal, with L L' = P + D: the last parameters follow alone, and the others
@@ -196,11 +198,11 @@ class _Ordered(NamedTuple):
     free: int
 
     @classmethod
-    def of(cls, sites: Sites, prior: ConditionalPrior, size: int, tables: int) -> _Ordered:
+    def from_sites(cls, sites: Sites, prior: ConditionalPrior, size: int, tables: int) -> _OrderedConditional:
         """Of an impact's first ``size`` parameters; others have no part in the sites."""
         order = np.array(_order(size, tables))
         precision = prior.precision[..., order[:, None], order]
-        own = Sites(
+        ordered = Sites(
             sites.centre[..., order],
             sites.slope[..., order],
             sites.precision[..., order[:, None], order],
@@ -208,15 +210,15 @@ class _Ordered(NamedTuple):
         )
         xp = precision.__array_namespace__()
         # No density is asked for, which alone needs the determinant.
-        given = ImpactPrior(xp.moveaxis(precision, (-2, -1), (0, 1)), xp.zeros(()))
-        found = ImpactConditional.of(given, parameters_first(own))
-        about = xp.moveaxis(prior.mean[..., order], -1, 0)
-        return cls(found.toward(about), found.factor, size - tables)
+        impact_prior = ImpactPrior(xp.moveaxis(precision, (-2, -1), (0, 1)), xp.zeros(()))
+        conditional = ImpactConditional.from_sites(impact_prior, parameters_first(ordered))
+        prior_mean = xp.moveaxis(prior.mean[..., order], -1, 0)
+        return cls(conditional.toward(prior_mean), conditional.factor, size - tables)
 
-    def at(self, index: Any) -> _Ordered:
+    def at(self, index: Any) -> _OrderedConditional:
         """With every entry indexed so."""
         shift, factor = jax.tree.map(lambda entry: entry[index], (self.shift, self.factor))
-        return _Ordered(shift, factor, self.free)
+        return _OrderedConditional(shift, factor, self.free)
 
     def of_tabulated(self) -> tuple[small.Vector, small.Vector]:
         """Mean and standard deviation of each tabulated parameter."""
@@ -225,11 +227,11 @@ class _Ordered(NamedTuple):
         mean = small.solve_upper(factor, self.shift[self.free :])
         return mean, [row[a] ** 0.5 for a, row in enumerate(variance)]
 
-    def given(self, away: small.Vector, z: small.Vector) -> small.Vector:
-        """The free parameters from standard normals, the tabulated ones being ``away``."""
+    def free_parameters(self, offset: small.Vector, z: small.Vector) -> small.Vector:
+        """The free parameters from standard normals, the tabulated ones being ``offset``."""
         tied, free = self.factor[self.free :], self.factor[: self.free]
-        pulled = [small.dot([row[a] for row in tied], away) for a in range(self.free)]
-        right = [s + own - p for s, own, p in zip(self.shift, z, pulled, strict=False)]
+        shift = [small.dot([row[a] for row in tied], offset) for a in range(self.free)]
+        right = [s + x - p for s, x, p in zip(self.shift, z, shift, strict=False)]
         return small.solve_upper(free, right)
 
     def log_density(self, moved: small.Vector) -> Any:
@@ -249,16 +251,16 @@ def log_corrections(
     evidence is another factor.
     """
     size, tables = ratios.u.shape[-1], len(ratios.tables)
-    given = _Ordered.of(sites, prior, size, tables)
+    conditional = _OrderedConditional.from_sites(sites, prior, size, tables)
     moved = jnp.moveaxis((ratios.u - sites.centre[:, :size])[..., jnp.array(_order(size, tables))], -1, 0)
-    log_weight = given.at(None).log_density(moved) - ratios.log_density
+    log_weight = conditional.at(None).log_density(moved) - ratios.log_density
     weighted, weight = (jax.nn.logsumexp(w, axis=0) for w in (log_weight + ratios.log_ratio, log_weight))
-    places = zip(*given.of_tabulated(), strict=True)
-    means = [table.log_mean(*place) for table, place in zip(ratios.tables, places, strict=True)]
+    tabulated = zip(*conditional.of_tabulated(), strict=True)
+    means = [table.log_mean(*moments) for table, moments in zip(ratios.tables, tabulated, strict=True)]
     return weighted - weight + sum(means)
 
 
-@by_row(DRAWS, given=2)
+@by_row(DRAWS, constant=2)
 def log_evidence_corrections(
     sites: Sites, ratios: ImportanceRatios, prior: ConditionalPrior
 ) -> Float[Array, " impact"]:

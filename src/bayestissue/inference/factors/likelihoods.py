@@ -25,11 +25,11 @@ def log_likelihoods(
 
     Minus infinity where there is none.
     """
-    found = densities_at(model, data, u)
-    return np.where(np.isfinite(found), found, -np.inf)
+    density = densities_at(model, data, u)
+    return np.where(np.isfinite(density), density, -np.inf)
 
 
-@by_row(POINTS, given=2)
+@by_row(POINTS, constant=2)
 def densities_at(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"]
 ) -> Float[Array, " impact"]:

@@ -35,7 +35,7 @@ def noise_p(
         data: the traces.
         u: a point of each impact's posterior.
     """
-    left, fitted, size = (np.asarray(each) for each in _left(model, data, jnp.asarray(u)))
+    left, fitted, size = (np.asarray(part) for part in _left(model, data, jnp.asarray(u)))
     return projected_portmanteau(left, fitted, size)
 
 
@@ -70,8 +70,8 @@ def _left(
         shared += [event.innovations(mode * sd[:, j, None])[0] for j, mode in enumerate(basis)]
     left, size = event.innovations(event.residuals(none))
     A = jnp.stack(shared, axis=-1) / jnp.exp(event.log_sigma)[:, None, None]
-    both = jnp.stack([left, *fitted], axis=1)
-    white = jax.vmap(_without)(A, both)
+    columns = jnp.stack([left, *fitted], axis=1)
+    white = jax.vmap(_without)(A, columns)
     return white[:, 0], white[:, 1:], size
 
 

@@ -51,7 +51,7 @@ def default_options(method: Method) -> SignalOptions:
 
 
 def estimates_table(
-    dataset: Dataset, signal: Displacements, method: Method, found: Sequence[Finding] = ()
+    dataset: Dataset, signal: Displacements, method: Method, findings: Sequence[Finding] = ()
 ) -> pd.DataFrame:
     """The table of `bayestissue.estimate` by a fit of displacements that are at hand.
 
@@ -61,7 +61,7 @@ def estimates_table(
         dataset: the recordings.
         signal: what was made of them.
         method: "exact" or "dds".
-        found: what `bayestissue.signal.quality.inspect` found; flagged.
+        findings: what `bayestissue.signal.quality.inspect` found; flagged.
     """
     long_enough = signal.n_samples >= FEWEST_SAMPLES
     fit = fit_points(
@@ -84,7 +84,7 @@ def estimates_table(
         "K": interval(np.where(has, whole.K_signed, np.nan), K_se, signal.n_samples),
         "C": interval(np.where(has, whole.C_signed, np.nan), C_se, signal.n_samples),
     }
-    flags, notes = flagged(dataset, signal, whole, found, method)
+    flags, notes = flagged(dataset, signal, whole, findings, method)
     return table_of(dataset, signal, whole._replace(K_se=K_se, C_se=C_se), ends, flags, notes)
 
 
@@ -168,7 +168,7 @@ def flagged(
     dataset: Dataset,
     signal: Displacements,
     fit: PointFit,
-    found: Sequence[Finding],
+    findings: Sequence[Finding],
     method: Method | Literal["impact"],
 ) -> tuple[list[list[Coded]], list[list[Coded]]]:
     """What is wrong with each impact, and what is only the method's or the recording's way."""
@@ -201,7 +201,7 @@ def flagged(
         noted[NO_ANSWER] = np.any(list(failed.values()), axis=0)
     else:
         wrong |= failed
-    spoilt = raised(found, len(another_peak))
+    spoilt = raised(findings, len(another_peak))
     flags = [[*a, *b, *c] for a, b, c in zip(spoilt, signal.flags, _by_row(wrong), strict=True)]
     # No quiet part is found where hum or drift stand in it: that is named instead.
     notes = [

@@ -122,7 +122,7 @@ def fit_points(
     columns = (x, n_samples, np.asarray(dt, float), np.asarray(mass, float), fall)
     items = [(*(column[rows] for column in columns), method, few) for rows in _batches(len(x))]
     parts = dict(computed(_fit_of_batch, items, scheduler=cluster() if len(items) > 1 else None))
-    ordered = [parts[place] for place in range(len(items))]
+    ordered = [parts[number] for number in range(len(items))]
     whole = {name: np.concatenate([part[name] for part in ordered])[: len(x)] for name in PointFit._fields}
     return PointFit(**whole)
 
@@ -139,7 +139,7 @@ def _fit_of_batch(
     data = _prepared(x, n_samples, centred=method == "dds")
     fitted = _fit_few if few else _fit_batch
     fit, values = fitted(data, dt, mass, method)
-    rest = np.zeros_like(dt)
+    equilibrium = np.zeros_like(dt)
     if gravity.any():
         # The second differences of a parabola are 1.
         one = sine_transforms(np.arange(x.shape[1]) ** 2 / 2 + np.zeros_like(x), n_samples).columns[0]
@@ -149,10 +149,12 @@ def _fit_of_batch(
             fit, values = fitted(data._replace(columns=falls), dt, mass, method)
             omega_n, c2 = np.asarray(values["omega_n"]), np.asarray(fit.c2)
             known = np.isfinite(omega_n) & (omega_n > 0)
-            rest = np.where(known, gravity / np.where(known, omega_n, 1.0) ** 2, 0.0)
-            share = np.where(known, c2 * rest / (gravity * dt**2 + (gravity == 0)), 1.0)
-    about = np.where(np.arange(x.shape[1]) < n_samples[:, None], np.asarray(data.x) - rest[:, None], 0.0)
-    p = whiteness(about, n_samples, *(np.asarray(c) for c in (fit.c1, fit.c2, fit.theta1)))
+            equilibrium = np.where(known, gravity / np.where(known, omega_n, 1.0) ** 2, 0.0)
+            share = np.where(known, c2 * equilibrium / (gravity * dt**2 + (gravity == 0)), 1.0)
+    deviation = np.where(
+        np.arange(x.shape[1]) < n_samples[:, None], np.asarray(data.x) - equilibrium[:, None], 0.0
+    )
+    p = whiteness(deviation, n_samples, *(np.asarray(c) for c in (fit.c1, fit.c2, fit.theta1)))
     return {**jax.tree.map(np.asarray, values), "whiteness_p": p}
 
 

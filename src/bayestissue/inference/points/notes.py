@@ -47,21 +47,21 @@ def flagged_recordings(impacts: Sequence[str], flags: Sequence[str]) -> dict[str
         impacts: their names.
         flags: of each, joined by "; ", as in the column ``flags`` of `estimates.csv`.
     """
-    own = {
+    flags_of = {
         impact: [flag for flag in text.split("; ") if flag and flag not in FAILED]
         for impact, text in zip(impacts, flags, strict=True)
     }
-    named = {impact: found for impact, found in own.items() if found}
+    named = {impact: warnings for impact, warnings in flags_of.items() if warnings}
     if not named:
         return {}
-    counts = Counter(flag for found in named.values() for flag in found)
+    counts = Counter(flag for warnings in named.values() for flag in warnings)
     commonest = ", ".join(f"{flag} ({count})" for flag, count in counts.most_common(3))
     words = (
-        f"NOTE: of {len(own)} recordings {len(named)} {'is' if len(named) == 1 else 'are'} flagged: "
+        f"NOTE: of {len(flags_of)} recordings {len(named)} {'is' if len(named) == 1 else 'are'} flagged: "
         f"{commonest}; {first_of(list(named), _NAMED)}. Their K and C may be wrong. `bayestissue check` "
         "says what to do."
     )
-    return {"flagged": named, "of": len(own), "words": words}
+    return {"flagged": named, "of": len(flags_of), "words": words}
 
 
 def said_once(notes: Iterable[str]) -> list[str]:

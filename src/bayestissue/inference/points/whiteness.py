@@ -86,10 +86,10 @@ def projected_portmanteau(
         p-values; NaN where fewer than 20 directions are left.
     """
     size, (count, columns, width) = np.asarray(size), fitted.shape
-    each = max(1, _MOST_NUMBERS // max(1, LAGS * columns * width))
+    per_part = max(1, _MOST_NUMBERS // max(1, LAGS * columns * width))
     parts = [
         _projected(shocks[rows], fitted[rows], size[rows])
-        for rows in (slice(begin, begin + each) for begin in range(0, count, each))
+        for rows in (slice(begin, begin + per_part) for begin in range(0, count, per_part))
     ]
     return np.concatenate(parts) if parts else np.empty(0)
 
@@ -115,8 +115,8 @@ def _projected(shocks: np.ndarray, fitted: np.ndarray, size: np.ndarray) -> Colu
     mean = trace / freedom[:, None]
     spread = product / (freedom * (freedom + 2))[:, None, None] - mean[:, :, None] * mean[:, None]
     spread = np.where(enough[:, None, None], spread, np.eye(len(lags)))
-    away = r - mean
-    distance = np.einsum("il,il->i", away, np.linalg.solve(spread, away[..., None])[..., 0])
+    deviation = r - mean
+    distance = np.einsum("il,il->i", deviation, np.linalg.solve(spread, deviation[..., None])[..., 0])
     second = _SECOND[0] * freedom + _SECOND[1]
     return np.where(enough, fdtrc(len(lags), second, distance / len(lags) * second / (second - 2)), np.nan)
 

@@ -29,20 +29,25 @@ from bayestissue.hierarchy.traces import (
     with_normal_errors,
 )
 from bayestissue.hierarchy.warp import SinhArcsinh
-from bayestissue.inference.execution.chunks import of_each
+from bayestissue.inference.execution.chunks import Progress, map_impacts, silent
 from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.execution.progress import Progress, silent
-from bayestissue.inference.factors.conditional import ConditionalPrior, standard_points
-from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
-from bayestissue.inference.factors.grid import (
-    PLACES,
-    LikelihoodGrid,
-    cleared_of_last,
-    integrated_likelihood_grid,
+from bayestissue.inference.factors.conditional import (
+    ConditionalPrior,
+    of_cells,
+    population_draws,
+    standard_points,
 )
-from bayestissue.inference.factors.grid_sum import BLOCK, GridSum, grid_sum_around
-from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
+from bayestissue.inference.factors.grid import (
+    BLOCK,
+    PLACES,
+    GridSum,
+    LikelihoodGrid,
+    grid_sum_around,
+    integrated_likelihood_grid,
+    without_last,
+)
 from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
 from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
@@ -70,11 +75,11 @@ def marginal_model(
     form. That mean is the last element of b, and so depends on the last standard normal alone, which is the
     last of the coordinates that ``warp`` is the map from.
     """
-    sites, rest = sample_warped(model, warp)
+    sites, last = sample_warped(model, warp)
     covariances = population(model, sites)
     numpyro.factor("sites", log_marginal(data, covariances))
     if grid is not None:
-        (z,) = rest
+        (z,) = last
         # The sites are cleared of the last parameter, and leave its mean as its prior has it.
         mean = data.mean[-1] + covariances.locations[-1] * z
         numpyro.factor("grid", grid.total(mean, covariances.nuisance[-1]) - z**2 / 2)
@@ -96,8 +101,8 @@ def first_guess(prepared: Prepared) -> Float[np.ndarray, "impact parameter"]:
     stiffness = np.where(np.isfinite(K) & (K > 0), K, signal.mass * (np.pi / 2 / signal.time_to_peak) ** 2)
     lightly = 0.1 * np.sqrt(stiffness * signal.mass)
     damping = np.where(np.isfinite(C) & (0.02 * lightly < C), C, lightly)
-    own = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
-    columns = [*(np.log(np.asarray(each)) for each in own), _noise(prepared, fit)]
+    guess = which.guess(jnp.asarray(stiffness), jnp.asarray(damping), jnp.asarray(signal.mass))
+    columns = [*(np.log(np.asarray(values)) for values in guess), _noise(prepared, fit)]
     columns += [np.full(len(stiffness), np.log(parameter.typical)) for parameter in which.extra]
     columns += [np.full(len(stiffness), prepared.model.priors.discrepancy.mean)] * prepared.model.discrepancy
     correlation = prepared.model.priors.atanh_noise_correlation.mean
@@ -164,39 +169,39 @@ def rows_of(sites: Sites, rows: np.ndarray) -> Sites:
     return Sites(*(np.asarray(leaf)[rows] for leaf in sites))
 
 
-def expanded(prepared: Prepared, say: Progress = silent) -> Sites:
+def expanded(prepared: Prepared, progress: Progress = silent) -> Sites:
     """Every likelihood expanded at its own maximum: what `approximate` begins with."""
     start = first_guess(prepared)
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
     smooth = with_normal_errors(prepared.data)
-    return _laplace(prepared.model, smooth, start, weak_prior(start), say)
+    return _laplace(prepared.model, smooth, start, weak_prior(start), progress)
 
 
 def _laplace(
-    model: TraceModel, smooth: TraceData, start: np.ndarray, prior: ConditionalPrior, say: Progress
+    model: TraceModel, smooth: TraceData, start: np.ndarray, prior: ConditionalPrior, progress: Progress
 ) -> Sites:
-    return of_each(partial(laplace_sites, model), smooth, start, prior.of_each(), progress=say)
+    return map_impacts(partial(laplace_sites, model), smooth, start, prior.of_each(), progress=progress)
 
 
 def _grid(
     model: TraceModel,
     data: TraceData,
-    cleared: Sites,
+    sites: Sites,
     prior: ConditionalPrior,
-    say: Progress,
+    progress: Progress,
     *,
-    roughly: bool = False,
+    coarse: bool = False,
 ) -> LikelihoodGrid:
     """The last parameter's grid, integrated over the fewer points the more impacts there are."""
     most = PROFILE_POINTS if model.kind == "arma" else PROFILE_POINTS // 2
-    number = int(np.clip(2 ** np.floor(np.log2(_GRID_POINTS / len(cleared.centre))), FEW, most))
-    points = standard_points(cleared.centre.shape[1], number)
+    number = int(np.clip(2 ** np.floor(np.log2(_GRID_POINTS / len(sites.centre))), FEW, most))
+    points = standard_points(sites.centre.shape[1], number)
 
-    def one(part: TraceData, own: Sites, given: ConditionalPrior) -> np.ndarray:
-        found = integrated_likelihood_grid(model, part, own, given, points, roughly=roughly)
-        return np.asarray(found.log_likelihood).T
+    def one(part: TraceData, part_sites: Sites, part_prior: ConditionalPrior) -> np.ndarray:
+        grid = integrated_likelihood_grid(model, part, part_sites, part_prior, points, coarse=coarse)
+        return np.asarray(grid.log_likelihood).T
 
-    table = of_each(one, data, cleared, prior.of_each(), progress=say)
+    table = map_impacts(one, data, sites, prior.of_each(), progress=progress)
     return LikelihoodGrid(jnp.asarray(np.ascontiguousarray(table.T)))
 
 
@@ -205,7 +210,7 @@ def approximate(
     *,
     expansions: Sites | None = None,
     normal: bool | None = None,
-    say: Progress = silent,
+    progress: Progress = silent,
 ) -> Approximation:
     """Laplace sites of the traces, each made where the whole data set says that its parameters are.
 
@@ -218,25 +223,25 @@ def approximate(
         normal: whether a last parameter that traces may leave open is part of the normal sites, or has a
             grid of its own; as the traces suggest, unless given. A grid that the places of its grid
             can't resolve gives way to normals in any case.
-        say: told how many of these passes are done, and of how many.
+        progress: told how many of these passes are done, and of how many.
     """
     model, data = prepared.model, prepared.data
     passes = 2 + model.may_have_grid
 
-    def told(number: int) -> Progress:
-        return lambda done, total: say(number * total + done, passes * total)
+    def report(number: int) -> Progress:
+        return lambda done, total: progress(number * total + done, passes * total)
 
     smooth = with_normal_errors(data)
-    sites = expansions or expanded(prepared, told(0))
+    sites = expansions or expanded(prepared, report(0))
     impacts = len(sites.centre)
-    say(1, passes)
+    progress(1, passes)
     # One flat grid stands for those of however many impacts.
     columns = impacts if impacts <= BLOCK else 1
     grid = LikelihoodGrid(jnp.zeros((len(PLACES), columns))) if model.may_have_grid else None
     finder = _ModeFinder(model, data, grid)
     mode = finder.mode(sites, None)
-    anchor = finder.conditional_prior(sites, mode)
-    sites = _laplace(model, smooth, sites.centre, anchor, told(1))
+    prior = finder.conditional_prior(sites, mode)
+    sites = _laplace(model, smooth, sites.centre, prior, report(1))
     mode = finder.mode(sites, mode)
     if not model.may_have_grid:
         return Approximation(sites, finder.coordinates(sites, mode), None)
@@ -244,26 +249,26 @@ def approximate(
     if normal:
         finder.grid = None
         return Approximation(sites, finder.coordinates(sites, mode[:-1]), None)
-    sites = cleared_of_last(sites)
-    anchor = finder.conditional_prior(sites, mode)
+    sites = without_last(sites)
+    prior = finder.conditional_prior(sites, mode)
     once = model.kind == "arma"
-    grid = _grid(model, data, sites, anchor, told(passes - 1), roughly=not once)
+    grid = _grid(model, data, sites, prior, report(passes - 1), coarse=not once)
     finder.tabulate(grid, sites, mode)
     # A search that begins where the grids fall steeply would end far from their maximum.
     mode = finder.mode(sites, finder.at_best_last(sites, mode))
     if not once:
         # The first sites were made where a search along the last parameter had stopped.
-        anchor = _anchored_at(finder.last_mean(mode), finder.conditional_prior(sites, mode))
-        sites = _laplace(model, smooth, anchor.mean, anchor, silent)
-        sites = cleared_of_last(sites)
-        anchor = finder.conditional_prior(sites, mode)
-        grid = _grid(model, data, sites, anchor, silent)
+        prior = _anchored_at(finder.last_mean(mode), finder.conditional_prior(sites, mode))
+        sites = _laplace(model, smooth, prior.mean, prior, silent)
+        sites = without_last(sites)
+        prior = finder.conditional_prior(sites, mode)
+        grid = _grid(model, data, sites, prior, silent)
         if grid.resolved:
             finder.tabulate(grid, sites, mode)
             mode = finder.mode(sites, mode)
     if not grid.resolved:
         # Its sites were made at a mode that the grid led to, and may be useless: begin anew.
-        return approximate(prepared, expansions=expansions, normal=True, say=say)
+        return approximate(prepared, expansions=expansions, normal=True, progress=progress)
     return Approximation(sites, finder.coordinates(sites, mode), grid, finder.grid)
 
 
@@ -292,8 +297,8 @@ def _has_another_end(prepared: Prepared, sites: Sites) -> bool:
     def densities(part: TraceData, middle: np.ndarray) -> np.ndarray:
         return log_likelihoods(prepared.model, part, middle + _FAR[:, None, None] * last).T
 
-    own, *far = of_each(densities, prepared.data, centre).T
-    lost = np.median(own - np.asarray(far), axis=1)
+    here, *there = map_impacts(densities, prepared.data, centre).T
+    lost = np.median(here - np.asarray(there), axis=1)
     return bool((lost < _CLEARLY_LESS).any())
 
 
@@ -310,10 +315,10 @@ def _value_and_slope(
     warp: SinhArcsinh,
 ) -> tuple[Array, Array]:
     """Minus the log density of the hyperparameters' coordinates, and its gradient."""
-    own = partial(marginal_model, model)
+    numpyro_model = partial(marginal_model, model)
 
     def potential(y: Array) -> Array:
-        return potential_energy(own, (data, grid, warp), {}, {COORDINATES: y})
+        return potential_energy(numpyro_model, (data, grid, warp), {}, {COORDINATES: y})
 
     return jax.value_and_grad(potential)(y)
 
@@ -330,7 +335,7 @@ class _ModeFinder:
     ) -> None:
         self._model, self.grid, self._expansion = model, grid, expansion
         self.data = data._replace(record=None)  # type: ignore[arg-type]
-        self._placed: tuple[Sites, Data] | None = None
+        self._arranged: tuple[Sites, Data] | None = None
 
     @property
     def _names(self) -> tuple[str, ...]:
@@ -338,10 +343,10 @@ class _ModeFinder:
 
     def _of(self, sites: Sites) -> Data:
         """Laid out once for all that is asked of the same sites."""
-        if self._placed is None or self._placed[0] is not sites:
-            found = gaussian(self.data, sites)._replace(expansion=self._expansion)
-            self._placed = sites, jax.tree.map(jnp.asarray, found)
-        return self._placed[1]
+        if self._arranged is None or self._arranged[0] is not sites:
+            arranged = gaussian(self.data, sites)._replace(expansion=self._expansion)
+            self._arranged = sites, jax.tree.map(jnp.asarray, arranged)
+        return self._arranged[1]
 
     def at(self, y: np.ndarray, sites: Sites, warp: SinhArcsinh | None = None) -> tuple[float, np.ndarray]:
         warp = warp or straight(len(y))
@@ -379,7 +384,7 @@ class _ModeFinder:
         """The same place where the last location's standard normal is most likely."""
         places = np.repeat(flat[None], len(_PLACES), axis=0)
         places[:, -1] = _PLACES
-        return places[np.argmin([self.at(place, sites)[0] for place in places])]
+        return places[np.argmin([self.at(point, sites)[0] for point in places])]
 
     def last_mean(self, flat: np.ndarray) -> float:
         """The mean of the last parameter there."""
@@ -390,14 +395,14 @@ class _ModeFinder:
         raw, at_mean = np.reshape(flat, (-1, 1)), np.zeros((1, self._model.locations.size))
         named, design = dict(zip(self._names, raw, strict=True)), self.data.design
         drawn = population_draws(self._model, self._of(sites), named, at_mean)
-        found = of_cells(drawn.priors(design), np.asarray(design.cell))
-        return ConditionalPrior(found.mean[0], drawn.precision[0])
+        arranged = of_cells(drawn.priors(design), np.asarray(design.cell))
+        return ConditionalPrior(arranged.mean[0], drawn.precision[0])
 
     def coordinates(self, sites: Sites, mode: np.ndarray) -> Coordinates:
         scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, sites)[1], mode)))
-        warp = warp_about(lambda each: np.array([-self.at(flat, sites)[0] for flat in each]), mode, scale)
-        about = covariance_about(lambda y: self.at(y, sites, warp)[1], np.zeros(len(mode)))
-        return Coordinates(self._names, warp, about)
+        warp = warp_about(lambda points: np.array([-self.at(flat, sites)[0] for flat in points]), mode, scale)
+        covariance = covariance_about(lambda y: self.at(y, sites, warp)[1], np.zeros(len(mode)))
+        return Coordinates(self._names, warp, covariance)
 
 
 def potential_at(
@@ -414,16 +419,19 @@ def names_of(model: TraceModel, *, profiled: bool) -> tuple[str, ...]:
 
 
 def coordinates_given_sites(
-    prepared: Prepared, found: Approximation, near: Mapping[str, np.ndarray]
+    prepared: Prepared, approximation: Approximation, near: Mapping[str, np.ndarray]
 ) -> Coordinates:
     """The hyperparameters' coordinates given other sites, their mode sought from ``near`` on."""
-    finder = _ModeFinder(prepared.model, prepared.data, found.marginal_grid, found.expansion)
+    finder = _ModeFinder(prepared.model, prepared.data, approximation.marginal_grid, approximation.expansion)
     begin = np.array(
-        [near.get(name, 0.0) for name in names_of(prepared.model, profiled=found.marginal_grid is not None)]
+        [
+            near.get(name, 0.0)
+            for name in names_of(prepared.model, profiled=approximation.marginal_grid is not None)
+        ]
     )
-    if found.marginal_grid is not None:
-        begin = finder.at_best_last(found.sites, begin)
-    return finder.coordinates(found.sites, finder.mode(found.sites, begin))
+    if approximation.marginal_grid is not None:
+        begin = finder.at_best_last(approximation.sites, begin)
+    return finder.coordinates(approximation.sites, finder.mode(approximation.sites, begin))
 
 
 def _anchored_at(last: float, prior: ConditionalPrior) -> ConditionalPrior:

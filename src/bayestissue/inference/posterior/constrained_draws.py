@@ -20,8 +20,7 @@ from bayestissue.hierarchy.traces import TraceData, TraceModel, physical, popula
 from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.compiling import by_row
 from bayestissue.inference.execution.kept import kept_draws
-from bayestissue.inference.factors.conditional import normals
-from bayestissue.inference.factors.conditional_prior import of_cells, population_draws
+from bayestissue.inference.factors.conditional import normals, of_cells, population_draws
 from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.posterior.scores import LikelihoodApproximation, of_draws
 from bayestissue.inference.quantities.elements import element_quantities, measured_of
@@ -53,14 +52,14 @@ def constrained_draws(
     shape, cell = (chains, number), np.asarray(design.cell)
     flat = {name: np.asarray(v).reshape(-1, *v.shape[2:]) for name, v in draws.sites.items()}
     z_u = draws.sites["standard_impacts"]
-    every = population_draws(model, approximation.data(prepared.data), flat, flat["standard_locations"])
-    keys = jax.random.split(jax.random.fold_in(key, 11), len(every.b))
-    kept = kept_draws(*shape, len(cell))
-    z_u = z_u if z_u.shape[1] == len(kept) else z_u[:, kept]
+    population = population_draws(model, approximation.data(prepared.data), flat, flat["standard_locations"])
+    keys = jax.random.split(jax.random.fold_in(key, 11), len(population.b))
+    kept_numbers = kept_draws(*shape, len(cell))
+    z_u = z_u if z_u.shape[1] == len(kept_numbers) else z_u[:, kept_numbers]
     z_u = np.asarray(z_u).reshape(-1, *z_u.shape[2:])
-    which = (np.arange(shape[0])[:, None] * shape[1] + kept).ravel()
-    some, people = every.rows(which), keys[which]
-    priors = some.priors(design)
+    which = (np.arange(shape[0])[:, None] * shape[1] + kept_numbers).ravel()
+    kept_population, people = population.rows(which), keys[which]
+    priors = kept_population.priors(design)
 
     def one(part: TraceData, rows: np.ndarray) -> dict[str, np.ndarray]:
         here = of_cells(priors, cell[rows])
@@ -70,33 +69,35 @@ def constrained_draws(
         shared = people if model.mass_error == "subject" else of_mass
         # Of the design X b of these impacts is asked alone.
         part = part._replace(design=design._replace(cell=cell[rows]))
-        made = constrained_impacts(model, part, some.sites, some.b, here.mean, u, shared, of_errors)
-        if len(kept) < shape[1]:
+        impacts_by_name = constrained_impacts(
+            model, part, kept_population.sites, kept_population.b, here.mean, u, shared, of_errors
+        )
+        if len(kept_numbers) < shape[1]:
             # Seven digits of a draw are more than it knows, and half the memory.
-            made = {name: values.astype(np.float32) for name, values in made.items()}
-        return {name: np.moveaxis(values, 1, 0) for name, values in made.items()}
+            impacts_by_name = {name: values.astype(np.float32) for name, values in impacts_by_name.items()}
+        return {name: np.moveaxis(values, 1, 0) for name, values in impacts_by_name.items()}
 
-    made = in_blocks(prepared.data, one)
+    impacts_by_name = in_blocks(prepared.data, one)
     impacts = {
-        name: np.moveaxis(v.reshape(len(v), shape[0], len(kept), *v.shape[2:]), 0, 2)
-        for name, v in made.items()
+        name: np.moveaxis(v.reshape(len(v), shape[0], len(kept_numbers), *v.shape[2:]), 0, 2)
+        for name, v in impacts_by_name.items()
     }
-    b = _at_true_masses(model, every.sites, every.b, keys)
-    scores = of_draws(prepared, likelihood or LikelihoodApproximation(approximation), every)
+    b = _at_true_masses(model, population.sites, population.b, keys)
+    scores = of_draws(prepared, likelihood or LikelihoodApproximation(approximation), population)
     values, b, scores = jax.tree.map(
-        lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (every.sites, b, scores)
+        lambda v: np.asarray(v).reshape(*shape, *v.shape[1:]), (population.sites, b, scores)
     )
-    found = named_sites(model.locations, prepared.design, values, b)
-    return ConstrainedDraws(found, impacts, scores, None if len(kept) == shape[1] else kept)
+    named = named_sites(model.locations, prepared.design, values, b)
+    return ConstrainedDraws(named, impacts, scores, None if len(kept_numbers) == shape[1] else kept_numbers)
 
 
-@by_row(DRAWS, given=2)
+@by_row(DRAWS, constant=2)
 def constrained_impacts(
     model: TraceModel,
     data: TraceData,
     sites: dict[str, Array],
     b: Float[Array, " location"],
-    about: Float[Array, "impact parameter"],
+    prior_mean: Float[Array, "impact parameter"],
     u: Float[Array, "impact parameter"],
     of_mass: Array,
     of_errors: Array,
@@ -104,14 +105,14 @@ def constrained_impacts(
     """Every impact's quantities; ``of_mass`` and ``of_errors`` are keys of errors of mass and all others."""
     covariances, columns = population(model, sites), list(u.T)
     if covariances.shared is None:
-        own = [entry - model.log_mass_sd**2 for entry in covariances.own]
-        mass_error = error_given(model.log_mass_sd**2, own, (u - about).T, of_mass)
+        pair = [entry - model.log_mass_sd**2 for entry in covariances.pair]
+        mass_error = error_given(model.log_mass_sd**2, pair, (u - prior_mean).T, of_mass)
     else:
         mass_error = of_impacts(data.design, covariances, error_of_people(covariances, b, of_mass))
     return impact_quantities(model, data, columns, mass_error, of_errors)
 
 
-@by_row(DRAWS, given=1)
+@by_row(DRAWS, constant=1)
 def _at_true_masses(
     model: TraceModel, sites: dict[str, Array], b: Float[Array, " location"], key: Array
 ) -> Float[Array, " location"]:
@@ -163,7 +164,7 @@ def error_of_people(covariances: Covariances, b: Array, key: Array) -> Float[Arr
 
 
 def error_given(
-    variance: Any, own: Sequence[Any], seen: Sequence[Any] | Array, key: Array
+    variance: Any, pair: Sequence[Any], deviation: Sequence[Any] | Array, key: Array
 ) -> Float[Array, " one"]:
     """A draw of the error e of the log mass, N(0, v), given log K - e and log C - e: all that is seen.
 
@@ -172,12 +173,12 @@ def error_given(
 
     Args:
         variance: v.
-        own: the covariance without the error.
-        seen: f, what is seen of log K and log C less their means.
+        pair: the covariance without the error.
+        deviation: f, log K - e and log C - e less their means.
         key: of the draw.
     """
-    kk, kc, cc = own
+    kk, kc, cc = pair
     determinant = jnp.maximum(kk * cc - kc**2, 0.0)
     over = variance / (determinant + variance * (kk + cc - 2 * kc))
-    mean = -over * ((cc - kc) * seen[0] + (kk - kc) * seen[1])
+    mean = -over * ((cc - kc) * deviation[0] + (kk - kc) * deviation[1])
     return mean + jnp.sqrt(over * determinant) * jax.random.normal(key, mean.shape)

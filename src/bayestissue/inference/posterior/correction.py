@@ -1,8 +1,12 @@
-"""Whether draws of the approximate marginal posterior, weighted by importance ratios, can be used."""
+"""Whether draws of the approximate marginal posterior, weighted by importance ratios, can be used.
+
+And the route of a fit that follows from it: by sites and a correction, or by the exact path, and why.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -21,9 +25,9 @@ _LEAST_OF_POINTS = 0.25
 _EXACT = 'Set sampler.path = "exact" in the model file.'
 
 
-def needed_size(kept: int) -> float:
+def needed_size(number: int) -> float:
     """The effective number of weighted draws from which so many can be kept."""
-    return min(NEEDED, _NEEDED_SHARE * kept)
+    return min(NEEDED, _NEEDED_SHARE * number)
 
 
 @dataclass(frozen=True)
@@ -47,10 +51,10 @@ class Correction:
     attempts: tuple[dict[str, float | None], ...] = ()
 
     @classmethod
-    def of(
+    def from_log_weights(
         cls,
         log_weight: Float[np.ndarray, "chain transition"],
-        kept: int,
+        number: int,
         varies: Float[np.ndarray, " impact"] | None = None,
     ) -> Correction:
         """From log weights, of which so many draws are to be kept.
@@ -58,7 +62,7 @@ class Correction:
         A log weight is minus infinity, or no number, for a draw without weight.
         """
         smoothed, k = pareto_smoothed(log_weight.ravel())
-        return cls(np.exp(smoothed).reshape(log_weight.shape), k, needed_size(kept), varies)
+        return cls(np.exp(smoothed).reshape(log_weight.shape), k, needed_size(number), varies)
 
     @property
     def effective(self) -> float:
@@ -152,3 +156,73 @@ class Correction:
             "correction",
         )
         return of_tail, of_draws, of_points
+
+
+@dataclass(frozen=True)
+class Route:
+    """The way of a fit.
+
+    Attributes:
+        asked: ``sampler.path`` of the model file: "automatic", "summary" or "exact".
+        correction: of the draws made with sites; None where there are none.
+    """
+
+    requested: str
+    correction: Correction | None = None
+
+    @property
+    def exact(self) -> bool:
+        """Whether every trace is in every step: as asked for, or where the correction can't be trusted.
+
+        Weights that are good but leave few effective draws are no reason: the diagnostics say how few.
+        """
+        if self.requested == "automatic" and self.correction is not None:
+            return not (self.correction.trusted or self.correction.lacks_only_draws)
+        return self.requested == "exact"
+
+    @property
+    def why(self) -> str:
+        """The reason, as a clause."""
+        if self.correction is None or self.requested == "exact":
+            return "as the model file asks"
+        failed = ", ".join(check.name for check in self.correction.checks() if not check.passed)
+        words = self.correction.words
+        if not failed:
+            return f"since the correction can be trusted: {words}"
+        if not self.exact and self.requested == "automatic":
+            return f"since the correction's weights are good, though few draws are effective: {words}"
+        if not self.exact:
+            return f"as the model file asks, though the correction can't be trusted ({failed}): {words}"
+        count = len(self.correction.attempts)
+        best = f"; the best of {count} attempts has {words}" if count > 1 else f": {words}"
+        return f"since the correction of the short way can't be trusted ({failed}){best}"
+
+    @property
+    def words(self) -> str:
+        """One sentence for whoever reads the results."""
+        if self.exact:
+            return f"Sampled by the exact path, every trace in every step, {self.why}."
+        attempts = 0 if self.correction is None else len(self.correction.attempts)
+        again = f" ({attempts} attempts)" if attempts > 1 else ""
+        return (
+            f"Sampled with a normal approximation of each trace's likelihood and corrected by importance "
+            f"weights{again}, {self.why}."
+        )
+
+    def checks(self) -> tuple[Check, ...]:
+        """Of the correction, where the draws depend on it."""
+        return () if self.exact or self.correction is None else self.correction.checks()
+
+    def record(self) -> dict[str, Any]:
+        """As it stands in ``run.json`` and ``diagnostics.json``."""
+        attempts = () if self.correction is None else self.correction.attempts
+        path = "exact" if self.exact else "summary"
+        return {"path": path, "asked": self.requested, "words": self.words, "attempts": list(attempts)}
+
+
+def duration(seconds: float) -> str:
+    """In seconds, minutes or hours, as many digits as an estimate deserves."""
+    for unit, name in ((3600, "h"), (60, "min")):
+        if seconds >= 2 * unit:
+            return f"{seconds / unit:.0f} {name}"
+    return f"{seconds:.0f} s"

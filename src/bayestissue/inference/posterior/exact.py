@@ -11,8 +11,8 @@ import numpy as np
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceModel, sampled_model, warped
+from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.execution.compiling import filled_up
-from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.posterior.approximate import Approximation
 from bayestissue.inference.samplers.nuts import Start, run_chains
 from bayestissue.inference.samplers.sampling import Draws
@@ -60,10 +60,10 @@ def straightened(
     z_b = sites["standard_locations"]
     if approximation.grid is not None:
         z_b = np.asarray(warped(jnp.asarray(z_b), warp))
-    rest = {name: values for name, values in sites.items() if name != COORDINATES}
-    rest["standard_impacts"] = rest["standard_impacts"][:, :, : len(approximation.sites.centre)]
+    others = {name: values for name, values in sites.items() if name != COORDINATES}
+    others["standard_impacts"] = others["standard_impacts"][:, :, : len(approximation.sites.centre)]
     return (
-        rest
+        others
         | {"standard_locations": z_b}
         | dict(zip(model.hyperparameters, np.moveaxis(raw, -1, 0), strict=True))
     )

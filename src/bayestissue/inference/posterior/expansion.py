@@ -24,17 +24,21 @@ from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceData, TraceModel, population
-from bayestissue.inference.execution.chunks import in_blocks
-from bayestissue.inference.execution.progress import Progress, silent
-from bayestissue.inference.factors.conditional import POINTS, ConditionalPrior
-from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells, population_draws
+from bayestissue.inference.execution.chunks import Progress, in_blocks, silent
+from bayestissue.inference.factors.conditional import (
+    POINTS,
+    ConditionalPrior,
+    PopulationDraws,
+    of_cells,
+    population_draws,
+)
 from bayestissue.inference.factors.importance_ratios import (
     ImportanceRatios,
     log_corrections,
     log_evidence_corrections,
     ratios_among,
 )
-from bayestissue.inference.factors.regression import regression_sites
+from bayestissue.inference.factors.sites import regression_sites
 from bayestissue.inference.posterior.approximate import LAST, Approximation, coordinates_given_sites
 from bayestissue.inference.samplers.psis import relative_variance
 
@@ -100,19 +104,19 @@ def importance_weights(
     """
     model, data = prepared.model, prepared.data
     cell = np.asarray(data.design.cell)
-    at, mixture = (each.priors(data.design) for each in (draws, compared.some(POINTS)))
+    at, mixture = (ratios.priors(data.design) for ratios in (draws, compared.subset(POINTS)))
 
     def one(part: TraceData, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        own, grid = approximation.of_rows(rows)
-        points = ratios_among(model, part, own, of_cells(mixture, cell[rows]), grid)
-        found = log_evidence_corrections(own, points, of_cells(at, cell[rows]))
-        return np.where(np.isfinite(found), found, -np.inf).T, relative_variance(points.log_ratio)
+        sites, grid = approximation.of_rows(rows)
+        points = ratios_among(model, part, sites, of_cells(mixture, cell[rows]), grid)
+        log_ratio = log_evidence_corrections(sites, points, of_cells(at, cell[rows]))
+        return np.where(np.isfinite(log_ratio), log_ratio, -np.inf).T, relative_variance(points.log_ratio)
 
-    each, varies = in_blocks(data, one, progress=progress)
-    whole = each.sum(0)
+    ratios, varies = in_blocks(data, one, progress=progress)
+    whole = ratios.sum(0)
     if approximation.expansion is not None:
         whole = whole - np.asarray(_expanded(model, data.design, approximation.expansion, draws))
-    return Ratios(whole, each.T, varies)
+    return Ratios(whole, ratios.T, varies)
 
 
 def refitted(
@@ -130,13 +134,15 @@ def refitted(
 
     def one(part: TraceData, rows: np.ndarray) -> Sites:
         rng = np.random.default_rng([seed, 41, int(rows[0])])
-        own, _ = approximation.of_rows(rows)
-        return regression_sites(prepared.model, part, own, of_cells(priors, cell[rows]), rng)
+        sites, _ = approximation.of_rows(rows)
+        return regression_sites(prepared.model, part, sites, of_cells(priors, cell[rows]), rng)
 
-    found = replace(approximation, sites=in_blocks(prepared.data, one, progress=progress), expansion=None)
+    approximated = replace(
+        approximation, sites=in_blocks(prepared.data, one, progress=progress), expansion=None
+    )
     near = {name: np.asarray(values.mean()) for name, values in draws.raw.items()}
     try:
-        return replace(found, coordinates=coordinates_given_sites(prepared, found, near))
+        return replace(approximated, coordinates=coordinates_given_sites(prepared, approximated, near))
     except FloatingPointError:
         # If few draws are effective, they may be far from what the traces say.
         return approximation
@@ -161,10 +167,10 @@ def with_expansion(
         best, least = approximation, scatter
         if scatter < limit or number == EXPANSIONS:
             break
-        found = replace(approximation, expansion=expand(prepared, approximation, draws, progress=progress))
+        expanded = replace(approximation, expansion=expand(prepared, approximation, draws, progress=progress))
         near = {name: values[0] for name, values in draws.raw.items()}
         try:
-            approximation = replace(found, coordinates=coordinates_given_sites(prepared, found, near))
+            approximation = replace(expanded, coordinates=coordinates_given_sites(prepared, expanded, near))
         except FloatingPointError:
             # Weights of few points leave an expansion that is none.
             break
@@ -185,18 +191,18 @@ def expand(
     """
     model, data = prepared.model, prepared.data
     design, cell = data.design, np.asarray(data.design.cell)
-    mixture, middle = (each.priors(design) for each in (draws.some(POINTS), draws.rows(slice(1))))
-    about = middle.mean[0]
+    mixture, middle = (part.priors(design) for part in (draws.subset(POINTS), draws.rows(slice(1))))
+    prior_mean = middle.mean[0]
     at = np.asarray(flat_covariances(population(model, {k: v[0] for k, v in draws.sites.items()})))
 
     def one(part: TraceData, rows: np.ndarray) -> tuple[Array, Array]:
-        here = np.concatenate([about[cell[rows]], np.broadcast_to(at, (len(rows), len(at)))], axis=1)
-        own, grid = approximation.of_rows(rows)
-        return _expand(own, ratios_among(model, part, own, of_cells(mixture, cell[rows]), grid), here)
+        here = np.concatenate([prior_mean[cell[rows]], np.broadcast_to(at, (len(rows), len(at)))], axis=1)
+        sites, grid = approximation.of_rows(rows)
+        return _expand(sites, ratios_among(model, part, sites, of_cells(mixture, cell[rows]), grid), here)
 
     slope, bend = in_blocks(data, one, progress=progress)
     return Expansion(
-        jnp.asarray(about.T),
+        jnp.asarray(prior_mean.T),
         jnp.asarray(at),
         design.to_cells(jnp.asarray(np.moveaxis(slope, 0, -1))),
         design.to_cells(jnp.asarray(np.moveaxis(bend, 0, -1))),

@@ -39,21 +39,21 @@ def find_mode(
     priors = {name: model.prior_of(name) for name in model.hyperparameters}
     by_log = np.array([isinstance(priors.get(name), HalfNormalSpread) for name in names])
 
-    def at(place: np.ndarray) -> tuple[float, np.ndarray]:
-        sd = np.exp(np.where(by_log, place, 0.0))
-        value, slope = value_and_slope(_unconstrained(place, by_log))
+    def at(flat: np.ndarray) -> tuple[float, np.ndarray]:
+        sd = np.exp(np.where(by_log, flat, 0.0))
+        value, slope = value_and_slope(_unconstrained(flat, by_log))
         return value, np.where(by_log, sd / -np.expm1(-sd), 1.0) * slope
 
     begin = np.full(len(names), _BEGIN)
     if start is not None:
         begin = np.where(by_log, np.log(np.logaddexp(0.0, start)), start)
-    found = minimize(at, begin, jac=True, method="L-BFGS-B", bounds=[_BOUNDS] * len(begin)).x
-    return _unconstrained(found, by_log)
+    optimum = minimize(at, begin, jac=True, method="L-BFGS-B", bounds=[_BOUNDS] * len(begin)).x
+    return _unconstrained(optimum, by_log)
 
 
 def covariance_about(
     slope: Callable[[Float[np.ndarray, " site"]], Float[np.ndarray, " site"]],
-    place: Float[np.ndarray, " site"],
+    point: Float[np.ndarray, " site"],
 ) -> Float[np.ndarray, "site site"]:
     """The inverse of a function's curvature at a place, from differences of its slope.
 
@@ -62,16 +62,16 @@ def covariance_about(
     Raises:
         FloatingPointError: the function has no finite slopes there.
     """
-    steps = _STEP * np.eye(len(place))
-    slopes = np.array([[slope(place + side * step) for step in steps] for side in (1, -1)])
+    steps = _STEP * np.eye(len(point))
+    slopes = np.array([[slope(point + side * step) for step in steps] for side in (1, -1)])
     if not np.isfinite(slopes).all():
         raise FloatingPointError("the marginal density has no finite slope about its mode")
     curvature, axes = np.linalg.eigh((slopes[0] - slopes[1]) / (2 * _STEP))
     return (axes / np.maximum(curvature, 1.0)) @ axes.T
 
 
-def _unconstrained(place: np.ndarray, by_log: np.ndarray) -> np.ndarray:
+def _unconstrained(flat: np.ndarray, by_log: np.ndarray) -> np.ndarray:
     """Y of log(log(1 + e^y)), or the coordinate itself."""
-    sd = np.exp(np.where(by_log, place, 0.0))
+    sd = np.exp(np.where(by_log, flat, 0.0))
     # log(e^s - 1), whose exponential must not overflow.
-    return np.where(by_log, sd + np.log(-np.expm1(-sd)), place)
+    return np.where(by_log, sd + np.log(-np.expm1(-sd)), flat)

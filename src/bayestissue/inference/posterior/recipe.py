@@ -21,12 +21,10 @@ from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
-from bayestissue.inference.execution.chunks import in_blocks
+from bayestissue.inference.execution.chunks import Progress, in_blocks, silent
 from bayestissue.inference.execution.compiling import filled_up, in_parts
 from bayestissue.inference.execution.kept import all_fit, kept_draws
-from bayestissue.inference.execution.progress import Progress, silent
-from bayestissue.inference.factors.conditional import ConditionalPrior, normals
-from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
+from bayestissue.inference.factors.conditional import ConditionalPrior, PopulationDraws, normals, of_cells
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior.approximate import (
     Approximation,
@@ -45,7 +43,7 @@ from bayestissue.inference.posterior.expansion import (
 )
 from bayestissue.inference.samplers.independence import LEAST_EFFECTIVE, independence_chains
 from bayestissue.inference.samplers.nuts import Known, Start, run_chains
-from bayestissue.inference.samplers.resampling import systematic
+from bayestissue.inference.samplers.psis import systematic
 from bayestissue.inference.samplers.sampling import Draws
 
 CANDIDATES, _FEWEST_CANDIDATES, _OFF = 8, 2, 1 / 32
@@ -89,7 +87,7 @@ def corrected_draws(
     seed: int,
     *,
     approximation: Approximation | None = None,
-    say: Callable[[str, int, int], None] = lambda *_: None,
+    progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> tuple[Approximation, Draws, Correction]:
     """Sites, draws of the approximate marginal posterior made with them, and their correction.
 
@@ -104,37 +102,42 @@ def corrected_draws(
         settings: how many chains and draws.
         seed: of all of it.
         approximation: what `approximate` found, if it was asked before.
-        say: told the stage, how much of it is done, and its total; of every attempt anew.
+        progress: told the stage, how much of it is done, and its total; of every attempt anew.
     """
     rng = np.random.default_rng([seed, 22])
-    done, sampling = partial(say, "summarising each trace"), partial(say, "sampling the population")
-    approximation = approximation or approximate(prepared, say=done)
+    done, sampling = partial(progress, "summarising each trace"), partial(progress, "sampling the population")
+    approximation = approximation or approximate(prepared, progress=done)
 
     def sample(approximation: Approximation, settings: Sampler = settings) -> Attempt:
         return population_attempt(prepared, approximation, settings, seed, sampling)
 
     def attempts(approximation: Approximation) -> list[Attempt]:
         return _attempts(
-            prepared, placed(prepared, approximation, settings, seed, rng, done), sample, settings, seed, rng
+            prepared,
+            fitted_to_population(prepared, approximation, settings, seed, rng, done),
+            sample,
+            settings,
+            seed,
+            rng,
         )
 
-    made = attempts(approximation)
-    if approximation.grid is not None and not _best(made).correction.trusted:
-        made += attempts(approximate(prepared, normal=True, say=done))
-    best = _best(made)
+    tried = attempts(approximation)
+    if approximation.grid is not None and not _best(tried).correction.trusted:
+        tried += attempts(approximate(prepared, normal=True, progress=done))
+    best = _best(tried)
     if best.correction.lacks_only_draws:
         longer = int(np.ceil(1.2 * best.correction.needed / best.correction.effective))
         lengthened = settings.model_copy(update={"thinning": longer * settings.thinning})
         if longer <= _LONGEST and _all_weighed(prepared, lengthened):
-            made.append(sample(best.approximation, lengthened))
-            best = _best(made)
-    rows = tuple(attempt.correction.row() for attempt in made)
-    draws = with_impacts(prepared, best, settings, seed, partial(say, "drawing each impact"))
+            tried.append(sample(best.approximation, lengthened))
+            best = _best(tried)
+    rows = tuple(attempt.correction.row() for attempt in tried)
+    draws = with_impacts(prepared, best, settings, seed, partial(progress, "drawing each impact"))
     return best.approximation, draws, replace(best.correction, attempts=rows)
 
 
-def _best(made: list[Attempt]) -> Attempt:
-    return min(made, key=lambda attempt: attempt.correction.rank)
+def _best(tried: list[Attempt]) -> Attempt:
+    return min(tried, key=lambda attempt: attempt.correction.rank)
 
 
 def _attempts(
@@ -150,20 +153,22 @@ def _attempts(
     So on until a correction can be trusted or the effective number of draws is not half as large again. A
     grid of the last parameter is not fitted anew.
     """
-    made = [sample(approximation)]
+    tried = [sample(approximation)]
     while (
-        not made[-1].correction.trusted and made[-1].approximation.grid is None and len(made) < _MOST_PASSES
+        not tried[-1].correction.trusted
+        and tried[-1].approximation.grid is None
+        and len(tried) < _MOST_PASSES
     ):
-        found = made[-1].draws
-        some = found.rows(np.resize(rng.permutation(len(found.b)), _DRAWS_ABOUT))
-        fitted = refitted(prepared, made[-1].approximation, some, seed + _MOST_PASSES + len(made))
-        made.append(sample(with_expansion(prepared, fitted, seed, _limit(prepared, settings))))
-        if made[-1].correction.effective < _GAIN * made[-2].correction.effective:
+        draws = tried[-1].draws
+        subset = draws.rows(np.resize(rng.permutation(len(draws.b)), _DRAWS_ABOUT))
+        fitted = refitted(prepared, tried[-1].approximation, subset, seed + _MOST_PASSES + len(tried))
+        tried.append(sample(with_expansion(prepared, fitted, seed, _limit(prepared, settings))))
+        if tried[-1].correction.effective < _GAIN * tried[-2].correction.effective:
             break
-    return made
+    return tried
 
 
-def placed(
+def fitted_to_population(
     prepared: Prepared,
     approximation: Approximation,
     settings: Sampler,
@@ -172,10 +177,10 @@ def placed(
     progress: Progress = silent,
 ) -> Approximation:
     """Sites fitted about draws of the population to second order, and expanded where these need it."""
-    about = int(np.clip(_ALL_BEFORE // len(prepared.impacts), _FEWEST_BEFORE, _DRAWS_BEFORE))
-    for number in range(_PASSES_BEFORE if approximation.grid is None else 0):
-        draws = to_second_order(prepared, approximation, about, rng)
-        approximation = refitted(prepared, approximation, draws, seed + number, progress)
+    number_of_draws = int(np.clip(_ALL_BEFORE // len(prepared.impacts), _FEWEST_BEFORE, _DRAWS_BEFORE))
+    for seed_step in range(_PASSES_BEFORE if approximation.grid is None else 0):
+        draws = to_second_order(prepared, approximation, number_of_draws, rng)
+        approximation = refitted(prepared, approximation, draws, seed + seed_step, progress)
     return with_expansion(prepared, approximation, seed, _limit(prepared, settings), progress)
 
 
@@ -205,24 +210,24 @@ def population_attempt(
     shape, rng = (settings.chains, settings.transitions), np.random.default_rng([seed, 21])
     y = chains.sites[COORDINATES].reshape(shape[0] * shape[1], -1)
     standard = rng.standard_normal((len(y), prepared.model.locations.size))
-    every, z_b = draws_at(prepared, approximation, y, standard)
+    population, z_b = draws_at(prepared, approximation, y, standard)
     whole = _all_weighed(prepared, settings)
-    checked = every if whole else every.some(CHECKS)
-    found = importance_weights(prepared, approximation, checked, every)
-    log_weight = found.log_weight.reshape(shape if whole else (1, -1))
+    checked = population if whole else population.subset(CHECKS)
+    ratios = importance_weights(prepared, approximation, checked, population)
+    log_weight = ratios.log_weight.reshape(shape if whole else (1, -1))
     number = settings.chains * settings.draws if whole else CHECKS
-    correction = Correction.of(log_weight, number, found.varies)
+    correction = Correction.from_log_weights(log_weight, number, ratios.varies)
     places = np.arange(settings.thinning - 1, shape[1], settings.thinning)
     if whole:
         places = systematic(correction.weight, settings.draws, rng)
     chosen = np.ravel(places + shape[1] * np.arange(shape[0])[:, None])
     if whole:
-        correction = replace(correction, of_impacts=found.of_impacts[chosen])
-    return Attempt(approximation, chains, every.rows(chosen), z_b[chosen], correction)
+        correction = replace(correction, of_impacts=ratios.of_impacts[chosen])
+    return Attempt(approximation, chains, population.rows(chosen), z_b[chosen], correction)
 
 
 def with_impacts(
-    prepared: Prepared, found: Attempt, settings: Sampler, seed: int, progress: Progress = silent
+    prepared: Prepared, attempt: Attempt, settings: Sampler, seed: int, progress: Progress = silent
 ) -> Draws:
     """The population's draws, and each impact's standard normals under those that are kept of it.
 
@@ -230,25 +235,29 @@ def with_impacts(
     """
     model, design = prepared.model, prepared.data.design
     shape, cell = (settings.chains, settings.draws), np.asarray(design.cell)
-    kept = kept_draws(*shape, len(cell))
-    some = found.draws.rows((np.arange(shape[0])[:, None] * shape[1] + kept).ravel())
-    priors = some.priors(design)
+    kept_numbers = kept_draws(*shape, len(cell))
+    kept_draws_of_population = attempt.draws.rows(
+        (np.arange(shape[0])[:, None] * shape[1] + kept_numbers).ravel()
+    )
+    priors = kept_draws_of_population.priors(design)
     # What has a grid varies besides under the population of each draw.
-    measured = found.correction.varies if found.approximation.grid is None else None
-    varies = np.inf if measured is None else float(measured.mean())
+    measured = attempt.correction.varies if attempt.approximation.grid is None else None
+    relative_variance = np.inf if measured is None else float(measured.mean())
 
     def one(part: TraceData, rows: np.ndarray) -> np.ndarray:
         rng = np.random.default_rng([seed, 24, int(rows[0])])
-        own, here = found.approximation.of_rows(rows)[0], of_cells(priors, cell[rows])
-        choose = partial(sir_proposals, model, part, own, candidates_for(varies))
-        seeds = rng.integers(2**32, size=len(some.b))
-        return in_parts(choose, (here.mean, some.precision, seeds), _DRAWS_AT_ONCE).swapaxes(0, 1)
+        part_sites, here = attempt.approximation.of_rows(rows)[0], of_cells(priors, cell[rows])
+        choose = partial(sir_proposals, model, part, part_sites, candidates_for(relative_variance))
+        seeds = rng.integers(2**32, size=len(kept_draws_of_population.b))
+        return in_parts(
+            choose, (here.mean, kept_draws_of_population.precision, seeds), _DRAWS_AT_ONCE
+        ).swapaxes(0, 1)
 
     z_u = in_blocks(prepared.data, one, progress=progress).swapaxes(0, 1)
-    sites = {**found.draws.raw, "standard_locations": found.z_b}
-    made = {name: values.reshape(*shape, *values.shape[1:]) for name, values in sites.items()}
-    made["standard_impacts"] = z_u.reshape(shape[0], len(kept), *z_u.shape[1:])
-    return Draws(made, found.chains.statistics, found.chains.max_tree_depth)
+    sites = {**attempt.draws.raw, "standard_locations": attempt.z_b}
+    values_by_site = {name: values.reshape(*shape, *values.shape[1:]) for name, values in sites.items()}
+    values_by_site["standard_impacts"] = z_u.reshape(shape[0], len(kept_numbers), *z_u.shape[1:])
+    return Draws(values_by_site, attempt.chains.statistics, attempt.chains.max_tree_depth)
 
 
 def sample_marginal(
@@ -263,14 +272,14 @@ def sample_marginal(
     )
     progress(0, 1)
     covariance = approximation.coordinates.covariance
-    found = independence_chains(marginal_model, arguments, COORDINATES, covariance, settings, seed)
-    if found.pareto_k < PROPOSAL_LIMIT and found.effective > LEAST_EFFECTIVE:
+    chains = independence_chains(marginal_model, arguments, COORDINATES, covariance, settings, seed)
+    if chains.pareto_k < PROPOSAL_LIMIT and chains.effective > LEAST_EFFECTIVE:
         progress(1, 1)
-        return found.draws
+        return chains.draws
     return run_chains(
         marginal_model,
         arguments,
-        _begun(prepared, approximation, settings.chains, np.random.default_rng([seed, 23])),
+        _scattered_start(prepared, approximation, settings.chains, np.random.default_rng([seed, 23])),
         settings,
         seed,
         progress=progress,
@@ -278,22 +287,24 @@ def sample_marginal(
     )
 
 
-def candidates_for(varies: float) -> int:
+def candidates_for(relative_variance: float) -> int:
     """How many candidates an impact's parameters are chosen from.
 
     The choice is off the truth by about v / n, v being the variance of likelihood over site relative to its
     mean squared, infinite where it has no mean.
     """
-    wanted = np.ceil(varies / _OFF) if np.isfinite(varies) else CANDIDATES
+    wanted = np.ceil(relative_variance / _OFF) if np.isfinite(relative_variance) else CANDIDATES
     return int(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES))
 
 
-def _begun(prepared: Prepared, approximation: Approximation, chains: int, rng: np.random.Generator) -> Start:
+def _scattered_start(
+    prepared: Prepared, approximation: Approximation, chains: int, rng: np.random.Generator
+) -> Start:
     """Scattered by half a standard deviation, which lets R-hat see chains that did not forget it."""
     root = np.linalg.cholesky(approximation.coordinates.covariance)
     points = 0.5 * rng.standard_normal((chains, len(root))) @ root.T
-    found = [potential_at(prepared, approximation, point) for point in points]
-    potentials, slopes = (np.array(part) for part in zip(*found, strict=True))
+    evaluated = [potential_at(prepared, approximation, point) for point in points]
+    potentials, slopes = (np.array(part) for part in zip(*evaluated, strict=True))
     centre = {COORDINATES: np.zeros(len(root))}
     known = Known(points, potentials, slopes)
     return Start(centre, (COORDINATES,), approximation.coordinates.covariance, known)
@@ -304,17 +315,17 @@ def sir_proposals(
     data: TraceData,
     sites: Sites,
     candidates: int,
-    about: Float[np.ndarray, "draw impact parameter"],
+    prior_mean: Float[np.ndarray, "draw impact parameter"],
     precision: Float[np.ndarray, "draw parameter parameter"],
     seeds: Int[np.ndarray, " draw"],
 ) -> Float[np.ndarray, "draw impact parameter"]:
     """Standard normals of every impact, one of a few candidates each, chosen by likelihood over site."""
-    given = normals(sites, ConditionalPrior(about, precision[:, None]))
+    proposal = normals(sites, ConditionalPrior(prior_mean, precision[:, None]))
     rng = np.random.default_rng(seeds)
-    best, most = np.zeros(about.shape), np.full(about.shape[:2], -np.inf)
+    best, most = np.zeros(prior_mean.shape), np.full(prior_mean.shape[:2], -np.inf)
     for number in range(candidates):
-        z = rng.standard_normal(about.shape)
-        u = given.at(z)
+        z = rng.standard_normal(prior_mean.shape)
+        u = proposal.at(z)
         ratio = log_likelihoods(model, data, u) - sites.log_density(u)
         # The greatest of these sums is a choice by likelihood over site (Gumbel 1954).
         value = ratio + rng.gumbel(size=ratio.shape)

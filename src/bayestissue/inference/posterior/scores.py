@@ -1,8 +1,10 @@
 """Log densities of traces given the population, each impact's own parameters integrated out.
 
-Of each impact, and of all impacts of a person or a condition with the effects of that integrated out too:
-what cross-validation asks for. They are the evidence of the sites, times the
-ratio of the traces' own evidence to it.
+Of each impact, and of all impacts of a person or a condition with the effects integrated out that these
+impacts alone have: what cross-validation asks for. Of a person the effects are those on log K, log C and what
+else has a formula, a mass exponent of the person, and the effects of all that lies within the person, such as
+each side; without the traces only the prior tells them. The densities are the evidence of the sites, times
+the ratio of the traces' own evidence to it.
 """
 
 from __future__ import annotations
@@ -11,26 +13,31 @@ from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
+import pandas as pd
 from jax import Array
-from jaxtyping import Float
+from jax.scipy.linalg import solve_triangular
+from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.formulas.group_terms import stem_of
+from bayestissue.hierarchy.design import Design
+from bayestissue.hierarchy.effects import RESPONSES
+from bayestissue.hierarchy.formulas.group_terms import Grouping, stem_of
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data
+from bayestissue.hierarchy.gaussian.covariances import Covariances
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import TraceModel, population
 from bayestissue.inference.execution.chunks import impacts_of
 from bayestissue.inference.execution.compiling import by_row, in_parts
 from bayestissue.inference.execution.kept import all_fit, some_impacts
-from bayestissue.inference.factors.conditional import log_evidence
-from bayestissue.inference.factors.conditional_prior import PopulationDraws, of_cells
+from bayestissue.inference.factors.conditional import PopulationDraws, log_evidence, of_cells
 from bayestissue.inference.factors.grid import LikelihoodGrid
 from bayestissue.inference.factors.importance_ratios import log_evidence_corrections, ratios_among
 from bayestissue.inference.posterior.approximate import Approximation
-from bayestissue.inference.posterior.own_effects import OwnEffects, own_effects
 from bayestissue.likelihood import small
+from bayestissue.padding import bucket
 
 # Draws at a time: what a matrix of each impact under each of them takes stays small.
 _AT_ONCE = 64
@@ -56,7 +63,7 @@ def of_draws(
 
     That of an impact is its site's evidence, times the grid's, times the mean of likelihood over both:
     see `bayestissue.inference.factors.importance_ratios`. Of a person's or condition's traces all effects
-    that only these have are integrated out of the sites (see `bayestissue.inference.posterior.own_effects`),
+    that only these have are integrated out of the sites (see `bayestissue.inference.posterior.scores`),
     and the factors besides are those at the effects that the draw has: these being a draw of the posterior,
     the mean of one over such a density, which leaving out asks for, is the true one.
 
@@ -67,25 +74,27 @@ def of_draws(
     whole = all_fit(len(draws.b), count)
     groups = _of_groups(prepared, replace(approximation, expansion=None) if whole else approximation, draws)
     rows = np.arange(count) if whole else some_impacts(count)
-    part, (own, grid) = impacts_of(data, rows), approximation.of_rows(rows)
+    part, (sites, grid) = impacts_of(data, rows), approximation.of_rows(rows)
     priors = of_cells(draws.priors(data.design), np.asarray(data.design.cell)[rows])
-    besides = likelihood.corrections
-    if besides is None:
-        ratios = ratios_among(prepared.model, part, own, priors, grid)
-        besides = log_evidence_corrections(own, ratios, priors)
+    corrections = likelihood.corrections
+    if corrections is None:
+        ratios = ratios_among(prepared.model, part, sites, priors, grid)
+        corrections = log_evidence_corrections(sites, ratios, priors)
     if grid is not None:
-        besides = besides + _grid_evidence(grid, priors.mean[..., -1], priors.precision[:, 0, -1, -1] ** -0.5)
-    scores = {"trace": besides + in_parts(partial(log_evidence, own), (priors,), _AT_ONCE)}
+        corrections = corrections + _grid_evidence(
+            grid, priors.mean[..., -1], priors.precision[:, 0, -1, -1] ** -0.5
+        )
+    scores = {"trace": corrections + in_parts(partial(log_evidence, sites), (priors,), _AT_ONCE)}
     if not whole:
         return scores | groups
     for name, grouping in prepared.design.groupings.items():
         member = (grouping.code[:, None] == np.arange(len(grouping.levels))).astype(float)
         stem = f"traces_of_{stem_of(name)}"
-        scores[stem] = groups[stem] + besides @ member
+        scores[stem] = groups[stem] + corrections @ member
     return scores
 
 
-@by_row(_AT_ONCE, given=1)
+@by_row(_AT_ONCE, constant=1)
 def _grid_evidence(grid: LikelihoodGrid, mean: Float[Array, " impact"], sd: Array) -> Float[Array, " impact"]:
     return grid.log_evidence(mean, sd)
 
@@ -96,19 +105,19 @@ def _of_groups(
     """The same of groups by the sites, and that of all traces together."""
     model, data, design = prepared.model, approximation.data(prepared.data), prepared.design
     cell, places = np.asarray(data.design.cell), data.design.members.shape[2]
-    own = {name: each.at_places(cell, places) for name, each in own_effects(model, design).items()}
-    made = _group_scores(model, data, own, draws.sites, draws.b)
+    effects = {name: effect.at_places(cell, places) for name, effect in own_effects(model, design).items()}
+    group_scores = _group_scores(model, data, effects, draws.sites, draws.b)
     for name, grouping in design.groupings.items():
         stem = f"traces_of_{stem_of(name)}"
-        made[stem] = made[stem][:, : len(grouping.levels)]
-    return made
+        group_scores[stem] = group_scores[stem][:, : len(grouping.levels)]
+    return group_scores
 
 
-@by_row(_AT_ONCE, given=3)
+@by_row(_AT_ONCE, constant=3)
 def _group_scores(
     model: TraceModel,
     data: Data,
-    own_of: dict[str, OwnEffects],
+    effects_of: dict[str, OwnEffects],
     sites: dict[str, Array],
     b: Float[Array, " location"],
 ) -> dict[str, Array]:
@@ -117,12 +126,107 @@ def _group_scores(
     sums = data.sums(covariances)
     moved = expected_by_cell(data.design, b) - expected_by_cell(data.design, data.mean)
 
-    def at(away: Array) -> tuple[Array, Array]:
-        bent = jnp.stack(small.times(sums.weight, away))
-        return sums.constant + (away * (sums.pull - bent / 2)).sum(0), sums.pull - bent
+    def at(deviation: Array) -> tuple[Array, Array]:
+        curved = jnp.stack(small.times(sums.precision, deviation))
+        return sums.constant + (deviation * (sums.shift - curved / 2)).sum(0), sums.shift - curved
 
     scores = {"traces": at(moved)[0].sum()}
-    for name, own in own_of.items():
-        value, pull = at(moved - own.expected(b, len(moved)))
-        scores[f"traces_of_{stem_of(name)}"] = own.total(value) + own.gained(covariances, sums.weight, pull)
+    for name, effect in effects_of.items():
+        value, shift = at(moved - effect.expected(b, len(moved)))
+        scores[f"traces_of_{stem_of(name)}"] = effect.total(value) + effect.gained(
+            covariances, sums.precision, shift
+        )
     return scores
+
+
+class OwnEffects(NamedTuple):
+    """A level's own effects, as many slots for each; of a level that has fewer some are empty.
+
+    Attributes:
+        parameter: of an impact, by its number, that each slot's effect is on: 0 is log K, 1 log C.
+        element: of b, in each slot of each level; one past the last where it is empty.
+        value: what each slot's effect multiplies in each row of the design; 0 where the row lacks it.
+        level: of each row.
+    """
+
+    parameter: Int[np.ndarray | Array, " slot"]
+    element: Int[np.ndarray | Array, "slot group"]
+    value: Float[np.ndarray | Array, "slot row"]
+    level: Int[np.ndarray | Array, " row"]
+
+    def at_places(self, cell: np.ndarray, places: int) -> OwnEffects:
+        """The same of each place of a `PopulationDesign`, and of a `bucket` of levels.
+
+        An empty place has level 0 and adds nothing.
+        """
+        level, value = np.zeros(places, int), np.zeros((len(self.value), places))
+        level[cell], value[:, cell] = self.level, self.value
+        more = bucket(self.element.shape[1]) - self.element.shape[1]
+        return OwnEffects(self.parameter, np.pad(self.element, ((0, 0), (0, more))), value, level)
+
+    def expected(self, b: Float[Array, " location"], size: int) -> Float[Array, "parameter row"]:
+        """What the levels' own effects add to each parameter, of ``size`` parameters."""
+        added = jnp.append(b, 0.0)[jnp.asarray(self.element)][:, self.level] * self.value
+        return jax.ops.segment_sum(added, jnp.asarray(self.parameter), size)
+
+    def total(self, values: Float[Array, "*batch row"]) -> Float[Array, "*batch group"]:
+        """Sums over each level's rows."""
+        sums = jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), self.level, self.element.shape[1])
+        return jnp.moveaxis(sums, 0, -1)
+
+    def gained(
+        self,
+        covariances: Covariances,
+        precision: Float[Array, "parameter parameter row"],
+        shift: Float[Array, "parameter row"],
+    ) -> Float[Array, " group"]:
+        """What the log density of each level's traces gains by the level's effects e being integrated out.
+
+        The log of the mean of exp(e'p - e'W e / 2) over e ~ N(0, D^-1) is p'(D + W)^-1 p / 2 + log det D / 2
+        - log det(D + W) / 2, with p and W summed over the level's rows.
+
+        Args:
+            covariances: of which those of b count.
+            precision: with which the traces of each row tell X b.
+            shift: the slopes of their log evidence by X b, the level's own effects being 0.
+        """
+        parameters = self.parameter
+        if not len(parameters):
+            return jnp.zeros(self.element.shape[1])
+        W = self.total(
+            jnp.asarray(precision)[parameters[:, None], parameters] * (self.value[:, None] * self.value)
+        )
+        p = self.total(jnp.asarray(shift)[parameters] * self.value)
+        D = covariances.of_effects().among(jnp.asarray(self.element))
+        prior, posterior = (jnp.linalg.cholesky(jnp.moveaxis(matrix, -1, 0)) for matrix in (D, D + W))
+        half = solve_triangular(posterior, p.T[..., None], lower=True)
+        scale = jnp.log(jnp.diagonal(prior, 0, 1, 2) / jnp.diagonal(posterior, 0, 1, 2)).sum(1)
+        return (half**2).sum((1, 2)) / 2 + scale
+
+
+def own_effects(model: TraceModel, design: Design) -> dict[str, OwnEffects]:
+    """Of every grouping of a design the effects that its levels do not share."""
+    return {name: _of(model, design, grouping) for name, grouping in design.groupings.items()}
+
+
+def _of(model: TraceModel, design: Design, grouping: Grouping) -> OwnEffects:
+    levels, parameters = len(grouping.levels), (*RESPONSES, *model.nuisance)
+    slots: list[tuple[int, np.ndarray, np.ndarray]] = []
+    for q, part in design.responses.items():
+        for term, column in part.terms.items():
+            inner = design.groupings[term.grouping]
+            pairs = np.unique(np.stack([inner.code, grouping.code]), axis=1)
+            if pairs.shape[1] > len(inner.levels):
+                continue
+            # The how-manieth inner level of its own outer level each inner level is.
+            outer = pairs[1]
+            rank = pd.Series(outer).groupby(outer).cumcount().to_numpy()
+            begin = model.locations.parts[term.effect(q)].start
+            for number in range(rank.max() + 1):
+                element = np.full(levels, model.locations.size)
+                element[outer[rank == number]] = begin + np.flatnonzero(rank == number)
+                value = np.where(rank[inner.code] == number, column.covariate, 0.0)
+                slots.append((parameters.index(part.parameter), element, value))
+    elements = np.array([element for _, element, _ in slots], int).reshape(-1, levels)
+    values = np.array([value for _, _, value in slots]).reshape(-1, len(grouping.code))
+    return OwnEffects(np.array([a for a, _, _ in slots], int), elements, values, grouping.code)

@@ -1,4 +1,9 @@
-"""What the draws of an impact on any element stand for, in terms that all elements share."""
+"""What the draws of an impact on any element stand for, in terms that all elements share.
+
+A spring that is not straight has another secant stiffness at every depth, and a heavier impactor goes deeper.
+Force over depth at one depth that all impacts reach compares them: what differs between masses there is the
+tissue's law, not the depth.
+"""
 
 from __future__ import annotations
 
@@ -11,17 +16,24 @@ from jaxtyping import Float
 
 from bayestissue.elements import element, element_names
 from bayestissue.elements.comparables import comparables_of
+from bayestissue.elements.element import REFERENCE_DIAMETER_M, Element, Parameters
 from bayestissue.hierarchy.traces import (
     TraceData,
     TraceModel,
     element_parameters,
     physical,
 )
-from bayestissue.inference.quantities.static_force import at_common_depth, whole_at_common_depth, whole_impact
 from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
 from bayestissue.likelihood.element.deceleration import MeasuredDeceleration
+from bayestissue.likelihood.element.discrepancy import integrals
 from bayestissue.likelihood.element.impact import MeasuredImpact
-from bayestissue.likelihood.element.response import CONTACT, VELOCITY, ElementRecord, beside_parameters
+from bayestissue.likelihood.element.response import (
+    CONTACT,
+    VELOCITY,
+    ElementRecord,
+    beside_parameters,
+    motion,
+)
 
 COMPARABLE = {
     "K_tangent": ("N/m", "slope of the force with penetration at contact"),
@@ -56,9 +68,9 @@ def measured_of(
     if not isinstance(distribution, MeasuredImpact) or distribution.log_discrepancy is None:
         return Measured(distribution.draw_errors(key))
     stated, distribution = distribution, distribution.with_contact_found(key)
-    found = distribution.response()
-    errors = distribution.draw_errors(key, found)
-    delta = distribution.draw_discrepancy(jax.random.fold_in(key, 3), errors, found)
+    response = distribution.response()
+    errors = distribution.draw_errors(key, response)
+    delta = distribution.draw_discrepancy(jax.random.fold_in(key, 3), errors, response)
     at_contact = distribution.as_drawn(errors[:, CONTACT])
     errors = errors.at[:, CONTACT].add(stated.record.first_time - distribution.record.first_time)
     return Measured(errors, at_contact, delta)
@@ -84,28 +96,30 @@ def element_quantities(
         return {}
     which, values = element(model.element), element_parameters(model, u)
     p = {parameter.name: value for parameter, value in zip(which.parameters, values, strict=True)}
-    own = p | beside_parameters(record)
-    found = comparables_of(which, own, record.mass, record.velocity + measured.chain_error[:, VELOCITY])
+    arguments = p | beside_parameters(record)
+    comparables = comparables_of(
+        which, arguments, record.mass, record.velocity + measured.chain_error[:, VELOCITY]
+    )
     heavier = jnp.exp(mass_error)
     further, common = {}, None
     if measured.impact is not None and measured.discrepancy is not None:
         whole = whole_impact(measured.impact, measured.discrepancy, measured.chain_error[:, VELOCITY])
-        found = found._replace(K_secant=whole.secant)
+        comparables = comparables._replace(K_secant=whole.secant)
         further = {"discrepancy": jnp.exp(u[-1])}
         if record.common_depth is not None:
             common = whole_at_common_depth(measured.impact, whole, record.common_depth)
     elif record.common_depth is not None:
-        common = at_common_depth(which, own, record.common_depth)
+        common = at_common_depth(which, arguments, record.common_depth)
     if model.autoregressive:
         log_sigma = physical(model, data, u).log_sigma
         further = {"noise_correlation": jnp.tanh(u[-1]), "sigma_d": jnp.exp(log_sigma) * jnp.cosh(u[-1])}
     return {
         **{parameter.name: p[parameter.name] for parameter in which.extra},
-        **{name: getattr(found, name) * heavier for name in ("K_tangent", "K_secant", "C_equivalent")},
+        **{name: getattr(comparables, name) * heavier for name in ("K_tangent", "K_secant", "C_equivalent")},
         **({} if common is None else {COMMON_DEPTH: common * heavier}),
-        "energy_lost": found.energy_lost,
-        "omega_n": jnp.sqrt(found.K_secant / record.mass),
-        "zeta": found.C_equivalent / (2 * jnp.sqrt(found.K_secant * record.mass)),
+        "energy_lost": comparables.energy_lost,
+        "omega_n": jnp.sqrt(comparables.K_secant / record.mass),
+        "zeta": comparables.C_equivalent / (2 * jnp.sqrt(comparables.K_secant * record.mass)),
         **further,
     }
 
@@ -131,11 +145,11 @@ def element_attributes() -> dict[str, dict[str, str]]:
     for name, which in ((COMMON_DEPTH, _AT_ONE_DEPTH), ("K_secant", "that at each impact's greatest depth")):
         meaning = f"slope of the log of the stiffness on log mass, all else equal: {which}"
         table[f"mass_exponent_{name}"] = "1", meaning
-    for parameter in (each for name in element_names() for each in element(name).extra):
-        own, log = parameter.name, f"log_{parameter.name}"
-        table[own] = parameter.unit, parameter.meaning
-        table[f"{log}_mean"] = "1", f"{of_log} {own}"
-        table[f"sd_{log}"] = "1", f"standard deviation between impacts of the log of {own}"
+    for parameter in (extra for name in element_names() for extra in element(name).extra):
+        symbol, log = parameter.name, f"log_{parameter.name}"
+        table[symbol] = parameter.unit, parameter.meaning
+        table[f"{log}_mean"] = "1", f"{of_log} {symbol}"
+        table[f"sd_{log}"] = "1", f"standard deviation between impacts of the log of {symbol}"
     return {name: {"unit": unit, "long_name": meaning} for name, (unit, meaning) in table.items()}
 
 
@@ -143,3 +157,132 @@ def per_impact() -> tuple[str, ...]:
     """Names of the variables of an impact that elements have besides K and C."""
     extras = (parameter.name for name in element_names() for parameter in element(name).extra)
     return (*COMPARABLE, COMMON_DEPTH, *dict.fromkeys(extras), "discrepancy", "noise_correlation")
+
+
+def static_force(element: Element, p: Parameters, depth: Array) -> Array:
+    """The element's force at ``depth`` [m] and at rest, its internal lengths 0 [N]; all of them broadcast."""
+    still = jnp.zeros_like(depth)
+    return element.force(depth, still, (still,) * element.states, p)
+
+
+def at_common_depth(
+    element: Element, p: Parameters, depth: Float[Array, " impact"]
+) -> Float[Array, " impact"]:
+    """F(x_c, 0) / x_c of an element's own law, under a ball of the reference diameter [N/m].
+
+    Args:
+        element: without a discrepancy beside it.
+        p: its parameters by name.
+        depth: x_c [m].
+    """
+    return static_force(element, _under_reference_ball(p, depth), depth) / depth
+
+
+def _under_reference_ball(p: Parameters, like: Array) -> dict[str, Array]:
+    return {**p, "diameter_m": jnp.full_like(like, REFERENCE_DIAMETER_M)}
+
+
+class Whole(NamedTuple):
+    """An impact on element and discrepancy together, until the greatest depth.
+
+    Attributes:
+        x: depth at the samples, and from the first one past the greatest depth on that depth [m].
+        v: velocity there, 0 from then on [m/s].
+        force: M a there, a being the whole deceleration [N].
+        peak: greatest depth [m].
+        damping: -M a' / (a - g) at the greatest depth [N s/m]. Of F = f(x) + C v that is C whatever the
+            spring's law f, since there v = 0 and v' = g - a.
+    """
+
+    x: Float[Array, "impact sample"]
+    v: Float[Array, "impact sample"]
+    force: Float[Array, "impact sample"]
+    peak: Float[Array, " impact"]
+    damping: Float[Array, " impact"]
+
+    @property
+    def secant(self) -> Float[Array, " impact"]:
+        """Force over depth at the greatest depth [N/m]."""
+        return self.force[:, -1] / self.peak
+
+
+def whole_impact(
+    measured: MeasuredImpact, delta: Float[Array, "impact sample"], velocity_error: Float[Array, " impact"]
+) -> Whole:
+    """The motion under F / M = a = d + delta, the element's own less delta's integrals.
+
+    The greatest depth is soon after, or before, the sample whose velocity is nearest to 0, in the window or a
+    little past its end; a and its slope there are those of the parabola through three samples about it.
+
+    Args:
+        measured: the element's impact and its record.
+        delta: the discrepancy [m/s^2].
+        velocity_error: of the velocity at contact [m/s].
+    """
+    record = measured.record
+    element_motion = motion(measured.element, measured.parameters, record, record.velocity + velocity_error)
+    slower, nearer = integrals(delta, record.first_time, record.dt)
+    x, v, a = element_motion.x - nearer, element_motion.v - slower, element_motion.d + delta
+    last = jnp.argmin(jnp.where(record.inside(), jnp.abs(v), jnp.inf), axis=1)[:, None]
+
+    def at(values: Array, inside: Array) -> Array:
+        return jnp.take_along_axis(values, inside, axis=1)
+
+    middle = jnp.clip(last, 1, record.n_samples[:, None] - 2)
+    before, here, after = (at(a, middle + step) for step in (-1, 0, 1))
+    step = record.dt[:, None]
+    slope, bend = (after - before) / (2 * step), (after - 2 * here + before) / step**2
+    depth, speed = at(x, last), at(v, last)
+    rate = slope + bend * (last - middle) * step
+    # Force over mass slows by gravity less than itself.
+    fall = 0.0 if record.gravity is None else record.gravity[:, None]
+    slows = at(a, last) - fall
+    wait = speed / (slows + rate * (speed / slows) / 2)
+    peak = depth + wait * (speed - wait * (slows / 2 + rate * wait / 6))
+    later = (last - middle) * step + wait
+    most, steeper = here + slope * later + bend * later**2 / 2, slope + bend * later
+    # One more place, so that the greatest depth is there also where the window's last sample comes before it.
+    inside = jnp.arange(x.shape[1] + 1) <= last
+    until = (
+        jnp.where(inside, jnp.pad(values, ((0, 0), (0, 1))), end)
+        for values, end in ((x, peak), (v, jnp.zeros_like(peak)), (a, most))
+    )
+    x, v, a = until
+    mass = record.mass
+    return Whole(x, v, mass[:, None] * a, peak[:, 0], -mass * (steeper / (most - fall))[:, 0])
+
+
+def whole_at_common_depth(
+    measured: MeasuredImpact, whole: Whole, depth: Float[Array, " impact"]
+) -> Float[Array, " impact"]:
+    """(F - C v) / x_c when the depth first is x_c, F being element's and discrepancy's force together [N/m].
+
+    C is `Whole.damping`: a record of one stroke tells a spring of unknown law from a damper by the force's
+    slope at the greatest depth alone. Where the element's damper is not the same at all depths, C goes with
+    depth as the element has it, and where the element's force grows with the impactor's diameter it is taken
+    to the reference diameter as the element has it. An impact that goes less deep, as a draw may have it, has
+    its own greatest depth for x_c.
+
+    Args:
+        measured: as of `whole_impact`.
+        whole: what that returned.
+        depth: x_c [m].
+    """
+    element, record = measured.element, measured.record
+    names = (parameter.name for parameter in element.parameters)
+    arguments = {**dict(zip(names, measured.parameters, strict=True)), "diameter_m": record.diameter}
+    columns = {name: value[:, None] for name, value in arguments.items()}
+    here, most = _viscous(element, columns, whole.x), _viscous(element, columns, whole.peak[:, None])
+    share = jnp.where(most > 0, here / jnp.where(most > 0, most, 1.0), 1.0)
+    static = whole.force - whole.damping[:, None] * share * whole.v
+    reached = jnp.minimum(depth, whole.peak)
+    force = jax.vmap(jnp.interp)(reached, whole.x, static)
+    reference = static_force(element, _under_reference_ball(arguments, depth), depth)
+    return force / reached * reference / static_force(element, arguments, depth)
+
+
+def _viscous(element: Element, p: Parameters, x: Array) -> Array:
+    """The force that a velocity of 1 m/s adds [N]."""
+    still = jnp.zeros_like(x)
+    states = (still,) * element.states
+    return element.force(x, still + 1.0, states, p) - element.force(x, still, states, p)

@@ -24,7 +24,7 @@ from bayestissue.hierarchy.traces import (
     with_normal_errors,
 )
 from bayestissue.inference.execution.compiling import compiled_quickly
-from bayestissue.inference.factors.laplace import laplace_sites, weak_prior
+from bayestissue.inference.factors.sites import laplace_sites, weak_prior
 from bayestissue.inference.results.predictions import replicates
 from bayestissue.likelihood.element.impact import MeasuredImpact
 from bayestissue.likelihood.element.response import ElementRecord, response

@@ -169,7 +169,10 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
             what = f"log {name}"
             if term.slope:
                 which = "mass exponent of" if term.slope == MASS_TERM else f"effect of {term.slope} on log"
-                table[term.own(q)] = {"unit": "1", "long_name": f"{which} {name} of a {term.grouping} itself"}
+                table[term.coefficient(q)] = {
+                    "unit": "1",
+                    "long_name": f"{which} {name} of a {term.grouping} itself",
+                }
                 what = f"the {which} {name}"
             else:
                 table[term.effect(q)] = {"unit": "1", "long_name": f"effect of the {term.grouping} on {what}"}

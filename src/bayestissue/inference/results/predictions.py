@@ -23,7 +23,7 @@ PRIOR_DRAWS = 1000
 def predicted(prepared: Prepared, constrained: ConstrainedDraws, seed: int) -> dict[str, np.ndarray]:
     """About a hundred replicates of every trace, as displacement and as deceleration."""
     parameters = constrained.impacts["parameters"]
-    if constrained.kept is not None:
+    if constrained.kept_numbers is not None:
         parameters = parameters[:, :, some_impacts(parameters.shape[2])].astype(float)
     some = thinned({"u": parameters}, PREDICTIVE_DRAWS)["u"]
     flat = some.reshape(-1, *some.shape[2:])
@@ -32,7 +32,7 @@ def predicted(prepared: Prepared, constrained: ConstrainedDraws, seed: int) -> d
     return {name: v.astype(np.float32).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()}
 
 
-@by_row(PREDICTIVE_DRAWS, given=2)
+@by_row(PREDICTIVE_DRAWS, constant=2)
 def replicates(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
 ) -> dict[str, Float[Array, "impact sample"]]:

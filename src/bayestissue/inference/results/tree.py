@@ -22,7 +22,7 @@ from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.quantities.elements import per_impact
-from bayestissue.inference.quantities.secant_exponents import EXPONENTS, mass_exponents_of_secants
+from bayestissue.inference.quantities.secants import EXPONENTS, mass_exponents_of_secants
 from bayestissue.inference.results.labels import (
     design_attributes,
     design_dimensions,
@@ -55,7 +55,7 @@ def posterior_tree(
         dimensions=dimensions(prepared.design, prepared.data.record.errors, _columns(prepared)),
         attributes=design_attributes(prepared.design) | _column_attributes(prepared),
     )
-    whole, kept = prepared, constrained.kept
+    whole, kept = prepared, constrained.kept_numbers
     every = put = partial(named, coordinates=_coordinates(whole, kept))
     if kept is not None:
         prepared = some_of(prepared, some_impacts(len(prepared.impacts)))

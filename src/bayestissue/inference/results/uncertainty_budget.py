@@ -81,7 +81,7 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
         `WINDOW` is what a window a tenth shorter would move, no part of the sum, and `WINDOW_BY_NOISE` what
         it may.
     """
-    many = constrained.kept is not None
+    many = constrained.kept_numbers is not None
     rows = np.arange(len(prepared.impacts))
     if many:
         rows = np.unique(np.linspace(0, rows[-1], MOST_IMPACTS).astype(int))
@@ -130,7 +130,7 @@ def _root_mean_square(values: np.ndarray) -> np.floating:
 def _scatter(prepared: Prepared, spread: Covariances) -> dict[str, Float[np.ndarray, "parameter parameter"]]:
     """Covariance of u about X b by source, an error of mass left out."""
     model = prepared.model
-    kk, kc, cc = spread.own
+    kk, kc, cc = spread.pair
     mass = model.log_mass_sd**2 if model.mass_error == "impact" else 0.0
     size = 2 + len(model.nuisance)
     found = {IMPACTS: np.zeros((size, size))}

@@ -1,6 +1,7 @@
 """Split R-hat and effective sample sizes of many quantities at once (Vehtari et al. 2021).
 
-doi:10.1214/20-BA1221. The numbers are those of ArviZ, which goes through the quantities one by one.
+doi:10.1214/20-BA1221. The numbers are those of ArviZ, which goes through the quantities one by one: twice as
+long for 4,000 draws, 26 times for the 80 that are kept of each of 100,000 impacts.
 """
 
 from __future__ import annotations
@@ -73,10 +74,10 @@ def _of_some(draws: Draws) -> list[Sizes]:
     bulk, folded = _normal_scores(split), _normal_scores(np.abs(split - median))
     ends = np.quantile(draws, TAILS, axis=(1, 2), keepdims=True)
     tails = [_size(_split((draws <= end).astype(float))) for end in ends]
-    found = (np.fmax(_r_hat(bulk), _r_hat(folded)), _size(bulk), np.minimum(*tails), _size(split))
+    sizes = (np.fmax(_r_hat(bulk), _r_hat(folded)), _size(bulk), np.minimum(*tails), _size(split))
     known = _known(draws)
     compared = known & (draws.shape[1] > 1)
-    return [np.where(compared if n == 0 else known, each, np.nan) for n, each in enumerate(found)]
+    return [np.where(compared if n == 0 else known, size, np.nan) for n, size in enumerate(sizes)]
 
 
 def _known(draws: Draws) -> Bool[np.ndarray, " quantity"]:
@@ -125,12 +126,12 @@ def _size(draws: Draws) -> Sizes:
     count = np.argmax(over, axis=1)
     falling = np.minimum.accumulate(pairs, axis=1)
     summed = np.where(np.arange(most + 1) < count[:, None], falling, 0.0).sum(1)
-    last, together = (np.take_along_axis(each, count[:, None], 1)[:, 0] for each in (even, pairs))
+    last, together = (np.take_along_axis(values, count[:, None], 1)[:, 0] for values in (even, pairs))
     size = chains * n
     lags = -1 + 2 * summed + np.where((last > 0) | (together >= 0), last, 0.0)
-    found = size / np.maximum(lags, 1 / np.log10(size))
+    effective = size / np.maximum(lags, 1 / np.log10(size))
     still = np.ptp(draws, axis=(1, 2)) < np.finfo(float).resolution
-    return np.where(still, float(size), found)
+    return np.where(still, float(size), effective)
 
 
 def _autocovariance(draws: Draws) -> Float[np.ndarray, "quantity lag"]:

@@ -49,7 +49,7 @@ class Coordinates:
     def raw(self, y: Float[np.ndarray, "*draw coordinate"]) -> dict[str, Float[np.ndarray, "*draw"]]:
         """The sites' unconstrained values."""
         values = np.asarray(self.warp(np.asarray(y)))
-        return {name: values[..., place] for place, name in enumerate(self.names)}
+        return {name: values[..., number] for number, name in enumerate(self.names)}
 
 
 def straight(size: int) -> SinhArcsinh:
@@ -73,28 +73,28 @@ def warp_about(
     warp = SinhArcsinh(mode, scale, np.zeros_like(mode))
     last = np.full((3, len(mode)), np.inf)
     for _ in range(_MOST_TIMES):
-        found = np.array([_quantiles(log_densities, warp, place) for place in range(len(mode))]).T
-        low, middle, high = found
+        quantiles = np.array([_quantiles(log_densities, warp, number) for number in range(len(mode))]).T
+        low, middle, high = quantiles
         along = (high - low) / (2 * _TAIL)
         bend = (high + low - 2 * middle) / (2 * (np.sqrt(1 + _TAIL**2) - 1))
         warp = SinhArcsinh(middle, along, np.clip(bend, -_MOST_BENT * along, _MOST_BENT * along))
-        if (np.abs(found - last) < _SETTLED * along).all():
+        if (np.abs(quantiles - last) < _SETTLED * along).all():
             break
-        last = found
+        last = quantiles
     return warp
 
 
-def _quantiles(log_densities: Densities, warp: SinhArcsinh, place: int) -> Float[np.ndarray, 3]:
+def _quantiles(log_densities: Densities, warp: SinhArcsinh, number: int) -> Float[np.ndarray, 3]:
     """Of one coordinate, all others at the middle of the warp."""
-    own = warp.part(place)
+    marginal = warp.part(number)
     points = np.repeat(np.array(warp.location)[None], len(_POINTS), axis=0)
-    points[:, place] = own(_POINTS)
+    points[:, number] = marginal(_POINTS)
     values = np.nan_to_num(log_densities(points), nan=-np.inf)
     if not np.isfinite(values.max()):
         raise FloatingPointError("the density has no finite value along an axis about its mode")
     values = np.maximum(values - values.max(), _DEEPEST)
-    density = np.exp(PchipInterpolator(_POINTS, values)(_FINELY)) * np.asarray(own.slope(_FINELY))
+    density = np.exp(PchipInterpolator(_POINTS, values)(_FINELY)) * np.asarray(marginal.slope(_FINELY))
     below = np.cumsum(density) - density / 2
     # A scale too small sees tails that do not end: the quantiles are then at its own, and grow next time.
-    found = np.interp([1 - norm.cdf(_TAIL), 0.5, norm.cdf(_TAIL)], below / density.sum(), _FINELY)
-    return np.asarray(own(found))
+    quantiles = np.interp([1 - norm.cdf(_TAIL), 0.5, norm.cdf(_TAIL)], below / density.sum(), _FINELY)
+    return np.asarray(marginal(quantiles))

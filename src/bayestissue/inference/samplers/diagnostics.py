@@ -142,12 +142,14 @@ def noted(summary: pd.DataFrame, diagnostics: dict[str, Any]) -> pd.DataFrame:
     Rows are marked by impact, and every row where all impacts are concerned.
     """
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
-    every, label = np.ones(len(summary), bool), summary["label"].astype(str)
+    all_rows, label = np.ones(len(summary), bool), summary["label"].astype(str)
     note = np.full(len(summary), "", dtype=object)
     if chain.get("passed") is False:
         whole = len(chain["impacts"]) == chain["of"]
-        note[every if whole else label.isin(chain["impacts"])] = CONTRADICTED
-    note[every if form.get("undescribed") else label.isin(form.get("undescribed_impacts", []))] = NO_INTERVAL
+        note[all_rows if whole else label.isin(chain["impacts"])] = CONTRADICTED
+    note[all_rows if form.get("undescribed") else label.isin(form.get("undescribed_impacts", []))] = (
+        NO_INTERVAL
+    )
     return summary.assign(note=note)
 
 

@@ -79,13 +79,13 @@ def independence_chains(
         mean = weight @ points
         covariance = (points - mean).T @ ((points - mean) * weight[:, None])
     count = settings.chains * settings.transitions
-    made = [_propose(model, arguments, site, mean, covariance, count, rng)]
+    proposals = [_propose(model, arguments, site, mean, covariance, count, rng)]
     # A chain stays where it is until a proposal is accepted: the more of them are refused, the more are made
     # for each transition.
-    times = _proposals_of_a_transition(_effective_share(made[0][1]))
+    times = _proposals_of_a_transition(_effective_share(proposals[0][1]))
     if times > 1:
-        made.append(_propose(model, arguments, site, mean, covariance, (times - 1) * count, rng))
-    points, log_weight, density = (np.concatenate(parts) for parts in zip(*made, strict=True))
+        proposals.append(_propose(model, arguments, site, mean, covariance, (times - 1) * count, rng))
+    points, log_weight, density = (np.concatenate(parts) for parts in zip(*proposals, strict=True))
     _, k = pareto_smoothed(log_weight)
     shape = (settings.chains, settings.transitions)
     share = np.exp(log_weight - log_weight.max())
@@ -93,9 +93,9 @@ def independence_chains(
     proposed = jnp.arange(len(points)).reshape(settings.chains, -1)
     uniform = jnp.asarray(np.log(rng.uniform(size=proposed.shape)))
     places, chances = _accept(jnp.asarray(log_weight), proposed, jnp.asarray(begin), uniform)
-    place = np.asarray(places)[:, times - 1 :: times]
+    chosen = np.asarray(places)[:, times - 1 :: times]
     accepted = np.asarray(chances).reshape(*shape, times).mean(-1)
-    energy = -density[place]
+    energy = -density[chosen]
     statistics = {
         "diverging": np.zeros(shape, bool),
         "num_steps": np.ones(shape, int),
@@ -103,7 +103,7 @@ def independence_chains(
         "energy": energy,
         "potential_energy": energy,
     }
-    draws = Draws({site: points[place]}, statistics, settings.max_tree_depth)
+    draws = Draws({site: points[chosen]}, statistics, settings.max_tree_depth)
     return IndependenceDraws(draws, float(k), _effective_share(log_weight))
 
 
@@ -137,7 +137,7 @@ def _propose(
     return points, np.maximum(log_weight, log_weight.max() - 600), density
 
 
-@by_row(POINTS, given=3, static_argnames=("model", "site"), options=FULLY)
+@by_row(POINTS, constant=3, static_argnames=("model", "site"), options=FULLY)
 def log_densities(
     model: Callable[..., None],
     arguments: tuple[Any, ...],

@@ -22,8 +22,8 @@ from numpyro.infer.util import ParamInfo
 
 from bayestissue import runtime
 from bayestissue.hierarchy.specification import Sampler
+from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.execution.compiling import FULLY, compiled_quickly
-from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.samplers.sampling import STATISTICS, Draws
 from bayestissue.results import scratch, whole_file
 
@@ -103,9 +103,9 @@ def run_chains(
 def _one_by_one(
     job: _Job, checkpoints: Path | None, progress: Progress, total: int
 ) -> list[tuple[Arrays, Arrays]]:
-    chains, each = _Chains(job), total // job.settings.chains
+    chains, transitions = _Chains(job), total // job.settings.chains
     return [
-        chains.run([number], checkpoints, partial(_tell, progress, number * each, total))
+        chains.run([number], checkpoints, partial(_tell, progress, number * transitions, total))
         for number in range(job.settings.chains)
     ]
 
@@ -143,8 +143,8 @@ def _in_processes(
     workers = min(runtime.cores(), chains)
     job = replace(job, arguments=jax.device_get(job.arguments))
     # What a worker has not finished at the end is lost; what it has is in the checkpoints.
-    with scratch() as told, runtime.worker_pool(workers, told) as pool:
-        counts = [told / f"{number}" for number in range(chains)]
+    with scratch() as folder, runtime.worker_pool(workers, folder) as pool:
+        counts = [folder / f"{number}" for number in range(chains)]
         futures = [pool.submit(_worker, job, number, checkpoints, counts[number]) for number in range(chains)]
         while wait_for(futures, timeout=0.5).not_done:
             progress(sum(int(count.read_text() or 0) for count in counts if count.is_file()), total)
@@ -233,10 +233,10 @@ def _compiled(
     """One model's functions, compiled once for all data sets of the same shapes."""
     many = jax.vmap if jax.default_backend() != "cpu" else _single
     # The sampler knows its density only once a chain has begun.
-    begun: list[NUTS] = []
+    kernels: list[NUTS] = []
 
-    def begin(first: tuple[jax.Array, Known | None], given: tuple[Any, ...]) -> Any:
-        (key, known), ((centre, inverse_mass), arguments) = first, given
+    def begin(first: tuple[jax.Array, Known | None], arguments_of_kernel: tuple[Any, ...]) -> Any:
+        (key, known), ((centre, inverse_mass), arguments) = first, arguments_of_kernel
         size = sum(centre[name].size for name in others)
         kernel = NUTS(
             model,
@@ -246,8 +246,8 @@ def _compiled(
             inverse_mass_matrix={dense: inverse_mass, others: jnp.ones(size)},
             adapt_mass_matrix=True,
         )
-        own, key = jax.random.split(key)
-        begun[:] = [kernel]
+        start_key, key = jax.random.split(key)
+        kernels[:] = [kernel]
         if known is not None:
             (name,) = dense
             params = ParamInfo({name: known.point}, known.potential, {name: known.slope})
@@ -255,18 +255,18 @@ def _compiled(
         params, at = {}, 0
         # Half a posterior standard deviation of scatter lets R-hat see chains that did not forget it.
         scale = jnp.linalg.cholesky(inverse_mass)
-        moved = 0.5 * scale @ jax.random.normal(own, scale.shape[:1])
+        moved = 0.5 * scale @ jax.random.normal(start_key, scale.shape[:1])
         for name in dense:
             value = centre[name]
             params[name] = value + moved[at : at + value.size].reshape(value.shape)
             at += value.size
         for number, name in enumerate(others):
-            noise = jax.random.normal(jax.random.fold_in(own, number), centre[name].shape)
+            noise = jax.random.normal(jax.random.fold_in(start_key, number), centre[name].shape)
             params[name] = centre[name] + 0.5 * noise
         return kernel.init(key, warmup, params, arguments, {})
 
     def advance(state: Any, arguments: tuple[Any, ...]) -> Any:
-        (kernel,) = begun
+        (kernel,) = kernels
 
         def step(state: Any, _: None) -> Any:
             state = kernel.sample(state, arguments, {})

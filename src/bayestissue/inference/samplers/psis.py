@@ -1,10 +1,10 @@
-"""Pareto-smoothed importance sampling (Vehtari et al. 2024), draws without weight among them."""
+"""Importance weights: Pareto smoothing (Vehtari et al. 2024), draws without weight among them, resampling."""
 
 from __future__ import annotations
 
 import numpy as np
 from jax import Array
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.special import logsumexp
 
 # Above it the error of a smoothed mean falls too slowly, however many draws there are.
@@ -67,3 +67,23 @@ def relative_variance(log_weight: np.ndarray | Array) -> np.ndarray:
     weight = np.exp(below_greatest(np.asarray(log_weight)))
     mean = weight.mean(0)
     return np.where(mean > 0, weight.var(0) / np.where(mean > 0, mean, 1.0) ** 2, np.inf)
+
+
+def systematic(
+    weight: Float[np.ndarray, "chain transition"], number: int, rng: np.random.Generator
+) -> Int[np.ndarray, "chain number"]:
+    """Systematic resampling (Kitagawa 1996): transitions of each chain, as often as their weights say.
+
+    Of N transitions with weights w the i-th is taken floor or ceil(number w_i / sum w) times, in its order.
+    Chains are resampled apart, so that R-hat still compares them; one without any weight stays as it is.
+
+    Args:
+        weight: not negative, up to a constant.
+        number: how many transitions of each chain.
+        rng: makes one offset of each chain.
+    """
+    weight = np.where(weight.sum(axis=1, keepdims=True) > 0, weight, 1.0)
+    reached = np.cumsum(weight / weight.sum(axis=1, keepdims=True), axis=1)
+    position = (np.arange(number) + rng.uniform(size=(len(weight), 1))) / number
+    chosen = [np.searchsorted(*pair) for pair in zip(reached, position, strict=True)]
+    return np.minimum(chosen, weight.shape[1] - 1)

@@ -30,14 +30,14 @@ class ConstrainedDraws:
 
     ``sites`` are the hierarchy's quantities by the names of `bayestissue.hierarchy.effects`, ``impacts``
     those of every impact, ``log_likelihood`` the log density of each impact, subject and trial with its own
-    parameters and effects integrated out. Where ``kept`` is given, impacts have these draws of each chain
-    only, and log densities are those of some impacts.
+    parameters and effects integrated out. With ``kept_numbers`` impacts have these draws of each chain only,
+    and log densities are those of some impacts.
     """
 
     sites: dict[str, np.ndarray]
     impacts: dict[str, np.ndarray]
     log_likelihood: dict[str, np.ndarray]
-    kept: np.ndarray | None = None
+    kept_numbers: np.ndarray | None = None
 
 
 def thinned(draws: dict[str, Any], number: int) -> dict[str, Any]:

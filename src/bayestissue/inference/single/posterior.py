@@ -29,12 +29,12 @@ from bayestissue.hierarchy.traces import (
     trace_distribution,
     with_normal_errors,
 )
-from bayestissue.inference.execution.chunks import of_each
+from bayestissue.inference.execution.chunks import map_impacts
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
-from bayestissue.inference.factors.laplace import laplace_sites
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.factors.noise_left import noise_p
+from bayestissue.inference.factors.sites import laplace_sites
 from bayestissue.inference.posterior.approximate import first_guess
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.likelihood.arma.displacement import MeasuredDisplacement
@@ -108,7 +108,7 @@ def single_posteriors(prepared: Prepared) -> SinglePosteriors:
     mean, sd = (np.array([getattr(prior, name) for prior in own], float) for name in ("mean", "sd"))
     start = first_guess(prepared)
     one = partial(_of_block, prepared.model, ConditionalPrior(mean, np.diag(sd**-2.0)))
-    found: SinglePosteriors = of_each(one, prepared.data, start)
+    found: SinglePosteriors = map_impacts(one, prepared.data, start)
     return found
 
 

@@ -63,7 +63,7 @@ class DecelerationRecord(NamedTuple):
     gravity: Float[Array, " impact"]
 
     @classmethod
-    def of(cls, *arrays: np.ndarray, gravity: float | np.ndarray = 0.0) -> DecelerationRecord:
+    def from_arrays(cls, *arrays: np.ndarray, gravity: float | np.ndarray = 0.0) -> DecelerationRecord:
         """From numpy arrays in the order of the attributes before ``blocks``, and gravity.
 
         Values past a row's end are cleared.
@@ -94,7 +94,9 @@ class DecelerationRecord(NamedTuple):
         self, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
     ) -> DecelerationRecord:
         """The record of other traces, or of fewer of their samples."""
-        return self.of(traces, n_samples, *map(np.asarray, self[2:7]), gravity=np.asarray(self.gravity))
+        return self.from_arrays(
+            traces, n_samples, *map(np.asarray, self[2:7]), gravity=np.asarray(self.gravity)
+        )
 
     def with_normal_errors(self) -> DecelerationRecord:
         """The same, every error of the measuring chain taken as normal with its standard deviation."""

@@ -70,7 +70,7 @@ class ElementRecord(NamedTuple):
     gravity: Float[Array, " impact"] | None = None
 
     @classmethod
-    def of(cls, *arrays: np.ndarray, **named: Any) -> ElementRecord:
+    def from_arrays(cls, *arrays: np.ndarray, **named: Any) -> ElementRecord:
         """From numpy arrays in the order of the attributes, or named; values past a row's end are cleared.
 
         Without the modes there is no discrepancy.

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from bayestissue.inference.execution.progress import Progress, silent
+from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.execution.workers import computed
 from bayestissue.results import whole_file
 from bayestissue.thesis.causes.batches import Batch, run_batch

@@ -13,7 +13,7 @@ from scipy.special import logsumexp
 
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.inference.comparing import stacking
-from bayestissue.inference.execution.progress import Progress, silent
+from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.samplers.psis import k_threshold, pareto_smoothed
 from bayestissue.thesis.reanalysis.model import EstimatesData, EstimatesModel, without
 from bayestissue.thesis.reanalysis.posterior import (

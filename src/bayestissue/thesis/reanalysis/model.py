@@ -85,7 +85,7 @@ def common_effects(designs: Iterable[Design], priors: Priors) -> Effects:
     """
     found = [effects_of(design, priors, ())[0] for design in designs]
     widest: dict[str, EffectPart] = {}
-    for part in (part for effects in found for part in effects.each):
+    for part in (part for effects in found for part in effects.blocks):
         other = widest.setdefault(part.name, part)
         widest[part.name] = max(part, other, key=lambda each: each.width)
     # All of log K's parts before those of log C.
@@ -135,7 +135,7 @@ class Rows(NamedTuple):
 
 def _rows(data: EstimatesData, covariances: Covariances, scatter: Float[Array, "table 2"]) -> Rows:
     """The estimates, and the lost tables with their people's expectations ``scatter`` apart."""
-    tables, estimates, own = len(data.roots), len(data.value) - len(data.roots), covariances.of_pair
+    tables, estimates, own = len(data.roots), len(data.value) - len(data.roots), covariances.pair_matrix
     factor = jnp.broadcast_to(jnp.linalg.cholesky(own), (tables, 2, 2))
     offset, sd, correlation = moments_of_people(
         jnp.zeros((tables, 2)), scatter, factor, data.people[0].shape[1]
@@ -184,7 +184,7 @@ def leave_one_out(
         return log_density_of_cells(data.design, covariances, sums)
 
     slopes = jax.grad(density)(_sums(data, rows))
-    moved, squares = slopes.pull[:, data.design.cell], -2 * slopes.weight[..., data.design.cell]
+    moved, squares = slopes.shift[:, data.design.cell], -2 * slopes.precision[..., data.design.cell]
     away = rows.centre - expected(data.design, data.location_mean) - moved
     own = rows.covariance
     turned = small.product(own, small.inverse(own - squares + moved[:, None] * moved))
@@ -261,7 +261,7 @@ def plain_model(model: EstimatesModel, data: EstimatesData) -> None:
     covariances = population(model, sites)
     b = numpyro.sample("locations", dist.Normal(data.location_mean, covariances.locations).to_event(1))
     about = expected(data.design, b).T
-    tables, factor = len(data.roots), jnp.linalg.cholesky(covariances.of_pair)
+    tables, factor = len(data.roots), jnp.linalg.cholesky(covariances.pair_matrix)
     with numpyro.plate("averaged_trial", tables):
         lost = AveragesOfLognormals(about[:tables, None] + _of_people(data, b), factor)
         events = jnp.concatenate([data.value[:tables], data.roots], axis=-1)

@@ -16,15 +16,14 @@ from jaxtyping import Float, Int
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.traces import COORDINATES, constrained
 from bayestissue.hierarchy.warp import SinhArcsinh
+from bayestissue.inference.execution.chunks import Progress, silent
 from bayestissue.inference.execution.compiling import by_row, filled_up
-from bayestissue.inference.execution.progress import Progress, silent
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.mode import covariance_about, find_mode
 from bayestissue.inference.samplers.coordinates import Coordinates, straight, warp_about
 from bayestissue.inference.samplers.independence import POINTS, independence_chains, log_densities
 from bayestissue.inference.samplers.nuts import Start, run_chains
-from bayestissue.inference.samplers.psis import k_threshold
-from bayestissue.inference.samplers.resampling import systematic
+from bayestissue.inference.samplers.psis import k_threshold, systematic
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.thesis.reanalysis.model import (
     EffectsDraw,
@@ -98,7 +97,7 @@ def sample_posterior(
     for again in range(0 if settings.path == "exact" else 1 + _MOST_AGAIN):
         chains = sample_chains(model, data, coordinates, settings, seed + again * _OTHER_SEED, progress)
         ratios = chains.drawn.log_ratio.reshape(settings.chains, settings.transitions)
-        correction = Correction.of(ratios, settings.chains * settings.draws)
+        correction = Correction.from_log_weights(ratios, settings.chains * settings.draws)
         chosen = systematic(correction.weight, settings.draws, np.random.default_rng([seed, 22]))
         found = _labelled(model, data, coordinates, chains, chosen, correction)
         made.append((correction.rank, found))
@@ -183,7 +182,7 @@ def _labelled(
     return EstimatesPosterior(draws, b, rows, correction, data, coordinates, chains)
 
 
-@by_row(POINTS, given=2)
+@by_row(POINTS, constant=2)
 def draw_all(
     model: EstimatesModel,
     data: EstimatesData,
@@ -204,7 +203,7 @@ def leave_one_out_densities(
     return _left_out(model, found.data, flat).reshape(*shape, -1)
 
 
-_left_out = by_row(POINTS, given=2)(leave_one_out)
+_left_out = by_row(POINTS, constant=2)(leave_one_out)
 
 
 class _Finder(NamedTuple):

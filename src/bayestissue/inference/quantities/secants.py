@@ -4,10 +4,15 @@ Beside a discrepancy the K of the hierarchy is that at each impact's greatest de
 by other amounts than at one depth: on a tissue that stiffens, a stiffer condition is pressed less deep, and
 its secant stiffness differs by less. What conditions leave open of an exponent is then found from the
 impacts' own force over depth at the one depth.
+
+The K that the hierarchy samples beside a discrepancy is the element's own part of the force, which no
+measurement knows, and its interval may hold neither the tissue's tangent nor its secant. What can be said of
+the tissue is force over depth, which of a spring beside a damper is the spring's K.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,7 +22,6 @@ from bayestissue.hierarchy.design import Design
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.inference.execution.kept import some_impacts
 from bayestissue.inference.quantities.elements import COMMON_DEPTH
-from bayestissue.inference.quantities.secant_population import shifted
 from bayestissue.inference.samplers.sampling import ConstrainedDraws
 
 # By what it is called: what of an impact it is the exponent of.
@@ -48,22 +52,22 @@ def mass_exponents_of_secants(
     design, impacts = prepared.design, constrained.impacts
     if COMMON_DEPTH not in impacts or design.responses["K"].log_mass is None:
         return {}
-    which = slice(None) if constrained.kept is None else constrained.kept
-    told = {name: secant for name, secant in EXPONENTS.items() if (impacts[secant] > 0).all()}
+    which = slice(None) if constrained.kept_numbers is None else constrained.kept_numbers
+    positive = {name: secant for name, secant in EXPONENTS.items() if (impacts[secant] > 0).all()}
     sites = {name: values[:, which] for name, values in constrained.sites.items() if name.endswith("_K")}
     moved = {
         name: sites | shifted(design, sites, np.log(impacts[secant] / impacts["K"]))
-        for name, secant in told.items()
+        for name, secant in positive.items()
     }
-    found = {name: values["mass_exponent_K"] for name, values in moved.items()}
+    exponents = {name: values["mass_exponent_K"] for name, values in moved.items()}
     name = f"mass_exponent_{COMMON_DEPTH}"
-    if prepared.model.discrepancy and name in found:
+    if prepared.model.discrepancy and name in exponents:
         units = units_of(design, moved[name], np.log(impacts[COMMON_DEPTH]))
         prior = prepared.model.priors.mass_exponent.K
         log_prior = np.asarray(prepared.model.prior_of(f"sd_{units.name}_K").log_prob(_SPREADS))
         rng = np.random.default_rng([seed, 31])
-        found[name] = slope_over_units(units, (prior.mean, prior.sd), log_prior, rng)
-    return found
+        exponents[name] = slope_over_units(units, (prior.mean, prior.sd), log_prior, rng)
+    return exponents
 
 
 class Units(NamedTuple):
@@ -156,8 +160,52 @@ def _restricted(units: Units) -> Float[np.ndarray, " spread"]:
         return np.zeros_like(_SPREADS)
     drawn = units.levels[..., rows].reshape(-1, len(rows))
     line = np.column_stack([np.ones(len(rows)), units.log_mass[rows]])
-    beside = np.linalg.qr(line, mode="complete").Q[:, 2:]
-    known, along = np.linalg.eigh(np.atleast_2d(np.cov(drawn @ beside, rowvar=False)))
-    left = (drawn.mean(0) @ beside) @ along
+    complement = np.linalg.qr(line, mode="complete").Q[:, 2:]
+    known, along = np.linalg.eigh(np.atleast_2d(np.cov(drawn @ complement, rowvar=False)))
+    left = (drawn.mean(0) @ complement) @ along
     variance = known[:, None] + _SPREADS**2
     return -(np.log(variance) + left[:, None] ** 2 / variance).sum(0) / 2
+
+
+def of_secant(prepared: Prepared, constrained: ConstrainedDraws) -> ConstrainedDraws:
+    """Draws in which K means the secant stiffness, of impacts and of the population.
+
+    In each draw log(K_secant / K) of the impacts is laid out over log K's formula: its least-squares line
+    goes to intercept, mass exponent and covariates, and what is left, averaged, to people, then to
+    conditions, and so on through the formula's group terms. The spreads stay. What the element's own K makes
+    at contact is K_tangent.
+
+    Args:
+        prepared: the fit; without a discrepancy draws stay as they are.
+        constrained: draws of everything, all of every impact.
+    """
+    model = prepared.model
+    if not model.discrepancy or constrained.kept_numbers is not None:
+        return constrained
+    impacts = constrained.impacts
+    shift = np.log(impacts["K_secant"] / impacts["K"])
+    sites = constrained.sites | shifted(prepared.design, constrained.sites, shift)
+    return replace(constrained, sites=sites, impacts={**impacts, "K": impacts["K_secant"]})
+
+
+def shifted(
+    design: Design, sites: dict[str, np.ndarray], shift: Float[np.ndarray, "chain draw impact"]
+) -> dict[str, np.ndarray]:
+    """The sites of log K with each impact's shift laid out over them."""
+    part = design.responses["K"]
+    names = ["intercept_K", *(["mass_exponent_K"] if part.log_mass is not None else [])]
+    columns = [np.ones(shift.shape[-1]), *([part.log_mass] if part.log_mass is not None else [])]
+    matrix = np.column_stack([*columns, part.covariates])
+    line = shift @ np.linalg.pinv(matrix).T
+    moved = {name: sites[name] + line[..., number] for number, name in enumerate(names)}
+    if part.names:
+        moved["covariate_effect_K"] = sites["covariate_effect_K"] + line[..., len(names) :]
+    left = shift - line @ matrix.T
+    for term, column in part.terms.items():
+        grouping = design.groupings[term.grouping]
+        member = (grouping.code[:, None] == np.arange(len(grouping.levels))) * column.covariate[:, None]
+        # Of an intercept the levels' means; a level in which the covariate is always zero keeps its own.
+        slope = left @ (member / np.maximum((member**2).sum(0), np.finfo(float).tiny))
+        moved[term.effect("K")] = sites[term.effect("K")] + slope
+        left = left - slope[..., grouping.code] * column.covariate
+    return moved

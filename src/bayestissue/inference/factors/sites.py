@@ -1,0 +1,271 @@
+"""Gaussian sites of traces: log likelihoods to second order, for all impacts together.
+
+A Laplace site is the expansion about the maximum, at one value of the hyperparameters. It is poor in a
+direction that a trace leaves open, as most do beside a discrepancy, where the likelihood is level about one
+value and falls off about another; of dozens of impacts such errors add up. A regression site is the parabola
+l + g (u - m) - (u - m)' P (u - m) / 2 nearest to log L(u) over draws of u from the current approximation,
+weighted by likelihood over site (Salimans and Knowles 2013 for the regression; Minka 2001 for the passes):
+it serves all draws.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from jaxtyping import Float
+from scipy.special import softmax
+
+from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.traces import TraceData, TraceModel
+from bayestissue.inference.factors.conditional import ConditionalPrior, normals
+from bayestissue.inference.factors.likelihoods import log_likelihoods
+from bayestissue.inference.samplers.psis import effective_size
+
+ITERATIONS = 60
+# By how much an expansion may exceed its value at the centre, along one axis. One of too little curvature, or
+# of the wrong sign, gets the curvature with which it exceeds it by the least.
+_MOST_GAIN, _LEAST_GAIN = 20.0, 1.0
+_LEAST_BEND = 1e-9
+# Of a log parameter of which a trace says nothing.
+_LEAST_PRECISION = 1e-3
+# Steps of the differences: in conditional standard deviations, so that what a step changes is far above
+# rounding, which was measured to be 1e-9 at most; in units of a log parameter, so that it is far below where
+# third derivatives count.
+_STEP, _SHORTEST, _LONGEST = 0.03, 1e-6, 0.003
+# A search is over where no step promises so much log likelihood, or only the least steps gain.
+_NOTHING_LEFT, _STUCK = 1e-6, 1e6
+# Draws of each impact's parameters under every one of the population.
+_EACH = 4
+# Of a regression site, in units of what the posterior leaves open.
+_LEAST_REGRESSED = 1e-3
+# Points at which a trace is so much less likely than at its best are no part of the posterior.
+_DEEPEST = 30.0
+# A parabola in so many parameters has a number of terms, and wants twice as many points.
+_POINTS_A_TERM = 2
+_RIDGE = 1e-6
+
+
+def laplace_sites(
+    model: TraceModel,
+    data: TraceData,
+    start: Float[np.ndarray, "impact parameter"],
+    prior: ConditionalPrior,
+    iterations: int = ITERATIONS,
+) -> Sites:
+    """Expand each log likelihood to second order where it, times the prior, is greatest.
+
+    Levenberg-Marquardt steps on every impact by itself, from differences of the likelihood's values: exact
+    enough, since a site only whitens.
+
+    Args:
+        model: the model.
+        data: the dataset.
+        start: first guess.
+        prior: keeps an impact whose trace says little where the others are.
+        iterations: the most steps tried; with none the expansion is at ``start``.
+    """
+    start = np.array(start)
+    # How sharply a trace tells its parameters is known only once it was expanded.
+    nothing = np.zeros((*start.shape, start.shape[1]))
+    best = _expansion(model, data, start, _expansion(model, data, start, nothing).curvature)
+    most, damping = best.value + prior.log_density(start), np.full(len(start), 1e-3)
+    for _ in range(iterations):
+        candidate, promised = _next_after(best, prior, damping)
+        if not ((promised > _NOTHING_LEFT) & (damping < _STUCK)).any():
+            break
+        tried = _expansion(model, data, candidate, best.curvature)
+        value = tried.value + prior.log_density(candidate)
+        better = value > most
+        best = _Expansion(*(chosen(better, *pair) for pair in zip(tried, best, strict=True)))
+        most = np.where(better, value, most)
+        damping = np.where(better, np.maximum(damping / 10, 1e-14), np.minimum(damping * 10, _STUCK))
+    values, axes = np.linalg.eigh(best.curvature)
+    firm = curvature_floor(values, np.matvec(axes.mT, best.slope))
+    precision = (axes * firm[:, None]) @ axes.mT
+    return Sites(best.u, best.slope, precision, best.value)
+
+
+class _Expansion(NamedTuple):
+    """A log likelihood to second order at ``u``, the curvature being minus its second derivatives."""
+
+    u: Float[np.ndarray, "impact parameter"]
+    value: Float[np.ndarray, " impact"]
+    slope: Float[np.ndarray, "impact parameter"]
+    curvature: Float[np.ndarray, "impact parameter parameter"]
+
+
+def _expansion(
+    model: TraceModel,
+    data: TraceData,
+    u: Float[np.ndarray, "impact parameter"],
+    curvature: Float[np.ndarray, "impact parameter parameter"],
+) -> _Expansion:
+    """Central differences, by steps as long as a ``curvature`` found nearby asks for.
+
+    Where a step leads out of all likelihood there is no expansion, and the value is minus infinity.
+    """
+    size = u.shape[1]
+    bend = np.abs(np.diagonal(curvature, axis1=1, axis2=2))
+    step = np.clip(_STEP / np.sqrt(np.maximum(bend, 1e-300)), _SHORTEST, _LONGEST)
+    first, second = np.triu_indices(size, 1)
+    unit = np.eye(size)
+    pairs = unit[first] + unit[second]
+    points = np.concatenate([np.zeros((1, size)), unit, -unit, pairs, -pairs])
+    middle, up, down, forth, back = np.split(
+        log_likelihoods(model, data, u + points[:, None] * step),
+        np.cumsum([1, size, size, len(pairs)]),
+    )
+    along_axes, hessian = up + down, np.empty((size, size, len(u)))
+    # Out of all likelihood differences are no numbers.
+    with np.errstate(invalid="ignore"):
+        hessian[range(size), range(size)] = along_axes - 2 * middle
+        hessian[first, second] = (forth + back - along_axes[first] - along_axes[second] + 2 * middle) / 2
+        slope = ((up - down) / 2).T / step
+    hessian[second, first] = hessian[first, second]
+    curvature = -hessian.transpose(2, 0, 1) / (step[:, :, None] * step[:, None])
+    whole = np.isfinite(curvature).all((1, 2)) & np.isfinite(slope).all(1)
+    return _Expansion(
+        u,
+        np.where(whole, middle[0], -np.inf),
+        np.where(whole[:, None], slope, 0.0),
+        np.where(whole[:, None, None], curvature, 0.0),
+    )
+
+
+def _next_after(
+    at: _Expansion, prior: ConditionalPrior, damping: Float[np.ndarray, " impact"]
+) -> tuple[Float[np.ndarray, "impact parameter"], Float[np.ndarray, " impact"]]:
+    """The next candidate, and what the best step there is promises."""
+    slope = at.slope - np.matvec(prior.precision, at.u - prior.mean)
+    values, axes = np.linalg.eigh(at.curvature + prior.precision)
+    bend = np.abs(values)
+    along = np.matvec(axes.mT, slope)
+    firm = bend + damping[:, None] * bend.max(1, keepdims=True)
+    move = np.matvec(axes, along / firm)
+    promised = (along**2 / np.maximum(bend, 1e-300)).sum(1) / 2
+    # No step may be longer than a unit of a log parameter.
+    longest = np.maximum(np.abs(move).max(1, keepdims=True), 1.0)
+    return at.u + move / longest, promised
+
+
+def chosen(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
+    """Of each impact the new, where it is better."""
+    return np.where(better.reshape(-1, *[1] * (new.ndim - 1)), new, old)
+
+
+def curvature_floor(
+    bend: Float[np.ndarray, "*axis"], slope: Float[np.ndarray, "*axis"]
+) -> Float[np.ndarray, "*axis"]:
+    """Curvature floor: minus the second derivative along each axis, by which a site stays bounded.
+
+    A likelihood expanded away from its own maximum may have curvature of the wrong sign. Its site
+    exp(slope s - bend s^2 / 2) must all the same be bounded by a few nats, or else the greater the standard
+    deviation between impacts, the more likely such traces would be.
+
+    Args:
+        bend: as found, of any sign.
+        slope: along the axis.
+    """
+    believed = (bend > 0) & (slope**2 < 2 * _MOST_GAIN * bend)
+    return np.maximum(np.where(believed, bend, slope**2 / (2 * _LEAST_GAIN)), _LEAST_BEND)
+
+
+def least_curvature(slope: Float[np.ndarray, "*axis"]) -> Float[np.ndarray, "*axis"]:
+    """The least curvature with which a site of this slope is bounded as `curvature_floor` has it."""
+    return np.maximum(slope**2 / (2 * _MOST_GAIN), _LEAST_PRECISION)
+
+
+def weak_prior(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) -> ConditionalPrior:
+    """A weak prior about the first guess."""
+    return ConditionalPrior(np.asarray(start), np.eye(start.shape[1]) / sd**2)
+
+
+def regression_sites(
+    model: TraceModel,
+    data: TraceData,
+    sites: Sites,
+    priors: ConditionalPrior,
+    rng: np.random.Generator,
+) -> Sites:
+    """The parabola nearest to each log likelihood over the posterior.
+
+    Points are drawn by the old sites and weighted by likelihood over site, those of one draw of the
+    population among themselves. Along an axis where the parabola would open upwards it is made level,
+    but for the curvature that its slope needs (`least_curvature`). Where too few points are effective for a
+    trace its old site stays.
+
+    Args:
+        model: the model.
+        data: the dataset.
+        sites: the old ones.
+        priors: of some hundred draws of the population.
+        rng: for the points.
+    """
+    u, value, weight = _points(model, data, sites, priors, rng)
+    weight = np.where(value > value.max(0) - _DEEPEST, weight, 0.0)
+    size = u.shape[-1]
+    fitted = effective_size(weight) > _POINTS_A_TERM * (1 + size) * (2 + size) / 2
+    refitted = [np.array(part) for part in sites]
+    for whole, part in zip(
+        refitted, _nearest(u[:, fitted], value[:, fitted], weight[:, fitted]), strict=True
+    ):
+        whole[fitted] = part
+    return Sites(*refitted)
+
+
+def _nearest(
+    u: Float[np.ndarray, "point impact parameter"],
+    value: Float[np.ndarray, "point impact"],
+    weight: Float[np.ndarray, "point impact"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Centre, slope, precision and level, as `Sites` have them."""
+    value = np.where(weight > 0, value, 0.0)
+    total = weight.sum(0)
+    mean = np.einsum("pi,pia->ia", weight, u) / total[:, None]
+    squares = np.einsum("pi,pia,pib->iab", weight, u - mean, u - mean, optimize=True)
+    root = np.linalg.cholesky(squares / total[:, None, None])
+    inverse = np.linalg.inv(root)
+    level, slope, bend = _parabola(np.einsum("iab,pib->pia", inverse, u - mean), value, weight)
+    values, axes = np.linalg.eigh(bend)
+    # Without curvature a site that slopes has no bound, and all draws would go there.
+    least = np.maximum(least_curvature(np.einsum("iab,ia->ib", axes, slope)), _LEAST_REGRESSED)
+    bend = np.einsum("iab,ib,icb->iac", axes, np.maximum(values, least), axes)
+    precision = np.einsum("iba,ibc,icd->iad", inverse, bend, inverse, optimize=True)
+    return mean, np.einsum("iba,ib->ia", inverse, slope), precision, level
+
+
+def _parabola(
+    z: Float[np.ndarray, "point impact parameter"],
+    value: Float[np.ndarray, "point impact"],
+    weight: Float[np.ndarray, "point impact"],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Level, slope and minus the second derivatives of the nearest parabola, for each impact."""
+    size = z.shape[-1]
+    rows, columns = np.triu_indices(size)
+    ones = np.ones((*z.shape[:2], 1))
+    terms = np.concatenate([ones, z, z[..., rows] * z[..., columns]], axis=-1)
+    weighted = terms * weight[..., None]
+    matrix = np.einsum("pia,pib->iab", weighted, terms, optimize=True) + _RIDGE * np.eye(terms.shape[-1])
+    coefficients = np.linalg.solve(matrix, np.einsum("pia,pi->ia", weighted, value)[..., None])[..., 0]
+    bend = np.zeros((z.shape[1], size, size))
+    bend[:, rows, columns] -= coefficients[:, 1 + size :]
+    bend[:, columns, rows] -= coefficients[:, 1 + size :]
+    return coefficients[:, 0], coefficients[:, 1 : 1 + size], bend
+
+
+def _points(
+    model: TraceModel,
+    data: TraceData,
+    sites: Sites,
+    priors: ConditionalPrior,
+    rng: np.random.Generator,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points, the log likelihood there, and their weights, each [point, impact, ...]."""
+    u = normals(sites, priors).at(rng.standard_normal((_EACH, *priors.mean.shape)))
+    flat = u.reshape(-1, *u.shape[2:])
+    value = log_likelihoods(model, data, flat)
+    ratio = (value - sites.log_density(flat)).reshape(u.shape[:3])
+    with np.errstate(invalid="ignore"):
+        weight = softmax(ratio, axis=0)
+    return flat, value, weight.reshape(value.shape)
