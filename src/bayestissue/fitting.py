@@ -21,6 +21,7 @@ import xarray as xr
 from bayestissue import resources, results, runtime
 from bayestissue.answering import Answering
 from bayestissue.errors import InputError, Problem
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.inference.answers.agreement import agreement
@@ -29,6 +30,7 @@ from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import flagged_recordings
+from bayestissue.inference.posterior.approximate import expanded
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
 from bayestissue.outline import Rows, short, span
 from bayestissue.settings import parse_toml, read_text
@@ -359,9 +361,19 @@ def fit_prepared(
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     plain = _without_discrepancy(dataset, specification, prepared)
-    chain = cache(partial(_chain, dataset, plain))
+    say("summarising each trace", 0, 1)
+    expansions = expanded(plain)
+    chain = cache(partial(_chain, dataset, plain, expansions))
     contradicted = partial(_contradiction, chain)
-    found = fit_traces(prepared, specification, seed, say, checkpoints=checkpoints, contradicted=contradicted)
+    found = fit_traces(
+        prepared,
+        specification,
+        seed,
+        say,
+        expansions=expansions if plain is prepared else None,
+        checkpoints=checkpoints,
+        contradicted=contradicted,
+    )
     form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
     if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
         prepared = with_discrepancy(dataset, specification, prepared)
@@ -388,9 +400,9 @@ def _without_discrepancy(dataset: Dataset, specification: ModelSpecification, pr
     return assemble(dataset, plain, prepared.design, prepared.signal)
 
 
-def _chain(dataset: Dataset, plain: Prepared) -> dict[str, Any]:
+def _chain(dataset: Dataset, plain: Prepared, expansions: Sites) -> dict[str, Any]:
     """What the traces say of their measuring chain; nothing of displacements."""
-    return {} if dataset.quantity == "displacement" else judge(plain)
+    return {} if dataset.quantity == "displacement" else judge(plain, expansions)
 
 
 def _contradiction(chain: Callable[[], dict[str, Any]]) -> str:

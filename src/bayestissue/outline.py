@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from html import escape
+from typing import TYPE_CHECKING
 
-import numpy as np
-from numpy.typing import ArrayLike
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
 
 from bayestissue.errors import printable
 
@@ -45,6 +46,8 @@ def short(text: str, most: int = 60) -> str:
 
 def span(values: ArrayLike, unit: str) -> str:
     """The least and the greatest of some values, which may be missing, with their unit."""
+    import numpy as np
+
     known = np.asarray(values, float)
     known = known[np.isfinite(known)]
     if not known.size:

@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from bayestissue.commands.answers import answer
+from bayestissue.commands.options import Excel, FinishedFit, Json, Overwrite, Quiet
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -17,20 +20,32 @@ _HEADINGS = {"bayes_factor": "Bayes factor", "mcse": "Monte Carlo error"}
 
 
 def run(
-    run: Path,
-    questions: list[str],
-    *,
-    out: Path | None,
-    excel: Excel | None = None,
-    overwrite: bool,
-    quiet: bool,
-    as_json: bool,
+    run: FinishedFit,
+    questions: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="QUESTION...",
+            help='Such as "K[side=left] / K[side=right] > 1.1" or "mass_exponent_K between -0.1 and 0.1".',
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write questions.csv and report.html to this folder.")
+    ] = None,
+    excel: Excel = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
-    """Answer questions, print them and, with ``out``, write ``questions.csv`` and a page.
+    """Questions to a finished fit: probability by posterior and prior, Bayes factor, Monte Carlo error.
 
-    Raises:
-        InputError: ``run`` is no finished fit, questions can't be read or answered (all of them are told), or
-            ``out`` is not free.
+    K alone is that of a typical person at the reference mass, the mean of other numbers and the first
+    category. K[subject=s01, mass_kg=1.2] has these instead; all impacts' columns of the formula can be named,
+    and what belongs to a person, such as sex, follows the person. K[subject=new] is a new person's,
+    mean(K[subject, sex=f]) is over people, K[impact=7] is of one recorded impact. Any other quantity of
+    summary.csv is called by its name: mass_exponent_K, sd_subject_K, K_new, subject_effect_K[subject=s01].
+    Besides: numbers, + - * / ^ ( ), abs, exp, log, max, min, mean, < <= > >=, between, and, or, not. Odd
+    names stand in quotes, those of quantities in backticks. Without a comparison the answer is a median and
+    a 90 % interval.
     """
     answer(
         run,

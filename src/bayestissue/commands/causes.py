@@ -7,12 +7,14 @@ import json
 import time
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
 
 from bayestissue import resources, results, runtime
+from bayestissue.commands.options import Json, Out, Overwrite, Quiet, Seed, SkipBad
 
 if TYPE_CHECKING:
-    from bayestissue.inference.points.fit import Method
     from bayestissue.thesis.causes.subject import Subject
     from bayestissue.thesis.causes.verdict import Verdict
 
@@ -20,29 +22,48 @@ _TABLES = ("causes", "predictive", "observed", "confusion", "reliability")
 
 
 def run(
-    target: str,
-    *,
-    out: Path,
-    model: str | Path | None,
-    only: tuple[str, ...],
-    campaigns: int | None,
-    method: Method,
-    jobs: int | None,
-    scheduler: str | None,
-    seed: int,
-    skip_bad: bool,
-    overwrite: bool,
-    quiet: bool,
-    as_json: bool,
+    target: Annotated[
+        str,
+        typer.Argument(
+            help='Folder of a dataset, or "published" for the thesis\'s own tables.',
+            metavar="DATASET|published",
+        ),
+    ],
+    out: Out,
+    model: Annotated[
+        str | None,
+        typer.Option("--model", metavar="NAME|FILE", help="What is simulated; causes unless given."),
+    ] = None,
+    cause: Annotated[
+        list[str] | None, typer.Option("--cause", help="Only this cause of the model file; may be repeated.")
+    ] = None,
+    campaigns: Annotated[
+        int | None,
+        typer.Option("--campaigns", help="Campaigns of every cause, instead of the model file's.", min=40),
+    ] = None,
+    method: Annotated[
+        Literal["exact", "dds"],
+        typer.Option("--method", help="How a dataset's impacts are estimated, as in estimate."),
+    ] = "exact",
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "--jobs", help="Worker processes; 1 works in this one. One per core unless given.", min=1
+        ),
+    ] = None,
+    scheduler: Annotated[
+        str | None,
+        typer.Option("--scheduler", help="Address of a Dask scheduler that computes instead."),
+    ] = None,
+    seed: Seed = 0,
+    skip_bad: SkipBad = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
-    """Simulate campaigns of every cause, compare them with what was observed, and write the report.
+    """Why K grows with mass: simulate each proposed cause and say which could have made the numbers.
 
-    Writes ``causes.csv``, ``campaigns.parquet``, ``predictive.csv``, ``observed.csv``, ``confusion.csv``,
-    ``reliability.csv``, ``run.json`` and ``report.html``. Finished batches of an interrupted run wait in a
-    folder beside ``out``; the same command goes on from there.
-
-    Raises:
-        InputError: the dataset, the specification, the scheduler or ``out`` are not usable.
+    An interrupted run goes on where it stopped when the same command is given again.
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     inputs = (model,) if target == "published" else (Path(target), model)
@@ -59,16 +80,14 @@ def run(
         from bayestissue.thesis.causes.subject import subject
         from bayestissue.thesis.causes.verdict import judge
 
-        model = resources.model_file(
-            "causes" if model is None else model, lambda content: "causes" in content
-        )
-        specification = chosen(read_causes(model), only, str(model))
+        file = resources.model_file("causes" if model is None else model, lambda content: "causes" in content)
+        specification = chosen(read_causes(file), tuple(cause or ()), str(file))
         if campaigns is not None:
             sizes = specification.campaigns.model_copy(update={"each": campaigns})
             specification = specification.model_copy(update={"campaigns": sizes})
         what = subject(target, method=method, skip_bad=skip_bad)
         specification = what.applicable(specification)
-        require_several(specification, str(model))
+        require_several(specification, str(file))
         work = batches(what.setting, specification, seed)
         job = [what.input_hash, method, specification.model_dump_json(), seed, runtime.versions()]
         fingerprint = hashlib.sha256(json.dumps(job).encode()).hexdigest()

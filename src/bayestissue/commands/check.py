@@ -4,44 +4,41 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any
 
-import pandas as pd
-from rich.console import Console
-from rich.table import Table
+import typer
 
-from bayestissue.checking import Check, check
-from bayestissue.commands.console import echo, explained, plain
-from bayestissue.dataset import read_dataset
+from bayestissue import results
+from bayestissue.commands.options import DatasetFolder, Excel, Json, Overwrite, Quiet, SkipBad
 from bayestissue.errors import Problem
 from bayestissue.remedies import codes_in
-from bayestissue.report.recordings.check_page import kinds
-from bayestissue.report.writing import after_results
-from bayestissue.results import Excel, Place, claim_if, whole_file, write_table
-from bayestissue.signal.recorder_noise import white_share
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from bayestissue.checking import Check
 
 _NAMED = 10
 
 
 def run(
-    dataset: Path,
-    *,
-    out: Path | None,
-    excel: Excel | None = None,
-    skip_bad: bool,
-    overwrite: bool,
-    quiet: bool,
-    as_json: bool,
+    dataset: DatasetFolder,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", help="Also write quality figures and a page with one panel per impact."),
+    ] = None,
+    skip_bad: SkipBad = False,
+    excel: Excel = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
-    """Check a dataset folder, say what was found and, with ``out``, write quality figures.
+    """Say what is wrong with a dataset: file, row, column, value, what was expected, how to mend it."""
+    with results.claim_if(out, overwrite=overwrite, command="check", inputs=(dataset,)) as place:
+        from bayestissue.checking import check
+        from bayestissue.commands.console import echo
+        from bayestissue.dataset import read_dataset
 
-    Writes ``quality.csv`` (one row per impact), ``problems.csv`` (what was left out, and warnings) and
-    ``check.html`` (a panel per impact).
-
-    Raises:
-        InputError: something is wrong with the dataset, or ``out`` is not free.
-    """
-    with claim_if(out, overwrite=overwrite, command="check", inputs=(dataset,)) as place:
         found = check(read_dataset(dataset, skip_bad=skip_bad))
         if place is not None:
             _write(place, found, excel)
@@ -68,6 +65,12 @@ def _plain(found: Check) -> dict[str, Any]:
 
 
 def _print(found: Check) -> None:
+    from rich.console import Console
+    from rich.table import Table
+
+    from bayestissue.commands.console import explained, plain
+    from bayestissue.report.recordings.check_page import kinds
+
     data, warnings = found.dataset, found.warnings
     console = Console(highlight=False)
     table = Table(
@@ -112,6 +115,8 @@ def _summary(found: Check) -> list[tuple[str, str]]:
 
 def _entry(found: Check) -> str:
     """Where a recorder's noise entered, in words."""
+    from bayestissue.signal.recorder_noise import white_share
+
     white = white_share(found.dataset, found.signal)
     if white in {0.0, 1.0}:
         return f"{'behind' if white else 'before'} the low-pass"
@@ -127,18 +132,20 @@ def _names(problems: list[Problem]) -> str:
 
 def _range(values: pd.Series, unit: str, digits: int = 6) -> str:
     low, high = values.min(), values.max()
-    if pd.isna(low):
+    if not low <= high:
         return "not stated"
     ends = [f"{end:.0f}" if end >= 10**digits else f"{end:.{digits}g}" for end in (low, high)]
     return f"{ends[0]}{unit}" if low == high else f"{ends[0]} to {ends[1]}{unit}"
 
 
-def _write(place: Place, found: Check, excel: Excel | None) -> None:
+def _write(place: results.Place, found: Check, excel: results.Excel | None) -> None:
+    from bayestissue.report.writing import after_results
+
     with place.folder() as staging:
-        write_table(found.quality, staging / "quality.csv", excel)
-        write_table(found.problems, staging / "problems.csv", excel)
+        results.write_table(found.quality, staging / "quality.csv", excel)
+        results.write_table(found.problems, staging / "problems.csv", excel)
     with (
         after_results(place.path, "the same command with --overwrite repeats it"),
-        whole_file(place.path / "check.html") as staging,
+        results.whole_file(place.path / "check.html") as staging,
     ):
         staging.write_text(found.page(), encoding="utf-8")

@@ -7,9 +7,12 @@ import time
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from bayestissue import results, runtime
+from bayestissue.commands.options import Excel, Json, Overwrite, Quiet
 from bayestissue.errors import InputError, Problem, all_of
 
 if TYPE_CHECKING:
@@ -28,22 +31,18 @@ _OF_IMPACTS = ("K", "C", "K_secant", "C_equivalent")
 
 
 def run(
-    runs: list[Path],
-    *,
-    out: Path | None,
-    excel: results.Excel | None = None,
-    overwrite: bool,
-    quiet: bool,
-    as_json: bool,
+    runs: Annotated[
+        list[Path], typer.Argument(help="Folders of two or more finished fits of one dataset.", metavar="DIR")
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write the tables and a page with figures.")
+    ] = None,
+    excel: Excel = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
-    """Compare finished fits, print the table and, with ``out``, write it with a page.
-
-    Writes ``comparison.csv``, ``posteriors.csv``, ``implied.csv``, ``run.json`` and ``report.html``.
-
-    Raises:
-        InputError: fewer than two runs, the same one twice, one that isn't a finished fit, runs of different
-            data, or ``out`` is not free.
-    """
+    """Which finished fit predicts best what it has not seen, and whether the fits agree on K and C."""
     started, clock = datetime.now(UTC), time.perf_counter()
     _require_distinct(runs)
     with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as place:

@@ -8,24 +8,31 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from itertools import groupby
+from typing import Annotated
 
-from bayestissue.commands.console import echo
+import typer
+
+from bayestissue.commands.options import Json
 from bayestissue.errors import InputError, Problem
 from bayestissue.remedies import Remedy, entries
 
 _WIDTH = 88
 
 
-def run(codes: Sequence[str], *, as_json: bool) -> None:
-    """Print the entries of ``codes``, or the list of all.
+def run(
+    codes: Annotated[
+        list[str] | None,
+        typer.Argument(help="As messages end with; all are listed unless given.", metavar="[CODE]..."),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """What a warning or an error means, what it does to K and C, and what to do."""
+    from bayestissue.commands.console import echo
 
-    Raises:
-        InputError: there is no entry of a code; the nearest is named.
-    """
     known = {str(code): entry for code, entry in entries().items()}
-    if unknown := [code for code in codes if code not in known]:
+    if unknown := [code for code in codes or () if code not in known]:
         raise InputError(_unknown(code, list(known)) for code in unknown)
-    chosen = [known[code] for code in codes] or list(known.values())
+    chosen = [known[code] for code in codes or ()] or list(known.values())
     if as_json:
         echo(json.dumps([asdict(entry) for entry in chosen], ensure_ascii=False))
     elif codes:

@@ -4,10 +4,23 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
 
 from bayestissue import results, runtime
+from bayestissue.commands.options import (
+    FAILED_DIAGNOSTICS,
+    DatasetFolder,
+    Excel,
+    Model,
+    Out,
+    Overwrite,
+    Quiet,
+    Scheduler,
+    Seed,
+    SkipBad,
+)
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
@@ -17,28 +30,49 @@ if TYPE_CHECKING:
 
 
 def run(
-    dataset: Path,
-    *,
-    out: Path,
-    model: str | Path | None,
-    K: str | None,
-    C: str | None,
-    questions: list[str],
-    path: str | None,
-    scheduler: str | None,
-    seed: int,
-    excel: results.Excel | None = None,
-    skip_bad: bool,
-    overwrite: bool,
-    quiet: bool,
-) -> bool:
-    """Write a finished fit to ``out`` and return whether the sampler's diagnostics passed.
+    dataset: DatasetFolder,
+    out: Out,
+    model: Model = None,
+    K: Annotated[
+        str | None,
+        typer.Option(
+            "--K",
+            metavar="FORMULA",
+            help='What log K depends on, such as "log(mass_kg) + side + (1|subject)"; as the model has it '
+            "unless given.",
+        ),
+    ] = None,
+    C: Annotated[
+        str | None,
+        typer.Option("--C", metavar="FORMULA", help="The same of log C; that of --K unless given."),
+    ] = None,
+    ask: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--ask",
+            metavar="QUESTION",
+            help='Answered at the end and on the page, such as "K[side=left] / K[side=right] > 1.1"; may be '
+            "given again.",
+        ),
+    ] = None,
+    path: Annotated[
+        Literal["automatic", "exact", "summary"] | None,
+        typer.Option(
+            "--path",
+            help="How draws are made, as sampler.path of a model file; exact goes on where a fit was given "
+            "up because it would take long.",
+        ),
+    ] = None,
+    scheduler: Scheduler = None,
+    seed: Seed = 0,
+    skip_bad: SkipBad = False,
+    excel: Excel = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """The posterior of K and C from the traces: of every impact, person and condition, and of the exponents.
 
-    Finished parts of an interrupted fit wait in a folder beside ``out``; the same command goes on from
-    there, with the draws that it would have given without the interruption.
-
-    Raises:
-        InputError: the dataset, the model file or ``out`` are not usable; before any sampling.
+    An interrupted fit goes on where it stopped when the same command is given again.
     """
     runtime.configure(one_core=True)
     with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as place:
@@ -53,7 +87,7 @@ def run(
 
         data = read_dataset(dataset, skip_bad=skip_bad)
         specification, source = resolve(
-            model, data.quantity, formulas=formulas_of(K, C), questions=questions, path=path
+            model, data.quantity, formulas=formulas_of(K, C), questions=ask or [], path=path
         )
         if model is None and not quiet:
             echo(f"model {specification.name}, that of a recorded {data.quantity}; --model takes another")
@@ -76,7 +110,8 @@ def run(
             echo(f"{headline(fit.diagnostics)} {fit.verdict}")
             explained([*told, *warned_codes(fit.diagnostics)])
             echo(f"wrote {place.path / 'report.html'}")
-        return bool(fit.diagnostics["passed"])
+        if not fit.diagnostics["passed"]:
+            raise typer.Exit(FAILED_DIAGNOSTICS)
 
 
 def _without_short(data: Dataset, specification: ModelSpecification, source: str) -> Dataset:

@@ -5,13 +5,15 @@ from __future__ import annotations
 import sys
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import typer
 
-from bayestissue.commands.console import echo, explained
+from bayestissue.commands.options import Json, Overwrite, Quiet, SkipBad
 from bayestissue.errors import InputError, Problem, by_cause, printable
-from bayestissue.intake import Choices, Cutting, Intake, Question, default_out, prepare, write
+
+if TYPE_CHECKING:
+    from bayestissue.intake import Intake, Question
 
 _CHAIN = {
     "mass": "relative_mass_sd",
@@ -22,30 +24,165 @@ _CHAIN = {
 
 
 def run(
-    folder: Path,
-    *,
-    out: Path | None,
-    choices: Choices,
-    name: str,
-    cutting: Cutting | None,
-    skip_bad: bool,
-    overwrite: bool,
-    quiet: bool,
-    as_json: bool,
+    folder: Annotated[
+        Path, typer.Argument(help="Folder of recorder files; nothing in it is changed.", metavar="FOLDER")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out",
+            help="Folder for the dataset, new or empty; that of the recordings with -dataset behind unless "
+            "given. The dataset is called after it.",
+        ),
+    ] = None,
+    pattern: Annotated[
+        str | None,
+        typer.Option(
+            "--pattern",
+            metavar="PATTERN",
+            help="How file names are read; guessed from the names unless given. A name in braces is a "
+            "column of impacts.csv; {} is what does not matter. mass_g, velocity_cm_s, drop_height_m, _cm "
+            "and _mm are converted (v = sqrt(2 g h), for a pendulum too). With / the folders above the file "
+            "are read as well.",
+        ),
+    ] = None,
+    table: Annotated[
+        Path | None,
+        typer.Option(
+            "--table",
+            metavar="FILE.csv",
+            help="A table with a column file, the name of a recording, and a column for each fact; with a "
+            "column number too, a row for each impact of a recording.",
+        ),
+    ] = None,
+    given: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="NAME=VALUE", help="A fact that holds for all recordings; may be repeated."
+        ),
+    ] = None,
+    channel: Annotated[str | None, typer.Option("--channel", help="The channel with the values.")] = None,
+    quantity: Annotated[
+        Literal["deceleration", "acceleration", "displacement"] | None,
+        typer.Option("--quantity", help="What it recorded; a deceleration is positive while it slows."),
+    ] = None,
+    unit: Annotated[
+        str | None, typer.Option("--unit", help='Its unit, such as "m/s^2", g or mm, after scale and offset.')
+    ] = None,
+    scale: Annotated[float, typer.Option("--scale", help="Raw values are multiplied by it.")] = 1.0,
+    offset: Annotated[float, typer.Option("--offset", help="Added to them after that.")] = 0.0,
+    time: Annotated[
+        str | None, typer.Option("--time", help="The channel with the times, if the format has no clock.")
+    ] = None,
+    time_unit: Annotated[str | None, typer.Option("--time-unit", help="Its unit; s unless stated.")] = None,
+    rate_hz: Annotated[
+        float | None, typer.Option("--rate-hz", help="The sampling rate, where there are no times.", min=0)
+    ] = None,
+    crop: Annotated[
+        tuple[float, float] | None,
+        typer.Option(
+            "--crop",
+            metavar="START STOP",
+            help="The stretch of every recording that is read, in its unit of time.",
+        ),
+    ] = None,
+    recorder: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--recorder",
+            metavar="KEY=VALUE",
+            help="An entry of the table [recorder], a known low-pass that the recordings went through: "
+            "low_pass_hz, order, kind, zero_phase, noise, or sae_class; may be repeated.",
+        ),
+    ] = None,
+    text: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--text",
+            metavar="KEY=VALUE",
+            help="How text files are written, where that is not found rightly: encoding (utf-8, utf-16, "
+            "cp1252), delimiter (comma, semicolon, tab, pipe, space), decimal (point, comma), thousands "
+            "(none, point, comma, space, apostrophe), header_row, units_row; may be repeated.",
+        ),
+    ] = None,
+    uncertainty: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--uncertainty",
+            metavar="NAME=SD",
+            help="How well the measuring chain is known, as a standard deviation: mass and gain as a "
+            "fraction, velocity in m/s, offset in m/s^2, such as velocity=0.01; may be repeated.",
+        ),
+    ] = None,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            "--gravity",
+            metavar="none|drop|M_S2",
+            help="The part of gravity along the motion: none (a pendulum at its lowest point), drop "
+            "(straight down), or a number of m/s², positive into the tissue. Asked for where a drop height "
+            "is given.",
+        ),
+    ] = None,
+    zero: Annotated[
+        Literal["free_fall", "rest"] | None,
+        typer.Option("--zero", help="Where an accelerometer read 0; in free fall unless stated."),
+    ] = None,
+    several: Annotated[
+        bool, typer.Option("--several", help="Cut several impacts in one recording apart.")
+    ] = False,
+    threshold: Annotated[
+        float,
+        typer.Option("--threshold", help="Standard deviations of the noise an impact rises above.", min=1),
+    ] = 20.0,
+    separation_s: Annotated[
+        float, typer.Option("--separation-s", help="The least time between two impacts, s.", min=0.001)
+    ] = 0.5,
+    name: Annotated[str, typer.Option("--name", help="Name of the dataset; the folder's if not given.")] = "",
+    skip_bad: SkipBad = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
-    """Make a dataset of a folder of recorder files, ask at a terminal for what is not known, and check it.
+    """Make a dataset of a folder of recorder files: CSV, Excel, Parquet, .lvm, .tdms, .mat, .c3d, .acq, .h5.
 
-    Writes ``dataset.toml``, ``impacts.csv``, the recordings as they are, and ``init.html``.
+    What the files do not say is asked for at a terminal, or given as options. Files such as
+    s01_left_2.5kg_1.lvm, whose names are read as {subject}_{side}_{mass_kg}kg_{n}, dropped from 12 cm:
 
-    Raises:
-        InputError: something is wrong, or is not known and there is no terminal to ask at.
+        bayestissue init recorded --quantity deceleration --unit g --set drop_height_cm=12 --gravity drop
+        --uncertainty velocity=0.01
+
+    The recordings are copied as they are; init.html beside them shows what was understood.
     """
+    from bayestissue.commands.console import echo, explained
+    from bayestissue.intake import Choices, Cutting, default_out, prepare, write
+
+    choices = Choices(
+        channel,
+        quantity,
+        unit,
+        time,
+        time_unit,
+        rate_hz,
+        scale,
+        offset,
+        crop,
+        pattern,
+        table,
+        _facts(given or []),
+        _entries(recorder or [], "--recorder", "sae_class=180"),
+        _entries(text or [], "--text", "decimal=comma"),
+        _gravity(gravity),
+        zero,
+        _uncertainty(uncertainty or []),
+    )
     intake = prepare(folder, choices)
     if intake.questions and not quiet and not as_json and _at_a_terminal():
         intake = _asked(intake)
     elif intake.guess and not quiet and not as_json:
         echo("\n".join(intake.design()))
     out = out or default_out(folder)
+    cutting = Cutting(threshold, separation_s) if several else None
     built = write(intake, out, name=name, cutting=cutting, skip_bad=skip_bad, overwrite=overwrite)
     path = built.dataset.folder or out
     if not quiet and not as_json:
@@ -63,7 +200,7 @@ def run(
         check.run(path, out=None, skip_bad=False, overwrite=False, quiet=False, as_json=as_json)
 
 
-def given(
+def _facts(
     facts: list[str], option: str = "--set", form: str = "NAME=VALUE", example: str = "mass_kg=2.1"
 ) -> dict[str, str]:
     """The options ``--set NAME=VALUE`` as a dictionary.
@@ -91,7 +228,7 @@ def given(
     return found
 
 
-def entries(texts: list[str], option: str, example: str) -> dict[str, Any]:
+def _entries(texts: list[str], option: str, example: str) -> dict[str, Any]:
     """Options such as ``--recorder KEY=VALUE`` as a table of TOML: numbers, true or false, words.
 
     Args:
@@ -102,16 +239,16 @@ def entries(texts: list[str], option: str, example: str) -> dict[str, Any]:
     Raises:
         InputError: one has no key or no value, or a key stands there twice.
     """
-    found = given(texts, option, "KEY=VALUE", example)
+    found = _facts(texts, option, "KEY=VALUE", example)
     return {key: _value(text) for key, text in found.items()}
 
 
-def uncertainty(texts: list[str]) -> dict[str, Any]:
+def _uncertainty(texts: list[str]) -> dict[str, Any]:
     """The options ``--uncertainty NAME=SD``, by the keys of ``[uncertainty]`` or their first words."""
-    return {_CHAIN.get(key, key): sd for key, sd in entries(texts, "--uncertainty", "velocity=0.01").items()}
+    return {_CHAIN.get(key, key): sd for key, sd in _entries(texts, "--uncertainty", "velocity=0.01").items()}
 
 
-def gravity(text: str | None) -> str | float | None:
+def _gravity(text: str | None) -> str | float | None:
     """The option ``--gravity``: a word, or a number of m/s²."""
     try:
         return None if text is None else float(text)
@@ -131,6 +268,9 @@ def _at_a_terminal() -> bool:
 
 
 def _asked(intake: Intake) -> Intake:
+    from bayestissue.commands.console import echo
+    from bayestissue.intake import Question
+
     echo("\n".join(intake.listed()), err=True)
     options = []
     while intake.questions:
@@ -145,6 +285,8 @@ def _asked(intake: Intake) -> Intake:
 
 
 def _answer(question: Question) -> str:
+    from bayestissue.commands.console import echo
+
     words = question.what + (f" ({', '.join(question.answers)})" if question.answers else "")
     words = words[0].upper() + words[1:]
     while True:

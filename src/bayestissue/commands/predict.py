@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Hashable
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
 
 from bayestissue.commands.answers import answer
+from bayestissue.commands.options import Excel, FinishedFit, Json, Overwrite, Quiet
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -15,19 +18,29 @@ if TYPE_CHECKING:
 
 
 def run(
-    run: Path,
-    *,
-    at: Path,
-    out: Path | None,
-    excel: Excel | None = None,
-    overwrite: bool,
-    quiet: bool,
-    as_json: bool,
+    run: FinishedFit,
+    at: Annotated[
+        Path,
+        typer.Option(
+            "--at",
+            metavar="TABLE.csv",
+            help="A row for each new impact, with any columns of impacts.csv: subject, mass_kg, ...",
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option("--out", help="Also write predictions.csv and report.html to this folder.")
+    ] = None,
+    excel: Excel = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+    as_json: Json = False,
 ) -> None:
-    """Predict each row of a table, print that and, with ``out``, write ``predictions.csv`` and a page.
+    """K, C, greatest depth and force, and time to peak of new impacts, by a finished fit.
 
-    Raises:
-        InputError: ``run`` is no finished fit, the table is wrong (all that is), or ``out`` is not free.
+    Each row of the table is one new impact, so the intervals hold its scatter too. Numbers and categories
+    that are not given are at the reference: the reference mass, mean numbers, the first recorded category;
+    what belongs to a known person follows the person. A person, condition or other level that is not given,
+    or was not measured, is a new one of its population.
     """
     answer(
         run,

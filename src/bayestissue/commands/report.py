@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from bayestissue.commands.console import echo
-from bayestissue.report import write_report
+import typer
+
+from bayestissue.commands.options import Quiet
 
 
-def run(run: Path, *, quiet: bool) -> None:
-    """Write ``report.html`` into the folder ``run`` and say where it is.
+def run(
+    run: Annotated[Path, typer.Argument(help="Folder of a finished run.", metavar="DIR")],
+    quiet: Quiet = False,
+) -> None:
+    """Write report.html anew from the files of a finished run."""
+    from bayestissue.commands.console import echo
+    from bayestissue.report import write_report
 
-    Raises:
-        InputError: ``run`` isn't the folder of a finished run.
-    """
     path = write_report(run)
     if not quiet:
         echo(f"wrote {path}")

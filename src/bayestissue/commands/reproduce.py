@@ -7,28 +7,34 @@ import time
 from collections.abc import Callable, Iterable
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
+
+import typer
 
 from bayestissue import resources, results, runtime
+from bayestissue.commands.options import FAILED_DIAGNOSTICS, Out, Overwrite, Quiet, Seed
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
 def run(
-    out: Path,
-    *,
-    model: str | Path | None,
-    published: Path | None,
-    seed: int,
-    overwrite: bool,
-    quiet: bool,
-) -> bool:
-    """Write a finished run to ``out`` and return whether the sampler's diagnostics passed.
-
-    Raises:
-        InputError: the model file, the published tables or ``out`` are not usable; before any sampling.
-    """
+    out: Out,
+    model: Annotated[
+        str | None,
+        typer.Option(
+            "--model", metavar="NAME|FILE", help="Model of the re-analysis; published unless given."
+        ),
+    ] = None,
+    published: Annotated[
+        Path | None,
+        typer.Option("--published", help="Folder of published tables; the thesis's own unless given."),
+    ] = None,
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Recompute, audit and re-analyse the thesis's published estimates, and write the report."""
     inputs = (model, published)
     with results.claim(out, overwrite=overwrite, command="reproduce", inputs=inputs) as place:
         runtime.configure()
@@ -43,15 +49,15 @@ def run(
         from bayestissue.thesis.reproduction import reproduce_published
 
         started, clock = datetime.now(UTC), time.perf_counter()
-        model = resources.model_file(
+        file = resources.model_file(
             "published" if model is None else model,
             lambda content: content.get("likelihood") == "published-estimates",
         )
-        specification = read_specification(model)
+        specification = read_specification(file)
         tables = read_published(published)
         observations = published_observations(tables)
-        design = published_design(observations, specification, source=str(model))
-        competing = competing_designs(observations, specification, str(model))
+        design = published_design(observations, specification, source=str(file))
+        competing = competing_designs(observations, specification, str(file))
         with Stages(quiet=quiet) as say, place.folder() as folder:
             say("recomputing what was published", 0, 1)
             _write(reproduce_published(tables), folder / "reproduction.csv")
@@ -75,7 +81,7 @@ def run(
                 "model": specification.model_dump(mode="json") | design.resolved(),
                 "terms_left_out": design.terms_left_out(),
                 "seed": seed,
-                "input_hash": runtime.content_hash([*tables.paths, model]),
+                "input_hash": runtime.content_hash([*tables.paths, file]),
                 "started": started.isoformat(timespec="seconds"),
                 "wall_time_s": round(time.perf_counter() - clock, 1),
                 "verdict": {"passed": analysis.diagnostics["passed"], "words": words},
@@ -86,7 +92,8 @@ def run(
             echo(words)
             explained(warned_codes(analysis.diagnostics))
             echo(f"wrote {place.path / 'report.html'}")
-        return bool(analysis.diagnostics["passed"])
+        if not analysis.diagnostics["passed"]:
+            raise typer.Exit(FAILED_DIAGNOSTICS)
 
 
 def _all_but(paths: Iterable[Path]) -> Callable[[str, list[str]], list[str]]:

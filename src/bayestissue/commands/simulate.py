@@ -3,23 +3,30 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Annotated
 
-from bayestissue.commands.console import echo
+import typer
+
+from bayestissue.commands.options import Out, Overwrite, Quiet
 from bayestissue.results import claim
 from bayestissue.runtime import configure
 
 
-def run(specification: Path, *, out: Path, seed: int | None, overwrite: bool, quiet: bool) -> None:
-    """Simulate what a specification says and write it as a dataset.
-
-    Writes what a dataset needs (``dataset.toml``, ``impacts.csv``, the traces), ``truth.csv`` with one row
-    per impact, and ``truth.toml``, the specification with the seed that was used.
-
-    Raises:
-        InputError: the specification is wrong, or ``out`` is not free.
-    """
+def run(
+    specification: Annotated[
+        Path, typer.Argument(help="Design, tissue, measuring chain and seed.", metavar="SPEC.toml")
+    ],
+    out: Out,
+    seed: Annotated[
+        int | None, typer.Option("--seed", help="Instead of the one in SPEC.toml.", min=0)
+    ] = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make a dataset whose truth is known: a design, a tissue, a measuring chain, and truth.csv beside it."""
     with claim(out, overwrite=overwrite, command="simulate", inputs=(specification,)) as place:
         configure()
+        from bayestissue.commands.console import echo
         from bayestissue.simulation import read_simulation, simulate, write_campaign
 
         simulation = read_simulation(specification)

@@ -16,6 +16,7 @@ import xarray as xr
 
 from bayestissue.errors import InputError, Problem
 from bayestissue.hierarchy import derived
+from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.levels import Recorded
 from bayestissue.hierarchy.specification import ModelSpecification
 from bayestissue.hierarchy.trace_data import Prepared
@@ -76,6 +77,7 @@ def fit_traces(
     seed: int,
     say: Say,
     *,
+    expansions: Sites | None = None,
     checkpoints: Path | None = None,
     contradicted: Callable[[], str] = str,
 ) -> TraceAnalysis | dict[str, Any]:
@@ -86,6 +88,7 @@ def fit_traces(
         specification: the model file.
         seed: of all draws.
         say: told the stage, how much of it is done, and its total.
+        expansions: `expanded` of the same, if it is at hand.
         checkpoints: an existing folder for finished segments of the chains; see `run_chains`.
         contradicted: says what the traces contradict of what is declared; asked before a long exact path.
 
@@ -100,9 +103,9 @@ def fit_traces(
     """
     done = partial(say, "summarising each trace")
     done(0, 1)
-    settings, route, sites = specification.sampler, Route("exact"), None
+    settings, route, sites, first = specification.sampler, Route("exact"), None, None
     if settings.path != "exact":
-        expansions = expanded(prepared)
+        expansions = expansions or expanded(prepared)
         if specification.may_add_discrepancy and not prepared.model.discrepancy:
             rows = some_impacts(len(prepared.impacts))
             wrong = misfit_precheck(some_of(prepared, rows), rows_of(expansions, rows), seed)
@@ -120,7 +123,7 @@ def fit_traces(
     if automatic and (words := contradicted()):
         raise InputError(_refusal(words, route))
     say(f"sampling by the exact path, {route.why}", 0, 1)
-    whitening = approximate(prepared, progress=done)
+    whitening = first or approximate(prepared, expansions=expansions, progress=done)
     told = _with_estimate(say, route if automatic else None)
     draws = exact_draws(prepared, whitening, settings, seed, progress=told, checkpoints=checkpoints)
     # Scores ask for sites that stand for the traces; those of the chains only whiten.

@@ -38,7 +38,7 @@ from bayestissue.inference.checking.model_form import LIMIT
 from bayestissue.inference.execution.compiling import compiled_quickly
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.sites import laplace_sites, weak_prior
-from bayestissue.inference.posterior.approximate import expanded, first_guess
+from bayestissue.inference.posterior.approximate import expanded, first_guess, rows_of
 from bayestissue.outline import first_of
 
 AMPLITUDE, OFFSET, CONTACT = "velocity and gain", "offset", "contact"
@@ -107,12 +107,13 @@ class Freed:
         return np.sign(self.error) * size
 
 
-def judge(prepared: Prepared) -> dict[str, Any]:
+def judge(prepared: Prepared, expansions: Sites | None = None) -> dict[str, Any]:
     """The entry ``measuring_chain`` of ``diagnostics.json``.
 
     Args:
         prepared: a model of recorded decelerations, without a discrepancy, and its data; of many impacts
             some are asked.
+        expansions: `expanded` of the same, if it is at hand.
 
     Returns:
         Nothing of an element with further parameters or of autoregressive noise, which may do much the same
@@ -130,9 +131,10 @@ def judge(prepared: Prepared) -> dict[str, Any]:
     """
     if not _rate_is_known(prepared) or prepared.signal.equilibrium.any():
         return {}
-    prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
+    rows = some_impacts(len(prepared.impacts))
+    prepared = some_of(prepared, rows)
     groups = _groups(prepared)
-    expansions = expanded(prepared)
+    expansions = expanded(prepared) if expansions is None else rows_of(expansions, rows)
     errors = {name: freed(prepared, name, expansions) for name in JUDGED}
     patterns = {name: _pattern(freed_error, groups) for name, freed_error in errors.items()}
     if not any(patterns.values()):

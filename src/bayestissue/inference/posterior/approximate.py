@@ -144,6 +144,7 @@ class Approximation:
         grid: what the traces say of a last parameter that they leave open; see `TraceModel.may_have_grid`.
         marginal_grid: the same as the marginal density asks for it: of many impacts tabulated together.
         expansion: of what the sites leave out, where that is part of the marginal density.
+        expansions: of every likelihood at its own maximum, see `expanded`.
     """
 
     sites: Sites
@@ -151,6 +152,7 @@ class Approximation:
     grid: LikelihoodGrid | None
     marginal_grid: LikelihoodGrid | GridSum | None = None
     expansion: Expansion | None = None
+    expansions: Sites | None = None
 
     def data(self, data: TraceData) -> Data:
         """What the marginal density asks of the dataset."""
@@ -221,8 +223,8 @@ def approximate(
         prepared: model and data.
         expansions: what `expanded` found, if it was asked before.
         normal: whether a last parameter that traces may leave open is part of the normal sites, or has a
-            grid of its own; as the traces suggest, unless given. A grid that the places of its grid
-            can't resolve gives way to normals in any case.
+            grid of its own; as the traces suggest, unless given. A grid whose points can't resolve the
+            likelihood gives way to normals in any case.
         progress: told how many of these passes are done, and of how many.
     """
     model, data = prepared.model, prepared.data
@@ -231,45 +233,48 @@ def approximate(
     def report(number: int) -> Progress:
         return lambda done, total: progress(number * total + done, passes * total)
 
-    smooth = with_normal_errors(data)
-    sites = expansions or expanded(prepared, report(0))
-    impacts = len(sites.centre)
+    expansions = expansions or expanded(prepared, report(0))
+    impacts = len(expansions.centre)
     progress(1, passes)
     # One flat grid stands for those of however many impacts.
     columns = impacts if impacts <= BLOCK else 1
-    grid = LikelihoodGrid(jnp.zeros((len(PLACES), columns))) if model.may_have_grid else None
-    finder = _ModeFinder(model, data, grid)
-    mode = finder.mode(sites, None)
-    prior = finder.conditional_prior(sites, mode)
-    sites = _laplace(model, smooth, sites.centre, prior, report(1))
+    flat = LikelihoodGrid(jnp.zeros((len(PLACES), columns))) if model.may_have_grid else None
+    finder = _ModeFinder(model, data, flat)
+    mode = finder.mode(expansions, None)
+    prior = finder.conditional_prior(expansions, mode)
+    sites = _laplace(model, with_normal_errors(data), expansions.centre, prior, report(1))
     mode = finder.mode(sites, mode)
-    if not model.may_have_grid:
-        return Approximation(sites, finder.coordinates(sites, mode), None)
-    normal = last_is_normal(prepared, sites) if normal is None else normal
-    if normal:
-        finder.grid = None
-        return Approximation(sites, finder.coordinates(sites, mode[:-1]), None)
-    sites = without_last(sites)
+    if model.may_have_grid and not (last_is_normal(prepared, sites) if normal is None else normal):
+        grid, others, peak = _fitted_grid(prepared, finder, without_last(sites), mode, report(passes - 1))
+        if grid.resolved:
+            coordinates = finder.coordinates(others, peak)
+            return Approximation(others, coordinates, grid, finder.grid, expansions=expansions)
+    finder.grid = None
+    coordinates = finder.coordinates(sites, mode[:-1] if model.may_have_grid else mode)
+    return Approximation(sites, coordinates, None, expansions=expansions)
+
+
+def _fitted_grid(
+    prepared: Prepared, finder: _ModeFinder, sites: Sites, mode: np.ndarray, progress: Progress
+) -> tuple[LikelihoodGrid, Sites, np.ndarray]:
+    """The last parameter's grid, the sites of the others, and the mode that both give."""
+    model, data = prepared.model, prepared.data
+    one_pass = model.kind == "arma"
     prior = finder.conditional_prior(sites, mode)
-    once = model.kind == "arma"
-    grid = _grid(model, data, sites, prior, report(passes - 1), coarse=not once)
+    grid = _grid(model, data, sites, prior, progress, coarse=not one_pass)
     finder.tabulate(grid, sites, mode)
     # A search that begins where the grids fall steeply would end far from their maximum.
     mode = finder.mode(sites, finder.at_best_last(sites, mode))
-    if not once:
-        # The first sites were made where a search along the last parameter had stopped.
-        prior = _anchored_at(finder.last_mean(mode), finder.conditional_prior(sites, mode))
-        sites = _laplace(model, smooth, prior.mean, prior, silent)
-        sites = without_last(sites)
-        prior = finder.conditional_prior(sites, mode)
-        grid = _grid(model, data, sites, prior, silent)
-        if grid.resolved:
-            finder.tabulate(grid, sites, mode)
-            mode = finder.mode(sites, mode)
-    if not grid.resolved:
-        # Its sites were made at a mode that the grid led to, and may be useless: begin anew.
-        return approximate(prepared, expansions=expansions, normal=True, progress=progress)
-    return Approximation(sites, finder.coordinates(sites, mode), grid, finder.grid)
+    if one_pass:
+        return grid, sites, mode
+    # The first sites were made where a search along the last parameter had stopped.
+    prior = _anchored_at(finder.last_mean(mode), finder.conditional_prior(sites, mode))
+    sites = without_last(_laplace(model, with_normal_errors(data), prior.mean, prior, silent))
+    grid = _grid(model, data, sites, finder.conditional_prior(sites, mode), silent)
+    if grid.resolved:
+        finder.tabulate(grid, sites, mode)
+        mode = finder.mode(sites, mode)
+    return grid, sites, mode
 
 
 def last_is_normal(prepared: Prepared, sites: Sites) -> bool:

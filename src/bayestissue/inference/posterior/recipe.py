@@ -123,7 +123,9 @@ def corrected_draws(
 
     tried = attempts(approximation)
     if approximation.grid is not None and not _best(tried).correction.trusted:
-        tried += attempts(approximate(prepared, normal=True, progress=done))
+        tried += attempts(
+            approximate(prepared, expansions=approximation.expansions, normal=True, progress=done)
+        )
     best = _best(tried)
     if best.correction.lacks_only_draws:
         longer = int(np.ceil(1.2 * best.correction.needed / best.correction.effective))
