@@ -31,7 +31,7 @@ def run(
     statistics = ["mass_exponent_K", "mass_exponent_C", "zeta_median", "K_over_M_mean"]
     compared = ["yes", "yes", "yes", "yes" if level else "no"]
     return CausesRun(
-        about={
+        record={
             "model": {
                 "causes": {
                     name: {"mechanism": mechanism, "after_the_fact": name == "own_time"}

@@ -15,7 +15,7 @@ from bayestissue.commands.console import echo, explained, plain
 from bayestissue.dataset import read_dataset
 from bayestissue.errors import Problem
 from bayestissue.remedies import codes_in
-from bayestissue.report.recordings.check_page import kinds
+from bayestissue.report.recordings_pages import kinds
 from bayestissue.report.writing import after_results
 from bayestissue.results import Excel, Place, claim_if, whole_file, write_table
 from bayestissue.signal.recorder_noise import white_share

@@ -42,7 +42,7 @@ _OF_METHOD = ("none", "centring", "conversion", "fixed window", "own time", "vel
 class CausesRun:
     """What the files of a `causes` run say; tables keep the columns of their files."""
 
-    about: dict[str, Any]
+    record: dict[str, Any]
     causes: pd.DataFrame
     predictive: pd.DataFrame
     observed: pd.DataFrame
@@ -66,7 +66,7 @@ class CausesRun:
 
     def mechanism(self, cause: str) -> str:
         """What acts in a cause."""
-        return str(self.about["model"]["causes"][cause]["mechanism"])
+        return str(self.record["model"]["causes"][cause]["mechanism"])
 
     @property
     def in_method(self) -> pd.Series:
@@ -74,14 +74,14 @@ class CausesRun:
         return self.causes["cause"].map(self.mechanism).isin(_OF_METHOD)
 
 
-def read_causes_run(folder: Path, about: dict[str, Any]) -> CausesRun:
-    """Read every file of the run in ``folder``, whose ``run.json`` holds ``about``.
+def read_causes_run(folder: Path, record: dict[str, Any]) -> CausesRun:
+    """Read every file of the run in ``folder``, whose ``run.json`` holds ``record``.
 
     Raises:
         InputError: a file lacks or isn't what a run writes; all such files are named at once.
     """
-    lacking = [key for key in ("model", "subject") if not isinstance(about.get(key), dict)]
-    if lacking or "causes" not in about["model"]:
+    lacking = [key for key in ("model", "subject") if not isinstance(record.get(key), dict)]
+    if lacking or "causes" not in record["model"]:
         column = (*lacking, "model")[0]
         raise InputError(wrong_in(folder / "run.json", "what every such run writes", _AGAIN, column=column))
     require_files(folder, [f"{layout.name}.csv" for layout in _TABLES])
@@ -92,7 +92,7 @@ def read_causes_run(folder: Path, about: dict[str, Any]) -> CausesRun:
     tables["confusion"][cause_columns] = tables["confusion"][cause_columns].apply(
         pd.to_numeric, errors="coerce"
     )
-    return CausesRun(about=about, **tables)
+    return CausesRun(record=record, **tables)
 
 
 _CONFUSED = 0.2
@@ -161,7 +161,7 @@ def _question(run: CausesRun) -> str:
         if f"mass_exponent_{quantity}" in run.statistics
     ]
     exponents_words = listed(exponents).replace("K to", "K goes with the mass to", 1)
-    return f"In {run.about['subject']['title']} {exponents_words}."
+    return f"In {run.record['subject']['title']} {exponents_words}."
 
 
 def _lead(run: CausesRun, best: Row) -> list[str]:
@@ -256,7 +256,7 @@ def confusion_words(run: CausesRun) -> str:
 def _hindsight(run: CausesRun) -> str:
     """What becomes of the answer without the likeliest cause, if that was proposed in view of the data."""
     best, *others = run.causes.sort_values("probability", ascending=False).to_dict("records")
-    if not others or not run.about["model"]["causes"][best["cause"]].get("after_the_fact"):
+    if not others or not run.record["model"]["causes"][best["cause"]].get("after_the_fact"):
         return ""
     other_probability = sum(float(row["probability"]) for row in others)
     share = (

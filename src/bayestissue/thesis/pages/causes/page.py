@@ -9,8 +9,8 @@ import numpy as np
 from markupsafe import Markup
 from matplotlib.ticker import LogLocator, NullLocator
 
+from bayestissue.report.model_words import settings_table
 from bayestissue.report.page import figure, render_page
-from bayestissue.report.settings import settings_table
 from bayestissue.report.style import (
     POSTERIOR,
     PUBLISHED,
@@ -189,23 +189,23 @@ _CONTENTS = (
 )
 
 
-def causes_page(folder: Path, about: dict[str, Any]) -> str:
-    """The HTML of the run in ``folder``, whose ``run.json`` holds ``about``.
+def causes_page(folder: Path, record: dict[str, Any]) -> str:
+    """The HTML of the run in ``folder``, whose ``run.json`` holds ``record``.
 
     Raises:
         InputError: a file lacks or isn't what `bayestissue causes` writes.
     """
-    run = read_causes_run(folder, about)
-    subject = about["subject"]
-    score, guess = about.get("log_score", (float("nan"), float("nan")))
+    run = read_causes_run(folder, record)
+    subject = record["subject"]
+    score, guess = record.get("log_score", (float("nan"), float("nan")))
     return render_page(
         "causes.html",
         title="Why does K grow with mass?",
         subtitle=f"{len(run.causes)} proposed causes against {subject['title']}: "
-        f"{about['campaigns']} simulated campaigns",
+        f"{record['campaigns']} simulated campaigns",
         contents=_CONTENTS,
-        about=about,
-        versions=about.get("versions", {}),
+        record=record,
+        versions=record.get("versions", {}),
         subject=subject,
         answer=answers.answer(run),
         standing=[
@@ -226,5 +226,5 @@ def causes_page(folder: Path, about: dict[str, Any]) -> str:
         score=number(score, 2),
         guess=number(guess, 2),
         published=subject["name"] == "published",
-        settings_table=settings_table(about["model"]),
+        settings_table=settings_table(record["model"]),
     )

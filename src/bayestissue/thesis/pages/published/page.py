@@ -11,13 +11,13 @@ import numpy as np
 from bayestissue.dataset.published import PublishedTables, read_published
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.remedies import Code, codes_in
-from bayestissue.report import model_words, posterior, remarks
+from bayestissue.report import model_words, posterior
 from bayestissue.report import posterior_tables as shared_tables
 from bayestissue.report.comparison.figures import comparison_figure
+from bayestissue.report.model_words import settings_table
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior import CONSTANT, FIXED, SURE, exponent, hypothesis_probability
 from bayestissue.report.posterior_figures import effects_figure, exponent_figure
-from bayestissue.report.settings import settings_table
 from bayestissue.report.wording import (
     relative,
     significant,
@@ -127,13 +127,13 @@ _POPULATION = tuple(
 )
 
 
-def published_page(folder: Path, about: dict[str, Any]) -> str:
+def published_page(folder: Path, record: dict[str, Any]) -> str:
     """The HTML of the report of the `reproduce` run in ``folder``.
 
     Raises:
         InputError: a file of the run lacks or isn't what a run writes.
     """
-    run = read_published_run(folder, about)
+    run = read_published_run(folder, record)
     # A run of other tables than the thesis's own carries them along.
     own_tables = folder / "published"
     published = read_published(own_tables if own_tables.is_dir() else None)
@@ -145,7 +145,7 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
         contents=_CONTENTS,
         first_codes=warned_codes(run.diagnostics),
         codes=[*warned_codes(run.diagnostics), *_further_codes(run)],
-        about=about,
+        record=record,
         **_first_screen(run),
         **_posterior(run, lines),
         **_model_checks(run),
@@ -157,7 +157,7 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
 def _further_codes(run: PublishedRun) -> list[Code]:
     """Of what sections below the first screen warn of."""
     failed = any(row.mark for row in tables.checks_table(run).rows)
-    said = "; ".join([remarks.prior_remark(run.sensitivity), *run.comparison["warning"]])
+    said = "; ".join([posterior.prior_remark(run.sensitivity), *run.comparison["warning"]])
     return [*(("predictive-check",) if failed else ()), *codes_in(said)]
 
 
@@ -216,7 +216,7 @@ def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
             ]
             for level, words in _LEVELS.items()
         },
-        "differs": {words: remarks.who_differs(run, level) for level, words in _LEVELS.items()},
+        "differs": {words: posterior.who_differs(run, level) for level, words in _LEVELS.items()},
         "population_table": shared_tables.summary_table(run.summary, (*_POPULATION, "residual_correlation")),
     }
 
@@ -226,8 +226,8 @@ def _model_checks(run: PublishedRun) -> dict[str, Any]:
     return {
         "comparison_plots": [comparison_figure(run.comparison, scheme) for scheme in schemes],
         "comparison_table": tables.comparison_table(run),
-        "best": remarks.best_explanations(run.comparison),
-        "prior_remark": remarks.prior_remark(run.sensitivity),
+        "best": posterior.best_explanations(run.comparison),
+        "prior_remark": posterior.prior_remark(run.sensitivity),
         "sensitivity_table": shared_tables.sensitivity_table(run.sensitivity),
         "predictive_plots": [predictive_figure(run, quantity) for quantity in posterior.QUANTITIES],
         "inside": {quantity: inside_share(run, quantity) for quantity in posterior.QUANTITIES},
@@ -250,10 +250,10 @@ def _published(run: PublishedRun, published: PublishedTables) -> dict[str, Any]:
 
 
 def _provenance(run: PublishedRun) -> dict[str, Any]:
-    described = run.about.get("model", {})
+    described = run.record.get("model", {})
     return {
         "formulas": model_words.formulas(described),
         "priors_table": model_words.priors_table(described),
-        "settings_table": settings_table(described, model_words.TOLD_ELSEWHERE),
-        "versions": run.about.get("versions", {}),
+        "settings_table": settings_table(described, model_words.SHOWN_ELSEWHERE),
+        "versions": run.record.get("versions", {}),
     }
