@@ -14,7 +14,7 @@ from bayestissue.dataset import as_dataset
 from bayestissue.errors import Coded, Problem
 from bayestissue.inference.points.notes import said_once
 from bayestissue.outline import Outlined, Rows, short, span
-from bayestissue.report.recordings.check_page import check_page, kinds, quality_table
+from bayestissue.report.recordings_pages import check_page, kinds, quality_table
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
 from bayestissue.signal.quality import inspect
@@ -34,7 +34,7 @@ class Check(Outlined):
     Attributes:
         dataset: what was checked.
         signal: what the default signal chain makes of its recordings.
-        quality: one row per impact: see `bayestissue.report.recordings.check_page.quality_table`.
+        quality: one row per impact: see `bayestissue.report.recordings_pages.quality_table`.
         warnings: what looks odd: of reading, of the signal chain, and of the detectors of spoilt recordings.
     """
 

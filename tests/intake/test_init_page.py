@@ -6,7 +6,7 @@ from pathlib import Path
 
 from bayestissue.dataset import read_dataset, write_dataset
 from bayestissue.errors import Problem
-from bayestissue.report.recordings.init_page import init_page
+from bayestissue.report.recordings_pages import init_page
 from dataset_bench import NAMES, SETTINGS, tables
 
 

@@ -3,8 +3,15 @@ from __future__ import annotations
 import pandas as pd
 import pytest
 
-from bayestissue.thesis.pages.causes.answers import alike, answer, cannot_tell, failing, p_words, ruled_out
-from bayestissue.thesis.pages.causes.run import CausesRun
+from bayestissue.thesis.pages.causes.answers import (
+    CausesRun,
+    answer,
+    cannot_tell,
+    confused_pairs,
+    failing,
+    p_words,
+    ruled_out,
+)
 
 MECHANISMS = {"own_time": "own time", "anticipation": "active", "none": "none"}
 
@@ -24,7 +31,7 @@ def run(
     statistics = ["mass_exponent_K", "mass_exponent_C", "zeta_median", "K_over_M_mean"]
     compared = ["yes", "yes", "yes", "yes" if level else "no"]
     return CausesRun(
-        about={
+        record={
             "model": {
                 "causes": {
                     name: {"mechanism": mechanism, "after_the_fact": name == "own_time"}
@@ -82,7 +89,7 @@ def test_causes_that_fit_badly_or_not_at_all() -> None:
 
 
 def test_what_is_left_open() -> None:
-    assert alike(run((0.4, 0.002, 0.002), (0.9, 0.1, 0.0))) == [("own length", "tense muscles")]
+    assert confused_pairs(run((0.4, 0.002, 0.002), (0.9, 0.1, 0.0))) == [("own length", "tense muscles")]
     told = cannot_tell(run((0.4, 0.002, 0.002), (0.9, 0.1, 0.0), level=False))
     # g / 24 s^-2 is 41 cm.
     assert any("a pendulum of 41 cm" in words for words in told)

@@ -94,7 +94,7 @@ def test_a_law_that_may_be_the_same_is_not_called_so(tmp_path):
 
 def test_k_that_is_not_told_at_one_depth_is_said_to_be_of_the_depth_too(tmp_path):
     run = read(make_fit_run(tmp_path, likelihood="impact", exponent=0.3, own_depth=0.3))
-    run.about["discrepancy"] = {"rms_of_peak": 0.05}
+    run.record["discrepancy"] = {"rms_of_peak": 0.05}
     assert "reaches, if the damper is the same at all depths. At each" in str(depth.depth_sentence(run))
     assert "It is assumed that the damper is the same at all depths." in depth.further_words(run)[0]
     del run.groups["posterior"]["mass_exponent_K_common_depth"]
@@ -130,8 +130,8 @@ def test_what_the_fit_tested_is_the_pages_one_verdict(run, arma):
     """No other test of the same residuals, and no ARMA(2,1) that the fit did not ask for."""
     coloured = predictions.residuals(arma)
     form = {"words": "Nothing against the model.", "impacts": {"p": dict.fromkeys(run.impacts, 0.5)}}
-    about = run.about | {"model": run.about["model"] | {"likelihood": "impact"}}
-    tested = replace(run, about=about, diagnostics=run.diagnostics | {"model_form": form})
+    about = run.record | {"model": run.record["model"] | {"likelihood": "impact"}}
+    tested = replace(run, record=about, diagnostics=run.diagnostics | {"model_form": form})
     assert words.residual_words(tested, coloured, predictions.one_step_p(tested))[1:] == [form["words"]]
     assert not words.other_noise(tested, coloured)
 
@@ -163,9 +163,9 @@ def test_the_chain_table_sets_what_was_declared_beside_what_was_found(run):
 
 def test_an_error_of_mass_that_is_a_persons_is_said(run):
     assert "no surer than that mass" not in tables.declared_words(run)
-    model = run.about["model"] | {"mass_error": "subject"}
-    given = run.about["uncertainty"] | {"relative_mass_sd": 0.2}
-    shared = replace(run, about=run.about | {"model": model, "uncertainty": given})
+    model = run.record["model"] | {"mass_error": "subject"}
+    given = run.record["uncertainty"] | {"relative_mass_sd": 0.2}
+    shared = replace(run, record=run.record | {"model": model, "uncertainty": given})
     assert "mass 20 %" in tables.declared_words(shared).replace("\N{NO-BREAK SPACE}", " ")
     assert "no surer than that mass" in tables.declared_words(shared)
 
@@ -188,8 +188,10 @@ def test_coverage_is_shown_once_it_was_measured(run, tmp_path, monkeypatch):
 
 
 def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):
-    impact = run.about | {"model": run.about["model"] | {"likelihood": "impact"}}
-    plain, wider = (replace(run, about=impact | more) for more in ({}, {"discrepancy": {"rms_of_peak": 0.1}}))
+    impact = run.record | {"model": run.record["model"] | {"likelihood": "impact"}}
+    plain, wider = (
+        replace(run, record=impact | more) for more in ({}, {"discrepancy": {"rms_of_peak": 0.1}})
+    )
     assert "discrepancy" in words.unused_priors(plain)
     assert "discrepancy" not in words.unused_priors(wider)
     assert "a smooth force of unknown shape" in words.likelihood_words(wider)
@@ -199,9 +201,10 @@ def test_a_discrepancy_is_told_and_the_coverage_of_fits_without_one_is_not(run):
 
 
 def test_autoregressive_noise_is_told(run):
-    model = run.about["model"] | {"likelihood": "impact"}
+    model = run.record["model"] | {"likelihood": "impact"}
     white, other = (
-        replace(run, about=run.about | {"model": model | more}) for more in ({}, {"noise": "autoregressive"})
+        replace(run, record=run.record | {"model": model | more})
+        for more in ({}, {"noise": "autoregressive"})
     )
     assert "accelerometer with white noise" in words.likelihood_words(white)
     assert "accelerometer with first-order autoregressive noise" in words.likelihood_words(other)

@@ -8,8 +8,8 @@ import pytest
 from bayestissue.report import posterior
 from bayestissue.report.posterior import Spread
 from bayestissue.report.run_folder import read_about
-from bayestissue.thesis.pages.published import answers
-from bayestissue.thesis.pages.published.posterior_figures import kept_share
+from bayestissue.thesis.pages.published import page
+from bayestissue.thesis.pages.published.figures import kept_share
 from bayestissue.thesis.pages.published.run import read_published_run
 from make_published_run import make_published_run
 
@@ -53,16 +53,16 @@ def test_the_typical_person_is_the_exponential_of_the_intercept(run):
 
 
 def test_a_constant_frequency_that_the_audit_confirms_is_called_made_by_the_method(run):
-    assert answers.constant_frequency_finding(run) == 0
-    assert "Made by the method" in answers.mass_conclusion(run)
-    assert "no information on the tissue" in answers.mass_conclusion(run)
+    assert page.constant_frequency_finding(run) == 0
+    assert "Made by the method" in page.mass_conclusion(run)
+    assert "no information on the tissue" in page.mass_conclusion(run)
 
 
 def test_without_the_audits_word_the_conclusion_is_weaker(run):
     silent = replace(run, audit=run.audit.iloc[1:].reset_index(drop=True))
-    assert answers.constant_frequency_finding(silent) is None
-    assert "Made by the method" not in answers.mass_conclusion(silent)
-    assert "in proportion to mass" in answers.mass_conclusion(silent)
+    assert page.constant_frequency_finding(silent) is None
+    assert "Made by the method" not in page.mass_conclusion(silent)
+    assert "in proportion to mass" in page.mass_conclusion(silent)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +75,7 @@ def test_without_the_audits_word_the_conclusion_is_weaker(run):
     ],
 )
 def test_other_exponents_lead_to_other_words(tmp_path, exponent, said):
-    assert said in answers.mass_conclusion(read(make_published_run(tmp_path, exponent=exponent)))
+    assert said in page.mass_conclusion(read(make_published_run(tmp_path, exponent=exponent)))
 
 
 def test_a_wide_interval_decides_nothing(run):
@@ -83,7 +83,7 @@ def test_a_wide_interval_decides_nothing(run):
     wide = drawn.assign(mass_exponent_K=0.5 + 20 * (drawn["mass_exponent_K"] - 0.97))
     rows = run.hypotheses.assign(probability=0.1)
     vague = replace(run, groups=run.groups | {"posterior": wide}, hypotheses=rows)
-    assert "do not decide" in answers.mass_conclusion(vague)
+    assert "do not decide" in page.mass_conclusion(vague)
 
 
 def test_a_model_without_mass_says_so(run):
@@ -91,18 +91,18 @@ def test_a_model_without_mass_says_so(run):
     groups["posterior"] = groups["posterior"].drop_vars(["mass_exponent_K", "mass_exponent_C"])
     without = replace(run, groups=groups)
     assert posterior.exponent_rows(without) == []
-    assert "no mass exponent" in answers.mass_conclusion(without)
+    assert "no mass exponent" in page.mass_conclusion(without)
 
 
 def test_doubt_follows_the_audit(run):
-    assert answers.doubt_words(run) == "doubts"
+    assert page.doubt_words(run) == "doubts"
     clean = replace(run, audit=run.audit[run.audit["severity"] == "note"])
-    assert answers.doubt_words(clean) == "has nothing major against"
+    assert page.doubt_words(clean) == "has nothing major against"
 
 
 def test_natural_frequencies_are_those_of_the_typical_person(run):
     expected = np.sqrt(np.median(run.draws("K_trial"), axis=0) / run.constant("mass_kg"))
-    np.testing.assert_allclose(answers.natural_frequencies(run), expected, rtol=1e-14)
+    np.testing.assert_allclose(page.natural_frequencies(run), expected, rtol=1e-14)
 
 
 def test_a_posterior_that_ignores_the_data_keeps_nothing_and_one_that_repeats_them_keeps_all(run):

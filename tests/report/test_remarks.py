@@ -5,7 +5,7 @@ from dataclasses import replace
 import pandas as pd
 import pytest
 
-from bayestissue.report import remarks
+from bayestissue.report import posterior
 from bayestissue.report.run_folder import read_about
 from bayestissue.thesis.pages.published.run import read_published_run
 
@@ -16,26 +16,26 @@ def run(published_run_folder):
 
 
 def test_who_differs_is_who_has_an_interval_without_zero(run):
-    assert "in K none of 10; in C none of 10" in remarks.who_differs(run, "subject")
-    posterior = run.groups["posterior"]
-    shift = (posterior["subject"] == "s03") * 10 - (posterior["subject"] == "s07") * 10
-    moved = posterior.assign(subject_effect_K=posterior["subject_effect_K"] + shift)
-    told = remarks.who_differs(replace(run, groups=run.groups | {"posterior": moved}), "subject")
+    assert "in K none of 10; in C none of 10" in posterior.who_differs(run, "subject")
+    groups = run.groups["posterior"]
+    shift = (groups["subject"] == "s03") * 10 - (groups["subject"] == "s07") * 10
+    moved = groups.assign(subject_effect_K=groups["subject_effect_K"] + shift)
+    told = posterior.who_differs(replace(run, groups=run.groups | {"posterior": moved}), "subject")
     assert "in K 2 of 10: s03 and s07; in C none of 10" in told
 
 
 def test_the_best_explanation_and_its_rivals_are_named(run):
-    impact, trial = remarks.best_explanations(run.comparison)
+    impact, trial = posterior.best_explanations(run.comparison)
     assert impact.startswith("Leave one impact out: “log mass” predicts best; no other comes within")
     assert trial.endswith("Warned: high Pareto k (1 of 4 models).")
     unsure = run.comparison.assign(se_difference=11.0)
-    assert "within two standard errors or four nats of it: mass." in remarks.best_explanations(unsure)[0]
+    assert "within two standard errors or four nats of it: mass." in posterior.best_explanations(unsure)[0]
     # However certain, a small difference tells nothing.
     little = run.comparison.assign(se_difference=0.1, elpd_difference=-3.0)
-    assert "or four nats of it: mass" in remarks.best_explanations(little)[0]
+    assert "or four nats of it: mass" in posterior.best_explanations(little)[0]
 
 
 def test_priors_that_matter_are_named(run):
-    assert "Worth a look, of 3 posteriors: sd_trial_K" in remarks.prior_remark(run.sensitivity)
+    assert "Worth a look, of 3 posteriors: sd_trial_K" in posterior.prior_remark(run.sensitivity)
     fine = pd.DataFrame({"variable": ["a"], "diagnosis": ["✓"]})
-    assert remarks.prior_remark(fine) == "No posterior is sensitive to its prior; looked at: 1."
+    assert posterior.prior_remark(fine) == "No posterior is sensitive to its prior; looked at: 1."

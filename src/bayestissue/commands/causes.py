@@ -74,8 +74,7 @@ def run(
 
         from bayestissue.commands.console import Stages, echo
         from bayestissue.report import draw_page
-        from bayestissue.thesis.causes.batches import batches
-        from bayestissue.thesis.causes.schedule import run_batches
+        from bayestissue.thesis.causes.batches import batches, run_batches
         from bayestissue.thesis.causes.specification import chosen, read_causes, require_several
         from bayestissue.thesis.causes.subject import subject
         from bayestissue.thesis.causes.verdict import judge
@@ -96,7 +95,7 @@ def run(
                 work,
                 jobs=jobs,
                 scheduler=scheduler,
-                kept=kept,
+                folder=kept,
                 progress=lambda done, total: say("simulating campaigns", done, total),
             )
             say("comparing the causes", 0, 1)
@@ -112,7 +111,7 @@ def run(
                     "program": "bayestissue",
                     "command": "causes",
                     "kind": "causes",
-                    "subject": what.about,
+                    "subject": what.description,
                     "versions": runtime.versions(),
                     "model": specification.model_dump(mode="json", exclude_none=True),
                     "seed": seed,

@@ -69,7 +69,7 @@ def _print(found: Check) -> None:
     from rich.table import Table
 
     from bayestissue.commands.console import explained, plain
-    from bayestissue.report.recordings.check_page import kinds
+    from bayestissue.report.recordings_pages import kinds
 
     data, warnings = found.dataset, found.warnings
     console = Console(highlight=False)

@@ -64,7 +64,7 @@ def _print(table: pd.DataFrame) -> None:
 
     from bayestissue.commands.console import explained, plain
     from bayestissue.remedies import codes_in
-    from bayestissue.report.wording import PREDICTED, given_of
+    from bayestissue.report.wording import PREDICTED, covariate_words
 
     console = Console(highlight=False)
     shown = Table("row", title="a new impact: median and 90 % interval", title_justify="left")
@@ -75,7 +75,7 @@ def _print(table: pd.DataFrame) -> None:
         shown.add_row(f"{number}", *(_cell(row, name) for name in PREDICTED))
     console.print(shown)
     for number, row in enumerate(rows, start=1):
-        said = [given_of(row)]
+        said = [covariate_words(row)]
         said += [f"new: {row['new']}"] * bool(row["new"]) + [row["note"]] * bool(row["note"])
         console.print(plain(f"  row {number}: {'; '.join(said)}"), soft_wrap=True)
     explained(codes_in("; ".join(table["note"])))

@@ -166,7 +166,7 @@ def write(
         raise intake.unanswered()
     inputs = (intake.found.folder, intake.choices.table)
     with claim(Path(out), overwrite=overwrite, command="init", inputs=inputs) as place:
-        from bayestissue.report.recordings.init_page import init_page
+        from bayestissue.report.recordings_pages import init_page
 
         with place.folder() as staging:
             name = name or place.path.resolve().name

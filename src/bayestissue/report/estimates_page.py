@@ -11,9 +11,9 @@ from markupsafe import Markup
 
 from bayestissue.inference.points.notes import said_once
 from bayestissue.remedies import codes_in
+from bayestissue.report.model_words import settings_table
 from bayestissue.report.page import figure, render_page
 from bayestissue.report.run_folder import TableFile, read_tables, require_files
-from bayestissue.report.settings import settings_table
 from bayestissue.report.style import POSTERIOR, PUBLISHED, new_figure, style
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import interval, listed, number, significant
@@ -76,8 +76,8 @@ _FURTHER = (
 _SETTINGS = ("options", "method", "signal", "model")
 
 
-def estimates_page(folder: Path, about: dict[str, Any]) -> str:
-    """The HTML of the page of the point estimates in ``folder``, whose ``run.json`` holds ``about``.
+def estimates_page(folder: Path, record: dict[str, Any]) -> str:
+    """The HTML of the page of the point estimates in ``folder``, whose ``run.json`` holds ``record``.
 
     Raises:
         InputError: `estimates.csv` lacks, or lacks a column.
@@ -88,15 +88,15 @@ def estimates_page(folder: Path, about: dict[str, Any]) -> str:
     return render_page(
         "estimates.html",
         title="Stiffness K and damping C of each impact",
-        subtitle=f"{about.get('dataset', '')}: {len(table)} impacts".removeprefix(": "),
+        subtitle=f"{record.get('dataset', '')}: {len(table)} impacts".removeprefix(": "),
         contents=[
             ("estimates", "Estimates"),
             *((name, heading) for name, heading, _, _ in further),
             ("options", "Options"),
             ("provenance", "Provenance"),
         ],
-        about=about,
-        versions=about.get("versions", {}),
+        record=record,
+        versions=record.get("versions", {}),
         levels=[_level(table, name) for name in _QUANTITIES],
         flagged=int((table["flags"] != "").sum()),
         flags=flag_counts(table),
@@ -111,7 +111,7 @@ def estimates_page(folder: Path, about: dict[str, Any]) -> str:
         estimates=estimates_table(table),
         shown=min(len(table), _SHOWN),
         further=further,
-        settings=settings_table({key: about[key] for key in _SETTINGS if key in about}),
+        settings=settings_table({key: record[key] for key in _SETTINGS if key in record}),
     )
 
 

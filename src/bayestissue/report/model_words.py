@@ -1,12 +1,41 @@
-"""The model and its priors in words, from the model as the run resolved it."""
+"""The model, its settings and its priors in words, from the model as the run resolved it."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from typing import Any
 
-from bayestissue.report.settings import plain
 from bayestissue.report.tables import Row, Table, columns
+
+
+def settings_table(content: Mapping[str, Any], shown_elsewhere: Collection[str] = ()) -> Table:
+    """Every key of ``content`` and its value, one a row; inner tables' keys are joined with a dot.
+
+    The top-level keys in ``shown_elsewhere`` are left out.
+    """
+    remaining = {key: value for key, value in content.items() if key not in shown_elsewhere}
+    return Table(columns("setting", "value", words=("value",)), [Row(pair) for pair in _flat(remaining)])
+
+
+def _flat(content: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, str]]:
+    for key, value in content.items():
+        name = f"{above}{key}"
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{name}.")
+        else:
+            yield name, plain(value)
+
+
+def plain(value: Any) -> str:
+    """One value of a TOML or JSON file as a reader would write it."""
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:g}".replace("-", "−")
+    if isinstance(value, list):
+        return ", ".join(plain(item) for item in value)
+    return "not set" if value is None else str(value)
+
 
 _MEANINGS = {
     "intercept": "log of a typical person's value at the reference mass",
@@ -29,7 +58,7 @@ _MEANINGS = {
     "element": "log of the element's further parameters",
     "sd_atanh_theta1": "spread of artanh θ₁ between impacts",
 }
-TOLD_ELSEWHERE = ("name", "description", "formula", "priors")
+SHOWN_ELSEWHERE = ("name", "description", "formula", "priors")
 
 
 def priors_table(model: Mapping[str, Any], unused: Collection[str] = ()) -> Table:

@@ -63,15 +63,15 @@ def _svg(fig: Figure, alt: str, width: int) -> Markup:
     # Matplotlib's own style element would rule the whole page; style.css says the same for plots only.
     body = re.sub(r"<(metadata|style)\b.*?</\1>", "", body, flags=re.DOTALL)
     # Names are unique within a figure only, and one page holds many.
-    own = "f" + hashlib.sha256(text.encode()).hexdigest()[:8]
-    body = re.sub(r'\bid="', f'id="{own}-', body)
-    body = re.sub(r'(url\(#|href="#)', rf"\1{own}-", body)
+    identifier = "f" + hashlib.sha256(text.encode()).hexdigest()[:8]
+    body = re.sub(r'\bid="', f'id="{identifier}-', body)
+    body = re.sub(r'(url\(#|href="#)', rf"\1{identifier}-", body)
     return Markup(
         '<svg id="{own}" class="plot" style="max-width:{width}px" role="img" aria-label="{alt}" '
         'viewBox="{view_box}" xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink">'
         "<title>{alt}</title>{body}</svg>"
     ).format(
-        own=own,
+        own=identifier,
         width=width,
         alt=alt,
         view_box=view_box[1] if view_box else "",
@@ -84,11 +84,11 @@ def again(shown: Markup) -> Markup:
     svg = re.match(r'<svg id="([^"]+)" class="plot" style="([^"]*)" .*?viewBox="([^"]*)"', shown)
     if svg is None:
         return shown
-    own, size, view_box = svg.groups()
+    identifier, size, view_box = svg.groups()
     return Markup(
         '<svg class="plot" style="{}" role="img" aria-label="The figure below" viewBox="{}">'
         '<use href="#{}"></use></svg>'
-    ).format(size, view_box, own)
+    ).format(size, view_box, identifier)
 
 
 def prose(text: str) -> Markup:

@@ -70,7 +70,7 @@ def ranked(drawn: np.ndarray, names: Sequence[str], **labels: str) -> tuple[Figu
     height = np.arange(order.size)
     fig, axes = new_figure((4.8, 0.8 + 0.24 * order.size))
     draw_intervals(axes, height, drawn[:, order])
-    ticks = [shown(names[place]) for place in order]
+    ticks = [shown(names[index]) for index in order]
     axes.set(yticks=height, yticklabels=ticks, ylim=(-0.6, order.size - 0.4), **labels)
     return fig, axes
 
@@ -87,7 +87,7 @@ def effects_figure(run: PosteriorRun, quantity: str, level: str) -> Markup:
         axes.set(
             xlabel=f"{quantity} off the typical {kind} (%)",
             yticks=height,
-            yticklabels=[shown(each) for each in labels],
+            yticklabels=[shown(label) for label in labels],
             ylabel=kind,
         )
         return figure(

@@ -53,7 +53,7 @@ class PosteriorRun:
     names, text as it was written and numbers as float64.
     """
 
-    about: dict[str, Any]
+    record: dict[str, Any]
     diagnostics: dict[str, Any]
     groups: dict[str, xr.Dataset]
     summary: pd.DataFrame
@@ -80,16 +80,16 @@ class PosteriorRun:
 
 
 def wrong_in(
-    path: Path, expected: str, remedy: str = AGAIN, *, code: Code = "damaged-run", **found: Any
+    path: Path, expected: str, remedy: str = AGAIN, *, code: Code = "damaged-run", **location: Any
 ) -> Problem:
-    """What is wrong with a file of a run; ``found`` says where in it, and what stands there."""
-    return Problem(str(path), expected, remedy, code=code, **found)
+    """What is wrong with a file of a run; ``location`` says where in it, and what stands there."""
+    return Problem(str(path), expected, remedy, code=code, **location)
 
 
-def not_a_fit(folder: Path, about: Mapping[str, Any], remedy: str) -> Problem:
+def not_a_fit(folder: Path, record: Mapping[str, Any], remedy: str) -> Problem:
     """That a folder is of another kind of run than a fit."""
-    found = {"column": "kind", "value": about["kind"]}
-    return wrong_in(folder / "run.json", '"fit"', remedy, code="not-a-fit", **found)
+    path, kind = folder / "run.json", record["kind"]
+    return wrong_in(path, '"fit"', remedy, code="not-a-fit", column="kind", value=kind)
 
 
 def read_about(folder: Path) -> dict[str, Any]:
@@ -104,15 +104,15 @@ def read_about(folder: Path) -> dict[str, Any]:
         expected = "a file that every finished run holds"
         raise InputError(wrong_in(path, expected, value="no such file", code="not-a-run"))
     if problems := [
-        wrong_in(folder / name, f"{size} bytes, as they were written", value=f"{found} bytes")
-        for name, (size, found) in damaged(folder).items()
+        wrong_in(folder / name, f"{size} bytes, as they were written", value=f"{actual} bytes")
+        for name, (size, actual) in damaged(folder).items()
     ]:
         raise InputError(problems)
-    about = read_json(path)
-    if not isinstance(about.get("kind"), str):
-        keys = ", ".join(about) or "no keys"
+    record = read_json(path)
+    if not isinstance(record.get("kind"), str):
+        keys = ", ".join(record) or "no keys"
         raise InputError(wrong_in(path, 'the key "kind"', value=keys, code="not-a-run"))
-    return about
+    return record
 
 
 def require_files(folder: Path, names: list[str]) -> None:
@@ -150,7 +150,7 @@ def open_tree(path: Path, needed: Mapping[str, Sequence[str]], remedy: str = AGA
     Raises:
         InputError: it isn't such a file, or lacks some of them.
     """
-    with _told_of(path, remedy):
+    with _as_input_errors(path, remedy):
         tree = xr.open_datatree(path, engine="h5netcdf")
         lacking = [
             f"{group}/{name}" if name else group
@@ -175,7 +175,7 @@ def read_groups(
 
     Of draws of single impacts, which are most of the file, those of ``of_impacts``; all unless it is given.
     """
-    with _told_of(path, remedy), open_tree(path, needed, remedy) as tree:
+    with _as_input_errors(path, remedy), open_tree(path, needed, remedy) as tree:
         groups = {group: tree[group].to_dataset() for group in needed}
         if of_impacts is not None:
             posterior = groups["posterior"]
@@ -185,7 +185,7 @@ def read_groups(
 
 
 @contextmanager
-def _told_of(path: Path, remedy: str) -> Iterator[None]:
+def _as_input_errors(path: Path, remedy: str) -> Iterator[None]:
     """Whatever a file of draws can't be read for, as an `InputError`."""
     try:
         yield

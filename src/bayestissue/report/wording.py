@@ -96,12 +96,12 @@ def listed(words: list[str]) -> str:
     return words[0] if len(words) == 1 else f"{', '.join(words[:-1])} and {words[-1]}" if words else ""
 
 
-def given_of(row: Mapping[Any, Any]) -> str:
+def covariate_words(row: Mapping[Any, Any]) -> str:
     """What a row of predictions was given, such as "subject s01, mass_kg 1.2"."""
-    beside = ("new", "draws", "simulated", "note")
-    given = {
+    excluded = ("new", "draws", "simulated", "note")
+    covariates = {
         name: f"{value:.4g}" if isinstance(value, float) else str(value)
         for name, value in row.items()
-        if name not in beside and not str(name).startswith(tuple(PREDICTED))
+        if name not in excluded and not str(name).startswith(tuple(PREDICTED))
     }
-    return ", ".join(f"{name} {text}" for name, text in given.items() if text != "nan")
+    return ", ".join(f"{name} {text}" for name, text in covariates.items() if text != "nan")

@@ -25,8 +25,8 @@ def write_report(run_dir: Path) -> Path:
         InputError: the folder isn't that of a finished run; what lacks is named.
     """
     run_dir = Path(run_dir)
-    about = read_about(run_dir)
-    html = _page(run_dir, about)
+    record = read_about(run_dir)
+    html = _page(run_dir, record)
     path = run_dir / "report.html"
     with whole_file(path) as staging:
         staging.write_text(html, encoding="utf-8")
@@ -71,15 +71,14 @@ _PAGES = {
 }
 
 
-def _page(run_dir: Path, about: dict[str, Any]) -> str:
-    kind = about["kind"]
+def _page(run_dir: Path, record: dict[str, Any]) -> str:
+    kind = record["kind"]
     if kind not in _PAGES:
-        kinds = " or ".join(f'"{each}"' for each in _PAGES)
-        remedy, found = (
-            "Make the run anew with this version of the program.",
-            {"column": "kind", "value": kind},
+        kinds = " or ".join(f'"{known}"' for known in _PAGES)
+        remedy = "Make the run anew with this version of the program."
+        raise InputError(
+            wrong_in(run_dir / "run.json", kinds, remedy, code="not-a-run", column="kind", value=kind)
         )
-        raise InputError(wrong_in(run_dir / "run.json", kinds, remedy, code="not-a-run", **found))
     module, name = _PAGES[kind]
-    page: str = getattr(import_module(f"bayestissue.{module}"), name)(run_dir, about)
+    page: str = getattr(import_module(f"bayestissue.{module}"), name)(run_dir, record)
     return page

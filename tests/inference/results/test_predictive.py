@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.testing import assert_allclose
 
-from bayestissue.thesis.reanalysis.predictive_checks import predictive_checks
+from bayestissue.thesis.reanalysis.analysis import predictive_checks
 
 TRIAL = np.repeat(np.arange(7), 10).astype(str)
 MASS = np.repeat(np.array([0.375, 0.489, 0.562, 0.734, 0.75, 0.979, 1.0]), 10)

@@ -5,7 +5,7 @@ import pytest
 from scipy import stats
 
 from bayestissue.thesis.causes.attribution import attribute, confusion, reliability
-from bayestissue.thesis.causes.checks import JointCheck, two_sided
+from bayestissue.thesis.causes.verdict import JointCheck, two_sided
 
 
 def campaigns(random: np.random.Generator, count: int) -> np.ndarray:

@@ -26,8 +26,7 @@ from bayestissue.inference.execution.chunks import in_blocks
 from bayestissue.inference.execution.workers import _PATIENCE_S, on_cluster
 from bayestissue.inference.points import fit
 from bayestissue.likelihood.arma.displacement import displacement_record
-from bayestissue.thesis.causes.batches import Batch
-from bayestissue.thesis.causes.schedule import run_batches
+from bayestissue.thesis.causes.batches import Batch, run_batches
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning")
 
@@ -76,11 +75,11 @@ def test_finished_batches_are_not_computed_again(
             raise Stop
 
     with pytest.raises(Stop):
-        run_batches(batches, kept=tmp_path, progress=interrupt)
+        run_batches(batches, folder=tmp_path, progress=interrupt)
     written = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
     assert len(written) == 3
     counts: list[int] = []
-    found = pd.concat(run_batches(batches, kept=tmp_path, progress=lambda done, total: counts.append(done)))
+    found = pd.concat(run_batches(batches, folder=tmp_path, progress=lambda done, total: counts.append(done)))
     assert counts[0] == 3
     assert all((tmp_path / name).stat().st_mtime_ns == when for name, when in written.items())
     pd.testing.assert_frame_equal(found, expected, check_exact=True)

@@ -7,7 +7,7 @@ import statsmodels.formula.api as smf
 
 from bayestissue.dataset.published import read_published
 from bayestissue.thesis.causes.design import Design, published_design
-from bayestissue.thesis.causes.statistics import of_campaigns, of_observed
+from bayestissue.thesis.causes.statistics import campaign_statistics, observed_statistics
 
 
 @pytest.fixture(scope="module")
@@ -17,7 +17,7 @@ def design() -> Design:
 
 def test_the_published_exponents_are_those_of_the_nine_averages(design: Design) -> None:
     tables = read_published()
-    found = of_observed(published_design(tables)[1], design)
+    found = observed_statistics(published_design(tables)[1], design)
     for quantity in ("K", "C"):
         rows = tables.averages[tables.averages["quantity"] == quantity]
         line = np.polyfit(np.log(rows["mass_kg"]), np.log(rows["average"]), 1)
@@ -26,7 +26,7 @@ def test_the_published_exponents_are_those_of_the_nine_averages(design: Design) 
 
 def test_published_scatter_by_hand(design: Design) -> None:
     tables = read_published()
-    found = of_observed(published_design(tables)[1], design)
+    found = observed_statistics(published_design(tables)[1], design)
     rows = tables.estimates
     ratio = np.log(rows["K"] / rows["mass_kg"])
     assert found["K_over_M_scatter"] == pytest.approx(ratio.std(), rel=1e-12)
@@ -40,7 +40,7 @@ def test_spreads_are_the_analysis_of_variance(design: Design) -> None:
     people = 0.3 * random.standard_normal(design.subjects)
     log_K = people[design.subject] + 0.1 * random.standard_normal(len(design.mass))
     K = np.exp(log_K)[None]
-    found = of_campaigns(K, np.ones_like(K), design)
+    found = campaign_statistics(K, np.ones_like(K), design)
     keep = design.in_rows
     frame = pd.DataFrame(
         {"y": log_K[keep], "s": design.subject[keep].astype(str), "t": design.trial[keep].astype(str)}
@@ -56,7 +56,7 @@ def test_spreads_are_the_analysis_of_variance(design: Design) -> None:
 def test_people_who_do_not_differ_have_a_spread_around_zero(design: Design) -> None:
     random = np.random.default_rng(3)
     K = np.exp(0.2 * random.standard_normal((400, len(design.mass))))
-    spread = of_campaigns(K, np.ones_like(K), design)["sd_subject_K"]
+    spread = campaign_statistics(K, np.ones_like(K), design)["sd_subject_K"]
     variance = np.sign(spread) * spread**2
     assert abs(variance.mean()) < 4 * variance.std() / np.sqrt(len(variance))
 
@@ -64,7 +64,7 @@ def test_people_who_do_not_differ_have_a_spread_around_zero(design: Design) -> N
 def test_power_laws_come_back(design: Design) -> None:
     K = (20 * design.mass**0.7 * design.velocity**-0.4)[None]
     C = (2 * design.mass**1.3)[None]
-    found = of_campaigns(K, C, design)
+    found = campaign_statistics(K, C, design)
     assert found["velocity_exponent_K"][0] == pytest.approx(-0.4, abs=1e-10)
     assert found["mass_exponent_C"][0] == pytest.approx(1.3, abs=1e-10)
     assert found["velocity_exponent_C"][0] == pytest.approx(0, abs=1e-10)
@@ -77,9 +77,9 @@ def test_a_curve_of_omega_in_zeta_leaves_no_scatter_and_outliers_do_not_hide_it(
     K = (design.mass * omega**2)[None]
     C = 2 * zeta * omega * design.mass
     K[0, np.flatnonzero(design.in_rows)[::12]] *= 1.1
-    found = of_campaigns(K, C[None], design)
+    found = campaign_statistics(K, C[None], design)
     assert found["omega_zeta_residual"][0] < 0.05
-    chance = of_campaigns(K, random.permutation(C)[None], design)
+    chance = campaign_statistics(K, random.permutation(C)[None], design)
     assert chance["omega_zeta_residual"][0] > 0.3
 
 
@@ -87,7 +87,7 @@ def test_an_impact_without_estimate_costs_one_impact(design: Design) -> None:
     K = np.exp(0.1 * np.random.default_rng(5).standard_normal((2, len(design.mass))))
     C = np.ones_like(K)
     K[1], K[1, 3] = K[0], np.nan
-    found = of_campaigns(K, C, design)
+    found = campaign_statistics(K, C, design)
     assert found["without_estimate"][1] == pytest.approx(1 / len(design.mass))
     assert all(np.isfinite(values).all() for values in found.values())
 
@@ -96,6 +96,6 @@ def test_a_design_with_one_velocity_has_no_exponent_of_it() -> None:
     mass = np.repeat([0.5, 0.8, 1.2, 1.5], 3)
     trial, subject = np.repeat(np.arange(4), 3), np.tile(np.arange(3), 4)
     flat = Design(mass, np.full(12, 1.5), subject, trial, np.ones(12, bool))
-    found = of_campaigns(np.ones((1, 12)) * mass, np.ones((1, 12)), flat)
+    found = campaign_statistics(np.ones((1, 12)) * mass, np.ones((1, 12)), flat)
     assert "velocity_exponent_K" not in found
     assert found["mass_exponent_K"][0] == pytest.approx(1, abs=1e-12)

@@ -10,12 +10,10 @@ from scipy.linalg import expm
 from bayestissue.errors import InputError
 from bayestissue.inference.points.fit import fit_points
 from bayestissue.thesis.audit import GENERAL, audit_estimates
-from bayestissue.thesis.audit.findings import BEARINGS, COLUMNS, SEVERITIES
-from bayestissue.thesis.audit.impacts import read_impacts
-from bayestissue.thesis.audit.information import frequency_curve, mass_exponent
+from bayestissue.thesis.audit.findings import BEARINGS, COLUMNS, SEVERITIES, read_impacts
+from bayestissue.thesis.audit.information import centred_fit, frequency_curve, made_up_pulses, mass_exponent
 from bayestissue.thesis.audit.people import agreement
 from bayestissue.thesis.audit.physics import peak
-from bayestissue.thesis.audit.window import centred_fit, made_up_pulses
 
 PEOPLE, CONDITIONS = 10, 9
 

@@ -13,8 +13,7 @@ import pytest
 from bayestissue.dataset.published import PublishedTables, read_published
 from bayestissue.errors import InputError
 from bayestissue.thesis.audit import PUBLISHED, audit_published
-from bayestissue.thesis.audit.findings import BEARINGS, SEVERITIES
-from bayestissue.thesis.audit.publication import Publication, read_publication
+from bayestissue.thesis.audit.findings import BEARINGS, SEVERITIES, Publication, read_publication
 
 VARIABLES = ("Mass", "Mass Sq", "Energy * Mass", "Energy", "Velocity")
 

@@ -9,9 +9,8 @@ import pytest
 
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.agreement import Line
-from bayestissue.thesis.reproduction.claims import claim_lines
+from bayestissue.thesis.reproduction.claims import Evidence, claim_lines
 from bayestissue.thesis.reproduction.conditions import QUANTITIES, Quantity
-from bayestissue.thesis.reproduction.evidence import Evidence
 
 
 @pytest.fixture(scope="module")

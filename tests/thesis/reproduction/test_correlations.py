@@ -8,14 +8,13 @@ import pytest
 from scipy import stats
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.conditions import QUANTITIES, Quantity, conditions
+from bayestissue.thesis.reproduction.conditions import QUANTITIES, Quantity, conditions, covariate
 from bayestissue.thesis.reproduction.correlations import (
     correlation_lines,
     correlation_of_averages,
     correlation_of_impacts,
     p_value,
 )
-from bayestissue.thesis.reproduction.covariates import covariate
 
 NAMES = ("Mass", "Mass Seq", "Velocity * Mass", "Energy* Mass *Velocity", "Energy", "Velocity Seq")
 

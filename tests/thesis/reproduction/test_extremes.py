@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from bayestissue.dataset.published import PublishedTables
+from bayestissue.thesis.reproduction.claims import deviation_of_largest, largest, smallest
 from bayestissue.thesis.reproduction.conditions import conditions
-from bayestissue.thesis.reproduction.extremes import deviation_of_largest, largest, smallest
 
 
 @given(values=arrays(float, st.integers(2, 12), elements=st.floats(-50, 50)))

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction import correlation_figure, mass_figure
+from bayestissue.thesis.reproduction.correlations import correlation_figure
+from bayestissue.thesis.reproduction.regressions import mass_figure
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,7 @@ import pandas as pd
 import pytest
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction import reproduce_published
-from bayestissue.thesis.reproduction.reproduce import COLUMNS
+from bayestissue.thesis.reproduction import COLUMNS, reproduce_published
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.summaries import summary_lines
+from bayestissue.thesis.reproduction.conditions import summary_lines
 
 
 def test_every_number_of_both_tables_is_there(published: PublishedTables) -> None:

@@ -54,14 +54,14 @@ def comparison_figure(table: pd.DataFrame, scheme: str) -> Markup:
 
 
 def side_by_side_figure(
-    posteriors: pd.DataFrame, runs: Sequence[str], quantity: str, *, alike: bool = True
+    posteriors: pd.DataFrame, runs: Sequence[str], quantity: str, *, same_element: bool = True
 ) -> Markup:
     """The mass exponent, K (or C) of a typical, a new and each person: a colour and a mark a run.
 
-    Where the runs are not ``alike`` in their element, what means the same in all stands for K (or C): the
+    Unless the runs are of the ``same_element``, what means the same in all stands for K (or C): the
     secant stiffness (the equivalent damping) of the recorded impacts, and of each person's own.
     """
-    parts = _parts(posteriors, quantity, alike)
+    parts = _parts(posteriors, quantity, same_element)
     heights = [1.1 + 0.16 * len(runs) * rows["label"].nunique() for _, rows in parts]
     with style():
         fig, panels = new_figure((4.8, sum(heights)), rows=len(parts), squeeze=False, height_ratios=heights)
@@ -85,11 +85,11 @@ def side_by_side_figure(
         )
 
 
-def _parts(posteriors: pd.DataFrame, quantity: str, alike: bool) -> list[tuple[str, pd.DataFrame]]:
+def _parts(posteriors: pd.DataFrame, quantity: str, same_element: bool) -> list[tuple[str, pd.DataFrame]]:
     parts = []
-    own = tuple(f"{quantity}_{of}" for of in ("typical_person", "new", "subject"))
-    own = own if alike else _COMPARABLE[quantity]
-    for variable in (f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth", *own):
+    values = tuple(f"{quantity}_{part}" for part in ("typical_person", "new", "subject"))
+    values = values if same_element else _COMPARABLE[quantity]
+    for variable in (f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth", *values):
         rows = posteriors[posteriors["variable"] == variable]
         rows = rows[rows["label"].isin(rows["label"].drop_duplicates()[:MOST_PEOPLE])]
         if len(rows):
@@ -99,13 +99,13 @@ def _parts(posteriors: pd.DataFrame, quantity: str, alike: bool) -> list[tuple[s
 
 def _draw(axes: Axes, rows: pd.DataFrame, runs: Sequence[str]) -> None:
     labels = list(rows["label"].drop_duplicates())
-    for place, run in enumerate(runs):
-        own = rows[rows["run"] == run]
-        height = -np.array([labels.index(label) for label in own["label"]]) - place * 0.7 / len(runs)
-        colour = PALETTE[place % len(PALETTE)]
-        axes.hlines(height, own["eti90_low"], own["eti90_high"], color=colour, lw=1.4)
-        mark = _MARKS[place % len(_MARKS)]
-        axes.plot(own["median"], height, mark, ms=4, mfc="white", color=colour, label=shown(run))
+    for k, run in enumerate(runs):
+        chosen = rows[rows["run"] == run]
+        height = -np.array([labels.index(label) for label in chosen["label"]]) - k * 0.7 / len(runs)
+        colour = PALETTE[k % len(PALETTE)]
+        axes.hlines(height, chosen["eti90_low"], chosen["eti90_high"], color=colour, lw=1.4)
+        mark = _MARKS[k % len(_MARKS)]
+        axes.plot(chosen["median"], height, mark, ms=4, mfc="white", color=colour, label=shown(run))
     middle = -np.arange(len(labels)) - 0.35 * (len(runs) - 1) / len(runs)
     names = [shown(label) or "all" if len(labels) > 1 else "" for label in labels]
     axes.set(yticks=middle, yticklabels=names)

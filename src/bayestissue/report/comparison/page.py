@@ -1,29 +1,76 @@
-"""The page of a comparison of finished fits."""
+"""The page of a comparison of finished fits, and what the stacking weights of its runs imply."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
 from bayestissue.errors import InputError
+from bayestissue.inference.results.meanings import meaning, told
 from bayestissue.remedies import codes_in
 from bayestissue.report.comparison.figures import MOST_PEOPLE, comparison_figure, side_by_side_figure
-from bayestissue.report.comparison.weights import (
-    OF_IMPACTS,
-    implied_table,
-    quantity,
-    same_element,
-    weighted_words,
-    what_is_left_out,
-)
+from bayestissue.report.model_words import settings_table
 from bayestissue.report.page import render_page
-from bayestissue.report.remarks import best_explanations
+from bayestissue.report.posterior import best_explanations
 from bayestissue.report.run_folder import TableFile, read_tables, require_files, wrong_in
-from bayestissue.report.settings import settings_table
 from bayestissue.report.tables import Field, Row, Table, columns, table_of
 from bayestissue.report.wording import interval, listed, number, significant
+
+OF_IMPACTS = {"K": "K_secant_of_impacts", "C": "C_equivalent_of_impacts"}
+
+
+def same_element(runs: list[dict[str, Any]]) -> bool:
+    """Whether K and C are the same things in all runs: those of one mechanical element."""
+    return len({run["model"].get("element", "kelvin_voigt") for run in runs}) == 1
+
+
+def quantity(row: Mapping[Any, Any]) -> str:
+    """What a row of `posteriors.csv` or `implied.csv` has the interval of."""
+    return told(row["variable"], row["of"], row["label"])
+
+
+def what_is_left_out(scheme: str) -> str:
+    """One of what a scheme leaves out, such as "subject"."""
+    return scheme.removeprefix("leave one ").removesuffix(" out")
+
+
+def weighted_words(implied: pd.DataFrame) -> list[str]:
+    """K and C of the recorded impacts under the weights of each scheme, a sentence a kind of data."""
+    sentences = []
+    many = len(implied["data"].unique()) > 1
+    for (scheme, data), rows in implied.groupby(["scheme", "data"], sort=False):
+        by_name = rows[rows["label"] == ""].set_index("variable").to_dict("index")
+        parts = [
+            f"{meaning(name).what} = {significant(row['median'])} {row['unit']} "
+            f"({interval(row['eti90_low'], row['eti90_high'])})"
+            for q, name in OF_IMPACTS.items()
+            if (row := by_name.get(name)) is not None
+        ]
+        several = f", densities of {data}" if many else ""
+        kind = what_is_left_out(str(scheme))
+        if parts:
+            sentences.append(
+                f"Of {meaning(OF_IMPACTS['K']).of}, weighted by how well each {kind} is predicted{several}: "
+                f"{listed(parts)}."
+            )
+    return sentences
+
+
+def implied_table(implied: pd.DataFrame) -> Table:
+    """Every row of `implied.csv`."""
+    return table_of(
+        implied.to_dict("records"),
+        Field("quantity", quantity),
+        Field("weights by", lambda row: what_is_left_out(row["scheme"])),
+        Field("density of", lambda row: row["data"]),
+        Field("median", lambda row: significant(row["median"]), "number"),
+        Field("90 % interval", lambda row: interval(row["eti90_low"], row["eti90_high"]), "number"),
+        Field("unit", lambda row: row["unit"]),
+    )
+
 
 _TABLES = (
     TableFile(
@@ -52,13 +99,13 @@ _CONTENTS = (
 )
 
 
-def comparison_page(folder: Path, about: dict[str, Any]) -> str:
-    """The HTML of the comparison in ``folder``, whose ``run.json`` holds ``about``.
+def comparison_page(folder: Path, record: dict[str, Any]) -> str:
+    """The HTML of the comparison in ``folder``, whose ``run.json`` holds ``record``.
 
     Raises:
         InputError: a file lacks or isn't what `bayestissue compare` writes.
     """
-    runs = about.get("runs")
+    runs = record.get("runs")
     if not isinstance(runs, list) or not all(
         isinstance(r, dict) and {"name", "model"} <= set(r) for r in runs
     ):
@@ -67,15 +114,15 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
     tables = read_tables(folder, _TABLES)
     comparison, posteriors, implied = (tables[name] for name in ("comparison", "posteriors", "implied"))
     names = [str(run["name"]) for run in runs]
-    alike = same_element(runs)
-    shown = {q: f"{q}_new" if alike else together for q, together in OF_IMPACTS.items()}
+    same = same_element(runs)
+    shown = {q: f"{q}_new" if same else together for q, together in OF_IMPACTS.items()}
     return render_page(
         "comparison.html",
-        title=f"Fits of {about.get('dataset') or 'one dataset'} beside each other",
+        title=f"Fits of {record.get('dataset') or 'one dataset'} beside each other",
         subtitle=f"{len(names)} runs: {', '.join(names)}",
         contents=_CONTENTS,
-        about=about,
-        versions=about.get("versions", {}),
+        record=record,
+        versions=record.get("versions", {}),
         failed=[str(run["name"]) for run in runs if not (run.get("verdict") or {}).get("passed")],
         warned=[
             (str(run["name"]), run["verdict"]["headline"])
@@ -88,18 +135,18 @@ def comparison_page(folder: Path, about: dict[str, Any]) -> str:
         codes=codes_in("; ".join(comparison["warning"])),
         at_depth=bool((posteriors["variable"] == "mass_exponent_K_common_depth").any()),
         exponents={q: exponent_rows(posteriors, names, q) for q in ("K", "C")},
-        alike=alike,
+        alike=same,
         new={q: quantity_rows(posteriors, names, variable) for q, variable in shown.items()},
-        new_of=of_words(posteriors, shown["K"]),
+        new_of=interval_subject(posteriors, shown["K"]),
         people_typical={q: quantity_rows(posteriors, names, f"{q}_typical_person") for q in shown},
-        typical_of=of_words(posteriors, "K_typical_person"),
+        typical_of=interval_subject(posteriors, "K_typical_person"),
         weighted=weighted_words(implied),
         implied_table=implied_table(implied),
         masses=reference_masses(runs),
         accuracy_plots=accuracy_figures(comparison),
         comparison_table=comparison_table(comparison),
         posterior_plots=[
-            side_by_side_figure(posteriors, names, q, alike=alike)
+            side_by_side_figure(posteriors, names, q, same_element=same)
             for q in ("K", "C")
             if posteriors["variable"].str.contains(q).any()
         ],
@@ -157,10 +204,10 @@ def accuracy_figures(comparison: pd.DataFrame) -> list[Any]:
     ]
 
 
-def of_words(posteriors: pd.DataFrame, variable: str) -> str:
+def interval_subject(posteriors: pd.DataFrame, variable: str) -> str:
     """What the intervals of a variable are of, the mass left out; empty if there are none."""
-    of = posteriors.loc[posteriors["variable"] == variable, "of"]
-    return str(of.iloc[0]).removesuffix(" at the reference mass") if len(of) else ""
+    subjects = posteriors.loc[posteriors["variable"] == variable, "of"]
+    return str(subjects.iloc[0]).removesuffix(" at the reference mass") if len(subjects) else ""
 
 
 def quantity_rows(posteriors: pd.DataFrame, runs: list[str], variable: str) -> list[dict[str, str]]:
@@ -186,16 +233,16 @@ def quantity_rows(posteriors: pd.DataFrame, runs: list[str], variable: str) -> l
 
 def exponent_rows(posteriors: pd.DataFrame, runs: list[str], quantity: str) -> list[dict[str, str]]:
     """The mass exponent of K or C by run, of K that at the common depth in runs that have one."""
-    own, common = f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth"
+    name, common = f"mass_exponent_{quantity}", f"mass_exponent_{quantity}_common_depth"
     at_depth = posteriors.loc[posteriors["variable"] == common, "run"]
-    kept = (posteriors["variable"] == common) | (
-        (posteriors["variable"] == own) & ~posteriors["run"].isin(at_depth)
+    relevant = (posteriors["variable"] == common) | (
+        (posteriors["variable"] == name) & ~posteriors["run"].isin(at_depth)
     )
-    chosen = posteriors[kept].assign(variable=own)
+    chosen = posteriors[relevant].assign(variable=name)
     table = chosen.set_index("run")["median"]
     return [
         {**row, "value": number(table[row["run"]], 2) if row["run"] in table else row["value"]}
-        for row in quantity_rows(chosen, runs, own)
+        for row in quantity_rows(chosen, runs, name)
     ]
 
 
@@ -205,8 +252,8 @@ def reference_masses(runs: list[dict[str, Any]]) -> str:
     known = {name: f"{float(mass):.3g} kg" for name, mass in masses.items() if mass is not None}
     if len(set(known.values())) == 1 and len(known) == len(masses):
         return f"New impacts and people are at a mass of {next(iter(known.values()))}."
-    told = listed([f"“{name}” at {known.get(name, 'its own mean mass')}" for name in masses])
-    return f"Mind that new impacts and people are reported at different masses: {told}."
+    masses_words = listed([f"“{name}” at {known.get(name, 'its own mean mass')}" for name in masses])
+    return f"Mind that new impacts and people are reported at different masses: {masses_words}."
 
 
 def comparison_table(comparison: pd.DataFrame) -> Table:
@@ -257,5 +304,5 @@ def differing_settings(runs: list[dict[str, Any]]) -> Table:
     keys = list(dict.fromkeys(key for settings in flat for key in settings))
     rows = [Row((key, *(settings.get(key, "not set") for settings in flat))) for key in keys]
     rows.append(Row(("seed", *seeds)))
-    told = [row for row in rows if len(set(row.cells[1:])) > 1]
-    return Table(columns("setting", *names, words=names), told)
+    differing = [row for row in rows if len(set(row.cells[1:])) > 1]
+    return Table(columns("setting", *names, words=names), differing)

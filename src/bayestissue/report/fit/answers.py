@@ -34,7 +34,7 @@ _WORTH_A_WORD = 0.1
 _MOST_CATEGORIES = 4
 
 
-def of_whom(run: FitRun) -> dict[str, str]:
+def person_words(run: FitRun) -> dict[str, str]:
     """Who the intervals are of, in words: a "typical" and a "new" one, and who stands in a "condition"."""
     if run.people == 1:
         return {"typical": "this person", "new": "new impact", "new_impact": "A new impact on this person"}
@@ -50,10 +50,10 @@ def the_only_impact(run: FitRun) -> list[dict[str, str]]:
     if len(run.impacts) > 1:
         return []
     ends = ["median", "eti90_low", "eti90_high"]
-    found = {quantity: Spread(*run.of_impacts(quantity)[ends].to_numpy()[0]) for quantity in QUANTITIES}
+    spreads = {quantity: Spread(*run.of_impacts(quantity)[ends].to_numpy()[0]) for quantity in QUANTITIES}
     return [
-        {"quantity": quantity, "unit": UNITS[quantity], "value": each.value, "range": each.range}
-        for quantity, each in found.items()
+        {"quantity": quantity, "unit": UNITS[quantity], "value": value.value, "range": value.range}
+        for quantity, value in spreads.items()
     ]
 
 
@@ -73,9 +73,9 @@ def averaged_sentence(run: FitRun) -> str:
         if not variables or len(run.labels(name)) > _MOST_CATEGORIES:
             continue
         levels = []
-        for place, label in enumerate(run.labels(name)):
-            each = {q: spread(run.draws(variable)[:, place]) for q, variable in variables.items()}
-            values = [f"{q} {found.value} {UNITS[q]} ({found.range})" for q, found in each.items()]
+        for index, label in enumerate(run.labels(name)):
+            spreads = {q: spread(run.draws(variable)[:, index]) for q, variable in variables.items()}
+            values = [f"{q} {value.value} {UNITS[q]} ({value.range})" for q, value in spreads.items()]
             levels.append(f"{label} {listed(values)}")
         sentences.append(f"By {name}, of a typical person: {'; '.join(levels)}.")
     return " ".join(sentences)
@@ -91,9 +91,9 @@ def held_sentence(run: FitRun) -> str:
     """For simulated data, how many 90 % intervals hold the truth; empty otherwise."""
     parts = []
     for quantity in QUANTITIES:
-        for each in held_by_intervals(run, quantity):
-            if each.level == 90:
-                parts.append(f"{each.held} of {each.impacts} for {quantity}")
+        for intervals in held_by_intervals(run, quantity):
+            if intervals.level == 90:
+                parts.append(f"{intervals.held} of {intervals.impacts} for {quantity}")
     return f"Simulated data: the 90 % intervals hold the true value in {listed(parts)}." if parts else ""
 
 
@@ -146,28 +146,28 @@ def _one_conclusion(run: FitRun, quantity: str) -> str:
 
 def contrast_sentence(run: FitRun) -> Markup:
     """What the thesis's point estimates of the same traces show, and where that is the method's making."""
-    found = {quantity: apparent_exponent(run, quantity) for quantity in QUANTITIES}
+    apparent = {quantity: apparent_exponent(run, quantity) for quantity in QUANTITIES}
     shown = [
-        Markup("{} ∝ M<sup>{}</sup> ({})").format(quantity, each.slope.value, each.slope.range)
-        for quantity, each in found.items()
-        if each
+        Markup("{} ∝ M<sup>{}</sup> ({})").format(quantity, line.slope.value, line.slope.range)
+        for quantity, line in apparent.items()
+        if line
     ]
     if not shown:
         return Markup()
-    made: list[str] = [quantity for quantity in QUANTITIES if _made_by_method(run, quantity)]
-    blame = f": the trend of {listed(made)} is made by the method" if made else ""
+    artefacts: list[str] = [quantity for quantity in QUANTITIES if _made_by_method(run, quantity)]
+    blame = f": the trend of {listed(artefacts)} is made by the method" if artefacts else ""
     return Markup("Thesis's method on the same traces: {}{}.").format(Markup(", ").join(shown), blame)
 
 
 def _made_by_method(run: FitRun, quantity: str) -> bool:
     # The thesis's K is force over depth too, and no common depth's.
-    own = OWN_DEPTH if quantity == "K" and exponent(run, OWN_DEPTH) is not None else quantity
-    apparent, beta = apparent_exponent(run, quantity), exponent(run, own)
+    name = OWN_DEPTH if quantity == "K" and exponent(run, OWN_DEPTH) is not None else quantity
+    apparent, beta = apparent_exponent(run, quantity), exponent(run, name)
     if apparent is None or beta is None:
         return False
     slope = apparent.slope
     return (
-        hypothesis_probability(run, own, FIXED) > SURE
+        hypothesis_probability(run, name, FIXED) > SURE
         and not slope.holds(0)
         and abs(slope.median) > _WORTH_A_WORD
         and (slope.low > beta.high or slope.high < beta.low)

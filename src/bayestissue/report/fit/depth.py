@@ -56,21 +56,21 @@ def depth_sentence(run: FitRun) -> Markup:
 
     That heavier impactors go deeper is read off the recorded displacements.
     """
-    common, own = exponent(run, COMMON_DEPTH), exponent(run, OWN_DEPTH)
-    if own is None:
+    common, deepest = exponent(run, COMMON_DEPTH), exponent(run, OWN_DEPTH)
+    if deepest is None:
         return Markup()
     if not has_common_depth(run) or common is None:
         return _OWN_ALONE
-    told = Markup(
+    sentence = Markup(
         "Here K is force over depth at {}, which every impact reaches{}. At each impact's own greatest depth "
         "K ∝ M<sup>{}</sup> ({})."
-    ).format(depth_words(run), _IF if run.about.get("discrepancy") else "", own.value, own.range)
-    return (told + " " + _meaning(run, common, own)).strip()
+    ).format(depth_words(run), _IF if run.record.get("discrepancy") else "", deepest.value, deepest.range)
+    return (sentence + " " + _meaning(run, common, deepest)).strip()
 
 
-def _meaning(run: FitRun, common: Spread, own: Spread) -> Markup:
-    where = _where(run, own)
-    if own.holds(0) or not where:
+def _meaning(run: FitRun, common: Spread, deepest: Spread) -> Markup:
+    where = _where(run, deepest)
+    if deepest.holds(0) or not where:
         return Markup()
     if not common.holds(0):
         said = f"Heavier impactors go {where}, but the law itself differs between the masses too."
@@ -81,12 +81,12 @@ def _meaning(run: FitRun, common: Spread, own: Spread) -> Markup:
     return Markup(said)  # noqa: S704 - words of this module alone
 
 
-def _where(run: FitRun, own: Spread) -> str:
+def _where(run: FitRun, deepest: Spread) -> str:
     """Where heavier impactors go, if that is what makes the exponent; else empty."""
     depth = np.nanmax(run.groups["observed_data"]["displacement"].to_numpy(), axis=1)
     log_mass = np.log(run.constant("mass_kg"))
     deeper = float(np.cov(log_mass, np.log(depth))[0, 1]) > 0
-    if deeper == (own.median > 0):
+    if deeper == (deepest.median > 0):
         return "deeper, where it is stiffer" if deeper else "less deep, where it is softer"
     return ""
 
@@ -95,6 +95,6 @@ def further_words(run: FitRun) -> list[str]:
     """What is assumed of the force at the common depth, and what C's exponent is; nothing for other runs."""
     if not run.has(f"mass_exponent_{OWN_DEPTH}"):
         return []
-    if not run.about.get("discrepancy"):
+    if not run.record.get("discrepancy"):
         return [_DAMPER]
     return [_ASSUMED, _OTHER_DAMPER] if has_common_depth(run) else [_OTHER_DAMPER]

@@ -29,8 +29,8 @@ def side_by_side(run: FitRun, quantity: str) -> pd.DataFrame:
     names = ["median", "eti50_low", "eti50_high", "eti90_low", "eti90_high"]
     table = run.of_impacts(quantity)[names].copy()
     for method, source in METHODS.items():
-        found = getattr(run, source).set_index("impact")[COLUMN[quantity]]
-        table[method] = found.reindex(table.index)
+        estimates = getattr(run, source).set_index("impact")[COLUMN[quantity]]
+        table[method] = estimates.reindex(table.index)
     known = None if run.truth is None else run.truth.set_index("impact")[_true_column(run, quantity)]
     table["truth"] = np.nan if known is None else known.reindex(table.index)
     return table
@@ -38,7 +38,7 @@ def side_by_side(run: FitRun, quantity: str) -> pd.DataFrame:
 
 def _true_column(run: FitRun, quantity: str) -> str:
     """Of another element's tissue, what spring and damper side by side can be right about."""
-    same = run.about.get("model", {}).get("element", SIDE_BY_SIDE) == SIDE_BY_SIDE
+    same = run.record.get("model", {}).get("element", SIDE_BY_SIDE) == SIDE_BY_SIDE
     comparable = COMPARABLE[quantity]
     return comparable if same and run.truth is not None and comparable in run.truth else COLUMN[quantity]
 
@@ -103,12 +103,12 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
     if len(table) < 3 or mass.max() <= _MASS_MUST_VARY * mass.min():
         return None
     x, y = np.log(mass / run.reference_mass), np.log(table[COLUMN[quantity]].to_numpy())
-    away, degrees = x - x.mean(), len(x) - 2
-    slope = float(away @ y / (away @ away))
+    centred, degrees = x - x.mean(), len(x) - 2
+    slope = float(centred @ y / (centred @ centred))
     intercept = float(y.mean() - slope * x.mean())
     left = y - intercept - slope * x
     # Half of the 90 % interval of Student's t with n - 2 degrees of freedom.
-    half = float(stdtrit(degrees, 0.95) * np.sqrt(left @ left / degrees / (away @ away)))
+    half = float(stdtrit(degrees, 0.95) * np.sqrt(left @ left / degrees / (centred @ centred)))
     return ApparentExponent(intercept, Spread(slope, slope - half, slope + half))
 
 

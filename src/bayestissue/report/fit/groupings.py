@@ -10,9 +10,8 @@ from markupsafe import Markup
 from bayestissue.hierarchy.formulas.group_terms import stem_of
 from bayestissue.report.fit.run import FitRun
 from bayestissue.report.page import figure
-from bayestissue.report.posterior import Spread, spread
+from bayestissue.report.posterior import Spread, group_words, spread
 from bayestissue.report.posterior_figures import ranked
-from bayestissue.report.remarks import group_words
 from bayestissue.report.style import POSTERIOR, REFERENCE, style
 from bayestissue.report.wording import listed
 
@@ -59,12 +58,12 @@ def groupings(run: FitRun) -> list[str]:
         for name, array in run.groups["posterior"].data_vars.items()
         if str(name).endswith(tuple(f"_effect_{q}" for q in run.responses)) and array.ndim > 2
     ]
-    return list(dict.fromkeys([*(each for each in _FIRST if each in of_effects), *of_effects]))
+    return list(dict.fromkeys([*(grouping for grouping in _FIRST if grouping in of_effects), *of_effects]))
 
 
 def own_slopes(run: FitRun) -> list[OwnSlope]:
     """The coefficients that differ between levels."""
-    found = []
+    slopes = []
     for variable, array in run.groups["posterior"].data_vars.items():
         name, dimension = str(variable), str(array.dims[-1])
         start = f"{stem_of(dimension)}_"
@@ -74,8 +73,8 @@ def own_slopes(run: FitRun) -> list[OwnSlope]:
             what = name.removeprefix(start).removesuffix(f"_{quantity}")
             if f"{start}{what}" != name and (what == "mass_exponent" or what.startswith("effect_of_")):
                 covariate = "" if what == "mass_exponent" else what.removeprefix("effect_of_")
-                found.append(OwnSlope(dimension, covariate, quantity))
-    return found
+                slopes.append(OwnSlope(dimension, covariate, quantity))
+    return slopes
 
 
 def differing_words(run: FitRun) -> str:
@@ -88,7 +87,7 @@ def _differing(run: FitRun, slope: OwnSlope) -> str:
     low, high = np.percentile(_deviations(run, slope), [5, 95], axis=0)
     apart = int(((low > 0) | (high < 0)).sum())
     one, several = group_words(slope.grouping)
-    of = f"{apart} of {low.size} {several}" if apart else f"no {one}"
+    which = f"{apart} of {low.size} {several}" if apart else f"no {one}"
     verb = "are" if apart > 1 else "is"
     begin = (
         f"{several.capitalize()} differ in it"
@@ -96,14 +95,14 @@ def _differing(run: FitRun, slope: OwnSlope) -> str:
         else f"{several.capitalize()} are not seen to differ in it"
     )
     return (
-        f"{begin}: in {slope.quantity} {of} {verb} told apart from the common exponent by 90 % intervals; "
+        f"{begin}: in {slope.quantity} {which} {verb} told apart from the common exponent by 90 % intervals; "
         f"standard deviation of the exponents {scatter.value} ({scatter.range})."
     )
 
 
 def _deviations(run: FitRun, slope: OwnSlope) -> np.ndarray:
-    own = run.draws(slope.name)
-    return own - run.draws(slope.shared)[:, None] if run.has(slope.shared) else own
+    slopes = run.draws(slope.name)
+    return slopes - run.draws(slope.shared)[:, None] if run.has(slope.shared) else slopes
 
 
 def slope_words(run: FitRun, slope: OwnSlope) -> str:

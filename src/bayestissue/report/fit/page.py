@@ -13,18 +13,23 @@ from bayestissue.inference.results.meanings import ONE_IMPACT, not_used_words
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.outline import counted
 from bayestissue.remedies import Code, codes_in
-from bayestissue.report import model_words, posterior, posterior_tables, remarks
-from bayestissue.report.fit import answers, depth, estimates, predictions, sources, tables, words
-from bayestissue.report.fit.estimate_figures import estimates_figure
+from bayestissue.report import model_words, posterior, posterior_tables
+from bayestissue.report.answers_page import question_lines, questions_table
+from bayestissue.report.fit import answers, depth, estimates, predictions, sources, study, tables, words
+from bayestissue.report.fit.figures import (
+    estimates_figure,
+    lag_one_figure,
+    mass_figure,
+    ranked_figure,
+    spreads_figure,
+    traces_figure,
+    whiteness_figure,
+)
 from bayestissue.report.fit.groupings import groupings, own_slopes, slope_figure, slope_words
-from bayestissue.report.fit.population_figures import mass_figure, ranked_figure, spreads_figure
-from bayestissue.report.fit.prediction_figures import lag_one_figure, traces_figure, whiteness_figure
-from bayestissue.report.fit.questions import question_lines, questions_table
 from bayestissue.report.fit.run import FitRun, read_fit_run
-from bayestissue.report.fit.study import agreement, comparisons, reliability
+from bayestissue.report.model_words import settings_table
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior_figures import exponent_figure
-from bayestissue.report.settings import settings_table
 from bayestissue.report.style import style
 from bayestissue.report.tables import Row, Table, columns
 from bayestissue.report.wording import listed
@@ -51,22 +56,22 @@ _CONTENTS = (
 _FIRST = ("subject", "trial")
 
 
-def fit_page(folder: Path, about: dict[str, Any]) -> str:
+def fit_page(folder: Path, record: dict[str, Any]) -> str:
     """The HTML of the report of the `fit` run in ``folder``.
 
     Raises:
         InputError: a file of the run lacks or isn't what a run writes.
     """
-    run = read_fit_run(folder, about)
+    run = read_fit_run(folder, record)
     with style():
         return render_page(
             "fit.html",
-            title=f"K and C from the traces of {about.get('dataset') or folder.name}",
+            title=f"K and C from the traces of {record.get('dataset') or folder.name}",
             subtitle=_subtitle(run),
             contents=_CONTENTS,
             first_codes=_codes(run),
-            codes=[*_codes(run), *codes_in(remarks.prior_remark(run.sensitivity))],
-            about=about,
+            codes=[*_codes(run), *codes_in(posterior.prior_remark(run.sensitivity))],
+            record=record,
             **_first_screen(run),
             **_impacts(run),
             **_predictions(run),
@@ -85,8 +90,11 @@ def _codes(run: FitRun) -> list[Code]:
 
 def _of_the_formula(run: FitRun) -> list[str]:
     """What the formulas leave out, of what they might be of: terms and columns."""
-    of = run.about
-    return [left_out_words(of.get("terms_left_out", [])), not_used_words(of.get("columns_not_used", []))]
+    record = run.record
+    return [
+        left_out_words(record.get("terms_left_out", [])),
+        not_used_words(record.get("columns_not_used", [])),
+    ]
 
 
 def _subtitle(run: FitRun) -> str:
@@ -95,7 +103,7 @@ def _subtitle(run: FitRun) -> str:
         counted(run.people, "person", "people"),
         counted(len(run.labels("trial")), "condition"),
     )
-    return f"{', '.join(counts)}; model “{run.about.get('model', {}).get('name', '')}”"
+    return f"{', '.join(counts)}; model “{run.record.get('model', {}).get('name', '')}”"
 
 
 def _first_screen(run: FitRun) -> dict[str, Any]:
@@ -106,8 +114,8 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
         "levels": posterior.level_rows(run),
         "alone": answers.the_only_impact(run),
         "one_impact": ONE_IMPACT,
-        "of": answers.of_whom(run),
-        "terms_left_out": left_out_words(run.about.get("terms_left_out", [])),
+        "of": answers.person_words(run),
+        "terms_left_out": left_out_words(run.record.get("terms_left_out", [])),
         "formula_words": list(filter(None, _of_the_formula(run))),
         "averaged": answers.averaged_sentence(run),
         "people_averaged": answers.averaged_over(run, "K_subject"),
@@ -121,7 +129,7 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
         "own_depth": depth.depth_sentence(run),
         "conclusion": answers.mass_conclusion(run),
         "contrast": answers.contrast_sentence(run),
-        "first_contrasts": comparisons.first_contrasts(run),
+        "first_contrasts": study.first_contrasts(run),
         "questions": question_lines(run.questions),
         "questions_table": questions_table(run.questions),
     }
@@ -157,7 +165,7 @@ def _predictions(run: FitRun) -> dict[str, Any]:
 
 
 def _population(run: FitRun) -> dict[str, Any]:
-    levels = {level: remarks.group_words(level)[1] for level in dict.fromkeys((*_FIRST, *groupings(run)))}
+    levels = {level: posterior.group_words(level)[1] for level in dict.fromkeys((*_FIRST, *groupings(run)))}
     slopes = own_slopes(run)
     ranked = {
         level: [q for q in run.responses if run.has(f"{stem_of(level)}_effect_{q}")] for level in levels
@@ -168,7 +176,7 @@ def _population(run: FitRun) -> dict[str, Any]:
             for level, name in levels.items()
         },
         "responses": {name: listed(ranked[level]) for level, name in levels.items()},
-        "differs": {name: remarks.who_differs(run, level, run.responses) for level, name in levels.items()},
+        "differs": {name: posterior.who_differs(run, level, run.responses) for level, name in levels.items()},
         "slope_words": [slope_words(run, slope) for slope in slopes],
         "slope_plots": [slope_figure(run, slope) for slope in slopes],
         "slopes_table": posterior_tables.summary_table(run.summary, [slope.name for slope in slopes]),
@@ -189,17 +197,17 @@ def _population(run: FitRun) -> dict[str, Any]:
 
 def _study(run: FitRun) -> dict[str, Any]:
     return {
-        "contrasts_table": comparisons.contrasts_table(run),
+        "contrasts_table": study.contrasts_table(run),
         "contrasts_in_all": 0 if run.contrasts is None else len(run.contrasts),
-        "equivalence": comparisons.equivalence(run),
-        "conditions_words": comparisons.conditions_words(run),
-        "matrices": comparisons.matrices(run),
-        "reliability_words": reliability.reliability_words(run),
-        "another_day": reliability.another_day(run),
-        "prior_words": reliability.prior_words(run),
-        "reliability_table": reliability.reliability_table(run),
-        "agreement_table": agreement.agreement_table(run),
-        "agreement_plots": [agreement.agreement_figure(run, quantity) for quantity in posterior.QUANTITIES],
+        "equivalence": study.equivalence(run),
+        "conditions_words": study.conditions_words(run),
+        "matrices": study.matrices(run),
+        "reliability_words": study.reliability_words(run),
+        "another_day": study.another_day(run),
+        "prior_words": study.prior_words(run),
+        "reliability_table": study.reliability_table(run),
+        "agreement_table": study.agreement_table(run),
+        "agreement_plots": [study.agreement_figure(run, quantity) for quantity in posterior.QUANTITIES],
     }
 
 
@@ -212,7 +220,7 @@ def _checks(run: FitRun) -> dict[str, Any]:
         "chain_table": tables.chain_table(run),
         "left_out_summary": tables.left_out_summary(run),
         "left_out_table": tables.left_out_table(run),
-        "prior_remark": remarks.prior_remark(run.sensitivity),
+        "prior_remark": posterior.prior_remark(run.sensitivity),
         "sensitivity_table": posterior_tables.sensitivity_table(run.sensitivity),
         "limits": words.limits(run),
         "coverage_table": words.coverage_table(run),
@@ -222,16 +230,16 @@ def _checks(run: FitRun) -> dict[str, Any]:
 
 
 def _provenance(run: FitRun) -> dict[str, Any]:
-    described = run.about.get("model", {})
-    left_out = [str(problem) for problem in run.about.get("left_out", [])]
+    described = run.record.get("model", {})
+    left_out = [str(problem) for problem in run.record.get("left_out", [])]
     return {
         "likelihood_words": words.likelihood_words(run),
         "signal_words": words.signal_words(run),
         "formulas": model_words.formulas(described),
         "priors_table": model_words.priors_table(described, words.unused_priors(run)),
-        "settings_table": settings_table(described, model_words.TOLD_ELSEWHERE),
+        "settings_table": settings_table(described, model_words.SHOWN_ELSEWHERE),
         "excluded": Table(
-            columns("impact and reason", words=("impact and reason",)), [Row([each]) for each in left_out]
+            columns("impact and reason", words=("impact and reason",)), [Row([reason]) for reason in left_out]
         ),
-        "versions": run.about.get("versions", {}),
+        "versions": run.record.get("versions", {}),
     }

@@ -42,7 +42,8 @@ class Residuals:
     def _lag_one(self) -> tuple[Float[np.ndarray, "draw impact"], Float[np.ndarray, " impact"]]:
         """Lag-1 autocorrelations of the replicates and of what was measured, as of `lag_one`."""
         replicated, measured = (
-            autocorrelation(each, self.used, powers=4, lags=1) for each in (self.replicated, self.measured)
+            autocorrelation(traces, self.used, powers=4, lags=1)
+            for traces in (self.replicated, self.measured)
         )
         return replicated, measured
 

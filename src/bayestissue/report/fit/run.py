@@ -112,16 +112,16 @@ class FitRun(PosteriorRun):
         return np.asarray(places)
 
     @property
-    def kept(self) -> int | None:
+    def impact_draws(self) -> int | None:
         """How many draws of each single impact were kept; None if all."""
-        kept = self.about.get("kept_draws_of_an_impact")
-        return None if kept is None else int(kept)
+        count = self.record.get("kept_draws_of_an_impact")
+        return None if count is None else int(count)
 
     @property
     def reference_mass(self) -> float:
         """The mass in kg at which people are reported."""
-        given = self.about.get("model", {}).get("reference_mass_kg")
-        return float(np.exp(np.log(self.constant("mass_kg")).mean()) if given is None else given)
+        stated = self.record.get("model", {}).get("reference_mass_kg")
+        return float(np.exp(np.log(self.constant("mass_kg")).mean()) if stated is None else stated)
 
     @property
     def undescribed(self) -> bool:
@@ -141,28 +141,28 @@ class FitRun(PosteriorRun):
     @property
     def responses(self) -> tuple[str, ...]:
         """K, C and the further parameters that have a formula."""
-        return tuple(dict.fromkeys(("K", "C", *self.about.get("model", {}).get("formula", {}))))
+        return tuple(dict.fromkeys(("K", "C", *self.record.get("model", {}).get("formula", {}))))
 
     @property
     def likelihood(self) -> str:
         """``"arma"``, ``"a2"`` or ``"impact"``."""
-        return str(self.about.get("model", {}).get("likelihood", ""))
+        return str(self.record.get("model", {}).get("likelihood", ""))
 
     @property
     def shown(self) -> str:
         """Which of ``"deceleration"`` and ``"displacement"`` was recorded, and so is drawn."""
-        return "displacement" if self.about.get("quantity") == "displacement" else "deceleration"
+        return "displacement" if self.record.get("quantity") == "displacement" else "deceleration"
 
 
-def read_fit_run(folder: Path, about: dict[str, Any]) -> FitRun:
-    """Read every file of the run in ``folder``, whose ``run.json`` holds ``about``.
+def read_fit_run(folder: Path, record: dict[str, Any]) -> FitRun:
+    """Read every file of the run in ``folder``, whose ``run.json`` holds ``record``.
 
     Raises:
         InputError: a file lacks or isn't what a run writes; all such files are named at once.
     """
     names = [f"{layout.name}.csv" for layout in _TABLES]
     require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
-    present = [each for each in _OPTIONAL.values() if (folder / f"{each.name}.csv").is_file()]
+    present = [table for table in _OPTIONAL.values() if (folder / f"{table.name}.csv").is_file()]
     layouts = (*_TABLES, *present)
     readers: tuple[Callable[[], Any], ...] = (
         lambda: dict(read_tables(folder, layouts)),
@@ -170,8 +170,8 @@ def read_fit_run(folder: Path, about: dict[str, Any]) -> FitRun:
         lambda: _read_diagnostics(folder / "diagnostics.json"),
     )
     tables, groups, diagnostics = all_of(lambda read: read(), readers)
-    optional: dict[str, Any] = {field: tables.pop(each.name, None) for field, each in _OPTIONAL.items()}
-    return FitRun(about=about, diagnostics=diagnostics, groups=groups, **optional, **tables)
+    optional: dict[str, Any] = {field: tables.pop(table.name, None) for field, table in _OPTIONAL.items()}
+    return FitRun(record=record, diagnostics=diagnostics, groups=groups, **optional, **tables)
 
 
 def _read_diagnostics(path: Path) -> dict[str, Any]:

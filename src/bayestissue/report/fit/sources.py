@@ -45,32 +45,32 @@ _QUANTITIES = ("K", "C")
 
 def sources_table(run: FitRun) -> Table | None:
     """A row a source, columns of K and C by level: share of the variance, and half its own interval."""
-    if (found := run.interval_sources) is None:
+    if (sources := run.interval_sources) is None:
         return None
-    cells = {(row["source"], row["level"], row["quantity"]): row for row in found.to_dict("records")}
+    cells = {(row["source"], row["level"], row["quantity"]): row for row in sources.to_dict("records")}
     levels = _levels(run)
-    kept = [(level, q) for level in levels for q in _QUANTITIES if (_ALL, level, q) in cells]
-    titles = [f"{q}, {levels[level]}" for level, q in kept]
-    present = set(found["source"])
-    names = _names(found)
+    columns_shown = [(level, q) for level in levels for q in _QUANTITIES if (_ALL, level, q) in cells]
+    titles = [f"{q}, {levels[level]}" for level, q in columns_shown]
+    present = set(sources["source"])
+    names = _names(sources)
     rows = [
-        Row((told, *(_cell(cells.get((name, *place))) for place in kept)))
-        for name, told in names.items()
+        Row((words, *(_cell(cells.get((name, *column))) for column in columns_shown)))
+        for name, words in names.items()
         if name in present
     ]
     if "element" not in present:
-        rows.append(Row((_NAMES["element"], *("taken as true" for _ in kept))))
-    rows.append(Row(("all together", *(_half(cells[(_ALL, *place)]["sd"]) for place in kept))))
+        rows.append(Row((_NAMES["element"], *("taken as true" for _ in columns_shown))))
+    rows.append(Row(("all together", *(_half(cells[(_ALL, *column)]["sd"]) for column in columns_shown))))
     return Table(columns("source", *titles, number=titles), rows)
 
 
-def _names(found: pd.DataFrame) -> dict[str, str]:
+def _names(sources: pd.DataFrame) -> dict[str, str]:
     """The sources in the order of the page, further group terms as the model file has them before priors."""
     last = ("priors",)
     known = {*_NAMES, _ALL, _DRAWN, _WINDOW, _BY_NOISE}
-    further = {str(name): str(name) for name in dict.fromkeys(found["source"]) if name not in known}
+    further = {str(name): str(name) for name in dict.fromkeys(sources["source"]) if name not in known}
     return {
-        **{name: told for name, told in _NAMES.items() if name not in last},
+        **{name: words for name, words in _NAMES.items() if name not in last},
         **further,
         **{name: _NAMES[name] for name in last},
     }
@@ -96,55 +96,57 @@ def _half(sd: float) -> str:
 
 def sources_words(run: FitRun) -> list[str]:
     """What makes most of the interval of an impact and a new person, and what the fit takes for granted."""
-    if (found := run.interval_sources) is None:
+    if (sources := run.interval_sources) is None:
         return []
     levels = _levels(run)
     said = [
-        f"Of the 90 % interval of a {told}: {'; '.join(_most(found, level, q) for q in _QUANTITIES)}."
-        for level, told in (("impact", "recorded impact"), ("new person", levels.get("new person")))
-        if told
+        f"Of the 90 % interval of a {words}: {'; '.join(_most(sources, level, q) for q in _QUANTITIES)}."
+        for level, words in (("impact", "recorded impact"), ("new person", levels.get("new person")))
+        if words
     ]
-    if "element" not in set(found["source"]):
+    if "element" not in set(sources["source"]):
         said.append(
             "The element is taken as true: no part of these intervals stands for another law of the tissue."
         )
-    return [*said, _window_words(found), *_doubt(found, levels)]
+    return [*said, _window_words(sources), *_doubt(sources, levels)]
 
 
-def _most(found: pd.DataFrame, level: str, quantity: str) -> str:
-    names = _names(found)
-    own = found[(found["level"] == level) & (found["quantity"] == quantity) & found["source"].isin(names)]
-    ordered = own.sort_values("share", ascending=False, kind="stable")
+def _most(sources: pd.DataFrame, level: str, quantity: str) -> str:
+    names = _names(sources)
+    chosen = sources[
+        (sources["level"] == level) & (sources["quantity"] == quantity) & sources["source"].isin(names)
+    ]
+    ordered = chosen.sort_values("share", ascending=False, kind="stable")
     ordered = ordered[ordered["share"] >= min(_WORTH_NAMING, ordered["share"].max())]
     named = [f"{names[row['source']]} {percent(row['share'])}" for row in ordered.to_dict("records")]
     return f"of {quantity}’s variance {listed(named)}"
 
 
-def _window_words(found: pd.DataFrame) -> str:
-    cells = found[found["level"] == "impact"].set_index(["source", "quantity"])["sd"]
+def _window_words(sources: pd.DataFrame) -> str:
+    cells = sources[sources["level"] == "impact"].set_index(["source", "quantity"])["sd"]
     if (_WINDOW, "K") not in cells.index:
         return "The window is taken as given."
-    told = [
+    effects = [
         f"{q} by {relative(math.expm1(cells[_WINDOW, q]))} where noise alone makes "
         f"{relative(math.expm1(cells[_BY_NOISE, q]))}"
         for q in _QUANTITIES
     ]
     return (
         "The window is taken as given and has no part of its own. With a window a tenth shorter a trace by "
-        f"itself moves {listed(told)} (standard deviations over impacts)."
+        f"itself moves {listed(effects)} (standard deviations over impacts)."
     )
 
 
-def _doubt(found: pd.DataFrame, levels: Mapping[str, str]) -> list[str]:
-    drawn = found[(found["source"] == _DRAWN) & found["level"].isin(levels)]
+def _doubt(sources: pd.DataFrame, levels: Mapping[str, str]) -> list[str]:
+    drawn = sources[(sources["source"] == _DRAWN) & sources["level"].isin(levels)]
     off = drawn[~drawn["share"].between(*_NEAR)]
-    told = [
+    doubtful = [
         f"{row['quantity']} of {levels[row['level']]} ({row['share']:.2g} times)"
         for row in off.to_dict("records")
     ]
-    if not told:
+    if not doubtful:
         return []
     return [
         "The parts are those of a normal approximation with known spreads. The variance of the draws differs "
-        f"most for {listed(told)}."
+        f"most for {listed(doubtful)}."
     ]

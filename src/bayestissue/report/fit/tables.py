@@ -39,12 +39,12 @@ def declared_sd(run: FitRun, error: str) -> np.ndarray:
     """Prior standard deviation of an error [impact]; NaN where each trace itself gave it."""
     if f"{error}_sd" in run.groups["constant_data"]:
         return run.constant(f"{error}_sd")
-    given = {name: float(run.about.get("uncertainty", {}).get(name) or 0) for name in _DECLARED}
+    declared = {name: float(run.record.get("uncertainty", {}).get(name) or 0) for name in _DECLARED}
     mass, velocity = run.constant("mass_kg"), run.constant("velocity_m_s")
     if error == "mass":
-        return given["relative_mass_sd"] * mass
+        return declared["relative_mass_sd"] * mass
     if error in ("velocity_error", "ramp_error"):
-        return np.hypot(given["velocity_sd_m_s"], given["relative_gain_sd"] * velocity)
+        return np.hypot(declared["velocity_sd_m_s"], declared["relative_gain_sd"] * velocity)
     return np.full(mass.shape, np.nan)
 
 
@@ -52,23 +52,23 @@ def chain_table(run: FitRun) -> Table:
     """How far each error of the measuring chain was known before, and is known after, the fit."""
     rows = []
     for error, (words, unit, scale) in _ERRORS.items():
-        found = run.of_impacts(error)
-        if found.empty or not (found["sd"] > 0).any():
+        errors = run.of_impacts(error)
+        if errors.empty or not (errors["sd"] > 0).any():
             continue
-        before, after = declared_sd(run, error), found["sd"].to_numpy()
-        told = bool((before > 0).all())
-        moved = (found["median"] - (run.constant("mass_kg") if error == "mass" else 0)).abs()
-        farthest = float((moved / before).max()) if told else 0.0
+        before, after = declared_sd(run, error), errors["sd"].to_numpy()
+        declared = bool((before > 0).all())
+        moved = (errors["median"] - (run.constant("mass_kg") if error == "mass" else 0)).abs()
+        farthest = float((moved / before).max()) if declared else 0.0
         rows.append(
             Row(
                 (
                     words,
                     unit,
-                    significant(scale * float(np.median(before)), 2) if told else _FROM_TRACE,
+                    significant(scale * float(np.median(before)), 2) if declared else _FROM_TRACE,
                     significant(scale * float(np.median(after)), 2),
-                    percent(float(np.median(after / before))) if told else "",
+                    percent(float(np.median(after / before))) if declared else "",
                     significant(scale * float(moved.max()), 2),
-                    f"{farthest:.1f} sd" if told else "",
+                    f"{farthest:.1f} sd" if declared else "",
                 ),
                 "disagrees" if farthest > _FAR else "",
             )
@@ -82,11 +82,11 @@ def chain_table(run: FitRun) -> Table:
 
 def declared_words(run: FitRun) -> str:
     """The standard deviations that the dataset declares of its measuring chain."""
-    given = run.about.get("uncertainty", {})
+    declared = run.record.get("uncertainty", {})
     parts = [
-        f"{words} {shown(float(given[name]))}"
+        f"{words} {shown(float(declared[name]))}"
         for name, (words, shown) in _DECLARED.items()
-        if given.get(name)
+        if declared.get(name)
     ]
     if not parts:
         return (
@@ -94,7 +94,7 @@ def declared_words(run: FitRun) -> str:
             "are taken as exact: the intervals of K and C are narrower than the truth if they are not."
         )
     persons = ""
-    if run.about.get("model", {}).get("mass_error") == "subject" and given.get("relative_mass_sd"):
+    if run.record.get("model", {}).get("mass_error") == "subject" and declared.get("relative_mass_sd"):
         persons = (
             " The error of the mass is a person's, the same in all of the person's impacts, so that K and C "
             "of a person are no surer than that mass."
@@ -128,14 +128,14 @@ def left_out_summary(run: FitRun) -> Table:
 
 def left_out_table(run: FitRun) -> Table:
     """Every part left out, those of the highest Pareto k first within each scheme, up to 300."""
-    every = pd.concat(
+    parts = pd.concat(
         [
             part.sort_values("pareto_k", ascending=False, kind="stable")
             for _, part in run.cross_validation.groupby("scheme", sort=False)
         ]
         or [run.cross_validation]
     )
-    ordered = every.groupby("scheme", sort=False).head(MOST_ROWS)
+    ordered = parts.groupby("scheme", sort=False).head(MOST_ROWS)
     return table_of(
         lines(ordered),
         Field("scheme", lambda line: line.scheme),
@@ -150,7 +150,7 @@ def left_out_table(run: FitRun) -> Table:
 def held_table(held: Mapping[Quantity, list[Held]]) -> Table:
     """How many intervals hold the known truth."""
     return table_of(
-        [(quantity, each) for quantity, found in held.items() for each in found],
+        [(quantity, held_by) for quantity, intervals in held.items() for held_by in intervals],
         Field("quantity", lambda row: row[0]),
         Field("interval", lambda row: f"{row[1].level} %", "number"),
         Field("hold the truth", lambda row: f"{row[1].held} of {row[1].impacts}", "number"),
@@ -160,7 +160,7 @@ def held_table(held: Mapping[Quantity, list[Held]]) -> Table:
 
 def population_names(run: FitRun) -> tuple[str, ...]:
     """The parameters of the population, covariates' effects among them, in the order of `summary.csv`."""
-    own = tuple(
+    stems_of_responses = tuple(
         f"{stem}_{quantity}"
         for stem in ("intercept", "mass_exponent", "sd_subject", "sd_trial", "sd_impact")
         for quantity in run.responses
@@ -174,4 +174,4 @@ def population_names(run: FitRun) -> tuple[str, ...]:
     further += [f"sd_{stem_of(group)}_{q}" for group in groupings(run) for q in run.responses]
     further += [f"sd_{slope.name}" for slope in own_slopes(run)]
     secants = ("mass_exponent_K_common_depth", "mass_exponent_K_secant")
-    return (*own, *further, *secants, *covariates, *others)
+    return (*stems_of_responses, *further, *secants, *covariates, *others)

@@ -83,34 +83,36 @@ _OWN_C = (
 def likelihood_words(run: FitRun) -> str:
     """What each trace is taken for."""
     met, noise = _element(run), _RECORDERS[recorder_noise(run)]
-    own = _OWN_K if met.name == SIDE_BY_SIDE else _OWN_C
-    besides = f" {_DISCREPANCY}{own}" if has_discrepancy(run) else ""
+    K_words = _OWN_K if met.name == SIDE_BY_SIDE else _OWN_C
+    additions = f" {_DISCREPANCY}{K_words}" if has_discrepancy(run) else ""
     if has_common_depth(run):
-        besides += f" K_common_depth is the force over the depth at {depth_words(run)} and at rest."
+        additions += f" K_common_depth is the force over the depth at {depth_words(run)} and at rest."
     if met.name != SIDE_BY_SIDE:
-        meanings = "; ".join(f"{each.name} ({each.unit}): {each.meaning}" for each in met.parameters)
+        meanings = "; ".join(
+            f"{parameter.name} ({parameter.unit}): {parameter.meaning}" for parameter in met.parameters
+        )
         return (
             f"Each impact's deceleration is that of a mass that meets this at the recorded velocity: "
             f"{met.title}; seen through an accelerometer with {noise}. {meanings}. K_secant, "
             "C_equivalent and energy_lost compare across elements: force over depth at the greatest depth, "
             "the damping beside a spring that loses as much by then, and the share of the energy that is "
-            f"gone when the impactor leaves; ω_n and ζ are those of K_secant and C_equivalent.{besides}"
+            f"gone when the impactor leaves; ω_n and ζ are those of K_secant and C_equivalent.{additions}"
         )
-    return _LIKELIHOODS.get(run.likelihood, "").format(noise=noise) + besides
+    return _LIKELIHOODS.get(run.likelihood, "").format(noise=noise) + additions
 
 
 def has_discrepancy(run: FitRun) -> bool:
     """Whether the fit has a force beside the element's."""
-    return bool(run.about.get("discrepancy"))
+    return bool(run.record.get("discrepancy"))
 
 
 def recorder_noise(run: FitRun) -> str:
     """The noise of the recorder as the model file names it: "white" or "autoregressive"."""
-    return str(run.about.get("model", {}).get("noise", "white"))
+    return str(run.record.get("model", {}).get("noise", "white"))
 
 
 def _element(run: FitRun) -> Element:
-    return element(run.about.get("model", {}).get("element", SIDE_BY_SIDE))
+    return element(run.record.get("model", {}).get("element", SIDE_BY_SIDE))
 
 
 def unused_priors(run: FitRun) -> tuple[str, ...]:
@@ -125,7 +127,7 @@ def unused_priors(run: FitRun) -> tuple[str, ...]:
 
 def signal_words(run: FitRun) -> str:
     """The window and the zero of the displacement."""
-    signal = run.about.get("model", {}).get("signal", {})
+    signal = run.record.get("model", {}).get("signal", {})
     window, zero = str(signal.get("window", "peak")), str(signal.get("equilibrium", "rest"))
     until = _WINDOWS.get(window, f"from contact to {window} of the time to zero velocity")
     text = f"The window goes {until}."
@@ -148,20 +150,20 @@ def limits(run: FitRun) -> list[str]:
 
 def thinned(run: FitRun) -> str:
     """What was kept of single impacts, where they are too many to keep everything; else empty."""
-    if run.kept is None:
+    if run.impact_draws is None:
         return ""
     drawn = (
         " The population itself was drawn by chains with independent proposals about its posterior mode, "
         "which many impacts make nearly normal."
-        if run.about.get("sampler_of_population") == "independence chains"
+        if run.record.get("sampler_of_population") == "independence chains"
         else ""
     )
     return (
-        f"Impacts are many. Of each of them {run.kept} draws are kept, evenly spaced among the population's, "
-        "of which all are kept; so few draws tell the ends of an impact's 90 % interval to "
-        f"{percent(_ERROR_OF_END / np.sqrt(run.kept))} of its width. Predictions, leaving one impact out "
-        f"and priors of impacts are of {len(run.predicted)} evenly spaced impacts; figures show at most a "
-        f"thousand.{drawn}"
+        f"Impacts are many. Of each of them {run.impact_draws} draws are kept, evenly spaced among the "
+        "population's, of which all are kept; so few draws tell the ends of an impact's 90 % interval to "
+        f"{percent(_ERROR_OF_END / np.sqrt(run.impact_draws))} of its width. Predictions, leaving one impact "
+        f"out and priors of impacts are of {len(run.predicted)} evenly spaced impacts; figures show at most "
+        f"a thousand.{drawn}"
     )
 
 
@@ -170,8 +172,8 @@ def coverage_table(run: FitRun) -> Table | None:
     if has_discrepancy(run) or recorder_noise(run) != "white":
         return None
     with COVERAGE.open(encoding="utf-8") as stream:
-        every = pd.read_csv(stream)
-    measured = lines(every[every["likelihood"] == run.likelihood])
+        coverage = pd.read_csv(stream)
+    measured = lines(coverage[coverage["likelihood"] == run.likelihood])
     table = table_of(
         measured,
         Field("quantity", lambda line: str(line.quantity)),

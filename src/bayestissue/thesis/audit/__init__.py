@@ -17,13 +17,16 @@ from bayestissue.thesis.audit import (  # noqa: F401 - importing a module regist
     models,
     people,
     physics,
-    rows,
     significance,
-    window,
 )
-from bayestissue.thesis.audit.findings import as_table
-from bayestissue.thesis.audit.impacts import GENERAL, read_impacts
-from bayestissue.thesis.audit.publication import PUBLISHED, read_publication, thickness
+from bayestissue.thesis.audit.findings import (
+    GENERAL,
+    PUBLISHED,
+    as_table,
+    read_impacts,
+    read_publication,
+    thickness,
+)
 from bayestissue.thesis.reproduction.agreement import decimals
 
 __all__ = ["GENERAL", "PUBLISHED", "audit_estimates", "audit_published"]

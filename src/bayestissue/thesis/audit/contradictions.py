@@ -6,8 +6,7 @@ from collections.abc import Iterator
 
 import pandas as pd
 
-from bayestissue.thesis.audit.findings import SEVERITIES, Finding, Severity
-from bayestissue.thesis.audit.publication import PUBLISHED, Publication
+from bayestissue.thesis.audit.findings import PUBLISHED, SEVERITIES, Finding, Publication, Severity
 from bayestissue.thesis.reproduction.agreement import decimals, half_unit
 
 
@@ -99,8 +98,11 @@ _RANGE = (
 )
 _RATIO = (lambda low, high: high / low, _rounding_of_ratio)
 _DERIVED = tuple(
-    (f"minimum{of}", f"maximum{of}", {f"range{of}": _RANGE, ratio: _RATIO})
-    for of, ratio in (("", "ratio of maximum to minimum"), (" of trial averages", "ratio of trial averages"))
+    (f"minimum{suffix}", f"maximum{suffix}", {f"range{suffix}": _RANGE, ratio: _RATIO})
+    for suffix, ratio in (
+        ("", "ratio of maximum to minimum"),
+        (" of trial averages", "ratio of trial averages"),
+    )
 )
 
 
@@ -116,12 +118,12 @@ def statements_that_contradict(publication: Publication) -> Iterator[Finding]:
         if len(positions) < 2:
             continue
         words = "; ".join(
-            f"{' and '.join(_place(one) for one in places)}: {position}"
+            f"{' and '.join(_location(one) for one in places)}: {position}"
             for position, places in positions.items()
         )
         first, last = said.iloc[0], said[said["position"] != said["position"].iloc[0]].iloc[0]
         yield Finding(
-            ", ".join(_place(place) for place in said["place"].unique()),
+            ", ".join(_location(location) for location in said["place"].unique()),
             str(topic),
             " / ".join(map(str, positions.index)),
             "one of them",
@@ -140,8 +142,8 @@ def _recomputed(publication: Publication, claims: pd.DataFrame) -> str:
     return "" if value.empty else f"{value.iloc[0]:.{claims['value_text'].map(decimals).max() + 1}f}"
 
 
-def _place(place: str) -> str:
-    return f"section {place}" if place[:1].isdigit() else place
+def _location(location: str) -> str:
+    return f"section {location}" if location[:1].isdigit() else location
 
 
 def _sections(claims: pd.DataFrame, text: str) -> str:

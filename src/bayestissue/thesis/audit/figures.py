@@ -7,8 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from bayestissue.thesis.audit.findings import Finding
-from bayestissue.thesis.audit.publication import PUBLISHED, Publication, each
+from bayestissue.thesis.audit.findings import PUBLISHED, Finding, Publication, named_rows
 from bayestissue.thesis.reproduction.agreement import agrees, decimals, half_unit
 from bayestissue.thesis.reproduction.conditions import QUANTITIES, conditions, unrounded_mass
 from bayestissue.thesis.reproduction.regressions import straight_line
@@ -27,20 +26,22 @@ def figures_that_do_not_follow(publication: Publication) -> Iterator[Finding]:
     Those of the running text are left to `claims_that_contradict` where it gives several values, and counts
     of variables to the checks in `significance` and `models`.
     """
-    found = _disagreements(publication)
+    disagreements = _disagreements(publication)
     claims = publication.tables.claims
     several = claims.groupby(["quantity", "statistic"])["value"].transform("nunique") > 1
     elsewhere = claims.loc[several | claims["statistic"].str.startswith("number of"), "claim"]
-    found = found[~found["last_digit"] & ~(found["of_text"] & found["row"].isin(elsewhere))]
-    for row in each(found):
+    disagreements = disagreements[
+        ~disagreements["last_digit"] & ~(disagreements["of_text"] & disagreements["row"].isin(elsewhere))
+    ]
+    for row in named_rows(disagreements):
         implied = f"{row.value:.{decimals(row.published) + 1}f}"
         yield Finding(
-            place(row.table),
+            table_words(row.table),
             row.quantity,
             row.published,
             implied,
-            f"The figure for {row.quantity} in {place(row.table)} is {row.published}; recomputed from the "
-            f"rows and averages it is {implied}, so the print is {_off(row.printed, row.value)}"
+            f"The figure for {row.quantity} in {table_words(row.table)} is {row.published}; recomputed from "
+            f"the rows and averages it is {implied}, so the print is {_off(row.printed, row.value)}"
             f"{_hint(row.note)}.",
             "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else None,
         )
@@ -53,21 +54,21 @@ def figures_that_do_not_follow(publication: Publication) -> Iterator[Finding]:
 )
 def last_digits(publication: Publication) -> Iterator[Finding]:
     """Figures of tables and equations one unit off in the last digit."""
-    every = publication.reproduction
-    found = _disagreements(publication)
-    found = found[found["last_digit"] & ~found["of_text"]]
-    if found.empty:
+    reproduction = publication.reproduction
+    disagreements = _disagreements(publication)
+    disagreements = disagreements[disagreements["last_digit"] & ~disagreements["of_text"]]
+    if disagreements.empty:
         return
-    compared = int((every["agrees"].notna() & ~every["table"].str.startswith("section")).sum())
-    towards_zero = int((found["printed"].abs() < found["value"].abs()).sum())
-    tables = {place(str(name)): len(rows) for name, rows in found.groupby("table", sort=False)}
+    compared = int((reproduction["agrees"].notna() & ~reproduction["table"].str.startswith("section")).sum())
+    towards_zero = int((disagreements["printed"].abs() < disagreements["value"].abs()).sum())
+    tables = {table_words(str(name)): len(rows) for name, rows in disagreements.groupby("table", sort=False)}
     yield Finding(
         ", ".join(tables),
         "last digits",
-        f"{len(found)} of {compared} figures",
+        f"{len(disagreements)} of {compared} figures",
         f"{towards_zero} too near to zero",
-        f"{len(found)} of the {compared} figures in tables and equations that can be recomputed are one "
-        "unit off in the last digit "
+        f"{len(disagreements)} of the {compared} figures in tables and equations that can be recomputed are "
+        "one unit off in the last digit "
         f"({', '.join(f'{count} in {name}' for name, count in tables.items())}), {towards_zero} of them "
         "towards zero: digits were cut off where they should have been rounded.",
     )
@@ -86,19 +87,21 @@ def masses_behind_the_regression(publication: Publication) -> Iterator[Finding]:
         exact = unrounded_mass(table)
         if exact is None:
             return
-        printed, other = (straight_line(table, mass).params["const"] for mass in (table["mass_kg"], exact))
+        printed, unrounded = (
+            straight_line(table, mass).params["const"] for mass in (table["mass_kg"], exact)
+        )
         constant = terms[terms["term"] == "constant"].iloc[0]
         text = constant["coefficient_text"]
-        if agrees(text, printed) or not agrees(text, other):
+        if agrees(text, printed) or not agrees(text, unrounded):
             continue
         velocity = np.unique(np.sqrt(2 * table["energy_J"] / exact).round(6))
         yield Finding(
             "section 5.4, Table 5.10",
             f"masses in the equation of {quantity}",
             f"constant {text}",
-            f"{other:.4f}, or {printed:.4f} with the printed masses",
+            f"{unrounded:.4f}, or {printed:.4f} with the printed masses",
             f"The constant of the equation of {quantity}, {text}, follows from masses 2E/V² with V = "
-            f"{', '.join(f'{value:g}' for value in velocity)} m/s ({other:.4f}), not from the printed "
+            f"{', '.join(f'{value:g}' for value in velocity)} m/s ({unrounded:.4f}), not from the printed "
             f"masses, which are those cut off after three decimals ({printed:.4f}), and not from the "
             "velocities printed beside them.",
         )
@@ -124,7 +127,7 @@ def impossible_spread(publication: Publication) -> Iterator[Finding]:
             if low - slack <= row["sd"] <= high + slack:
                 continue
             yield Finding(
-                place(row["table"]),
+                table_words(row["table"]),
                 f"spread of {quantity}, trial {trial}",
                 f"sd {row['sd_text']}, range {row['range_text']}",
                 f"sd from {low:.3f} to {high:.3f}",
@@ -148,7 +151,7 @@ def uneven_digits(publication: Publication) -> Iterator[Finding]:
                 if odd.empty:
                     continue
                 yield Finding(
-                    place(str(table)),
+                    table_words(str(table)),
                     f"digits of the column {column}",
                     ", ".join(odd),
                     f"{usual} decimals",
@@ -173,7 +176,7 @@ def _disagreements(publication: Publication) -> pd.DataFrame:
     return lines.assign(last_digit=(lines["printed"] - lines["value"]).abs() <= unit + 1e-9)
 
 
-def place(table: str) -> str:
+def table_words(table: str) -> str:
     """Where ``table`` of the reproduction stands, in words."""
     if table.startswith("equation"):
         return f"the {table}"

@@ -1,12 +1,19 @@
-"""What a check reports, and the table of all reports with the worst first."""
+"""What an audit looks at, and what its checks report: both kinds of subject, lists of checks, findings."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
-from typing import Literal, get_args
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, Literal, get_args
 
+import numpy as np
 import pandas as pd
+from jaxtyping import Float
+
+from bayestissue.dataset.published import PublishedTables
+from bayestissue.errors import InputError, Problem
+from bayestissue.thesis.reproduction import reproduce_published
 
 Severity = Literal["major", "minor", "note"]
 Bearing = Literal["tissue", "physics", "inputs", "method", "conclusions", "tables", "wording"]
@@ -44,3 +51,213 @@ def as_table(graded: Iterable[Finding]) -> pd.DataFrame:
     ranked = sorted(graded, key=lambda one: (SEVERITIES.index(one.severity), BEARINGS.index(one.bearing)))
     rows = [[getattr(one, name) for name in COLUMNS] for one in ranked]
     return pd.DataFrame(rows, columns=list(COLUMNS), dtype="str")
+
+
+@dataclass(frozen=True)
+class Check[Subject]:
+    """A named check, how serious its findings are, and why."""
+
+    name: str
+    look: Callable[[Subject], Iterable[Finding]]
+    severity: Severity
+    bearing: Bearing
+    reason: str
+
+
+class Registry[Subject]:
+    """Checks of one kind of subject, in the order in which they were registered."""
+
+    def __init__(self) -> None:
+        self.checks: dict[str, Check[Subject]] = {}
+
+    def check(
+        self, *, severity: Severity, bearing: Bearing, reason: str
+    ) -> Callable[[Callable[[Subject], Iterable[Finding]]], Callable[[Subject], Iterable[Finding]]]:
+        """Register a function that yields a finding for everything it does not believe.
+
+        Args:
+            severity: of its findings, unless a finding says otherwise.
+            bearing: what its findings put in doubt; among equals in severity this decides which comes first.
+            reason: why they are that serious, in one sentence.
+        """
+
+        def register(look: Callable[[Subject], Iterable[Finding]]) -> Callable[[Subject], Iterable[Finding]]:
+            name = look.__name__
+            if name in self.checks:
+                raise ValueError(f"a check named {name} is registered already")
+            self.checks[name] = Check(name, look, severity, bearing, reason)
+            return look
+
+        return register
+
+    def run(self, subject: Subject) -> Iterator[Finding]:
+        """Every finding of every check on ``subject``, with its severity and what it bears on."""
+        for check in self.checks.values():
+            for finding in check.look(subject):
+                severity = finding.severity or check.severity
+                yield replace(finding, severity=severity, bearing=check.bearing)
+
+
+_SAME = {"K": "K_N_per_m", "C": "C_N_s_per_m"}
+_NEEDED = ("subject", "trial", "mass_kg", "velocity_m_s", "K", "C")
+_OPTIONAL = ("energy_J", "peak_displacement_m", "time_to_peak_s")
+
+GENERAL: Registry[Impacts] = Registry()
+"""Checks that any laboratory's estimates can be put to."""
+
+
+@dataclass(frozen=True, eq=False)
+class Impacts:
+    """Estimates with what was measured beside them.
+
+    Attributes:
+        rows: columns subject, trial, mass_kg, velocity_m_s, K (N/m), C (N s/m), and those of energy_J,
+            peak_displacement_m and time_to_peak_s that are known; finite and positive throughout.
+        where: how findings name the table.
+        conditions: the trials' energy_J (if known), velocity_m_s and mass_kg; may name trials without rows.
+        left_out: rows dropped because K, C, mass or velocity was missing or not above zero.
+        below_zero: those among them that have all four, but a K or C that is not above zero.
+        tissue_m: greatest thickness of the tissue, in m, where it is known.
+        digits: number of decimals that K and C were printed with; None if they were not rounded.
+    """
+
+    rows: pd.DataFrame
+    conditions: pd.DataFrame
+    where: str = "estimates"
+    left_out: int = 0
+    tissue_m: float | None = None
+    digits: int | None = None
+    below_zero: int = 0
+
+    @cached_property
+    def omega_n(self) -> Float[np.ndarray, " impact"]:
+        """ω_n = √(K/M), rad/s (thesis 2.12)."""
+        return np.sqrt(self.rows["K"].to_numpy() / self.rows["mass_kg"].to_numpy())
+
+    @cached_property
+    def zeta(self) -> Float[np.ndarray, " impact"]:
+        """ζ = C / (2√(KM)) (thesis 2.12)."""
+        rows = self.rows
+        return rows["C"].to_numpy() / (2 * np.sqrt(rows["K"].to_numpy() * rows["mass_kg"].to_numpy()))
+
+
+def read_impacts(
+    frame: pd.DataFrame,
+    *,
+    conditions: pd.DataFrame | None = None,
+    where: str = "estimates",
+    tissue_m: float | None = None,
+    digits: int | None = None,
+) -> Impacts:
+    """Take what the checks need from a table such as `estimates.csv`.
+
+    K and C may also be called K_N_per_m and C_N_s_per_m. ``conditions``, one row per trial, is made from
+    the rows unless given.
+
+    Raises:
+        InputError: a column is missing, or fewer than two rows are usable.
+    """
+    frame = frame.rename(columns={long: short for short, long in _SAME.items() if short not in frame})
+    missing = [column for column in _NEEDED if column not in frame]
+    if missing:
+        remedy = f"Add it: the audit needs {', '.join(_NEEDED)}."
+        long_name = {column: f" (or {long})" for column, long in _SAME.items()}
+        raise InputError(
+            Problem(
+                where, f"this column{long_name.get(name, '')}", remedy, column=name, code="published-table"
+            )
+            for name in missing
+        )
+    rows = frame[[column for column in (*_NEEDED, *_OPTIONAL) if column in frame]].copy()
+    numbers = list(_NEEDED[2:])
+    rows[numbers] = rows[numbers].apply(pd.to_numeric, errors="coerce")
+    usable = np.isfinite(rows[numbers]).all(axis=1) & (rows[numbers] > 0).all(axis=1)
+    if usable.sum() < 2:
+        expected = "at least two rows whose mass, velocity, K and C are above zero"
+        remedy, count = (
+            "Check the estimates that the table comes from.",
+            f"{usable.sum()} of {len(rows)} rows",
+        )
+        raise InputError(Problem(where, expected, remedy, value=count, code="published-table"))
+    below = np.isfinite(rows[numbers]).all(axis=1) & (rows[["K", "C"]] <= 0).any(axis=1)
+    rows, left_out = rows[usable].reset_index(drop=True), int((~usable).sum())
+    if conditions is None:
+        columns = [column for column in ("energy_J", "velocity_m_s", "mass_kg") if column in rows]
+        conditions = rows.groupby("trial")[columns].mean()
+    return Impacts(rows, conditions, where, left_out, tissue_m, digits, int(below.sum()))
+
+
+@GENERAL.check(severity="note", bearing="tables", reason="what is left out can't be judged")
+def rows_left_out(impacts: Impacts) -> Iterator[Finding]:
+    """Rows without a usable K, C, mass or velocity."""
+    if impacts.left_out:
+        total = impacts.left_out + len(impacts.rows)
+        yield Finding(
+            impacts.where,
+            "rows without a usable estimate",
+            str(total),
+            str(len(impacts.rows)),
+            f"{impacts.left_out} of {total} rows have no K, C, mass or velocity above zero; "
+            "everything below is about the others.",
+        )
+
+
+_COLUMNS = ("topic", "place", "position", "weight", "sentence")
+
+PUBLISHED: Registry[Publication] = Registry()
+"""Checks of a publication: its tables against each other and against its text."""
+
+
+def named_rows(frame: pd.DataFrame) -> Iterator[Any]:
+    """The rows of ``frame`` as named tuples, whose fields no type checker knows."""
+    return iter(frame.itertuples())
+
+
+@dataclass(frozen=True)
+class Publication:
+    """What a check of a publication gets to see.
+
+    Attributes:
+        tables: the published tables.
+        statements: what the text says in words: topic, place, position (two positions on one topic
+            contradict each other), weight (the severity of that) and sentence; may be empty.
+    """
+
+    tables: PublishedTables
+    statements: pd.DataFrame
+
+    @cached_property
+    def reproduction(self) -> pd.DataFrame:
+        """Every printed number beside the recomputed one; see `reproduce_published`."""
+        return reproduce_published(self.tables)
+
+    def claims(self, quantity: str, statistic: str) -> pd.DataFrame:
+        """The claims of the text about one figure, in the order of the text."""
+        claims = self.tables.claims
+        return claims[(claims["quantity"] == quantity) & (claims["statistic"] == statistic)]
+
+
+def thickness(claims: pd.DataFrame) -> tuple[float, pd.DataFrame]:
+    """The greatest skin and muscle thickness that the text states, together, in m, and the claims of it."""
+    layers = claims[claims["quantity"].str.endswith("thickness") & claims["statistic"].eq("maximum (mm)")]
+    return float(layers["value"].sum()) / 1000, layers
+
+
+def read_publication(tables: PublishedTables) -> Publication:
+    """Add ``statements.csv``, where it lies beside the tables.
+
+    Raises:
+        InputError: the file lacks a column.
+    """
+    path = tables.folder / "statements.csv"
+    if not path.is_file():
+        return Publication(tables, pd.DataFrame(columns=list(_COLUMNS)))
+    statements = pd.read_csv(path, dtype=str, keep_default_na=False)
+    missing = [column for column in _COLUMNS if column not in statements]
+    if missing:
+        remedy = "Compare it with data/published."
+        raise InputError(
+            Problem(str(path), "this column", remedy, column=column, code="published-table")
+            for column in missing
+        )
+    return Publication(tables, statements)

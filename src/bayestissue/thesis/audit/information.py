@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 from itertools import combinations
 
 import numpy as np
@@ -15,8 +15,8 @@ from scipy import stats
 from statsmodels.tools.sm_exceptions import ConvergenceWarning
 
 from bayestissue.outline import first_of
-from bayestissue.thesis.audit.findings import Finding
-from bayestissue.thesis.audit.impacts import GENERAL, Impacts
+from bayestissue.signal.integration import trapezoids
+from bayestissue.thesis.audit.findings import GENERAL, Finding, Impacts
 
 _NAMED = 12
 
@@ -208,23 +208,101 @@ def equal_masses_at_other_energies(impacts: Impacts) -> Iterator[Finding]:
     conditions = impacts.rows.groupby("trial")[["mass_kg", "energy_J", "K"]].mean()
     pairs = []
     for first, second in combinations(conditions.index, 2):
-        one, other = conditions.loc[first], conditions.loc[second]
-        change = other / one - 1
+        lower, higher = conditions.loc[first], conditions.loc[second]
+        change = higher / lower - 1
         if abs(change["mass_kg"]) < 0.03 and abs(change["energy_J"]) > 0.2 and abs(change["K"]) < 0.03:
-            pairs.append((f"{first} and {second}", one, other, change))
+            pairs.append((f"{first} and {second}", lower, higher, change))
     if not pairs:
         return
     words = "; ".join(
-        f"trials {names}: {one['mass_kg']:g} and {other['mass_kg']:g} kg, energy {change['energy_J']:+.0%}, "
-        f"K {change['K']:+.1%}"
-        for names, one, other, change in pairs
+        f"trials {names}: {lower['mass_kg']:g} and {higher['mass_kg']:g} kg, energy {change['energy_J']:+.0%}"
+        f", K {change['K']:+.1%}"
+        for names, lower, higher, change in pairs
     )
     yield Finding(
         impacts.where,
         "K of equal masses at different energies",
-        "; ".join(f"{one['K']:.3f} and {other['K']:.3f}" for _, one, other, _ in pairs),
+        "; ".join(f"{lower['K']:.3f} and {higher['K']:.3f}" for _, lower, higher, _ in pairs),
         "; ".join(f"{change['K']:+.1%}" for *_, change in pairs),
         "Where two conditions have nearly the same mass, K is the same however hard and fast the blow "
         f"({words}). Tissue or muscle that stiffens under a harder blow would answer to its energy; K "
         "answers to the mass alone.",
+    )
+
+
+_STEPS = 2001
+
+
+def centred_fit(
+    velocity: Float[np.ndarray, "pulse time"], deceleration: Float[np.ndarray, "pulse time"]
+) -> tuple[Float[np.ndarray, " pulse"], Float[np.ndarray, " pulse"]]:
+    """(ω_n T, ζ) of the least squares fit x″ + 2ζω_n x′ + ω_n² (x − x̄) = 0 on a window of length T.
+
+    This is the limit, for dense sampling and θ1 = 0, of the thesis's conditional regression on the
+    deviations from the sample mean (sections 2.3 and 2.11). Time runs from 0 to 1 in equal steps along the
+    last axis; velocities and decelerations may be in any consistent unit, since both results are free of it.
+    ω_n T is NaN where the fitted ω_n² is negative.
+    """
+    step = 1 / (velocity.shape[-1] - 1)
+    depth = trapezoids(velocity, step)
+    depth -= np.trapezoid(depth, dx=step, axis=-1)[..., None]
+    vv, vx, xx, dv, dx = (
+        np.trapezoid(product, dx=step, axis=-1)
+        for product in (
+            velocity * velocity,
+            velocity * depth,
+            depth * depth,
+            deceleration * velocity,
+            deceleration * depth,
+        )
+    )
+    determinant = vv * xx - vx * vx
+    damping = (dv * xx - dx * vx) / determinant
+    squared = (dx * vv - dv * vx) / determinant
+    omega = np.sqrt(np.where(squared > 0, squared, np.nan))
+    return omega, damping / (2 * omega)
+
+
+@cache
+def made_up_pulses() -> tuple[Float[np.ndarray, "pulse time"], Float[np.ndarray, "pulse time"]]:
+    """Velocity and deceleration, from contact to rest, of blows of very different shape.
+
+    Bells exp(−(s − c)²/2w²) with the greatest deceleration anywhere from a third of the way to well after
+    the end of the window, and broad to narrow, each scaled to bring the impactor to rest at s = 1.
+    """
+    time = np.linspace(0, 1, _STEPS)
+    centre, width = (
+        grid.reshape(-1, 1) for grid in np.meshgrid(np.linspace(0.4, 1.2, 9), (0.25, 0.3, 0.4, 0.5))
+    )
+    bell = np.exp(-((time - centre) ** 2) / (2 * width**2))
+    lost = trapezoids(bell, 1 / (_STEPS - 1))
+    return 1 - lost / lost[:, -1:], bell / lost[:, -1:]
+
+
+@GENERAL.check(
+    severity="minor",
+    bearing="method",
+    reason="it shows where the one natural frequency may come from; only the recordings could prove it",
+)
+def frequency_of_the_window(impacts: Impacts) -> Iterator[Finding]:
+    """A natural frequency that is the same for all may be the reciprocal of the window."""
+    exponent = mass_exponent(impacts)
+    if exponent is None or not exponent.is_one or variation(impacts.omega_n) > 0.1:
+        return
+    product, zeta = centred_fit(*made_up_pulses())
+    low, high = float(np.nanmin(product)), float(np.nanmax(product))
+    omega = float(np.median(impacts.omega_n))
+    mass = impacts.conditions["mass_kg"]
+    yield Finding(
+        impacts.where,
+        "natural frequency and length of the window",
+        f"ω_n = {omega:.2f} rad/s (median)",
+        f"window of {low / omega:.2f} to {high / omega:.2f} s for every impact",
+        f"A fit about the sample mean from contact to peak gives ω_n T between {low:.2f} and {high:.2f} "
+        f"(and ζ between {zeta.min():.2f} and {zeta.max():.2f}) for {len(product)} made-up blows of quite "
+        "different shape, T being the length of the window: what comes out is the window, whatever the "
+        f"tissue. ω_n = {omega:.2f} rad/s belongs to T = {low / omega:.2f} to {high / omega:.2f} s for "
+        "every mass, where a tissue of fixed stiffness would make the heaviest take "
+        f"{np.sqrt(mass.max() / mass.min()):.2f} times as long as the lightest: time seems to have been "
+        "counted in a unit of each impact's own length.",
     )

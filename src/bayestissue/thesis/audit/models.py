@@ -6,11 +6,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from bayestissue.thesis.audit.findings import Finding
-from bayestissue.thesis.audit.publication import PUBLISHED, Publication, each, thickness
-from bayestissue.thesis.reproduction.conditions import QUANTITIES, conditions
+from bayestissue.thesis.audit.findings import PUBLISHED, Finding, Publication, named_rows, thickness
+from bayestissue.thesis.reproduction.conditions import QUANTITIES, conditions, factors
 from bayestissue.thesis.reproduction.correlations import correlation_of_impacts
-from bayestissue.thesis.reproduction.covariates import factors
 
 
 @PUBLISHED.check(
@@ -123,7 +121,7 @@ def one_variable_under_two_names(publication: Publication) -> Iterator[Finding]:
 def variables_offered(publication: Publication) -> Iterator[Finding]:
     """The number of variables that the stepwise analysis is said to have had, against its table."""
     claims = publication.claims("design", "number of variables available to the stepwise analysis")
-    for claim in each(claims):
+    for claim in named_rows(claims):
         listed = {
             str(quantity): set(rows["variable"].map(factors))
             for quantity, rows in publication.tables.stepwise.groupby("quantity", sort=False)
@@ -131,11 +129,11 @@ def variables_offered(publication: Publication) -> Iterator[Finding]:
         counts = {quantity: len(names) for quantity, names in listed.items()}
         if set(counts.values()) == {claim.value}:
             continue
-        every = set().union(*listed.values())
+        all_names = set().union(*listed.values())
         missing = {
-            quantity: ", ".join(sorted(" × ".join(key) for key in every - names))
+            quantity: ", ".join(sorted(" × ".join(key) for key in all_names - names))
             for quantity, names in listed.items()
-            if every - names
+            if all_names - names
         }
         words = "; ".join(f"{names} is missing for {quantity}" for quantity, names in missing.items())
         yield Finding(

@@ -1,16 +1,16 @@
-"""Whether the people can be told apart by their estimates."""
+"""Whether people can be told apart by their estimates, and whether rows look copied."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import comb
 
 import numpy as np
 import pandas as pd
 from scipy import stats
 
-from bayestissue.thesis.audit.findings import Finding
-from bayestissue.thesis.audit.impacts import GENERAL, Impacts
+from bayestissue.thesis.audit.findings import GENERAL, Finding, Impacts
 
 _EXACT = 1e-9
 """Logarithms that differ by less differ by rounding errors only, as in estimates without noise."""
@@ -52,10 +52,10 @@ def agreement(impacts: Impacts, quantity: str) -> Agreement | None:
         return None
     centred = table - table.mean()
     people = k * centred.mean(axis=1).pow(2).sum() / (n - 1)
-    rest = centred.sub(centred.mean(axis=1), axis=0).pow(2).to_numpy().sum() / ((n - 1) * (k - 1))
-    if rest < _EXACT**2:
+    residual = centred.sub(centred.mean(axis=1), axis=0).pow(2).to_numpy().sum() / ((n - 1) * (k - 1))
+    if residual < _EXACT**2:
         return None
-    ratio = people / rest
+    ratio = people / residual
     degrees = (n - 1, (n - 1) * (k - 1))
     upper = ratio * stats.f.ppf(0.975, degrees[1], degrees[0])
     ranks = np.corrcoef(table.rank().to_numpy().T)
@@ -76,27 +76,27 @@ def agreement(impacts: Impacts, quantity: str) -> Agreement | None:
 )
 def people_not_told_apart(impacts: Impacts) -> Iterator[Finding]:
     """The same people, struck again, do not come out in the same order."""
-    found = {quantity: agreement(impacts, quantity) for quantity in ("K", "C")}
-    alike = {
+    agreements = {quantity: agreement(impacts, quantity) for quantity in ("K", "C")}
+    indistinct = {
         name: one
-        for name, one in found.items()
+        for name, one in agreements.items()
         if one is not None and one.p_value > 0.05 and one.high < _TELLING
     }
-    if not alike:
+    if not indistinct:
         return
-    some = next(iter(alike.values()))
-    names = " or ".join(alike)
+    size = next(iter(indistinct.values()))
+    names = " or ".join(indistinct)
     figures = "; ".join(
         f"{name}: mean rank correlation between trials {one.rank_correlation:.2f}, p = {one.p_value:.2f}"
-        for name, one in alike.items()
+        for name, one in indistinct.items()
     )
     yield Finding(
         impacts.where,
         f"{names} of the same person in other trials",
-        f"{some.people} people, {some.conditions} trials",
+        f"{size.people} people, {size.conditions} trials",
         "; ".join(
             f"{name}: intraclass correlation {one.correlation:.2f}, at most {one.high:.2f}"
-            for name, one in alike.items()
+            for name, one in indistinct.items()
         ),
         f"Whoever has a high {names} in one trial has no higher one than others in the next ({figures}, F "
         "test of differences between people). Either the people hardly differ, or the estimates do not "
@@ -160,3 +160,95 @@ def unequal_scatter(impacts: Impacts) -> Iterator[Finding]:
             f"p = {test.pvalue:.1g}); least squares with one residual variance gives the noisy trials too "
             f"much weight.",
         )
+
+
+@GENERAL.check(
+    severity="minor",
+    bearing="tables",
+    reason="one impact less changes the averages of its trial, not the conclusions",
+)
+def rows_that_stand_twice(impacts: Impacts) -> Iterator[Finding]:
+    """Two people with the same K and the same C in one trial."""
+    keys = ["trial", "K", "C"]
+    again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
+    for (trial, stiffness, damping), rows in again.groupby(keys):
+        people = _names(rows)
+        chance = _chance_of_a_pair(impacts, "K", trial) * _chance_of_a_pair(impacts, "C", trial)
+        likely = comb(int((impacts.rows["trial"] == trial).sum()), 2) * chance
+        yield Finding(
+            impacts.where,
+            f"trial {trial}, subjects {people}",
+            f"K = {stiffness:g}, C = {damping:g} for each",
+            f"chance of such a pair {likely:.1g}" if likely else "no chance",
+            f"Subjects {people} of trial {trial} have the same K and the same C to the last digit. Among the "
+            f"people of that trial such a pair would come about by chance {_how_often(likely)}; one row is "
+            f"probably a copy of the other.",
+        )
+
+
+@GENERAL.check(
+    severity="note",
+    bearing="tables",
+    reason="it may be chance; the C beside it differs",
+)
+def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Finding]:
+    """The same K with another C, where the printed digits make that unlikely."""
+    keys = ["trial", "K"]
+    again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
+    sizes = impacts.rows["trial"].value_counts().to_dict()
+    for (trial, stiffness), rows in again.groupby(keys):
+        likely = comb(int(sizes[trial]), 2) * _chance_of_a_pair(impacts, "K", trial)
+        if likely > 0.1 or rows["C"].duplicated(keep=False).all():
+            continue
+        people = _names(rows)
+        values = " and ".join(f"{value:g}" for value in rows["C"])
+        yield Finding(
+            impacts.where,
+            f"trial {trial}, subjects {people}",
+            f"K = {stiffness:g} for each",
+            f"chance of such a pair {likely:.1g}",
+            f"Subjects {people} of trial {trial} share K = {stiffness:g} to the last digit while their "
+            f"C is {values}; in this trial two equal K's come about {_how_often(likely)}.",
+        )
+
+
+@GENERAL.check(
+    severity="minor",
+    bearing="tables",
+    reason="a row copied from another trial belongs to another mass",
+)
+def estimates_in_two_trials(impacts: Impacts) -> Iterator[Finding]:
+    """The same K and the same C in trials of different mass."""
+    again = impacts.rows[impacts.rows.duplicated(["K", "C"], keep=False)]
+    across = again.groupby(["K", "C"]).filter(lambda rows: len(rows["trial"].unique()) > 1)
+    if not across.empty:
+        yield Finding(
+            impacts.where,
+            "equal estimates in different trials",
+            f"{len(across)} rows",
+            "no two expected",
+            f"{len(across)} rows share K and C to the last digit with a row of another trial (trials "
+            f"{', '.join(str(trial) for trial in across['trial'].unique())}), where the mass differs.",
+        )
+
+
+def _chance_of_a_pair(impacts: Impacts, quantity: str, trial: object) -> float:
+    """Chance that two values of ``quantity`` in ``trial`` print alike, if they were normal.
+
+    The difference of two has density 1/(2 s √π) at zero, times the width of the last digit.
+    """
+    values = impacts.rows.loc[impacts.rows["trial"] == trial, quantity]
+    if impacts.digits is None:
+        return 0.0
+    scatter = float(values.std(ddof=1))
+    if not scatter > 0:
+        return 1.0
+    return float(min(1, 10.0**-impacts.digits * stats.norm.pdf(0) / (np.sqrt(2) * scatter)))
+
+
+def _how_often(likely: float) -> str:
+    return f"once in {float(f'{1 / likely:.1e}'):,.0f} such trials" if likely > 1e-6 else "practically never"
+
+
+def _names(rows: pd.DataFrame) -> str:
+    return " and ".join(str(subject) for subject in rows["subject"])

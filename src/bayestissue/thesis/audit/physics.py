@@ -9,8 +9,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.oscillator import peak_displacement, time_to_peak
-from bayestissue.thesis.audit.findings import Finding
-from bayestissue.thesis.audit.impacts import GENERAL, Impacts
+from bayestissue.thesis.audit.findings import GENERAL, Finding, Impacts
 
 THICKEST_TISSUE_M = 0.05
 """Taken where the thickness isn't known: more than the soft tissue over any bone of the arm or leg."""

@@ -8,11 +8,9 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from bayestissue.thesis.audit.findings import Finding
-from bayestissue.thesis.audit.publication import PUBLISHED, Publication, each
-from bayestissue.thesis.reproduction.conditions import Quantity, conditions, grand_mean
+from bayestissue.thesis.audit.findings import PUBLISHED, Finding, Publication, named_rows
+from bayestissue.thesis.reproduction.conditions import Quantity, conditions, factors, grand_mean, has_mass
 from bayestissue.thesis.reproduction.correlations import correlation_of_impacts, p_value
-from bayestissue.thesis.reproduction.covariates import factors, has_mass
 
 LEVEL = 0.05
 _ALL_IMPACTS = "5.12"
@@ -27,7 +25,7 @@ _ONLY = re.compile(r"\bonly\b.*\bstatistically significant")
 def not_significant_after_all(publication: Publication) -> Iterator[Finding]:
     """A correlation listed among the significant ones with a p-value that is not."""
     table = publication.tables.correlations.dropna(subset=["p_value"])
-    for claim in each(publication.tables.claims):
+    for claim in named_rows(publication.tables.claims):
         name = claim.statistic.removeprefix("correlation with ")
         row = table[(table["quantity"] == claim.quantity) & (table["variable"] == name)]
         if "statistically significant" not in claim.sentence or row.empty:
@@ -56,12 +54,12 @@ def not_significant_after_all(publication: Publication) -> Iterator[Finding]:
 )
 def not_the_only_one(publication: Publication) -> Iterator[Finding]:
     """A variable called the only significant one, while others are."""
-    for claim in each(publication.tables.claims):
+    for claim in named_rows(publication.tables.claims):
         said = claim.statistic.removeprefix("correlation with ")
         if said == claim.statistic or not _ONLY.search(claim.sentence):
             continue
-        found = _recomputed(publication, claim.quantity)
-        others = found[(found["p"] < LEVEL) & (found.index != said)]
+        recomputed = _recomputed(publication, claim.quantity)
+        others = recomputed[(recomputed["p"] < LEVEL) & (recomputed.index != said)]
         if others.empty:
             continue
         words = ", ".join(f"{name} {row['r']:.3f}" for name, row in others.head(4).iterrows())
@@ -69,11 +67,12 @@ def not_the_only_one(publication: Publication) -> Iterator[Finding]:
             f"section {claim.section}",
             f"variables significant for {claim.quantity}",
             f"{said} only",
-            f"{len(others) + 1} of {len(found)}",
+            f"{len(others) + 1} of {len(recomputed)}",
             f"Section {claim.section} calls {said} the only variable significantly correlated with "
             f"{claim.quantity}. From the averages and standard deviations of the trials {len(others)} more "
-            f"of {len(found)} variables are significant among all {_impacts(publication, claim.quantity)} "
-            f"impacts ({words}; the largest p is {others['p'].max():.1g}).",
+            f"of {len(recomputed)} variables are significant among all "
+            f"{_impacts(publication, claim.quantity)} impacts ({words}; "
+            f"the largest p is {others['p'].max():.1g}).",
         )
 
 
@@ -85,7 +84,7 @@ def not_the_only_one(publication: Publication) -> Iterator[Finding]:
 def highest_correlations(publication: Publication) -> Iterator[Finding]:
     """Mass said to be in each of the n highest correlations."""
     claims = publication.tables.claims
-    for claim in each(claims[claims["statistic"] == "highest correlations with mass as a component"]):
+    for claim in named_rows(claims[claims["statistic"] == "highest correlations with mass as a component"]):
         count = int(claim.value)
         for table, rows in _tables_of(publication, claim.quantity):
             top = rows.abs().sort_values(ascending=False).head(count)
@@ -120,17 +119,17 @@ def correlation_with_a_sum(publication: Publication) -> Iterator[Finding]:
             parts = [part.strip() for part in str(name).split("+")]
             if len(parts) != 2 or not set(parts) <= set(values.index):
                 continue
-            one, other = (values.loc[part] for part in parts)
-            least = min(abs(one["correlation"]), abs(other["correlation"]))
-            if one["correlation"] * other["correlation"] <= 0 or abs(row["correlation"]) >= least - 0.002:
+            first, second = (values.loc[part] for part in parts)
+            least = min(abs(first["correlation"]), abs(second["correlation"]))
+            if first["correlation"] * second["correlation"] <= 0 or abs(row["correlation"]) >= least - 0.002:
                 continue
             yield Finding(
                 f"Table {table}",
                 f"correlation of {quantity} with {row['variable']}",
                 row["correlation_text"],
                 f"at least {least:.3f} in size",
-                f"Table {table} gives {one['correlation_text']} for {one['variable']}, "
-                f"{other['correlation_text']} for {other['variable']} and {row['correlation_text']} for "
+                f"Table {table} gives {first['correlation_text']} for {first['variable']}, "
+                f"{second['correlation_text']} for {second['variable']} and {row['correlation_text']} for "
                 "their sum. The correlation with a sum of two variables can't be weaker than both when "
                 f"they have the same sign: it is at least {least:.3f} in size.",
             )
@@ -149,7 +148,7 @@ def personal_factors_of_averages(publication: Publication) -> Iterator[Finding]:
     people = publication.tables.estimates.groupby("trial")["subject"].agg(frozenset)
     if personal.empty or len(people.unique()) > 1:
         return
-    values = ", ".join(f"{row.variable} {row.correlation_text}" for row in each(personal))
+    values = ", ".join(f"{row.variable} {row.correlation_text}" for row in named_rows(personal))
     tables = " and ".join(personal["table"].unique())
     yield Finding(
         f"Tables {tables}",
@@ -175,7 +174,7 @@ def sign_of_a_personal_factor(publication: Publication) -> Iterator[Finding]:
     coefficient is r s_y / s_x whether mass is in the equation or not.
     """
     tables = publication.tables
-    for row in each(tables.regressions):
+    for row in named_rows(tables.regressions):
         if row.term != "SFT":
             continue
         listed = tables.correlations.query("quantity == @row.quantity and table == @_ALL_IMPACTS")
@@ -204,8 +203,8 @@ def _recomputed(publication: Publication, quantity: Quantity) -> pd.DataFrame:
     table = conditions(publication.tables, quantity)
     listed = publication.tables.correlations
     names = listed.loc[listed["table"] == _ALL_IMPACTS, "variable"]
-    found = {name: correlation_of_impacts(name, table).value for name in names}
-    r = pd.Series({name: value for name, value in found.items() if value is not None}, dtype="float64")
+    correlations = {name: correlation_of_impacts(name, table).value for name in names}
+    r = pd.Series({name: value for name, value in correlations.items() if value is not None}, dtype="float64")
     count = float(table["impacts"].sum())
     frame = pd.DataFrame({"r": r, "p": [p_value(value, count) for value in r]})
     return frame.loc[r.abs().sort_values(ascending=False).index]

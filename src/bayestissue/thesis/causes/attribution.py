@@ -97,19 +97,19 @@ def _probabilities(
     unseen, said = np.zeros((len(cause), number)), np.zeros((FOLDS * _NETWORKS, number))
     # Neighbours in the table are of different causes, so every fold has all of them.
     fold = np.arange(len(cause)) // number % FOLDS
-    for each in range(FOLDS * _NETWORKS):
-        mine = fold == each % FOLDS
-        network = _network(seed * FOLDS * _NETWORKS + each)
+    for k in range(FOLDS * _NETWORKS):
+        mine = fold == k % FOLDS
+        network = _network(seed * FOLDS * _NETWORKS + k)
         _fit(network, inside[~mine], cause[~mine])
         classes = network.classes_
         unseen[np.ix_(mine, classes)] += network.predict_proba(inside[mine]) / _NETWORKS
-        said[each, classes] = network.predict_proba(at)[0]
+        said[k, classes] = network.predict_proba(at)[0]
     calibration = LogisticRegression(solver="newton-cholesky").fit(np.log(unseen + _LEAST), cause)
-    told = np.zeros((len(cause) + 1, number))
-    told[:, calibration.classes_] = calibration.predict_proba(
+    calibrated = np.zeros((len(cause) + 1, number))
+    calibrated[:, calibration.classes_] = calibration.predict_proba(
         np.log(np.vstack([said.mean(axis=0), unseen]) + _LEAST)
     )
-    return told[0], told[1:], np.std(said, axis=0, ddof=1) / np.sqrt(len(said))
+    return calibrated[0], calibrated[1:], np.std(said, axis=0, ddof=1) / np.sqrt(len(said))
 
 
 def _network(seed: int) -> Any:
@@ -144,6 +144,6 @@ def reliability(attribution: Attribution, bins: int = 10) -> Float[np.ndarray, "
     right = (attribution.cause[:, None] == np.arange(attribution.unseen.shape[1])).ravel()
     index = np.minimum((probability * bins).astype(int), bins - 1)
     count = np.bincount(index, minlength=bins)
-    kept = count > 0
-    means = [np.bincount(index, weights=w, minlength=bins)[kept] / count[kept] for w in (probability, right)]
-    return np.column_stack([*means, count[kept]])
+    used = count > 0
+    means = [np.bincount(index, weights=w, minlength=bins)[used] / count[used] for w in (probability, right)]
+    return np.column_stack([*means, count[used]])

@@ -1,20 +1,29 @@
-"""One batch: campaigns of one cause from their draws to their statistics, the unit that is scheduled."""
+"""Batches of campaigns of one cause: from their draws to their statistics, by any number of processes."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import jax.numpy as jnp
 import numpy as np
 import pandas as pd
 
+from bayestissue.inference.execution.chunks import Progress, silent
+from bayestissue.inference.execution.workers import computed
+from bayestissue.results import whole_file
 from bayestissue.thesis.causes.design import Design
 from bayestissue.thesis.causes.draws import Truth, draw_truth
-from bayestissue.thesis.causes.pipeline import Estimates, Treatment, thesis_estimates
+from bayestissue.thesis.causes.pipeline import (
+    Estimates,
+    Treatment,
+    estimated_from_recordings,
+    thesis_estimates,
+)
 from bayestissue.thesis.causes.recording import decelerations, recorded
-from bayestissue.thesis.causes.recordings import estimated_from_recordings
 from bayestissue.thesis.causes.specification import Cause, CausesSpecification
-from bayestissue.thesis.causes.statistics import of_campaigns
+from bayestissue.thesis.causes.statistics import campaign_statistics
 
 # A recording goes on to this many times the typical time to peak.
 REACH = 3.2
@@ -60,7 +69,7 @@ def run_batch(batch: Batch) -> pd.DataFrame:
     The numbers depend on the batch alone: its random stream is that of seed, cause and number.
     """
     cause, size = batch.specification.causes[batch.cause], batch.specification.campaigns
-    rest = size.each - batch.number * size.batch
+    remaining = size.each - batch.number * size.batch
     stream = [batch.seed, batch.number, *batch.cause.encode()]
     random = np.random.default_rng(np.random.SeedSequence(stream))
     truth = draw_truth(cause, batch.specification, batch.design, random, size.batch)
@@ -73,10 +82,10 @@ def run_batch(batch: Batch) -> pd.DataFrame:
             "batch": batch.number,
             "campaign": np.arange(size.batch),
             **{f"strength_{name}": value for name, value in truth.strength.items()},
-            **of_campaigns(K, C, batch.design),
+            **campaign_statistics(K, C, batch.design),
         }
     )
-    return table.iloc[: min(rest, size.batch)]
+    return table.iloc[: min(remaining, size.batch)]
 
 
 def estimated(
@@ -88,8 +97,8 @@ def estimated(
     """
     if design.recorder is not None:
         return estimated_from_recordings(truth, cause, design, design.recorder, random)
-    found = _estimated_as_published(truth, cause, design, samples, random)
-    return found.K, found.C
+    estimates = _estimated_as_published(truth, cause, design, samples, random)
+    return estimates.K, estimates.C
 
 
 def _estimated_as_published(
@@ -109,7 +118,7 @@ def _estimated_as_published(
     noise = flat(truth.noise[:, None])[:, None] * random.standard_normal((count * impacts, samples))
     d = recorded(d, flat(truth.gain[:, None]), offset, noise)
     length = truth.strength.get("window_over_time_to_peak", np.zeros(count))
-    own = cause.mechanism == "own time"
+    own_time = cause.mechanism == "own time"
     window = np.round(length * truth.samples_to_peak)
     by_eye = np.exp(
         truth.strength.get("window_sd", np.zeros(count))[:, None] * random.standard_normal((count, impacts))
@@ -119,11 +128,51 @@ def _estimated_as_published(
         "dt": dt,
         "velocity": flat(design.velocity),
         "mass": mass,
-        "window": flat(np.array(0.0) if own else window[:, None]),
-        "share": flat(length[:, None] * by_eye if own else np.array(1.0)),
+        "window": flat(np.array(0.0) if own_time else window[:, None]),
+        "share": flat(length[:, None] * by_eye if own_time else np.array(1.0)),
         "centred": flat(np.array(0.0 if about_rest else 1.0)),
-        "nominal": flat(own * truth.time_to_peak[:, None]),
+        "nominal": flat(own_time * truth.time_to_peak[:, None]),
         "by_theta1": flat(np.array(float(cause.mechanism == "conversion"))),
     }
     treatment = Treatment(**{name: jnp.asarray(values) for name, values in choices.items()})
     return thesis_estimates(d, treatment)
+
+
+def run_batches(
+    batches: Sequence[Batch],
+    *,
+    jobs: int = 1,
+    scheduler: str | None = None,
+    folder: Path | None = None,
+    progress: Progress = silent,
+) -> list[pd.DataFrame]:
+    """The tables of all batches, in their order.
+
+    Args:
+        batches: what to compute.
+        jobs: worker processes on this machine; 1 computes in this process.
+        scheduler: address of a Dask scheduler that is to compute instead, such as ``tcp://host:8786``.
+        folder: an existing folder to which finished batches are written, and where those of an earlier run of
+            the same job are looked for.
+        progress: told after every batch how many are done, and of how many.
+
+    Raises:
+        InputError: Dask is not installed, or the scheduler doesn't answer.
+        RuntimeError: workers die again and again.
+    """
+    done = {batch.name: table for batch in batches if (table := _read(folder, batch)) is not None}
+    left = [batch for batch in batches if batch.name not in done]
+    progress(len(done), len(batches))
+    for index, table in computed(run_batch, left, jobs=jobs, scheduler=scheduler):
+        batch = left[index]
+        done[batch.name] = table
+        if folder is not None:
+            with whole_file(folder / f"{batch.name}.parquet") as staging:
+                table.to_parquet(staging)
+        progress(len(done), len(batches))
+    return [done[batch.name] for batch in batches]
+
+
+def _read(folder: Path | None, batch: Batch) -> pd.DataFrame | None:
+    path = None if folder is None else folder / f"{batch.name}.parquet"
+    return pd.read_parquet(path) if path is not None and path.is_file() else None

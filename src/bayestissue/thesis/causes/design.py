@@ -61,7 +61,7 @@ class Design:
         """The number of people."""
         return int(self.subject.max()) + 1
 
-    def of_trials(self, values: Float[np.ndarray, "*batch impact"]) -> Float[np.ndarray, "*batch trial"]:
+    def trial_means(self, values: Float[np.ndarray, "*batch impact"]) -> Float[np.ndarray, "*batch trial"]:
         """The mean of ``values`` over each condition, leaving out NaN."""
         member = (self.trial[:, None] == np.arange(self.trials)).astype(float)
         known = np.isfinite(values)
@@ -71,12 +71,12 @@ class Design:
     @property
     def reference_mass(self) -> float:
         """Geometric mean of the conditions' masses, kg."""
-        return float(np.exp(self.of_trials(np.log(self.mass)).mean()))
+        return float(np.exp(self.trial_means(np.log(self.mass)).mean()))
 
     @property
     def reference_velocity(self) -> float:
         """Geometric mean of the conditions' velocities, m/s."""
-        return float(np.exp(self.of_trials(np.log(self.velocity)).mean()))
+        return float(np.exp(self.trial_means(np.log(self.velocity)).mean()))
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The thesis's way from a deceleration to K and C, for many campaigns in one compiled call."""
+"""From decelerations to K and C for whole batches: by the thesis's chain, or as those of a dataset."""
 
 from __future__ import annotations
 
@@ -11,9 +11,17 @@ from jax import Array
 from jaxtyping import Float, Int
 
 from bayestissue.inference.points.conditional import fit_conditional
+from bayestissue.inference.points.estimates import default_options
+from bayestissue.inference.points.fit import PointFit, fit_points
 from bayestissue.likelihood.transforms import SineTransforms
 from bayestissue.oscillator import from_differences, spring_damper
+from bayestissue.signal import Displacements, integrated
 from bayestissue.signal.displacement import FEWEST_SAMPLES
+from bayestissue.signal.traces import Recordings
+from bayestissue.thesis.causes.design import Design, Recorder
+from bayestissue.thesis.causes.draws import Truth
+from bayestissue.thesis.causes.recording import decelerations, recorded
+from bayestissue.thesis.causes.specification import Cause
 
 _TOGETHER = 500
 _NARROWEST = 64
@@ -78,8 +86,8 @@ def thesis_estimates(deceleration: Float[Array, "impact sample"], treatment: Tre
         # As many rows each time, so that one compilation serves all of one width.
         rows = order[np.minimum(np.arange(begin, begin + _TOGETHER), len(order) - 1)]
         width = _width(int(n[rows].max()), x.shape[1])
-        found = _fitted(x[rows, :width], n[rows], Treatment(*(jnp.asarray(part[rows]) for part in columns)))
-        K[rows], C[rows] = (np.asarray(part) for part in found)
+        choices = Treatment(*(jnp.asarray(part[rows]) for part in columns))
+        K[rows], C[rows] = map(np.asarray, _fitted(x[rows, :width], n[rows], choices))
     return Estimates(K, C, n)
 
 
@@ -91,29 +99,29 @@ def _width(samples: int, most: int) -> int:
 @jax.jit
 def _windowed(deceleration: Array, treatment: Treatment) -> tuple[Array, Array]:
     """Deviations from the mean, or displacements, over each window, and its number of samples."""
-    given = Treatment(*(jnp.asarray(part, float) for part in treatment))
-    dt = given.dt[:, None]
-    v = given.velocity[:, None] - _integral(deceleration, dt)
+    choices = Treatment(*(jnp.asarray(part, float) for part in treatment))
+    dt = choices.dt[:, None]
+    v = choices.velocity[:, None] - _integral(deceleration, dt)
     x = _integral(v, dt)
     sample = jnp.arange(deceleration.shape[1])
     passed = v <= 0
     stop = jnp.where(passed.any(axis=1), jnp.argmax(passed, axis=1), deceleration.shape[1])
-    n = jnp.where(given.window > 0, given.window, jnp.round(stop * given.share))
+    n = jnp.where(choices.window > 0, choices.window, jnp.round(stop * choices.share))
     n = jnp.minimum(n, deceleration.shape[1])
     used = jnp.maximum(n, FEWEST_SAMPLES)
     inside = sample < used[:, None]
     mean = jnp.where(inside, x, 0).sum(axis=1) / used
-    return jnp.where(inside, x - (given.centred * mean)[:, None], 0), n.astype(int)
+    return jnp.where(inside, x - (choices.centred * mean)[:, None], 0), n.astype(int)
 
 
 @jax.jit
-def _fitted(x: Array, n: Array, given: Treatment) -> tuple[Array, Array]:
+def _fitted(x: Array, n: Array, treatment: Treatment) -> tuple[Array, Array]:
     used = jnp.maximum(n, FEWEST_SAMPLES).astype(float)
     fit, _ = fit_conditional(SineTransforms(x, (), jnp.zeros(()), used - 2.0))
     w, zeta = from_differences(fit.c1, fit.c2, None, 1.0)
-    w, zeta = damped_by_theta1(fit.c1, fit.c2, fit.theta1, w, zeta, given.by_theta1)
-    interval = jnp.where(given.nominal > 0, given.nominal / used, given.dt)
-    K, C = spring_damper(w / interval, zeta, given.mass)
+    w, zeta = damped_by_theta1(fit.c1, fit.c2, fit.theta1, w, zeta, treatment.by_theta1)
+    interval = jnp.where(treatment.nominal > 0, treatment.nominal / used, treatment.dt)
+    K, C = spring_damper(w / interval, zeta, treatment.mass)
     known = (n >= FEWEST_SAMPLES) & (K > 0) & (C > 0)
     return jnp.where(known, K, jnp.nan), jnp.where(known, C, jnp.nan)
 
@@ -148,3 +156,76 @@ def damped_by_theta1(
     oscillates = (zeta < 1) & (wanted > 0)
     omega = jnp.sqrt(a**2 + printed**2)
     return jnp.where(oscillates, omega, w), jnp.where(oscillates, a / omega, zeta)
+
+
+type Column = Float[np.ndarray, " impact"]
+
+
+def estimated_from_recordings(
+    truth: Truth, cause: Cause, design: Design, recorder: Recorder, random: np.random.Generator
+) -> tuple[Column, Column]:
+    """K and C of all impacts of a batch, NaN where there is no estimate.
+
+    Recordings with a quiet part before contact go through `signal.integrated` and `fit_points`, as those of
+    the dataset do in `inference.estimates`; contact and offset are found, not given.
+    """
+    count, impacts = truth.velocity.shape
+    mass, velocity, dt = (np.tile(v, count) for v in (design.mass, design.velocity, recorder.dt))
+    recordings, lost = _recordings(truth, recorder, mass, dt, random)
+    windowed = cause.mechanism in ("fixed window", "own time")
+    options = default_options(recorder.method).model_copy(
+        update={"equilibrium": "rest", "window": "rebound" if windowed else "peak"}
+    )
+    signal = integrated(recordings, mass, velocity, options)
+    n = signal.n_samples
+    if windowed:
+        length = np.repeat(truth.strength["window_over_time_to_peak"], impacts)
+        if cause.mechanism == "fixed window":
+            wanted = length * np.repeat(truth.time_to_peak, impacts) / dt
+        else:
+            by_eye = np.repeat(truth.strength["window_sd"], impacts) * random.standard_normal(len(dt))
+            wanted = length * np.exp(by_eye) * (signal.time_to_peak - signal.first_sample_s) / dt
+        n = np.minimum(np.round(wanted).astype(int) + 1, n)
+    about_rest = cause.mechanism in ("none", "conversion")
+    fit, known = _fitted_as_dataset(signal, n, "exact" if about_rest else recorder.method)
+    K, C = fit.K, fit.C
+    if cause.mechanism == "own time":
+        factor = n * dt / np.repeat(truth.time_to_peak, impacts)
+        K, C = K * factor**2, C * factor
+    if cause.mechanism == "conversion":
+        K, C = _converted_by_theta1(fit, dt, mass)
+    known &= (K > 0) & (C > 0) & ~lost
+    return np.where(known, K, np.nan), np.where(known, C, np.nan)
+
+
+def _recordings(
+    truth: Truth, recorder: Recorder, mass: Column, dt: Column, random: np.random.Generator
+) -> tuple[Recordings, np.ndarray]:
+    """What the recorder gives, and which impacts could not be followed; these are recorded as noise."""
+    impacts = truth.velocity.shape[1]
+    parameters = {name: value.ravel() for name, value in truth.parameters.items()}
+    phase = random.uniform(size=len(mass)) * dt
+    samples = recorder.samples
+    d = decelerations(truth.element, parameters, mass, truth.velocity.ravel(), phase, dt, samples)
+    d = jnp.pad(d, ((0, 0), (recorder.quiet, 0)))
+    offset = np.repeat(truth.offset_sd, impacts) * random.standard_normal(len(mass))
+    noise = np.repeat(truth.noise, impacts)[:, None] * random.standard_normal(d.shape)
+    value = np.asarray(recorded(d, np.repeat(truth.gain, impacts), offset, noise))
+    lost = ~np.isfinite(value).all(axis=1)
+    value = np.where(lost[:, None], noise, value)
+    return Recordings(value, np.full(len(mass), d.shape[1]), -recorder.quiet * dt, dt), lost
+
+
+def _fitted_as_dataset(signal: Displacements, n: np.ndarray, method: str) -> tuple[PointFit, np.ndarray]:
+    known = n >= FEWEST_SAMPLES
+    x = np.pad(signal.x, ((0, 0), (0, max(0, FEWEST_SAMPLES - signal.x.shape[1]))))
+    arguments = (x, np.maximum(n, FEWEST_SAMPLES), signal.dt, signal.mass)
+    return fit_points(*arguments, method, repeated=True), known  # type: ignore[arg-type]
+
+
+def _converted_by_theta1(fit: PointFit, dt: Column, mass: Column) -> tuple[Column, Column]:
+    c1, c2 = jnp.asarray(2 - fit.phi1), jnp.asarray((1 - fit.phi1) - fit.phi2)
+    w, zeta = jnp.asarray(fit.omega_n * dt), jnp.asarray(fit.zeta)
+    w, zeta = damped_by_theta1(c1, c2, jnp.asarray(fit.theta1), w, zeta, jnp.ones_like(w))
+    K, C = spring_damper(w / dt, zeta, mass)
+    return np.asarray(K), np.asarray(C)

@@ -100,8 +100,8 @@ def _stepped(which: Element, p: dict[str, Array], mass: Array, velocity: Array, 
     step = 2 * jnp.pi * jnp.sqrt(mass / p["K"]) / _CONTACT_STEPS
 
     def rates(y: Array) -> Array:
-        found = rates_of_motion(which, p, mass, y)
-        return found.at[1].set(jnp.minimum(found[1], 0.0))
+        derivative = rates_of_motion(which, p, mass, y)
+        return derivative.at[1].set(jnp.minimum(derivative[1], 0.0))
 
     def advance(y: Array, _: None) -> tuple[Array, tuple[Array, Array]]:
         k1 = rates(y)

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from bayestissue.errors import InputError, Problem
 from bayestissue.settings import checked, parse_toml, read_text
 
-_of_causes = partial(Problem, column="causes", code="option-value")
+_problem = partial(Problem, column="causes", code="option-value")
 Name = Annotated[str, Field(pattern="^[A-Za-z0-9_]+$")]
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 
@@ -176,14 +176,14 @@ def chosen(specification: CausesSpecification, names: tuple[str, ...], file: str
     if unknown:
         known = ", ".join(specification.causes)
         raise InputError(
-            _of_causes(file, f"one of {known}", "Name causes of the file.", value=name) for name in unknown
+            _problem(file, f"one of {known}", "Name causes of the file.", value=name) for name in unknown
         )
-    kept = {name: specification.causes[name] for name in names}
-    return specification.model_copy(update={"causes": kept})
+    causes = {name: specification.causes[name] for name in names}
+    return specification.model_copy(update={"causes": causes})
 
 
 def require_several(specification: CausesSpecification, file: str) -> None:
     """Raise an `InputError` where fewer than two causes are left to compare."""
     if len(specification.causes) < 2:
         named = ", ".join(specification.causes) or "none"
-        raise InputError(_of_causes(file, "at least two causes to compare", "Name one more.", value=named))
+        raise InputError(_problem(file, "at least two causes to compare", "Name one more.", value=named))

@@ -56,12 +56,12 @@ _STEPS = 15
 type Batch = Float[np.ndarray, "campaign impact"]
 
 
-def of_campaigns(K: Batch, C: Batch, design: Design) -> dict[str, Float[np.ndarray, " campaign"]]:
+def campaign_statistics(K: Batch, C: Batch, design: Design) -> dict[str, Float[np.ndarray, " campaign"]]:
     """The statistics of many campaigns; NaN in ``K`` and ``C`` marks impacts without an estimate.
 
     Such an impact takes its condition's mean, so that one failure costs one impact and not the campaign.
     """
-    means = [design.of_trials(values) for values in (K, C)]
+    means = [design.trial_means(values) for values in (K, C)]
     filled = [np.where(np.isfinite(v), v, m[:, design.trial]) for v, m in zip((K, C), means, strict=True)]
     rows = [values[:, design.in_rows] for values in filled]
     return {
@@ -70,13 +70,13 @@ def of_campaigns(K: Batch, C: Batch, design: Design) -> dict[str, Float[np.ndarr
     }
 
 
-def of_observed(observed: Observed, design: Design) -> dict[str, float]:
+def observed_statistics(observed: Observed, design: Design) -> dict[str, float]:
     """The same statistics of what was observed."""
     trial_K, trial_C, K, C = (
         part[None] for part in (observed.trial_K, observed.trial_C, observed.K, observed.C)
     )
-    found = _statistics(trial_K, trial_C, K, C, design)
-    return {**{name: float(value[0]) for name, value in found.items()}, "without_estimate": 0.0}
+    statistics = _statistics(trial_K, trial_C, K, C, design)
+    return {**{name: float(value[0]) for name, value in statistics.items()}, "without_estimate": 0.0}
 
 
 def _statistics(
@@ -85,26 +85,26 @@ def _statistics(
     mass, rows = design.mass[design.in_rows], design.in_rows
     with np.errstate(invalid="ignore", divide="ignore"):
         ratio, zeta = np.log(K / mass), C / (2 * np.sqrt(K * mass))
-        found = {LEVEL: np.exp(np.mean(ratio, axis=1)), "zeta_median": np.median(zeta, axis=1)}
-        found["K_over_M_scatter"] = np.std(ratio, axis=1, ddof=1)
-        found |= _curve(ratio / 2, zeta)
+        statistics = {LEVEL: np.exp(np.mean(ratio, axis=1)), "zeta_median": np.median(zeta, axis=1)}
+        statistics["K_over_M_scatter"] = np.std(ratio, axis=1, ddof=1)
+        statistics |= _curve(ratio / 2, zeta)
         for name, means, values in (("K", trial_K, K), ("C", trial_C, C)):
-            found |= _exponents(np.log(means), design, name)
-            found |= _spreads(np.log(values), design.subject[rows], design.trial[rows], name)
-    return {name: found[name] for name in WORDS if name in found}
+            statistics |= _exponents(np.log(means), design, name)
+            statistics |= _spreads(np.log(values), design.subject[rows], design.trial[rows], name)
+    return {name: statistics[name] for name in WORDS if name in statistics}
 
 
 def _exponents(log_means: np.ndarray, design: Design, name: str) -> dict[str, np.ndarray]:
     """Least squares over conditions: on log mass alone, and on log mass and log velocity together."""
-    log_mass, log_velocity = (design.of_trials(np.log(v)) for v in (design.mass, design.velocity))
-    found = {}
-    alone = np.stack([np.ones_like(log_mass), log_mass], axis=1)
-    both = np.column_stack([alone, log_velocity])
-    if np.linalg.matrix_rank(alone, tol=1e-6) == 2:
-        found[f"mass_exponent_{name}"] = (np.linalg.pinv(alone) @ log_means.T)[1]
-    if len(both) > 3 and np.linalg.matrix_rank(both, tol=1e-6) == 3:
-        found[f"velocity_exponent_{name}"] = (np.linalg.pinv(both) @ log_means.T)[2]
-    return found
+    log_mass, log_velocity = (design.trial_means(np.log(v)) for v in (design.mass, design.velocity))
+    exponents = {}
+    mass_only = np.stack([np.ones_like(log_mass), log_mass], axis=1)
+    mass_and_velocity = np.column_stack([mass_only, log_velocity])
+    if np.linalg.matrix_rank(mass_only, tol=1e-6) == 2:
+        exponents[f"mass_exponent_{name}"] = (np.linalg.pinv(mass_only) @ log_means.T)[1]
+    if len(mass_and_velocity) > 3 and np.linalg.matrix_rank(mass_and_velocity, tol=1e-6) == 3:
+        exponents[f"velocity_exponent_{name}"] = (np.linalg.pinv(mass_and_velocity) @ log_means.T)[2]
+    return exponents
 
 
 def _spreads(values: np.ndarray, subject: np.ndarray, trial: np.ndarray, name: str) -> dict[str, np.ndarray]:
@@ -115,21 +115,23 @@ def _spreads(values: np.ndarray, subject: np.ndarray, trial: np.ndarray, name: s
     """
     trials = (trial[:, None] == np.unique(trial)).astype(float)
     people = (subject[:, None] == np.unique(subject)).astype(float)
-    both = np.column_stack([trials, people])
-    rank_trials, rank_both = np.linalg.matrix_rank(trials), np.linalg.matrix_rank(both)
+    trials_and_people = np.column_stack([trials, people])
+    rank_trials, rank_both = np.linalg.matrix_rank(trials), np.linalg.matrix_rank(trials_and_people)
     free = len(values[0]) - rank_both
     if rank_both == rank_trials or free < 1:
         return {}
-    left_trials, left_both = (values - values @ (basis @ np.linalg.pinv(basis)).T for basis in (trials, both))
-    rest = np.sum(left_both**2, axis=1)
-    between = np.sum(left_trials**2, axis=1) - rest
+    left_trials, left_both = (
+        values - values @ (basis @ np.linalg.pinv(basis)).T for basis in (trials, trials_and_people)
+    )
+    residual = np.sum(left_both**2, axis=1)
+    between = np.sum(left_trials**2, axis=1) - residual
     without_trials = people - trials @ (np.linalg.pinv(trials) @ people)
     # Henderson's third method: what a person's effect of variance 1 adds to the sum of squares.
     weight = np.trace(without_trials.T @ without_trials)
-    variance = (between - (rank_both - rank_trials) * rest / free) / weight
+    variance = (between - (rank_both - rank_trials) * residual / free) / weight
     return {
         f"sd_subject_{name}": np.sign(variance) * np.sqrt(np.abs(variance)),
-        f"sd_rest_{name}": np.sqrt(rest / free),
+        f"sd_rest_{name}": np.sqrt(residual / free),
     }
 
 
@@ -156,9 +158,9 @@ def _curve(log_omega: np.ndarray, zeta: np.ndarray) -> dict[str, np.ndarray]:
         scale = np.maximum(np.median(np.abs(left), axis=1, keepdims=True) / 0.6745, 1e-12)
         weight = np.maximum(1 - (left / (_TUKEY * scale)) ** 2, 0) ** 2
     centred = log_omega - np.mean(log_omega, axis=1, keepdims=True)
-    away = zeta - np.mean(zeta, axis=1, keepdims=True)
-    norm = np.sqrt(np.sum(centred**2, axis=1) * np.sum(away**2, axis=1))
+    zeta_deviation = zeta - np.mean(zeta, axis=1, keepdims=True)
+    norm = np.sqrt(np.sum(centred**2, axis=1) * np.sum(zeta_deviation**2, axis=1))
     return {
-        "omega_zeta_correlation": np.sum(centred * away, axis=1) / np.maximum(norm, 1e-300),
+        "omega_zeta_correlation": np.sum(centred * zeta_deviation, axis=1) / np.maximum(norm, 1e-300),
         "omega_zeta_residual": np.median(np.abs(left), axis=1) / total,
     }

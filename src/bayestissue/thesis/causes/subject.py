@@ -13,13 +13,83 @@ import pandas as pd
 from bayestissue import runtime
 from bayestissue.errors import InputError, Problem
 from bayestissue.inference.points.fit import Method
-from bayestissue.thesis.causes.design import Design, published_design
-from bayestissue.thesis.causes.known import KnownRecorder
-from bayestissue.thesis.causes.specification import CausesSpecification
-from bayestissue.thesis.causes.statistics import of_campaigns, of_observed
+from bayestissue.thesis.causes.design import Design, Recorder, published_design
+from bayestissue.thesis.causes.specification import CausesSpecification, Range
+from bayestissue.thesis.causes.statistics import campaign_statistics, observed_statistics
 
 if TYPE_CHECKING:
     from bayestissue.dataset import Dataset
+    from bayestissue.signal import Displacements
+
+# Simulated tissue may be this many times softer or stiffer than the dataset's median estimate.
+_FOLD = 3.0
+# Recordings go on to this many times the dataset's longest usual time to peak.
+_REACH = 3.5
+_QUIET = 0.01
+
+
+@dataclass(frozen=True)
+class KnownRecorder:
+    """The recorder of a dataset, and the ranges that follow from it and from its estimates."""
+
+    recorder: Recorder
+    K_N_per_m: Range
+    noise: Range
+    offset: Range
+    gain: Range
+    velocity: Range
+
+    @classmethod
+    def from_dataset(
+        cls, dataset: Dataset, signal: Displacements, estimates: pd.DataFrame, method: Method
+    ) -> KnownRecorder:
+        """Read off a dataset, its displacements and its exact estimates.
+
+        The stated standard deviations of gain and velocity set their ranges; noise is known to a factor of
+        two from the quiet parts; K lies within a factor of three of the median exact estimate.
+        """
+        peak = float(np.median(signal.deceleration.max(axis=1)))
+        stiffness = float(np.nanmedian(estimates["K_N_per_m"]))
+        noise = max(float(np.median(signal.noise_sd)) / peak, 1e-6)
+        offset = max(dataset.uncertainty.offset_sd / peak, 1e-6)
+        velocity = max(
+            dataset.uncertainty.velocity_sd_m_s / float(np.median(dataset.impacts["velocity_m_s"])), 1e-6
+        )
+        gain = 2 * dataset.uncertainty.relative_gain_sd
+        longest = float(np.quantile(signal.time_to_peak, 0.9))
+        shortest = float(signal.dt.min())
+        return cls(
+            Recorder(
+                dt=signal.dt,
+                quiet=max(20, round(_QUIET / shortest)),
+                samples=int(np.ceil(_REACH * longest / shortest)),
+                method=method,
+            ),
+            K_N_per_m=Range(low=stiffness / _FOLD, high=stiffness * _FOLD, log=True),
+            noise=Range(low=noise / 2, high=noise * 2, log=True),
+            offset=Range(low=offset / 2, high=offset * 2, log=True),
+            gain=Range(low=1 - gain, high=1 + gain),
+            velocity=Range(low=velocity / 2, high=velocity * 2, log=True),
+        )
+
+    def informed(self, specification: CausesSpecification) -> CausesSpecification:
+        """The specification with these ranges, and without centring where the method doesn't centre."""
+        recording = specification.recording.model_copy(
+            update={
+                "noise_relative_to_peak": self.noise,
+                "offset_relative_to_peak_sd": self.offset,
+                "gain": self.gain,
+                "relative_velocity_sd": self.velocity,
+            }
+        )
+        causes = {
+            name: cause
+            for name, cause in specification.causes.items()
+            if cause.mechanism != "centring" or self.recorder.method == "dds"
+        }
+        tissue = specification.tissue.model_copy(update={"K_N_per_m": self.K_N_per_m})
+        return specification.model_copy(update={"tissue": tissue, "recording": recording, "causes": causes})
+
 
 FEWEST_MASSES = 3
 
@@ -34,7 +104,7 @@ class Subject:
         observed: its statistics.
         level_known: whether K is known to be in N/m.
         input_hash: of what was read.
-        about: what the report says of it.
+        description: what the report says of it.
         known: what a dataset tells of its recorder and tissue; None for published estimates.
     """
 
@@ -43,7 +113,7 @@ class Subject:
     observed: Mapping[str, float]
     level_known: bool
     input_hash: str
-    about: dict[str, Any]
+    description: dict[str, Any]
     known: KnownRecorder | None = None
 
     def applicable(self, specification: CausesSpecification) -> CausesSpecification:
@@ -78,7 +148,7 @@ def published_subject() -> Subject:
     return Subject(
         "published estimates",
         design,
-        of_observed(observed, design),
+        observed_statistics(observed, design),
         observed.unit_known,
         runtime.content_hash(tables.paths),
         {
@@ -105,11 +175,11 @@ def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
     impacts = dataset.impacts
     _require_masses(dataset, source)
     tables = {}
-    for each in {method, "exact"}:
-        signal = displacements(dataset, default_options(each))
-        tables[each] = estimates_table(dataset, signal, each)
+    for fit_method in {method, "exact"}:
+        signal = displacements(dataset, default_options(fit_method))
+        tables[fit_method] = estimates_table(dataset, signal, fit_method)
     table = tables[method]
-    known = KnownRecorder.of(dataset, signal, tables["exact"], method)
+    known = KnownRecorder.from_dataset(dataset, signal, tables["exact"], method)
     design = Design(
         mass=impacts["mass_kg"].to_numpy(float),
         velocity=impacts["velocity_m_s"].to_numpy(float),
@@ -120,11 +190,11 @@ def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
     )
     K, C = (table[name].to_numpy(float)[None] for name in ("K_N_per_m", "C_N_s_per_m"))
     positive = (K > 0) & (C > 0)
-    found = of_campaigns(np.where(positive, K, np.nan), np.where(positive, C, np.nan), design)
+    statistics = campaign_statistics(np.where(positive, K, np.nan), np.where(positive, C, np.nan), design)
     return Subject(
         dataset.name,
         design,
-        {name: float(value[0]) for name, value in found.items() if np.isfinite(value[0])},
+        {name: float(value[0]) for name, value in statistics.items() if np.isfinite(value[0])},
         True,
         dataset.input_hash,
         {

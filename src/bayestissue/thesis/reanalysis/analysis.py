@@ -33,7 +33,87 @@ from bayestissue.thesis.reanalysis.explanations import compare_explanations
 from bayestissue.thesis.reanalysis.model import EstimatesModel, common_effects, estimates_data
 from bayestissue.thesis.reanalysis.observations import PublishedObservations, published_design
 from bayestissue.thesis.reanalysis.posterior import EstimatesPosterior, sample_posterior
-from bayestissue.thesis.reanalysis.predictive_checks import predictive_checks
+
+Statistic = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
+
+
+def predictive_checks(
+    observed: np.ndarray, replicates: np.ndarray, trial: np.ndarray, mass_kg: np.ndarray
+) -> pd.DataFrame:
+    """Observed statistics of (log K, log C) beside their posterior predictive distribution.
+
+    ``observed`` [impact, 2], ``replicates`` [replicate, impact, 2], ``trial`` and ``mass_kg`` [impact].
+    ``p_value`` is the share of replicates at or above the observed statistic: near 0 or 1, the model does
+    not make such data (Gelman, Meng and Stern 1996).
+    """
+    rows = []
+    for column, quantity in enumerate("KC"):
+        for name, statistic in _STATISTICS.items():
+            observed_value = float(statistic(observed[..., column], trial, mass_kg))
+            predicted = statistic(replicates[..., column], trial, mass_kg)
+            rows.append(_row(name, quantity, observed_value, predicted))
+    observed_correlation = float(_correlation_within(observed, trial))
+    rows.append(
+        _row(
+            "correlation of K and C within trials",
+            "K, C",
+            observed_correlation,
+            _correlation_within(replicates, trial),
+        )
+    )
+    return pd.DataFrame(rows)
+
+
+def _row(name: str, quantity: str, observed: float, predicted: np.ndarray) -> dict[str, object]:
+    low, median, high = np.quantile(predicted, [0.05, 0.5, 0.95])
+    return {
+        "statistic": name,
+        "quantity": quantity,
+        "observed": observed,
+        "predicted_median": float(median),
+        "predicted_low": float(low),
+        "predicted_high": float(high),
+        "p_value": float(np.mean(predicted >= observed)),
+    }
+
+
+def _within(logs: np.ndarray, trial: np.ndarray) -> np.ndarray:
+    membership = trial[:, None] == np.unique(trial)
+    means = (logs @ membership) / membership.sum(0)
+    return logs - means @ membership.T
+
+
+def _correlation_within(logs: np.ndarray, trial: np.ndarray) -> np.ndarray:
+    K, C = _within(logs[..., 0], trial), _within(logs[..., 1], trial)
+    return (K * C).mean(-1) / np.sqrt((K**2).mean(-1) * (C**2).mean(-1))
+
+
+def _skewness_within(logs: np.ndarray, trial: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    deviation = _within(logs, trial)
+    return (deviation**3).mean(-1) / (deviation**2).mean(-1) ** 1.5
+
+
+def _light_to_heavy(logs: np.ndarray, trial: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    squares = _within(logs, trial) ** 2
+    heavy = mass > np.median(mass)
+    return np.sqrt(squares[..., ~heavy].mean(-1) / squares[..., heavy].mean(-1))
+
+
+def _mass_correlation(logs: np.ndarray, trial: np.ndarray, mass: np.ndarray) -> np.ndarray:
+    values, m = np.exp(logs), mass - mass.mean()
+    centred = values - values.mean(-1, keepdims=True)
+    return (centred @ m) / np.sqrt((centred**2).sum(-1) * (m @ m))
+
+
+_STATISTICS: dict[str, Statistic] = {
+    "smallest value": lambda logs, trial, mass: np.exp(logs.min(-1)),
+    "largest value": lambda logs, trial, mass: np.exp(logs.max(-1)),
+    "standard deviation of the log within trials": lambda logs, trial, mass: _within(logs, trial).std(-1),
+    "skewness of the log within trials": _skewness_within,
+    "scatter at light masses over scatter at heavy ones": _light_to_heavy,
+    "correlation with mass": _mass_correlation,
+}
+
 
 Say = Callable[[str, int, int], None]
 PRIOR_DRAWS = 1000
@@ -85,26 +165,26 @@ def analyse(
     model = EstimatesModel(effects, priors, specification.residual_correlation)
     data = estimates_data(design, observations, model)
     settings = specification.sampler
-    found = sample_posterior(model, data, settings, seed, partial(say, "sampling the posterior"))
+    sampled = sample_posterior(model, data, settings, seed, partial(say, "sampling the posterior"))
     say("predicting", 0, 1)
     rng = np.random.default_rng(seed)
-    sites = named_sites(model.locations, design, found.draws.sites, found.b)
-    tree = _tree(design, observations, specification, sites, found, rng)
+    sites = named_sites(model.locations, design, sampled.draws.sites, sampled.b)
+    tree = _tree(design, observations, specification, sites, sampled, rng)
     tree = tree.assign(_prior_groups(model, design, observations, seed, rng))
     posterior = tree["posterior"].dataset
     exponents = {
         q: posterior[f"mass_exponent_{q}"].to_numpy() for q in RESPONSES if f"mass_exponent_{q}" in posterior
     }
     summary = summarise(posterior)
-    further = () if found.correction is None else found.correction.checks()
-    explanations = {name: estimates_data(each, observations, model) for name, each in competing.items()}
+    further = () if sampled.correction is None else sampled.correction.checks()
+    explanations = {name: estimates_data(rival, observations, model) for name, rival in competing.items()}
     cells = [*observations.averaged_cells[:, 0], *observations.impact_cell]
     trial = observations.cells["trial"].to_numpy(str)[cells]
     progress = partial(say, "comparing explanations")
     return PublishedAnalysis(
         tree,
         summary,
-        diagnose(summary, labelled_statistics(found.draws, of_transitions=True), further),
+        diagnose(summary, labelled_statistics(sampled.draws, of_transitions=True), further),
         derived.hypotheses(exponents, specification.practical_equivalence.mass_exponent),
         compare_explanations(model, explanations, trial, settings, seed, progress),
         prior_sensitivity(tree),
@@ -165,26 +245,26 @@ def _replicates(
     sd = np.stack([sites[f"sd_impact_{q}"] for q in RESPONSES], axis=-1)[..., None, :]
     r = np.asarray(sites.get("residual_correlation", np.zeros(expected.shape[:-2])))[..., None]
 
-    def made(cells: np.ndarray) -> np.ndarray:
+    def replicated(cells: np.ndarray) -> np.ndarray:
         noise = rng.standard_normal((*expected.shape[:-2], cells.size, 2))
         noise[..., 1] = r * noise[..., 0] + np.sqrt(1 - r**2) * noise[..., 1]
         values = np.exp(expected[..., cells.ravel(), :] + sd * noise)
         return values.reshape(*expected.shape[:-2], *cells.shape, 2)
 
-    estimates, tables = made(observations.impact_cell), made(observations.averaged_cells)
-    found = {f"{q}_observed": estimates[..., i] for i, q in enumerate(RESPONSES)}
+    estimates, tables = replicated(observations.impact_cell), replicated(observations.averaged_cells)
+    replicates = {f"{q}_observed": estimates[..., i] for i, q in enumerate(RESPONSES)}
     for i, q in enumerate(RESPONSES):
-        found |= {f"{q}_average": tables[..., i].mean(-1), f"{q}_sd": tables[..., i].std(-1, ddof=1)}
-    return found
+        replicates |= {f"{q}_average": tables[..., i].mean(-1), f"{q}_sd": tables[..., i].std(-1, ddof=1)}
+    return replicates
 
 
 def _observed(observations: PublishedObservations) -> dict[str, np.ndarray]:
     """The published quantities themselves."""
-    found = {f"{q}_observed": np.exp(observations.log_estimates[:, i]) for i, q in enumerate(RESPONSES)}
+    observed = {f"{q}_observed": np.exp(observations.log_estimates[:, i]) for i, q in enumerate(RESPONSES)}
     for i, q in enumerate(RESPONSES):
         average, sd = average_and_sd(*(jnp.asarray(observations.averages[:, a]) for a in (i, i + 2)))
-        found |= {f"{q}_average": np.asarray(average), f"{q}_sd": np.asarray(sd)}
-    return found
+        observed |= {f"{q}_average": np.asarray(average), f"{q}_sd": np.asarray(sd)}
+    return observed
 
 
 def _tree(
@@ -192,7 +272,7 @@ def _tree(
     observations: PublishedObservations,
     specification: ModelSpecification,
     sites: derived.Draws,
-    found: EstimatesPosterior,
+    sampled: EstimatesPosterior,
     rng: np.random.Generator,
 ) -> xr.DataTree:
     label = _labelling(design, observations)
@@ -208,11 +288,11 @@ def _tree(
         "impact_trial": design.trial[observations.impact_cell],
     }
     tables = len(observations.averages)
-    densities = {"estimates": found.rows[..., tables:], "averages": found.rows[..., :tables]}
+    densities = {"estimates": sampled.rows[..., tables:], "averages": sampled.rows[..., :tables]}
     return xr.DataTree.from_dict(
         {
             "posterior": label(quantities),
-            "sample_stats": labelled_statistics(found.draws),
+            "sample_stats": labelled_statistics(sampled.draws),
             "log_likelihood": label(densities),
             "log_prior": label({name: np.asarray(values) for name, values in priors.items()}),
             "posterior_predictive": label(_replicates(design, observations, sites, rng)),

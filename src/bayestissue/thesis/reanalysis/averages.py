@@ -72,9 +72,9 @@ class AveragesOfLognormals(dist.Distribution):
         """The synthetic normal density of the event."""
         mean, sd, correlation = average_moments(self.loc, self.scale_tril)
         # Two independent pairs (K, C) of correlated normals: the means of the logs, and the spreads.
-        away, sd = jnp.moveaxis(value - mean, -1, 0), jnp.moveaxis(sd, -1, 0)
+        deviation, sd = jnp.moveaxis(value - mean, -1, 0), jnp.moveaxis(sd, -1, 0)
         means, roots = (pair_covariance(sd[a : a + 2], correlation[..., a // 2]) for a in (0, 2))
-        return small.normal_log_density(away[:2], means) + small.normal_log_density(away[2:], roots)
+        return small.normal_log_density(deviation[:2], means) + small.normal_log_density(deviation[2:], roots)
 
 
 def average_moments(

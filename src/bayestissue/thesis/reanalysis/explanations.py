@@ -57,11 +57,11 @@ def compare_explanations(
     trees, scores, fitted = {}, {}, {}
     for number, (name, data) in enumerate(explanations.items()):
         progress(number, len(explanations))
-        found = sample_posterior(model, data, settings, seed)
-        left_out = leave_one_out_densities(model, found)[..., len(data.roots) :]
-        trees[name] = _scored(found, left_out)
-        fitted[name] = _log_mean(found.rows[..., len(data.roots) :]).sum()
-        score = partial(log_predictive_density, model, found, settings=settings, seed=seed)
+        posterior = sample_posterior(model, data, settings, seed)
+        left_out = leave_one_out_densities(model, posterior)[..., len(data.roots) :]
+        trees[name] = _scored(posterior, left_out)
+        fitted[name] = _log_mean(posterior.rows[..., len(data.roots) :]).sum()
+        score = partial(log_predictive_density, model, posterior, settings=settings, seed=seed)
         scores[name] = np.array([score(rows) for rows in held_out])
     progress(len(explanations), len(explanations))
     by_impact = stacking.by_impact(trees, "estimates")
@@ -71,7 +71,7 @@ def compare_explanations(
 
 def log_predictive_density(
     model: EstimatesModel,
-    found: EstimatesPosterior,
+    posterior: EstimatesPosterior,
     rows: Bool[np.ndarray, " row"],
     *,
     settings: Sampler,
@@ -83,13 +83,13 @@ def log_predictive_density(
     2016, doi:10.48550/arXiv.1412.8163, call this integrated); where Pareto k refuses that, by chains without
     these rows.
     """
-    others = without(found.data, rows)
-    log_weight = _log_evidence_ratios(model, others, found.chains, seed)
+    others = without(posterior.data, rows)
+    log_weight = _log_evidence_ratios(model, others, posterior.chains, seed)
     smoothed, k = pareto_smoothed(log_weight)
     if k <= k_threshold(len(log_weight)):
-        return float(logsumexp(smoothed - log_weight + found.chains.drawn.log_ratio))
-    chains = sample_chains(model, others, found.coordinates, settings, seed)
-    back = _log_evidence_ratios(model, found.data, chains, seed)
+        return float(logsumexp(smoothed - log_weight + posterior.chains.drawn.log_ratio))
+    chains = sample_chains(model, others, posterior.coordinates, settings, seed)
+    back = _log_evidence_ratios(model, posterior.data, chains, seed)
     return float(logsumexp(back) - logsumexp(chains.drawn.log_ratio))
 
 
@@ -111,10 +111,10 @@ def _log_mean(log_density: Float[np.ndarray, "chain draw row"]) -> Float[np.ndar
     return logsumexp(log_density, axis=(0, 1)) - np.log(log_density[..., 0].size)
 
 
-def _scored(found: EstimatesPosterior, left_out: Float[np.ndarray, "chain draw impact"]) -> xr.DataTree:
+def _scored(sampled: EstimatesPosterior, left_out: Float[np.ndarray, "chain draw impact"]) -> xr.DataTree:
     """The log density of each estimate given all others, for cross-validation."""
     over = ("chain", "draw")
-    posterior = {name: (over, values) for name, values in found.draws.sites.items()}
+    posterior = {name: (over, values) for name, values in sampled.draws.sites.items()}
     densities = {"estimates": ((*over, "impact"), left_out)}
     groups = {"posterior": xr.Dataset(posterior), "log_likelihood": xr.Dataset(densities)}
     return xr.DataTree.from_dict(groups)

@@ -62,7 +62,7 @@ class EstimatesData(NamedTuple):
         design: X over rows; that of a lost table is the mean over its people.
         location_mean: prior mean of b.
         value: (log K, log C) of an estimate; (m_K, m_C) of a lost table, see `AveragesOfLognormals`.
-        kept: 1, or 0 for a row that is held out.
+        included: 1, or 0 for a row that is held out.
         roots: of each lost table, the cube roots of its variances of logs.
         people: of log K and of log C, X of each lost table's people less their mean.
         scatter: variance of X b over these people, at which the tables' sites are made.
@@ -71,7 +71,7 @@ class EstimatesData(NamedTuple):
     design: PopulationDesign
     location_mean: Float[Any, " location"]
     value: Float[Any, "impact 2"]
-    kept: Float[Any, " impact"]
+    included: Float[Any, " impact"]
     roots: Float[Any, "table 2"]
     people: tuple[Float[Any, "table person part"], ...]
     scatter: Float[Any, "table 2"]
@@ -83,11 +83,11 @@ def common_effects(designs: Iterable[Design], priors: Priors) -> Effects:
     Each part is as wide as in the formula that needs most of it. A coefficient whose columns are zero keeps
     its prior and changes nothing else.
     """
-    found = [effects_of(design, priors, ())[0] for design in designs]
+    each_effects = [effects_of(design, priors, ())[0] for design in designs]
     widest: dict[str, EffectPart] = {}
-    for part in (part for effects in found for part in effects.blocks):
-        other = widest.setdefault(part.name, part)
-        widest[part.name] = max(part, other, key=lambda each: each.width)
+    for part in (part for effects in each_effects for part in effects.blocks):
+        previous = widest.setdefault(part.name, part)
+        widest[part.name] = max(part, previous, key=lambda candidate: candidate.width)
     # All of log K's parts before those of log C.
     return Effects(tuple(sorted(widest.values(), key=lambda part: RESPONSES.index(part.name[-1]))))
 
@@ -97,11 +97,11 @@ def estimates_data(
 ) -> EstimatesData:
     """The observations and one formula's design, in the model's arrangement of b."""
     effects, matrices = effects_of(design, model.priors, ())
-    own, begin = np.concatenate(matrices, axis=1), model.locations.parts["intercept_C"].start
-    whole = np.zeros((len(own), model.locations.size))
+    columns_of_formula, begin = np.concatenate(matrices, axis=1), model.locations.parts["intercept_C"].start
+    whole = np.zeros((len(columns_of_formula), model.locations.size))
     for name, part in effects.parts.items():
-        place = model.locations.parts[name].start
-        whole[:, place : place + part.stop - part.start] = own[:, part]
+        start = model.locations.parts[name].start
+        whole[:, start : start + part.stop - part.start] = columns_of_formula[:, part]
     columns = (whole[:, :begin], whole[:, begin:])
     cells, tables = observations.impact_cell, observations.averaged_cells
     rows = tuple(np.concatenate([part[tables].mean(1), part[cells]]) for part in columns)
@@ -118,7 +118,7 @@ def estimates_data(
 
 def without(data: EstimatesData, rows: Bool[np.ndarray, " impact"]) -> EstimatesData:
     """The same with some rows held out; they stay in place and say nothing."""
-    return data._replace(kept=np.where(rows, 0.0, data.kept))
+    return data._replace(included=np.where(rows, 0.0, data.included))
 
 
 class Rows(NamedTuple):
@@ -128,21 +128,21 @@ class Rows(NamedTuple):
     covariance: Float[Array, "2 2 impact"]
     constant: Float[Array, " impact"]
 
-    def log_density(self, about: Float[Array, "2 impact"]) -> Float[Array, " impact"]:
-        """At v = ``about``."""
-        return self.constant + small.normal_log_density(self.centre - about, self.covariance)
+    def log_density(self, expectation: Float[Array, "2 impact"]) -> Float[Array, " impact"]:
+        """At v = ``expectation``."""
+        return self.constant + small.normal_log_density(self.centre - expectation, self.covariance)
 
 
 def _rows(data: EstimatesData, covariances: Covariances, scatter: Float[Array, "table 2"]) -> Rows:
     """The estimates, and the lost tables with their people's expectations ``scatter`` apart."""
-    tables, estimates, own = len(data.roots), len(data.value) - len(data.roots), covariances.pair_matrix
-    factor = jnp.broadcast_to(jnp.linalg.cholesky(own), (tables, 2, 2))
+    tables, estimates, residual = len(data.roots), len(data.value) - len(data.roots), covariances.pair_matrix
+    factor = jnp.broadcast_to(jnp.linalg.cholesky(residual), (tables, 2, 2))
     offset, sd, correlation = moments_of_people(
         jnp.zeros((tables, 2)), scatter, factor, data.people[0].shape[1]
     )
     means, roots = (pair_covariance(sd[:, a : a + 2].T, correlation[:, a // 2]) for a in (0, 2))
     constant = small.normal_log_density((data.roots - offset[:, 2:]).T, roots)
-    covariance = jnp.concatenate([means, jnp.broadcast_to(own[..., None], (2, 2, estimates))], axis=-1)
+    covariance = jnp.concatenate([means, jnp.broadcast_to(residual[..., None], (2, 2, estimates))], axis=-1)
     centre = jnp.asarray(data.value).T.at[:, :tables].add(-offset[:, :2].T)
     return Rows(centre, covariance, jnp.append(constant, jnp.zeros(estimates)))
 
@@ -154,11 +154,11 @@ def population(model: EstimatesModel, sites: dict[str, Array]) -> Covariances:
 
 def _sums(data: EstimatesData, rows: Rows) -> CellSums:
     """What the rows that are kept say of X b, as a constant, a slope and a curvature at b's prior mean."""
-    about = expected(data.design, data.location_mean)
-    weight = data.kept * small.stacked(small.inverse(rows.covariance))
-    pull = jnp.stack(small.times(weight, rows.centre - about))
-    constant = data.kept * rows.log_density(about)
-    return CellSums(*(data.design.to_cells(values) for values in (weight, pull, constant)))
+    expectation = expected(data.design, data.location_mean)
+    precision = data.included * small.stacked(small.inverse(rows.covariance))
+    shift = jnp.stack(small.times(precision, rows.centre - expectation))
+    constant = data.included * rows.log_density(expectation)
+    return CellSums(*(data.design.to_cells(values) for values in (precision, shift, constant)))
 
 
 def log_evidence(model: EstimatesModel, data: EstimatesData, sites: dict[str, Array]) -> Float[Array, ""]:
@@ -185,11 +185,11 @@ def leave_one_out(
 
     slopes = jax.grad(density)(_sums(data, rows))
     moved, squares = slopes.shift[:, data.design.cell], -2 * slopes.precision[..., data.design.cell]
-    away = rows.centre - expected(data.design, data.location_mean) - moved
-    own = rows.covariance
-    turned = small.product(own, small.inverse(own - squares + moved[:, None] * moved))
-    covariance = small.product(turned, own)
-    return rows.constant + small.normal_log_density(small.times(turned, away), covariance)
+    residual = rows.centre - expected(data.design, data.location_mean) - moved
+    row_covariance = rows.covariance
+    turned = small.product(row_covariance, small.inverse(row_covariance - squares + moved[:, None] * moved))
+    covariance = small.product(turned, row_covariance)
+    return rows.constant + small.normal_log_density(small.times(turned, residual), covariance)
 
 
 class EffectsDraw(NamedTuple):
@@ -224,17 +224,17 @@ def draw_effects(
     covariances = population(model, sites)
     at_sites = _rows(data, covariances, data.scatter)
     sums = _sums(data, at_sites)
-    found, log_density = integrate_effects(data.design, covariances, sums)
-    b = effects_from_standard(data.design, found, data.location_mean, standard)
-    people = _of_people(data, b)
+    conditional, log_density = integrate_effects(data.design, covariances, sums)
+    b = effects_from_standard(data.design, conditional, data.location_mean, standard)
+    people = _people_deviations(data, b)
     scatter = (people**2).sum(1) / (people.shape[1] - 1)
-    about = expected(data.design, b)
-    rows = _rows(data, covariances, scatter).log_density(about)
-    log_ratio = data.kept @ (rows - at_sites.log_density(about))
+    expectation = expected(data.design, b)
+    rows = _rows(data, covariances, scatter).log_density(expectation)
+    log_ratio = data.included @ (rows - at_sites.log_density(expectation))
     return EffectsDraw(b, scatter, log_density, log_ratio, rows)
 
 
-def _of_people(data: EstimatesData, b: Float[Array, " location"]) -> Float[Array, "table person 2"]:
+def _people_deviations(data: EstimatesData, b: Float[Array, " location"]) -> Float[Array, "table person 2"]:
     """X b of each lost table's people less their mean."""
     begin = data.people[0].shape[-1]
     return jnp.stack([data.people[0] @ b[:begin], data.people[1] @ b[begin:]], axis=-1)
@@ -260,12 +260,12 @@ def plain_model(model: EstimatesModel, data: EstimatesData) -> None:
     sites = sample_hyperparameters(model)
     covariances = population(model, sites)
     b = numpyro.sample("locations", dist.Normal(data.location_mean, covariances.locations).to_event(1))
-    about = expected(data.design, b).T
+    expectation = expected(data.design, b).T
     tables, factor = len(data.roots), jnp.linalg.cholesky(covariances.pair_matrix)
     with numpyro.plate("averaged_trial", tables):
-        lost = AveragesOfLognormals(about[:tables, None] + _of_people(data, b), factor)
+        lost = AveragesOfLognormals(expectation[:tables, None] + _people_deviations(data, b), factor)
         events = jnp.concatenate([data.value[:tables], data.roots], axis=-1)
-        numpyro.sample("averages", lost.mask(data.kept[:tables] > 0), obs=events)
+        numpyro.sample("averages", lost.mask(data.included[:tables] > 0), obs=events)
     with numpyro.plate("impact", len(data.value) - tables):
-        each = dist.MultivariateNormal(about[tables:], scale_tril=factor)
-        numpyro.sample("estimates", each.mask(data.kept[tables:] > 0), obs=data.value[tables:])
+        estimates = dist.MultivariateNormal(expectation[tables:], scale_tril=factor)
+        numpyro.sample("estimates", estimates.mask(data.included[tables:] > 0), obs=data.value[tables:])

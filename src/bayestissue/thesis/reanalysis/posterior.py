@@ -93,24 +93,24 @@ def sample_posterior(
         progress: told how many of the chains' transitions are done, where it takes long.
     """
     data, coordinates = approximated(model, data, seed)
-    made: list[tuple[tuple[int, float], EstimatesPosterior]] = []
+    attempts: list[tuple[tuple[int, float], EstimatesPosterior]] = []
     for again in range(0 if settings.path == "exact" else 1 + _MOST_AGAIN):
         chains = sample_chains(model, data, coordinates, settings, seed + again * _OTHER_SEED, progress)
         ratios = chains.drawn.log_ratio.reshape(settings.chains, settings.transitions)
         correction = Correction.from_log_weights(ratios, settings.chains * settings.draws)
         chosen = systematic(correction.weight, settings.draws, np.random.default_rng([seed, 22]))
-        found = _labelled(model, data, coordinates, chains, chosen, correction)
-        made.append((correction.rank, found))
+        posterior = _labelled(model, data, coordinates, chains, chosen, correction)
+        attempts.append((correction.rank, posterior))
         if correction.relative > _WELL_PLACED:
             break
         data = data._replace(scatter=chains.drawn.scatter.mean(0))
-    if made:
-        (failed, _), best = min(made, key=lambda each: each[0])
+    if attempts:
+        (failed, _), best = min(attempts, key=lambda attempt: attempt[0])
         if settings.path == "summary" or not failed:
             return best
     chains = _exact(model, data, coordinates, settings, seed, progress)
-    every = np.tile(np.arange(settings.draws), (settings.chains, 1))
-    return _labelled(model, data, coordinates, chains, every, None)
+    all_draws = np.tile(np.arange(settings.draws), (settings.chains, 1))
+    return _labelled(model, data, coordinates, chains, all_draws, None)
 
 
 def sample_chains(
@@ -126,22 +126,22 @@ def sample_chains(
     By independent proposals: in coordinates that may have been made for other data, or else in the data's
     own; trajectories where both miss part of the posterior.
     """
-    for made in (lambda: coordinates, lambda: coordinates_about(model, data)):
-        where = made()
-        target = (model, data, where.warp)
-        found = independence_chains(marginal_model, target, COORDINATES, where.covariance, settings, seed)
-        sampled = found.draws
-        if found.pareto_k < k_threshold(settings.chains * settings.transitions):
+    for proposal in (lambda: coordinates, lambda: coordinates_about(model, data)):
+        proposed = proposal()
+        target = (model, data, proposed.warp)
+        chains = independence_chains(marginal_model, target, COORDINATES, proposed.covariance, settings, seed)
+        sampled = chains.draws
+        if chains.pareto_k < k_threshold(settings.chains * settings.transitions):
             break
     else:
-        start = Start({COORDINATES: np.zeros(len(where.names))}, (COORDINATES,), where.covariance)
-        target = (model, *filled_up((data,)), where.warp)
+        start = Start({COORDINATES: np.zeros(len(proposed.names))}, (COORDINATES,), proposed.covariance)
+        target = (model, *filled_up((data,)), proposed.warp)
         sampled = run_chains(
             marginal_model, target, start, settings, seed, progress=progress, processes=False
         )
-    y = sampled.sites[COORDINATES].reshape(-1, len(where.names))
+    y = sampled.sites[COORDINATES].reshape(-1, len(proposed.names))
     z = np.random.default_rng([seed, 21]).standard_normal((len(y), model.locations.size))
-    raw = np.asarray(where.warp(y))
+    raw = np.asarray(proposed.warp(y))
     return Chains(raw, draw_all(model, data, raw, z), sampled)
 
 
@@ -195,12 +195,12 @@ def draw_all(
 
 
 def leave_one_out_densities(
-    model: EstimatesModel, found: EstimatesPosterior
+    model: EstimatesModel, posterior: EstimatesPosterior
 ) -> Float[np.ndarray, "chain draw row"]:
     """Log density of every row given all others, for each draw; see `leave_one_out`."""
-    shape = next(iter(found.draws.sites.values())).shape
-    flat = {name: values.ravel() for name, values in found.draws.sites.items()}
-    return _left_out(model, found.data, flat).reshape(*shape, -1)
+    shape = next(iter(posterior.draws.sites.values())).shape
+    flat = {name: values.ravel() for name, values in posterior.draws.sites.items()}
+    return _left_out(model, posterior.data, flat).reshape(*shape, -1)
 
 
 _left_out = by_row(POINTS, constant=2)(leave_one_out)
@@ -243,5 +243,5 @@ def coordinates_about(
     mode = find_mode(model, model.hyperparameters, finder.at, near)
     scale = np.sqrt(np.diagonal(covariance_about(lambda y: finder.at(y)[1], mode)))
     warp = warp_about(finder.densities, mode, scale)
-    about = covariance_about(lambda y: finder.at(y, warp)[1], np.zeros(len(mode)))
-    return Coordinates(model.hyperparameters, warp, about)
+    covariance = covariance_about(lambda y: finder.at(y, warp)[1], np.zeros(len(mode)))
+    return Coordinates(model.hyperparameters, warp, covariance)

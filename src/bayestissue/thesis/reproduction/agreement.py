@@ -67,17 +67,17 @@ def is_cut_off(printed: str, value: float) -> bool:
     )
 
 
-def line(table: str, row: int, quantity: str, printed: str, found: Recomputed) -> Line:
-    """Compare ``printed`` (empty where its cell is lost) with what was ``found``."""
-    if found.value is None:
-        return Line(table, row, quantity, printed, "", None, found.note)
-    reproduced = f"{found.value:.8g}"
+def line(table: str, row: int, quantity: str, printed: str, recomputed: Recomputed) -> Line:
+    """Compare ``printed`` (empty where its cell is lost) with what was ``recomputed``."""
+    if recomputed.value is None:
+        return Line(table, row, quantity, printed, "", None, recomputed.note)
+    reproduced = f"{recomputed.value:.8g}"
     if not printed:
-        return Line(table, row, quantity, printed, reproduced, None, found.note)
-    agreed = agrees(printed, found.value)
-    notes = [] if agreed else [found.hint, _difference(printed, found.value, found.rounding)]
+        return Line(table, row, quantity, printed, reproduced, None, recomputed.note)
+    agreed = agrees(printed, recomputed.value)
+    notes = [] if agreed else [recomputed.hint, _difference(printed, recomputed.value, recomputed.rounding)]
     return Line(
-        table, row, quantity, printed, reproduced, agreed, "; ".join(filter(None, [*notes, found.note]))
+        table, row, quantity, printed, reproduced, agreed, "; ".join(filter(None, [*notes, recomputed.note]))
     )
 
 

@@ -1,14 +1,15 @@
-"""The nine experimental conditions: recomputed where the impacts remain, as printed where they are lost."""
+"""The nine experimental conditions and their covariates: Tables 5.10 and 5.11, printed and recomputed."""
 
 from __future__ import annotations
 
+import re
 from typing import Literal
 
 import numpy as np
 import pandas as pd
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.thesis.reproduction.agreement import half_unit
+from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line
 
 Quantity = Literal["K", "C"]
 QUANTITIES: tuple[Quantity, ...] = ("K", "C")
@@ -28,21 +29,24 @@ def conditions(published: PublishedTables, quantity: Quantity) -> pd.DataFrame:
     table = published.averages.query("quantity == @quantity").set_index("trial").sort_values("row")
     rows = published.estimates
     groups = rows.assign(rounding=rows[f"{quantity}_text"].map(half_unit)).groupby("trial")
-    found = groups[quantity].agg(["count", "mean", "std", "min", "max"]).reindex(table.index)
+    statistics = groups[quantity].agg(["count", "mean", "std", "min", "max"]).reindex(table.index)
     h = groups["rounding"].max().reindex(table.index)
-    n = found["count"]
-    kept = n.gt(1)
+    n = statistics["count"]
+    has_rows = n.gt(1)
     recomputed = {
-        "average": (found["mean"], h),
-        "sd": (found["std"], h * np.sqrt(n / (n - 1).clip(lower=1))),
-        "range": (found["max"] - found["min"], 2 * h),
+        "average": (statistics["mean"], h),
+        "sd": (statistics["std"], h * np.sqrt(n / (n - 1).clip(lower=1))),
+        "range": (statistics["max"] - statistics["min"], 2 * h),
     }
     result = table.drop(columns=list(recomputed)).assign(
-        impacts=n.where(kept, n.max()), minimum=found["min"], maximum=found["max"], from_rows=kept
+        impacts=n.where(has_rows, n.max()),
+        minimum=statistics["min"],
+        maximum=statistics["max"],
+        from_rows=has_rows,
     )
     for name, (value, rounding) in recomputed.items():
-        result[name] = value.where(kept, table[name])
-        result[f"{name}_rounding"] = rounding.where(kept, table[f"{name}_text"].map(half_unit))
+        result[name] = value.where(has_rows, table[name])
+        result[f"{name}_rounding"] = rounding.where(has_rows, table[f"{name}_text"].map(half_unit))
     return result
 
 
@@ -80,3 +84,95 @@ def unrounded_mass(table: pd.DataFrame) -> pd.Series | None:
     """
     mass = 2 * table["energy_J"] / (table["velocity_m_s"] + 0.25) ** 2
     return mass if bool(((mass - table["mass_kg"]).abs() < 1e-3).all()) else None
+
+
+_FACTORS = {"energy": "energy_J", "velocity": "velocity_m_s", "mass": "mass_kg"}
+
+NEVER_TABULATED = "skin fold and muscle thickness were never tabulated"
+NEVER_VARIES = "a covariate that never varies correlates with nothing"
+
+
+def factors(name: str) -> tuple[str, ...]:
+    """The factors, sorted, of a variable as the thesis writes it, such as ``"Energy* Mass *Velocity"``.
+
+    ``"Velocity*Energy"`` and ``"Energy * Velocity"`` come out the same; ``"Mass Sq"`` is mass twice. What
+    isn't made of energy, velocity and mass is its own single factor.
+    """
+    words = name.lower().strip()
+    squared = re.fullmatch(r"(\w+) se?q", words)
+    parts = [squared[1]] * 2 if squared else [part.strip() for part in words.split("*")]
+    return tuple(sorted(parts))
+
+
+def covariate(name: str, table: pd.DataFrame) -> np.ndarray | None:
+    """The product of the factors of ``name`` for every condition of ``table``; None for skin and muscle."""
+    parts = factors(name)
+    if any(part not in _FACTORS for part in parts):
+        return None
+    return np.prod([table[_FACTORS[part]].to_numpy(float) for part in parts], axis=0)
+
+
+def has_mass(name: str) -> bool:
+    """Whether mass is a factor of the variable ``name``."""
+    return "mass" in factors(name)
+
+
+_NAMES = {"average": "average", "sd": "standard deviation", "range": "range"}
+
+
+def summary_lines(published: PublishedTables) -> list[Line]:
+    """Average, standard deviation (with n - 1) and range of K and C in every trial, printed and recomputed.
+
+    The masses of the first of the two tables are set beside 2E/V², which defines them (section 6.4).
+    """
+    lines = []
+    for quantity in QUANTITIES:
+        table = conditions(published, quantity)
+        if quantity == QUANTITIES[0]:
+            lines += _mass_lines(table)
+        for trial, condition in table.iterrows():
+            lines += [
+                line(
+                    condition["table"],
+                    condition["row"],
+                    f"{label} of {quantity}, trial {trial}",
+                    condition[f"{name}_text"],
+                    _summary(condition, name, f"the impacts of trial {trial} are lost"),
+                )
+                for name, label in _NAMES.items()
+            ]
+    return lines
+
+
+def _summary(condition: pd.Series, name: str, lost: str) -> Recomputed:
+    if not condition["from_rows"]:
+        return Recomputed(None, note=lost)
+    repeated = name == "sd" and condition["sd_text"] == condition["range_text"]
+    return Recomputed(
+        condition[name],
+        rounding=condition[f"{name}_rounding"],
+        hint="repeats the range printed beside it" if repeated else "",
+    )
+
+
+def _mass_lines(table: pd.DataFrame) -> list[Line]:
+    return [
+        line(
+            condition["table"],
+            condition["row"],
+            f"mass, trial {trial}",
+            condition["mass_kg_text"],
+            _mass(condition),
+        )
+        for trial, condition in table.iterrows()
+    ]
+
+
+def _mass(condition: pd.Series) -> Recomputed:
+    # Energy and velocity are levels of a designed experiment (section 2.1): exact, whatever their digits.
+    energy = condition["energy_J"]
+    needed = np.sqrt(2 * energy / condition["mass_kg"])
+    return Recomputed(
+        2 * energy / condition["velocity_m_s"] ** 2,
+        hint=f"E = ½MV² with the printed mass needs V = {needed:.3f} m/s",
+    )

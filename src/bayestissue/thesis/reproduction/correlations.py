@@ -1,4 +1,4 @@
-"""Tables 5.12 to 5.15 recomputed: correlations of K and C with the conditions of the impacts."""
+"""Tables 5.12 to 5.15 and figures 5.1 to 5.4 recomputed: correlations of K and C with the conditions."""
 
 from __future__ import annotations
 
@@ -9,16 +9,20 @@ from scipy import stats
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.agreement import Line, Recomputed, half_unit, line
 from bayestissue.thesis.reproduction.conditions import (
+    NEVER_TABULATED,
+    NEVER_VARIES,
     QUANTITIES,
     Quantity,
     between_sum_of_squares,
     conditions,
+    covariate,
+    factors,
     rounding_norm,
     within_sum_of_squares,
 )
-from bayestissue.thesis.reproduction.covariates import NEVER_TABULATED, NEVER_VARIES, covariate
 
 ALL_IMPACTS: dict[str, Quantity] = {"5.12": "K", "5.13": "C"}
+AVERAGED_TABLES: dict[Quantity, str] = {"K": "5.14", "C": "5.15"}
 _LOST_TABLE = "the body of Table 5.13 is lost"
 
 
@@ -79,8 +83,8 @@ def correlation_lines(published: PublishedTables) -> list[Line]:
         lines += [line for _, row in rows.iterrows() for line in _impact_lines(table, row, tables[quantity])]
     averaged = published.correlations[~published.correlations["table"].isin(ALL_IMPACTS)]
     for _, row in averaged.iterrows():
-        found = correlation_of_averages(row["variable"], tables[row["quantity"]])
-        lines.append(_correlation_line(row, found))
+        recomputed = correlation_of_averages(row["variable"], tables[row["quantity"]])
+        lines.append(_correlation_line(row, recomputed))
     return lines
 
 
@@ -91,62 +95,93 @@ def variables_of_all_impacts(published: PublishedTables, quantity: Quantity) -> 
     running text of section 5.3 gives.
     """
     rows = published.correlations
-    found = rows[(rows["table"] == "5.12") & (rows["quantity"] == "K")]
+    variables = rows[(rows["table"] == "5.12") & (rows["quantity"] == "K")]
     if quantity == "K":
-        return found
+        return variables
     claims = published.claims.query("section == '5.3' and quantity == @quantity")
     said = dict(zip(claims["statistic"], claims["value_text"], strict=True))
-    return found.assign(
+    return variables.assign(
         table="5.13",
         quantity=quantity,
-        correlation_text=[said.get(f"correlation with {name}", "") for name in found["variable"]],
+        correlation_text=[said.get(f"correlation with {name}", "") for name in variables["variable"]],
         p_value_text="",
     )
 
 
+def correlation_figure(published: PublishedTables, quantity: Quantity, *, averages: bool) -> pd.DataFrame:
+    """Absolute correlations in falling order: figures 5.1 (K), 5.2 (C), with averages 5.3 (K), 5.4 (C).
+
+    Columns: ``variable`` as the thesis writes it, ``correlation`` recomputed (NaN for skin and muscle, which
+    were never tabulated), ``published`` (NaN where the cell is lost), and ``absolute``, which is that of the
+    recomputed number, or else of the published one. Variables with neither are left out, and a product that
+    the thesis lists twice is shown once.
+    """
+    table = conditions(published, quantity)
+    if averages:
+        rows = published.correlations.query("table == @AVERAGED_TABLES[@quantity]")
+        correlations = [correlation_of_averages(name, table) for name in rows["variable"]]
+    else:
+        rows = variables_of_all_impacts(published, quantity)
+        correlations = [correlation_of_impacts(name, table) for name in rows["variable"]]
+    figure = pd.DataFrame(
+        {
+            "variable": rows["variable"].to_numpy(),
+            "correlation": pd.Series([one.value for one in correlations], dtype="float64"),
+            "published": pd.to_numeric(rows["correlation_text"], errors="coerce").to_numpy(),
+        }
+    )
+    figure["absolute"] = figure["correlation"].fillna(figure["published"]).abs()
+    repeated = figure["variable"].map(factors).duplicated()
+    shown = figure[~repeated].dropna(subset="absolute")
+    return shown.sort_values("absolute", ascending=False, kind="stable", ignore_index=True)
+
+
 def _impact_lines(table: str, row: pd.Series, condition: pd.DataFrame) -> list[Line]:
-    found = correlation_of_impacts(row["variable"], condition)
+    recomputed = correlation_of_impacts(row["variable"], condition)
     n = float(condition["impacts"].sum())
     if table == "5.13":
         said = row["correlation_text"]
         source = f"{_LOST_TABLE}; {'section 5.3 prints this number' if said else 'no number is printed'}"
-        found = _with_note(found, source)
-    if found.value is None:
-        return [_correlation_line(row, found), _p_line(row, Recomputed(None, note=_p_note(row, found, n)))]
-    p = p_value(found.value, n)
+        recomputed = _with_note(recomputed, source)
+    if recomputed.value is None:
+        return [
+            _correlation_line(row, recomputed),
+            _p_line(row, Recomputed(None, note=_p_note(row, recomputed, n))),
+        ]
+    p = p_value(recomputed.value, n)
     # p falls as |r| grows, so the ends of r's interval give the ends of p's.
-    nearer_zero = max(abs(found.value) - found.rounding, 0.0)
+    nearer_zero = max(abs(recomputed.value) - recomputed.rounding, 0.0)
     rounding = p_value(nearer_zero, n) - p
     note = _LOST_TABLE if table == "5.13" else ""
-    return [_correlation_line(row, found), _p_line(row, Recomputed(p, rounding=rounding, note=note))]
+    return [_correlation_line(row, recomputed), _p_line(row, Recomputed(p, rounding=rounding, note=note))]
 
 
-def _p_note(row: pd.Series, found: Recomputed, n: float) -> str:
+def _p_note(row: pd.Series, recomputed: Recomputed, n: float) -> str:
     """What a p-value may be when only the printed correlation is known."""
     if not row["p_value_text"]:
-        return found.note
+        return recomputed.note
     # Correlations of the thesis are cut off, so a printed one may stand for anything up to one unit more.
     low, unit = abs(float(row["correlation"])), 2 * half_unit(row["correlation_text"])
     least, most = p_value(low + unit, n), p_value(max(low - unit / 2, 0.0), n)
     printed = row["p_value"]
     verdict = "" if least <= printed <= most else f", not {row['p_value_text']}"
-    return f"{found.note}; the printed correlation allows {least:.3f} to {most:.3f}{verdict}"
+    return f"{recomputed.note}; the printed correlation allows {least:.3f} to {most:.3f}{verdict}"
 
 
-def _correlation_line(row: pd.Series, found: Recomputed) -> Line:
+def _correlation_line(row: pd.Series, recomputed: Recomputed) -> Line:
     what = "all impacts" if row["table"] in ALL_IMPACTS else "averages"
     name = f"correlation of {row['quantity']} with {row['variable']}, {what}"
-    return line(row["table"], int(row["row"]), name, row["correlation_text"], found)
+    return line(row["table"], int(row["row"]), name, row["correlation_text"], recomputed)
 
 
-def _p_line(row: pd.Series, found: Recomputed) -> Line:
+def _p_line(row: pd.Series, recomputed: Recomputed) -> Line:
     name = f"p-value of {row['quantity']} with {row['variable']}, all impacts"
-    return line(row["table"], int(row["row"]), name, row["p_value_text"], found)
+    return line(row["table"], int(row["row"]), name, row["p_value_text"], recomputed)
 
 
-def _with_note(found: Recomputed, note: str) -> Recomputed:
-    joined = "; ".join(filter(None, [note, found.note]))
-    return Recomputed(found.value, found.rounding, joined, found.hint)
+def _with_note(recomputed: Recomputed, note: str) -> Recomputed:
+    joined = "; ".join(filter(None, [note, recomputed.note]))
+    return Recomputed(recomputed.value, recomputed.rounding, joined, recomputed.hint)
 
 
 def _angle(error: float, norm: float) -> float:

@@ -1,8 +1,9 @@
-"""The regression equations of section 5.4 and the stepwise selection of Table 5.17, recomputed."""
+"""The regression equations of section 5.4, their figures, and the stepwise selection of Table 5.17."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -11,8 +12,15 @@ import statsmodels.api as sm
 
 from bayestissue.dataset.published import PublishedTables
 from bayestissue.thesis.reproduction.agreement import Line, Recomputed, line
-from bayestissue.thesis.reproduction.conditions import QUANTITIES, conditions, unrounded_mass
-from bayestissue.thesis.reproduction.covariates import NEVER_TABULATED, covariate, factors
+from bayestissue.thesis.reproduction.conditions import (
+    NEVER_TABULATED,
+    QUANTITIES,
+    Quantity,
+    conditions,
+    covariate,
+    factors,
+    unrounded_mass,
+)
 
 ALPHA = 0.05  # the level below which a variable enters
 
@@ -57,16 +65,16 @@ def regression_lines(published: PublishedTables) -> list[Line]:
     lines = []
     for quantity in QUANTITIES:
         printed = published.regressions.query("quantity == @quantity")
-        found = _equation(conditions(published, quantity), printed)
+        recomputed = _equation(conditions(published, quantity), printed)
         lines += [
-            line(f"equation of {quantity}", row, f"coefficient of {term}", text, found[term])
+            line(f"equation of {quantity}", row, f"coefficient of {term}", text, recomputed[term])
             for row, (term, text) in enumerate(
                 zip(printed["term"], printed["coefficient_text"], strict=True), start=1
             )
-            if term in found
+            if term in recomputed
         ]
         text = printed["r_squared_text"].iloc[0]
-        lines.append(line(f"equation of {quantity}", len(printed) + 1, "R²", text, found["R²"]))
+        lines.append(line(f"equation of {quantity}", len(printed) + 1, "R²", text, recomputed["R²"]))
     return lines
 
 
@@ -82,6 +90,42 @@ def stepwise_lines(published: PublishedTables) -> list[Line]:
     return lines
 
 
+@dataclass(frozen=True)
+class MassFigure:
+    """What figures 5.5 (K) and 5.6 (C) show.
+
+    Attributes:
+        impacts: the impacts that remain: ``trial``, ``subject``, ``mass_kg``, ``value``.
+        averages: one row per trial: ``trial``, ``mass_kg``, ``average``, ``sd``, ``from_rows`` (false where
+            the impacts are lost and the printed average and standard deviation stand in).
+        constant, slope: least squares of the averages on mass; slope per kg.
+        printed_constant, printed_slope: the thesis's equation without its skin fold term.
+    """
+
+    impacts: pd.DataFrame
+    averages: pd.DataFrame
+    constant: float
+    slope: float
+    printed_constant: float
+    printed_slope: float
+
+
+def mass_figure(published: PublishedTables, quantity: Quantity) -> MassFigure:
+    """K or C against the mass of the pendulum (kg): figures 5.5 and 5.6."""
+    table = conditions(published, quantity)
+    fit = straight_line(table)
+    rows = published.estimates
+    printed = published.regressions.query("quantity == @quantity").set_index("term")["coefficient"]
+    return MassFigure(
+        impacts=rows[["trial", "subject", "mass_kg"]].assign(value=rows[quantity]),
+        averages=table.reset_index()[["trial", "mass_kg", "average", "sd", "from_rows"]],
+        constant=float(fit.params["const"]),
+        slope=float(fit.params["Mass"]),
+        printed_constant=float(printed.get("constant", float("nan"))),
+        printed_slope=float(printed.get("Mass", float("nan"))),
+    )
+
+
 def _equation(table: pd.DataFrame, printed: pd.DataFrame) -> dict[str, Recomputed]:
     fit, mass, average = straight_line(table), table["mass_kg"], table["average"]
     error = float(np.linalg.norm(table["average_rounding"]))
@@ -90,18 +134,18 @@ def _equation(table: pd.DataFrame, printed: pd.DataFrame) -> dict[str, Recompute
     extra = [term for term in printed["term"] if term not in ("constant", "Mass")]
     without = f"fitted without {', '.join(extra)}: {NEVER_TABULATED}" if extra else ""
     full = unrounded_mass(table)
-    other = None if full is None else straight_line(table, full).params
+    unrounded = None if full is None else straight_line(table, full).params
 
     def hint(term: str) -> str:
-        return "" if other is None else f"{other[term]:.5g} with masses not cut to three decimals"
+        return "" if unrounded is None else f"{unrounded[term]:.5g} with masses not cut to three decimals"
 
     of_constant = error * float(np.sqrt(1 / len(mass) + (mass.mean() / spread) ** 2))
-    found = {
+    coefficients = {
         "constant": Recomputed(fit.params["const"], of_constant, without, hint("const")),
         "Mass": Recomputed(fit.params["Mass"], error / spread, without, hint("Mass")),
         "R²": Recomputed(fit.rsquared, 2 * angle, without),
     }
-    return found | {term: Recomputed(None, note=NEVER_TABULATED) for term in extra}
+    return coefficients | {term: Recomputed(None, note=NEVER_TABULATED) for term in extra}
 
 
 def _stepwise_line(row: pd.Series, known: dict[tuple[str, ...], Any], entered: list[Any]) -> Line:
@@ -109,10 +153,10 @@ def _stepwise_line(row: pd.Series, known: dict[tuple[str, ...], Any], entered: l
     key = factors(row["variable"])
     if key not in known:
         return Line(row["table"], row["row"], name, row["status"], "", None, NEVER_TABULATED)
-    found = "entered" if key in entered else "not entered"
-    agreed = found == row["status"]
+    status = "entered" if key in entered else "not entered"
+    agreed = status == row["status"]
     note = "" if agreed else f"forward selection at {ALPHA} on the averages, without skin and muscle"
-    return Line(row["table"], row["row"], name, row["status"], found, agreed, note)
+    return Line(row["table"], row["row"], name, row["status"], status, agreed, note)
 
 
 def _p_of_last(response: pd.Series, columns: list[np.ndarray]) -> float:

@@ -1,16 +1,101 @@
-"""Why K grows with the mass, in words that follow from the tables of a run."""
+"""A finished `causes` run, and why K grows with the mass in words that follow from its tables."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
+from bayestissue.errors import InputError
+from bayestissue.report.run_folder import TableFile, read_tables, require_files, wrong_in
 from bayestissue.report.wording import likelihood_words, listed, number, probability, significant
 from bayestissue.thesis.causes.statistics import LEVEL, WORDS
-from bayestissue.thesis.pages.causes.run import CausesRun
 
-_ALIKE = 0.2
+_AGAIN = "Make the run anew with `bayestissue causes`."
+_NUMBERS = (
+    "probability",
+    "probability_error",
+    "campaigns",
+    "complete",
+    "p_joint",
+    "smallest_p",
+    "calibration_below_10",
+    "calibration_below_50",
+    "calibration_campaigns",
+    "calibration_p",
+)
+_QUANTILES = ("q01", "q05", "q25", "q50", "q75", "q95", "q99")
+_TABLES = (
+    TableFile("causes", ("cause", "title", "nearest", "fails", "verdict"), _NUMBERS),
+    TableFile("predictive", ("cause", "statistic"), _QUANTILES),
+    TableFile("observed", ("statistic", "compared"), ("value",)),
+    TableFile("confusion", ("truth",)),
+    TableFile("reliability", (), ("probability", "right", "cases")),
+)
+# Causes that lie in how K was found, and not in what was hit.
+_OF_METHOD = ("none", "centring", "conversion", "fixed window", "own time", "velocity")
+
+
+@dataclass(frozen=True)
+class CausesRun:
+    """What the files of a `causes` run say; tables keep the columns of their files."""
+
+    record: dict[str, Any]
+    causes: pd.DataFrame
+    predictive: pd.DataFrame
+    observed: pd.DataFrame
+    confusion: pd.DataFrame
+    reliability: pd.DataFrame
+
+    @property
+    def statistics(self) -> list[str]:
+        """The statistics that are drawn: those of the comparison, and the size of K/M."""
+        return [name for name in self.observed["statistic"] if name in WORDS and name != "without_estimate"]
+
+    @property
+    def compared(self) -> list[str]:
+        """The statistics of the joint comparison."""
+        return list(self.observed.loc[self.observed["compared"] == "yes", "statistic"])
+
+    def value(self, statistic: str) -> float:
+        """The observed value of a statistic."""
+        values = dict(zip(self.observed["statistic"], self.observed["value"], strict=True))
+        return float(values[statistic])
+
+    def mechanism(self, cause: str) -> str:
+        """What acts in a cause."""
+        return str(self.record["model"]["causes"][cause]["mechanism"])
+
+    @property
+    def in_method(self) -> pd.Series:
+        """For each cause whether it lies in the method."""
+        return self.causes["cause"].map(self.mechanism).isin(_OF_METHOD)
+
+
+def read_causes_run(folder: Path, record: dict[str, Any]) -> CausesRun:
+    """Read every file of the run in ``folder``, whose ``run.json`` holds ``record``.
+
+    Raises:
+        InputError: a file lacks or isn't what a run writes; all such files are named at once.
+    """
+    lacking = [key for key in ("model", "subject") if not isinstance(record.get(key), dict)]
+    if lacking or "causes" not in record["model"]:
+        column = (*lacking, "model")[0]
+        raise InputError(wrong_in(folder / "run.json", "what every such run writes", _AGAIN, column=column))
+    require_files(folder, [f"{layout.name}.csv" for layout in _TABLES])
+    tables = dict(read_tables(folder, _TABLES))
+    for name in tables["causes"].columns[tables["causes"].columns.str.startswith("p_")]:
+        tables["causes"][name] = pd.to_numeric(tables["causes"][name], errors="coerce")
+    cause_columns = list(tables["confusion"].columns[1:])
+    tables["confusion"][cause_columns] = tables["confusion"][cause_columns].apply(
+        pd.to_numeric, errors="coerce"
+    )
+    return CausesRun(record=record, **tables)
+
+
+_CONFUSED = 0.2
 _GRAVITY = 9.80665
 # How each mechanism makes K look as it does.
 _HOW = {
@@ -58,7 +143,7 @@ def answer(run: CausesRun) -> list[str]:
     """The whole answer, a sentence each: what was found, where its cause lies, and how sure that is."""
     rows = run.causes.sort_values("probability", ascending=False).to_dict("records")
     sentences = [_question(run), *_lead(run, rows[0]), _alone(run)]
-    tissue = run.causes[~run.of_method]
+    tissue = run.causes[~run.in_method]
     if not _fixed_tissue(run, rows[0]) and len(tissue) and (tissue["verdict"] == "refuted").all():
         best = max(tissue.to_dict("records"), key=lambda row: row["probability"])
         missed = f": it misses the {failing(best)}" if best["fails"] else ""
@@ -75,8 +160,8 @@ def _question(run: CausesRun) -> str:
         for quantity in ("K", "C")
         if f"mass_exponent_{quantity}" in run.statistics
     ]
-    told = listed(exponents).replace("K to", "K goes with the mass to", 1)
-    return f"In {run.about['subject']['title']} {told}."
+    exponents_words = listed(exponents).replace("K to", "K goes with the mass to", 1)
+    return f"In {run.record['subject']['title']} {exponents_words}."
 
 
 def _lead(run: CausesRun, best: Row) -> list[str]:
@@ -87,7 +172,7 @@ def _lead(run: CausesRun, best: Row) -> list[str]:
             f"probability {_probability(fixed)})."
         ]
     how = f"“{best['title']}” ({_probability(best)}): {_HOW[run.mechanism(best['cause'])]}."
-    in_method = float(run.causes.loc[run.of_method, "probability"].sum())
+    in_method = float(run.causes.loc[run.in_method, "probability"].sum())
     if in_method >= 0.5:
         where = f"{likelihood_words(in_method)} lies in how K was found and not in the tissue"
         share = in_method
@@ -105,8 +190,8 @@ def _fixed_tissue(run: CausesRun, best: Row) -> Row | None:
     """The cause that is none, if it is not ruled out and the likeliest or not to be told from that."""
     for row in run.causes.to_dict("records"):
         if run.mechanism(row["cause"]) == "none" and row["verdict"] != "refuted":
-            alike_best = {row["title"], best["title"]} in [set(pair) for pair in alike(run)]
-            return row if row["cause"] == best["cause"] or alike_best else None
+            confused_with_best = {row["title"], best["title"]} in [set(pair) for pair in confused_pairs(run)]
+            return row if row["cause"] == best["cause"] or confused_with_best else None
     return None
 
 
@@ -115,14 +200,13 @@ def _alone(run: CausesRun) -> str:
     if not left:
         return f"But none of them, acting alone, makes all {count} numbers compared (every p below 0.01)."
     named = listed([f"“{row['title']}” (p {_relation(row)})" for row in left])
-    rest = "; every other misses" if len(left) < len(run.causes) else ""
+    ending = "; every other misses" if len(left) < len(run.causes) else ""
     if any(row["verdict"] == "possible" for row in left):
-        return (
-            f"Acting alone {named} can have made all {count} numbers compared{rest}{' some' if rest else ''}."
-        )
+        some = f"{ending} some" if ending else ""
+        return f"Acting alone {named} can have made all {count} numbers compared{some}."
     return (
         f"Acting alone even {named} would rarely make all {count} numbers compared at once"
-        f"{', and every other more rarely than once in a hundred times' if rest else ''}."
+        f"{', and every other more rarely than once in a hundred times' if ending else ''}."
     )
 
 
@@ -146,7 +230,7 @@ def ruled_out(run: CausesRun) -> list[str]:
     ]
 
 
-def alike(run: CausesRun) -> list[tuple[str, str]]:
+def confused_pairs(run: CausesRun) -> list[tuple[str, str]]:
     """Pairs of causes that these statistics confuse: each gives the other a fifth of its probability."""
     table: pd.DataFrame = run.confusion.set_index("truth")
     titles = run.causes.set_index("cause")["title"]
@@ -155,13 +239,13 @@ def alike(run: CausesRun) -> list[tuple[str, str]]:
         (str(titles[a]), str(titles[b]))
         for i, a in enumerate(names)
         for b in names[i + 1 :]
-        if min(float(table.loc[a, b]), float(table.loc[b, a])) > _ALIKE
+        if min(float(table.loc[a, b]), float(table.loc[b, a])) > _CONFUSED
     ]
 
 
-def alike_words(run: CausesRun) -> str:
+def confusion_words(run: CausesRun) -> str:
     """Which causes can't be told from each other; empty if all can."""
-    named = "; ".join(f"“{a}” and “{b}”" for a, b in alike(run))
+    named = "; ".join(f"“{a}” and “{b}”" for a, b in confused_pairs(run))
     return (
         f"These look alike, and no such table of estimates can tell one from the other: {named}."
         if named
@@ -172,10 +256,14 @@ def alike_words(run: CausesRun) -> str:
 def _hindsight(run: CausesRun) -> str:
     """What becomes of the answer without the likeliest cause, if that was proposed in view of the data."""
     best, *others = run.causes.sort_values("probability", ascending=False).to_dict("records")
-    if not others or not run.about["model"]["causes"][best["cause"]].get("after_the_fact"):
+    if not others or not run.record["model"]["causes"][best["cause"]].get("after_the_fact"):
         return ""
-    rest = sum(float(row["probability"]) for row in others)
-    share = f", with {probability(others[0]['probability'] / rest)} of what is left" if rest > 0 else ""
+    other_probability = sum(float(row["probability"]) for row in others)
+    share = (
+        f", with {probability(others[0]['probability'] / other_probability)} of what is left"
+        if other_probability > 0
+        else ""
+    )
     return (
         f"How probable “{best['title']}” was beforehand: it was proposed, and its ranges set, with these "
         f"numbers in view. Without it the likeliest is “{others[0]['title']}” "

@@ -1,15 +1,183 @@
-"""The page of a test of causes."""
+"""The page of a test of causes, with its figures and tables."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-from bayestissue.report.page import render_page
-from bayestissue.report.settings import settings_table
-from bayestissue.report.wording import number
-from bayestissue.thesis.pages.causes import answers, figures, tables
-from bayestissue.thesis.pages.causes.run import read_causes_run
+import numpy as np
+from markupsafe import Markup
+from matplotlib.ticker import LogLocator, NullLocator
+
+from bayestissue.report.model_words import settings_table
+from bayestissue.report.page import figure, render_page
+from bayestissue.report.style import (
+    POSTERIOR,
+    PUBLISHED,
+    REFERENCE,
+    label_in_powers,
+    log_ticks,
+    new_figure,
+    shown,
+    style,
+)
+from bayestissue.report.tables import Field, Row, Table, columns, table_of
+from bayestissue.report.wording import number, significant
+from bayestissue.thesis.causes.statistics import LEVEL, MEANING, WORDS
+from bayestissue.thesis.pages.causes import answers
+from bayestissue.thesis.pages.causes.answers import CausesRun, failing, p_words, read_causes_run
+
+
+def short(name: str) -> str:
+    """A cause's name in the specification as a label."""
+    return shown(name.replace("_", " "))
+
+
+def predictive_figure(run: CausesRun, statistic: str) -> Markup:
+    """One statistic: 90 % and 50 % of each cause's campaigns, their median, and the observed value."""
+    rows = run.predictive[run.predictive["statistic"] == statistic].set_index("cause")
+    names = list(run.causes["cause"])
+    rows = rows.loc[names]
+    height = np.arange(len(names))[::-1]
+    observed = run.value(statistic)
+    with style():
+        fig, axes = new_figure((4.8, 1.0 + 0.22 * len(names)))
+        axes.hlines(height, rows["q05"], rows["q95"], color=POSTERIOR, lw=1.4)
+        axes.hlines(height, rows["q25"], rows["q75"], color=POSTERIOR, lw=4.5)
+        axes.plot(rows["q50"], height, "|", color="white", ms=6, mew=1.5)
+        axes.axvline(observed, color=PUBLISHED, lw=1.6)
+        axes.set(yticks=height, yticklabels=[short(name) for name in names], xlabel=WORDS[statistic])
+        if statistic == LEVEL:
+            axes.set_xscale("log")
+            # Decades: there are too many of them for anything between.
+            axes.xaxis.set_major_locator(LogLocator(numticks=6))
+            axes.xaxis.set_minor_locator(NullLocator())
+            label_in_powers(axes.xaxis)
+        axes.grid(visible=False, axis="y")
+        return figure(
+            fig,
+            f"{WORDS[statistic]}: for each cause the range of nine tenths and of one half of its campaigns; "
+            f"a vertical line at the observed value, {observed:.3g}.",
+        )
+
+
+def probability_figure(run: CausesRun) -> Markup:
+    """Posterior probability and joint p-value of every cause, side by side."""
+    table = run.causes
+    height = np.arange(len(table))[::-1]
+    with style():
+        fig, (left, right) = new_figure((9.2, 1.0 + 0.24 * len(table)), columns=2, sharey=True)
+        left.barh(height, table["probability"], xerr=table["probability_error"], color=POSTERIOR, height=0.6)
+        left.set(xlim=(0, 1), xlabel="posterior probability among these causes", yticks=height)
+        left.set_yticklabels([short(name) for name in table["cause"]])
+        right.plot(table["p_joint"], height, "o", color=POSTERIOR, ms=5)
+        right.axvline(0.01, color=REFERENCE, ls="--", lw=1)
+        right.set_xscale("log")
+        right.set(xlim=(min(table["smallest_p"].min() * 0.6, 0.005), 1.3), xlabel="joint predictive p-value")
+        log_ticks(right.xaxis, [0.001, 1.0])
+        for axes in (left, right):
+            axes.grid(visible=False, axis="y")
+        return figure(
+            fig,
+            "For every cause its posterior probability with its Monte Carlo error, and its joint predictive "
+            "p-value on a logarithmic scale with a dashed line at 0.01.",
+        )
+
+
+_VERDICTS = {"refuted": "ruled out", "doubtful": "hardly", "possible": "possible"}
+
+
+def causes_table(run: CausesRun) -> Table:
+    """One row a cause."""
+    return table_of(
+        run.causes.to_dict("records"),
+        Field("cause", lambda row: row["title"], "words"),
+        Field("alone", lambda row: _VERDICTS.get(row["verdict"], row["verdict"])),
+        Field("joint p", p_words, "number"),
+        Field("posterior", _posterior, "number"),
+        Field("misses most", lambda row: failing(row) or "none by itself", "words"),
+        Field("strength of the nearest campaigns", _strength, "words"),
+        mark=lambda row: "disagrees" if row["verdict"] == "refuted" else "",
+    )
+
+
+def _posterior(row: dict[str, Any]) -> str:
+    return f"{number(row['probability'], 3)} ± {number(row['probability_error'], 3)}"
+
+
+def _strength(row: dict[str, Any]) -> str:
+    return row["nearest"].replace("_m_s ", " in m/s ").replace("_", " ") or "has no strength"
+
+
+def statistics_table(run: CausesRun) -> Table:
+    """What each statistic is, and its observed value."""
+    return table_of(
+        run.statistics,
+        Field("number", WORDS.__getitem__),
+        Field("observed", lambda name: significant(run.value(name)), "number"),
+        Field("compared", lambda name: "yes" if name in run.compared else "no"),
+        Field("what it is", MEANING.__getitem__, "words"),
+    )
+
+
+def p_table(run: CausesRun) -> Table:
+    """The p-value of every statistic under every cause."""
+    names = list(run.causes["cause"])
+    rows = []
+    for statistic in run.statistics:
+        cells = [number(value, 3) for value in run.causes[f"p_{statistic}"]]
+        rows.append(Row((WORDS[statistic], significant(run.value(statistic)), *cells)))
+    heads = [short(name) for name in names]
+    return Table(
+        columns("statistic", "observed", *heads, number=("observed", *heads), words=("statistic",)), rows
+    )
+
+
+def confusion_table(run: CausesRun) -> Table:
+    """Mean probability given to each cause by campaigns of each; what a cause gives itself is bold."""
+    names = list(run.confusion["truth"])
+    rows = []
+    for row in run.confusion.to_dict("records"):
+        cells = [
+            Markup("<b>{}</b>").format(number(row[name], 2)) if name == row["truth"] else _small(row[name])
+            for name in names
+        ]
+        rows.append(Row((short(row["truth"]), *cells)))
+    heads = [short(name) for name in names]
+    return Table(columns("made by", *heads, number=heads), rows)
+
+
+def _small(value: float) -> str:
+    return number(value, 2) if value >= 0.005 else ""
+
+
+def calibration_table(run: CausesRun) -> Table:
+    """How often p-values of a cause's own campaigns were at most 0.1 and 0.5."""
+    return table_of(
+        run.causes.to_dict("records"),
+        Field("cause", lambda row: row["title"], "words"),
+        Field("campaigns", lambda row: number(row["campaigns"], 0), "number"),
+        Field("with all statistics", lambda row: number(row["complete"], 3), "number"),
+        Field("p ≤ 0.1", lambda row: number(row["calibration_below_10"], 3), "number"),
+        Field("p ≤ 0.5", lambda row: number(row["calibration_below_50"], 3), "number"),
+        Field("± at 0.1", lambda row: number(_error_at_10(row["calibration_campaigns"]), 3), "number"),
+        Field("uniform: p", lambda row: number(row["calibration_p"], 2), "number"),
+    )
+
+
+def _error_at_10(campaigns: float) -> float:
+    return (0.09 * 2 / max(campaigns, 1)) ** 0.5
+
+
+def reliability_table(run: CausesRun) -> Table:
+    """Probabilities given, and how often they were right."""
+    return table_of(
+        run.reliability.to_dict("records"),
+        Field("probability given", lambda row: number(row["probability"], 3), "number"),
+        Field("share that was right", lambda row: number(row["right"], 3), "number"),
+        Field("cases", lambda row: number(row["cases"], 0), "number"),
+    )
+
 
 _CONTENTS = (
     ("causes", "Causes"),
@@ -21,23 +189,23 @@ _CONTENTS = (
 )
 
 
-def causes_page(folder: Path, about: dict[str, Any]) -> str:
-    """The HTML of the run in ``folder``, whose ``run.json`` holds ``about``.
+def causes_page(folder: Path, record: dict[str, Any]) -> str:
+    """The HTML of the run in ``folder``, whose ``run.json`` holds ``record``.
 
     Raises:
         InputError: a file lacks or isn't what `bayestissue causes` writes.
     """
-    run = read_causes_run(folder, about)
-    subject = about["subject"]
-    score, guess = about.get("log_score", (float("nan"), float("nan")))
+    run = read_causes_run(folder, record)
+    subject = record["subject"]
+    score, guess = record.get("log_score", (float("nan"), float("nan")))
     return render_page(
         "causes.html",
         title="Why does K grow with mass?",
         subtitle=f"{len(run.causes)} proposed causes against {subject['title']}: "
-        f"{about['campaigns']} simulated campaigns",
+        f"{record['campaigns']} simulated campaigns",
         contents=_CONTENTS,
-        about=about,
-        versions=about.get("versions", {}),
+        record=record,
+        versions=record.get("versions", {}),
         subject=subject,
         answer=answers.answer(run),
         standing=[
@@ -46,17 +214,17 @@ def causes_page(folder: Path, about: dict[str, Any]) -> str:
         ],
         ruled_out=answers.ruled_out(run),
         cannot_tell=answers.cannot_tell(run),
-        alike=answers.alike_words(run),
-        causes_table=tables.causes_table(run),
-        probability_plot=figures.probability_figure(run),
-        predictive_plots=[figures.predictive_figure(run, name) for name in run.statistics],
-        statistics_table=tables.statistics_table(run),
-        p_table=tables.p_table(run),
-        confusion_table=tables.confusion_table(run),
-        calibration_table=tables.calibration_table(run),
-        reliability_table=tables.reliability_table(run),
+        confusion_words=answers.confusion_words(run),
+        causes_table=causes_table(run),
+        probability_plot=probability_figure(run),
+        predictive_plots=[predictive_figure(run, name) for name in run.statistics],
+        statistics_table=statistics_table(run),
+        p_table=p_table(run),
+        confusion_table=confusion_table(run),
+        calibration_table=calibration_table(run),
+        reliability_table=reliability_table(run),
         score=number(score, 2),
         guess=number(guess, 2),
         published=subject["name"] == "published",
-        settings_table=settings_table(about["model"]),
+        settings_table=settings_table(record["model"]),
     )

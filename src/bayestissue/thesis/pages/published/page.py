@@ -1,34 +1,106 @@
-"""The whole page of the published analysis."""
+"""The whole page of the published analysis; words of its first screen follow from the numbers."""
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from bayestissue.dataset.published import PublishedTables, read_published
 from bayestissue.inference.samplers.diagnostics import warned_codes
 from bayestissue.remedies import Code, codes_in
-from bayestissue.report import model_words, posterior, remarks
+from bayestissue.report import model_words, posterior
 from bayestissue.report import posterior_tables as shared_tables
 from bayestissue.report.comparison.figures import comparison_figure
+from bayestissue.report.model_words import settings_table
 from bayestissue.report.page import render_page
+from bayestissue.report.posterior import CONSTANT, FIXED, SURE, exponent, hypothesis_probability
 from bayestissue.report.posterior_figures import effects_figure, exponent_figure
-from bayestissue.report.settings import settings_table
-from bayestissue.thesis.pages.published import (
-    answers,
-    check_tables,
-    posterior_tables,
-    thesis_tables,
+from bayestissue.report.wording import (
+    relative,
+    significant,
 )
-from bayestissue.thesis.pages.published.check_figures import inside_share, predictive_figure
-from bayestissue.thesis.pages.published.posterior_figures import (
+from bayestissue.thesis.pages.published import tables
+from bayestissue.thesis.pages.published.figures import (
+    correlations_plot,
+    inside_share,
     kept_share,
-    mass_figure,
+    mass_plot,
+    posterior_mass_figure,
+    predictive_figure,
     shrinkage_figure,
 )
 from bayestissue.thesis.pages.published.run import PublishedRun, read_published_run
-from bayestissue.thesis.pages.published.thesis_figures import correlations_plot, mass_plot
 from bayestissue.thesis.reproduction.conditions import Quantity
+
+
+def natural_frequencies(run: PublishedRun) -> np.ndarray:
+    """sqrt(K / M) of a typical person in each condition, posterior median [trial], rad/s."""
+    return np.sqrt(np.median(run.draws("K_trial"), axis=0) / run.constant("mass_kg"))
+
+
+def mass_conclusion(run: PublishedRun) -> str:
+    """What the exponent of K says about where its dependence on mass comes from."""
+    beta = exponent(run, "K")
+    if beta is None:
+        return "This model has no mass exponent, so it can't tell where a dependence on mass comes from."
+    constant = hypothesis_probability(run, "K", CONSTANT)
+    fixed = hypothesis_probability(run, "K", FIXED)
+    if constant > SURE and constant_frequency_finding(run) is not None:
+        omega = natural_frequencies(run)
+        same = relative(np.sqrt(omega.max() / omega.min()) - 1)
+        return (
+            f"Made by the method: ωₙ is the same to {same} at every mass, so K = Mωₙ² is only the mass "
+            "rescaled. A constant ωₙ means that the fit carried no information on the tissue."
+        )
+    if constant > SURE:
+        return (
+            "K grows in proportion to mass: that is what a method gives whose ωₙ carries no information on "
+            "the tissue, since K = Mωₙ²."
+        )
+    if fixed > SURE:
+        return "K does not depend on mass in practice: the estimates behave as a tissue of fixed stiffness."
+    if beta.holds(0) or beta.holds(1):
+        return "The data do not decide between a fixed stiffness and a constant natural frequency."
+    if beta.high < 0:
+        return "K falls as mass grows, which neither a fixed stiffness nor a constant ωₙ explains."
+    if beta.low > 1:
+        return "K grows faster than the mass, which neither a fixed stiffness nor a constant ωₙ explains."
+    return (
+        "K grows with mass, but more slowly than K = Mωₙ² with a constant ωₙ would: "
+        "neither explanation suffices alone."
+    )
+
+
+def constant_frequency_finding(run: PublishedRun) -> int | None:
+    """The row of the audit that finds K/M (or ωₙ) constant, or None if the audit doesn't say so."""
+    text = run.audit["what"] + " " + run.audit["explanation"]
+    about_ratio = text.str.contains(r"K\s*/\s*M\b|ω_?n|ωₙ|omega_n|natural frequency", flags=re.IGNORECASE)
+    says_constant = text.str.contains(
+        r"constant|hardly|no information|does not vary|one curve|same", flags=re.IGNORECASE
+    )
+    rows = run.audit.index[about_ratio & says_constant & (run.audit["severity"] == "major")]
+    return int(rows[0]) if len(rows) else None
+
+
+def doubt_words(run: PublishedRun) -> str:
+    """What the audit says of the published figures, to stand after "which the audit"."""
+    majors = int((run.audit["severity"] == "major").sum())
+    return "doubts" if majors else "has nothing major against"
+
+
+def frequency_sentence(run: PublishedRun) -> str:
+    """How much ωₙ varies over the conditions, beside how much the mass does."""
+    omega, mass = natural_frequencies(run), run.constant("mass_kg")
+    return (
+        f"Over the {len(mass)} conditions the mass varies by a factor of "
+        f"{significant(mass.max() / mass.min(), 2)}, ωₙ = √(K/M) of a typical person by one of "
+        f"{significant(omega.max() / omega.min(), 3)}, from {significant(omega.min())} to "
+        f"{significant(omega.max())} rad/s."
+    )
+
 
 ThesisLines = dict[Quantity, tuple[float, float] | None]
 
@@ -55,13 +127,13 @@ _POPULATION = tuple(
 )
 
 
-def published_page(folder: Path, about: dict[str, Any]) -> str:
+def published_page(folder: Path, record: dict[str, Any]) -> str:
     """The HTML of the report of the `reproduce` run in ``folder``.
 
     Raises:
         InputError: a file of the run lacks or isn't what a run writes.
     """
-    run = read_published_run(folder, about)
+    run = read_published_run(folder, record)
     # A run of other tables than the thesis's own carries them along.
     own_tables = folder / "published"
     published = read_published(own_tables if own_tables.is_dir() else None)
@@ -73,7 +145,7 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
         contents=_CONTENTS,
         first_codes=warned_codes(run.diagnostics),
         codes=[*warned_codes(run.diagnostics), *_further_codes(run)],
-        about=about,
+        record=record,
         **_first_screen(run),
         **_posterior(run, lines),
         **_model_checks(run),
@@ -84,8 +156,8 @@ def published_page(folder: Path, about: dict[str, Any]) -> str:
 
 def _further_codes(run: PublishedRun) -> list[Code]:
     """Of what sections below the first screen warn of."""
-    failed = any(row.mark for row in check_tables.checks_table(run).rows)
-    said = "; ".join([remarks.prior_remark(run.sensitivity), *run.comparison["warning"]])
+    failed = any(row.mark for row in tables.checks_table(run).rows)
+    said = "; ".join([posterior.prior_remark(run.sensitivity), *run.comparison["warning"]])
     return [*(("predictive-check",) if failed else ()), *codes_in(said)]
 
 
@@ -104,30 +176,32 @@ def thesis_line(published: PublishedTables, quantity: str) -> tuple[float, float
 
 
 def _first_screen(run: PublishedRun) -> dict[str, Any]:
-    finding = answers.constant_frequency_finding(run)
+    finding = constant_frequency_finding(run)
     return {
         "reference_mass": f"{run.reference_mass:.3g}",
         "levels": posterior.level_rows(run),
         "sureness": posterior.sureness(run),
         "exponents": posterior.exponent_rows(run),
-        "conclusion": answers.mass_conclusion(run),
-        "frequency": answers.frequency_sentence(run),
+        "conclusion": mass_conclusion(run),
+        "frequency": frequency_sentence(run),
         "constant_frequency": None if finding is None else f"finding-{finding + 1}",
-        "worst": thesis_tables.findings(run)[:3],
-        "severities": thesis_tables.severities(run),
-        "doubt": answers.doubt_words(run),
-        "agreement": thesis_tables.agreement(run),
+        "worst": tables.findings(run)[:3],
+        "severities": tables.severities(run),
+        "doubt": doubt_words(run),
+        "agreement": tables.agreement(run),
     }
 
 
 def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
-    kept = {quantity: kept_share(run, quantity) for quantity in posterior.QUANTITIES}
+    kept_shares = {quantity: kept_share(run, quantity) for quantity in posterior.QUANTITIES}
     return {
         "shrinkage_plots": [shrinkage_figure(run, quantity) for quantity in posterior.QUANTITIES],
-        "kept": posterior_tables.shares(run, kept),
-        "estimates_table": posterior_tables.estimates_table(run),
-        "mass_plots": [mass_figure(run, quantity, lines[quantity]) for quantity in posterior.QUANTITIES],
-        "lines_table": posterior_tables.lines_table(run, lines),
+        "kept": tables.shares(run, kept_shares),
+        "estimates_table": tables.estimates_table(run),
+        "mass_plots": [
+            posterior_mass_figure(run, quantity, lines[quantity]) for quantity in posterior.QUANTITIES
+        ],
+        "lines_table": tables.lines_table(run, lines),
         "exponent_plots": [
             exponent_figure(run, quantity)
             for quantity in posterior.QUANTITIES
@@ -142,7 +216,7 @@ def _posterior(run: PublishedRun, lines: ThesisLines) -> dict[str, Any]:
             ]
             for level, words in _LEVELS.items()
         },
-        "differs": {words: remarks.who_differs(run, level) for level, words in _LEVELS.items()},
+        "differs": {words: posterior.who_differs(run, level) for level, words in _LEVELS.items()},
         "population_table": shared_tables.summary_table(run.summary, (*_POPULATION, "residual_correlation")),
     }
 
@@ -151,13 +225,13 @@ def _model_checks(run: PublishedRun) -> dict[str, Any]:
     schemes = list(dict.fromkeys(run.comparison["scheme"]))
     return {
         "comparison_plots": [comparison_figure(run.comparison, scheme) for scheme in schemes],
-        "comparison_table": check_tables.comparison_table(run),
-        "best": remarks.best_explanations(run.comparison),
-        "prior_remark": remarks.prior_remark(run.sensitivity),
+        "comparison_table": tables.comparison_table(run),
+        "best": posterior.best_explanations(run.comparison),
+        "prior_remark": posterior.prior_remark(run.sensitivity),
         "sensitivity_table": shared_tables.sensitivity_table(run.sensitivity),
         "predictive_plots": [predictive_figure(run, quantity) for quantity in posterior.QUANTITIES],
         "inside": {quantity: inside_share(run, quantity) for quantity in posterior.QUANTITIES},
-        "checks_table": check_tables.checks_table(run),
+        "checks_table": tables.checks_table(run),
         "diagnostics_table": shared_tables.diagnostics_table(run.diagnostics),
     }
 
@@ -170,16 +244,16 @@ def _published(run: PublishedRun, published: PublishedTables) -> dict[str, Any]:
             for quantity in posterior.QUANTITIES
         ],
         "mass_plots_thesis": [mass_plot(published, quantity) for quantity in posterior.QUANTITIES],
-        "reproduction_table": thesis_tables.reproduction_table(run),
-        "findings": thesis_tables.findings_by_severity(run),
+        "reproduction_table": tables.reproduction_table(run),
+        "findings": tables.findings_by_severity(run),
     }
 
 
 def _provenance(run: PublishedRun) -> dict[str, Any]:
-    described = run.about.get("model", {})
+    described = run.record.get("model", {})
     return {
         "formulas": model_words.formulas(described),
         "priors_table": model_words.priors_table(described),
-        "settings_table": settings_table(described, model_words.TOLD_ELSEWHERE),
-        "versions": run.about.get("versions", {}),
+        "settings_table": settings_table(described, model_words.SHOWN_ELSEWHERE),
+        "versions": run.record.get("versions", {}),
     }

@@ -58,8 +58,8 @@ class PublishedRun(PosteriorRun):
         return float(self.constant("reference_mass_kg"))
 
 
-def read_published_run(folder: Path, about: dict[str, Any]) -> PublishedRun:
-    """Read every file of the run in ``folder``, whose ``run.json`` holds ``about``.
+def read_published_run(folder: Path, record: dict[str, Any]) -> PublishedRun:
+    """Read every file of the run in ``folder``, whose ``run.json`` holds ``record``.
 
     Raises:
         InputError: a file lacks or isn't what a run writes; all that lack are named at once.
@@ -67,7 +67,7 @@ def read_published_run(folder: Path, about: dict[str, Any]) -> PublishedRun:
     names = [f"{layout.name}.csv" for layout in _TABLES]
     require_files(folder, [*names, "diagnostics.json", "posterior.nc"])
     return PublishedRun(
-        about=about,
+        record=record,
         diagnostics=read_json(folder / "diagnostics.json"),
         groups=read_groups(
             folder / "posterior.nc", _GROUPS, "Make the run anew with `bayestissue reproduce`."

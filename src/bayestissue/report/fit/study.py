@@ -1,0 +1,341 @@
+"""What a lab asks of a study: who and what differs, how repeatable K and C are, how methods agree."""
+
+from __future__ import annotations
+
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayestissue.errors import Coded
+from bayestissue.inference.answers.agreement import METHODS, agreement, log_ratios
+from bayestissue.inference.answers.reliability import ICC, MDC, REPEATS, SEM
+from bayestissue.inference.results.prior_overlap import MOSTLY
+from bayestissue.report.fit.estimates import shown_rows, side_by_side
+from bayestissue.report.fit.groupings import groupings
+from bayestissue.report.fit.run import FitRun
+from bayestissue.report.page import figure
+from bayestissue.report.posterior import QUANTITIES, Spread
+from bayestissue.report.style import MUTED, POSTERIOR, REFERENCE, log_ticks, new_figure, style
+from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
+from bayestissue.report.wording import (
+    UNITS,
+    interval,
+    likelihood_words,
+    listed,
+    number,
+    percent,
+    probability,
+    significant,
+)
+
+_MANY_FOLD = 3.0
+
+
+def values_of(run: FitRun, quantity: str) -> pd.DataFrame:
+    """Of each impact the value by every method, [impact, method]."""
+    return side_by_side(run, quantity).rename(columns={"median": "posterior"})[list(METHODS)]
+
+
+def agreement_table(run: FitRun) -> Table:
+    """The ratio of each method to each other with its limits of agreement."""
+    ratios = agreement({quantity: values_of(run, quantity) for quantity in QUANTITIES})
+    return table_of(
+        lines(ratios),
+        Field("quantity", lambda line: line.quantity),
+        Field("methods", lambda line: f"{METHODS[line.method]} over {METHODS[line.against]}"),
+        Field("ratio", lambda line: significant(line.ratio), "number"),
+        Field("95 % limits of agreement", _limits, "number"),
+        Field("impacts", lambda line: f"{line.impacts}", "number"),
+        Field("left out", lambda line: f"{line.left_out}", "number"),
+    )
+
+
+def _limits(line: Any) -> str:
+    return interval(line.low, line.high) if np.isfinite(line.low) else "not known"
+
+
+def agreement_figure(run: FitRun, quantity: str) -> Markup:
+    """Each pair of methods: their ratio over their geometric mean, both on log scales."""
+    table = values_of(run, quantity)
+    limits = {(row.method, row.against): row for row in lines(agreement({quantity: table}))}
+    with style():
+        fig, panels = new_figure((10.4, 3.3), 1, 3)
+        for axes, (method, against) in zip(panels, combinations(METHODS, 2), strict=True):
+            d = log_ratios(table, method, against)
+            shown = shown_rows(d.to_frame("d"))["d"]
+            ratio = np.exp(shown.to_numpy())
+            values_shown = table.loc[shown.index]
+            mean = np.sqrt((values_shown[method] * values_shown[against]).to_numpy())
+            axes.plot(mean, ratio, "o", ms=3.5, mfc="none", color=POSTERIOR)
+            line = limits[(method, against)]
+            axes.axhline(1, color=REFERENCE, lw=0.8)
+            ends = np.array([line.ratio, line.low, line.high])
+            for at, dashes in zip(ends[np.isfinite(ends)], ("-", "--", "--"), strict=False):
+                axes.axhline(at, color=MUTED, ls=dashes, lw=1.2)
+            axes.set(
+                title=f"{METHODS[method]} over\n{METHODS[against]}",
+                xlabel=f"geometric mean {quantity} ({UNITS[quantity]})",
+                ylabel="ratio",
+            )
+            for scale, axis, values in (
+                (axes.set_xscale, axes.xaxis, [*mean]),
+                (axes.set_yscale, axes.yaxis, [*ratio, *ends[np.isfinite(ends)], 1.0]),
+            ):
+                # Over less a log scale is as good as straight, and its ticks too few.
+                if values and max(values) > _MANY_FOLD * min(values):
+                    scale("log")
+                    log_ticks(axis, values)
+        return figure(
+            fig,
+            f"{quantity} of each impact by two methods: their ratio over their geometric mean, for each pair "
+            "of methods, with the mean ratio and its 95 % limits of agreement.",
+        )
+
+
+_ON_FIRST_SCREEN = 2
+MOST_ROWS = 300
+_MASSES = (
+    "Here conditions stand for masses, so that the mass exponent compares them; their effects are what the "
+    "mass leaves over."
+)
+
+
+def first_contrasts(run: FitRun) -> list[dict[str, Any]]:
+    """The first comparisons, not of one person's levels: each with K, C and a sentence; empty if none."""
+    if run.contrasts is None:
+        return []
+    simple = run.contrasts[~run.contrasts["factor"].str.contains(":")]
+    contrasts = []
+    for (factor, level, against), part in simple.groupby(["factor", "level", "against"], sort=False):
+        shown = [line for line in lines(part) if line.quantity in ("K", "C")]
+        contrasts.append(
+            {
+                # A number alone says nothing: session 2 over session 1.
+                "what": f"{factor} {level} over {against}"
+                if _is_number(level)
+                else f"{level} over {against}",
+                "factor": factor,
+                "ratios": [_ratio(line) for line in shown],
+                "words": " ".join(_contrast_words(line, str(level), equivalence(run)) for line in shown),
+            }
+        )
+    return contrasts[:_ON_FIRST_SCREEN]
+
+
+def _is_number(level: Any) -> bool:
+    try:
+        float(level)
+    except ValueError:
+        return False
+    return True
+
+
+def equivalence(run: FitRun) -> float:
+    """The relative difference that counts as none in practice."""
+    return float(run.record.get("model", {}).get("practical_equivalence", {}).get("ratio", 0.1))
+
+
+def _ratio(line: Any) -> dict[str, str]:
+    ratio = Spread(line.ratio, line.low, line.high)
+    return {"quantity": line.quantity, "value": ratio.value, "range": ratio.range}
+
+
+def _contrast_words(line: Any, level: str, near: float) -> str:
+    what = "greater" if line.ratio > 1 else "less"
+    return (
+        f"{line.quantity} is {likelihood_words(line.p_direction)} {what} for {level} (probability "
+        f"{probability(line.p_direction)}); the probability that it differs by less than {percent(near)} is "
+        f"{probability(line.p_equivalent)}."
+    )
+
+
+def conditions_words(run: FitRun) -> str:
+    """Why conditions are not compared; empty where they are, or where the model has none."""
+    masses = run.has("mass_exponent_K") or run.has("mass_exponent_C")
+    conditions = run.has("trial_effect_K") or run.has("trial_effect_C")
+    compared = run.contrasts is not None and bool((run.contrasts["factor"] == "trial").any())
+    return _MASSES if masses and conditions and not compared else ""
+
+
+def contrasts_table(run: FitRun) -> Table | None:
+    """The first 300 rows of `contrasts.csv`; None where there is nothing to compare."""
+    if run.contrasts is None or run.contrasts.empty:
+        return None
+    return table_of(
+        lines(run.contrasts[:MOST_ROWS]),
+        Field("of", lambda line: line.factor),
+        Field("comparison", lambda line: f"{line.level} over {line.against}"),
+        Field("quantity", lambda line: line.quantity),
+        Field("ratio", lambda line: _ratio(line)["value"], "number"),
+        Field("90 %", lambda line: _ratio(line)["range"], "number"),
+        Field("direction", lambda line: probability(line.p_direction), "number"),
+        Field(f"within {percent(equivalence(run))}", lambda line: probability(line.p_equivalent), "number"),
+    )
+
+
+def matrices(run: FitRun) -> list[dict[str, Any]]:
+    """For each quantity the people, the greatest first, and the probability that each exceeds each other."""
+    if run.people_compared is None:
+        return []
+    return [_matrix(str(name), part) for name, part in run.people_compared.groupby("quantity", sort=False)]
+
+
+def _matrix(quantity: str, part: pd.DataFrame) -> dict[str, Any]:
+    square = part.pivot_table(index="person", columns="against", values="p_greater")
+    order = square.mean(axis=1).sort_values(ascending=False, kind="stable").index
+    values = square.reindex(index=order, columns=order).to_numpy()
+    return {
+        "quantity": quantity,
+        "people": [str(name) for name in order],
+        "rows": [[_matrix_cell(value) for value in row] for row in values],
+    }
+
+
+def _matrix_cell(value: float) -> dict[str, str]:
+    """A probability as whole percent, and the depth of its colour from −1 to 1; the diagonal is empty."""
+    if not np.isfinite(value):
+        return {"text": "", "tint": "", "word": "self"}
+    text = ">99" if value >= 0.995 else "<1" if value <= 0.005 else f"{100 * value:.0f}"
+    depth = significant(0.65 * abs(2 * value - 1), 2)
+    return {"text": text, "tint": depth, "word": "greater" if value >= 0.5 else "less"}
+
+
+_PERCENT = "%"
+# Of columns that tell days apart, in what labs call them.
+_SESSIONS = ("session", "day", "date", "visit", "week", "occasion", "sitzung", "tag", "datum", "termin")
+
+
+def reliability_table(run: FitRun) -> Table | None:
+    """A row a coefficient, columns of K and C; None where the run has none."""
+    if run.reliability is None or run.reliability.empty:
+        return None
+    units = {"N/m": "units", "N s/m": "units"}
+    coefficients = run.reliability.assign(unit=run.reliability["unit"].replace(units))
+    cells = _by_place(coefficients)
+    rows = []
+    for measure, form, unit in dict.fromkeys(key[1:] for key in cells):
+        pairs = [_cells(cells.get((q, measure, form, unit))) for q in QUANTITIES]
+        shown = {"units": "N/m, N s/m", "1": ""}.get(unit, unit)
+        rows.append(Row((measure, form, shown, *(text for pair in pairs for text in pair))))
+    titles = ("measure", "form", "unit", "K", "K, 90 %", "C", "C, 90 %")
+    return Table(columns(*titles, number=titles[3:], words=titles[:1]), rows)
+
+
+def _by_place(table: pd.DataFrame) -> dict[tuple[str, str, str, str], dict[Any, Any]]:
+    """The rows by quantity, measure, form and unit."""
+    names = ("quantity", "measure", "form", "unit")
+    return {(*(str(row[name]) for name in names),): row for row in table.to_dict("records")}  # type: ignore[misc]
+
+
+def _cells(row: dict[Any, Any] | None) -> tuple[str, str]:
+    if row is None:
+        return "", ""
+    coefficient = Spread(row["median"], row["low"], row["high"])
+    if row["measure"] == REPEATS:
+        return _whole(coefficient.median), f"{_whole(coefficient.low)} to {_whole(coefficient.high)}"
+    if coefficient.low == coefficient.high:
+        return number(coefficient.median, 2), "taken as known"
+    return coefficient.value, f"{coefficient.range}{', largely prior' if _largely_prior(row) else ''}"
+
+
+def _largely_prior(row: dict[Any, Any]) -> bool:
+    # Runs of earlier versions don't say.
+    return bool(row.get("prior_overlap", np.nan) > MOSTLY)
+
+
+def prior_words(run: FitRun) -> str:
+    """Which coefficients the data leave largely as the prior has them; empty where none."""
+    if run.reliability is None or run.reliability.empty:
+        return ""
+    rows = [
+        row
+        for row in run.reliability.to_dict("records")
+        if row["measure"] == ICC or (row["measure"] == SEM and row["unit"] == _PERCENT)
+    ]
+    vague = [row for row in rows if _largely_prior(row)]
+    if not vague:
+        return ""
+    low, high = (percent(end(row["prior_overlap"] for row in vague)) for end in (min, max))
+    by = low if low == high else f"{low} to {high}"
+    words = (
+        f"Largely prior: of {listed([_name(row) for row in vague])} these data say little, and the "
+        f"posterior overlaps the prior of the model file by {by}, so that another prior would "
+        "give another interval."
+    )
+    if not any(row["form"].startswith(("ICC(C", "consistency")) for row in vague):
+        words += " Agreement asks how conditions differ, of which few conditions say little."
+    return words
+
+
+def _name(row: dict[Any, Any]) -> str:
+    form = str(row["form"]).split(", k")[0]
+    return f"{form if row['measure'] == ICC else f'{SEM} ({form})'} of {row['quantity']}"
+
+
+def _whole(value: float) -> str:
+    return number(value, 0) if np.isfinite(value) else "no number"
+
+
+def reliability_words(run: FitRun) -> list[str]:
+    """The coefficients that answer how repeatable K and C are, in sentences."""
+    if run.reliability is None or run.reliability.empty:
+        return []
+    cells = _by_place(run.reliability)
+    sentences = []
+    for q in QUANTITIES:
+        error = [
+            f"{words} {number(cells[q, SEM, form, _PERCENT]['median'], 1)}\N{NO-BREAK SPACE}%"
+            for form, words in (("measuring chain", "the measuring chain makes"), ("person", "the person"))
+        ]
+        sentences.append(
+            f"{q}: of one measurement {' and '.join(error)} of error (standard deviations). To show a change "
+            f"(95\N{NO-BREAK SPACE}%) two measurements of a person must differ by {_changes(cells, q)}."
+        )
+        if (q, ICC, "ICC(A,1)", "1") in cells:
+            icc = [_spread(cells[q, ICC, f"ICC({form},1)", "1"]) for form in "CA"]
+            need = _cells(cells[q, REPEATS, "ICC(A,k) of 0.9", "1"])
+            one = "repeat" if need[0] == "1" else "repeats"
+            sentences[-1] += (
+                f" Its ICC(C,1) is {icc[0].value} ({icc[0].range}), its ICC(A,1) {icc[1].value} "
+                f"({icc[1].range}); for an ICC(A,k) of 0.9 a person needs {need[0]} {one} ({need[1]})."
+            )
+    return sentences
+
+
+def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> str:
+    """The minimal detectable changes, each with what may vary between the two measurements."""
+    changes: dict[str, str] = {}
+    for (quantity, measure, form, unit), row in cells.items():
+        if (quantity, measure, unit) == (q, MDC, _PERCENT):
+            name = str(form)
+            change = _spread(row)
+            words = f"{change.value}\N{NO-BREAK SPACE}% ({change.range})"
+            # Runs of earlier versions don't say what varies.
+            varies = row.get("varies", "")
+            varies = varies if isinstance(varies, str) else ""
+            where = f"where {listed(varies.split(', '))} may differ" if varies else "all else the same"
+            means = f" between {name.split(', ')[1]}" if ", " in name else ""
+            changes.setdefault(f"{where}{means}", words)
+    return listed([f"{words} {where}" for where, words in changes.items()])
+
+
+def another_day(run: FitRun) -> str:
+    """That repeats of one session say nothing of another day, where no group of the formula is a session."""
+    if run.reliability is None or run.reliability.empty or any(map(_is_session, groupings(run))):
+        return ""
+    return Coded(
+        "Repeats of one session say nothing of another day: no group of the formula is a session, so that "
+        "what differs between days is in none of these numbers.",
+        "one-session",
+    )
+
+
+def _is_session(grouping: str) -> bool:
+    return any(word in grouping.lower() for word in _SESSIONS)
+
+
+def _spread(row: Any) -> Spread:
+    return Spread(float(row["median"]), float(row["low"]), float(row["high"]))

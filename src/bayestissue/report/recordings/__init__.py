@@ -1,1 +1,0 @@
-"""The pages of `check` and `init`: a small panel for each recording."""

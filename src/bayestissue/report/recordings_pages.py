@@ -1,0 +1,290 @@
+"""The pages of `check` and `init`: a small panel for each recording, and what is to be known of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from markupsafe import Markup
+
+from bayestissue.dataset import Dataset
+from bayestissue.errors import Problem, by_cause
+from bayestissue.outline import first_of
+from bayestissue.report.page import figure, render_page
+from bayestissue.report.style import FAINT, MUTED, PALETTE, new_figure, shown, style
+from bayestissue.report.tables import Row, Table, columns
+from bayestissue.signal import Displacements, displacements
+
+# Draws one impact's panel, by its row in the dataset.
+Panel = Callable[[Any, int], None]
+
+
+def sheets(
+    names: Sequence[str],
+    which: np.ndarray,
+    panel: Panel,
+    *,
+    grid: tuple[int, int],
+    size: tuple[float, float],
+    alt: str,
+    time: str,
+    value: str = "",
+) -> list[Markup]:
+    """Figures of a panel for each impact.
+
+    Args:
+        names: of all impacts.
+        which: rows of those to show.
+        panel: draws one.
+        grid: rows and columns of panels in a full figure.
+        size: width of a figure, and its height besides the rows of panels [inch].
+        alt: what a panel shows, before "for the impacts" and their names.
+        time: label of the horizontal axes.
+        value: label of the vertical axes; none unless given.
+    """
+
+    def sheet(part: np.ndarray) -> Markup:
+        lines = -(-len(part) // grid[1])
+        with style():
+            fig, axes = new_figure((size[0], size[1] + 1.75 * lines), lines, grid[1], squeeze=False)
+            for ax, index in zip(axes.flat, part, strict=False):
+                panel(ax, int(index))
+                ax.set_title(shown(names[index]), fontsize=8)
+            for ax in axes.flat[len(part) :]:
+                ax.remove()
+            handles, labels = axes[0, 0].get_legend_handles_labels()
+            fig.legend(handles, labels, loc="outside upper right", ncols=4)
+            fig.supxlabel(time, fontsize=9)
+            if value:
+                fig.supylabel(value, fontsize=9)
+            listed = ", ".join(str(names[index]) for index in part)
+            return figure(fig, f"{alt} for the impacts {listed}.", raster=True)
+
+    full = grid[0] * grid[1]
+    return [sheet(which[begin : begin + full]) for begin in range(0, len(which), full)]
+
+
+MOST_CHECK_PANELS = 216
+_CHECK_GRID = 4, 3
+_UNITS = {"deceleration": "m_s2", "acceleration": "m_s2", "displacement": "m"}
+
+
+def quality_table(dataset: Dataset, signal: Displacements, warnings: Sequence[Problem]) -> pd.DataFrame:
+    """How good each recording is, one row per impact.
+
+    Columns: ``impact``, ``subject``, ``trial``; ``n_samples`` recorded and ``sampling_rate_hz``; ``offset``
+    (taken off), ``noise_sd`` and ``peak`` (greatest deceleration, or greatest displacement since contact)
+    with the unit in their names, and ``noise_to_peak``; ``samples_at_peak``, how many samples share the
+    extreme value (many of them mean a recorder near its limit); ``contact_time_s`` on the recorder's clock
+    and ``contact_time_sd_s``; ``time_to_peak_s``, ``peak_displacement_m`` and ``samples_in_window`` from
+    contact to zero velocity; ``warnings``.
+
+    Args:
+        dataset: the recordings.
+        signal: what the default signal chain made of them, in the same order.
+        warnings: what looks odd.
+    """
+    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
+    highest = [sign * trace.value for trace in dataset.traces]
+    peak = np.array([values.max() for values in highest]) - signal.offset
+    unit = _UNITS[dataset.quantity]
+    said = dict.fromkeys(dataset.impacts["impact"], 0)
+    for problem in warnings:
+        if problem.impact in said:
+            said[problem.impact] += 1
+    impacts = dataset.impacts
+    return pd.DataFrame(
+        {
+            **{name: impacts[name] for name in ("impact", "subject", "trial")},
+            "n_samples": [values.size for values in highest],
+            "sampling_rate_hz": 1 / signal.dt,
+            f"offset_{unit}": signal.offset,
+            f"noise_sd_{unit}": signal.noise_sd,
+            f"peak_{unit}": peak,
+            "noise_to_peak": signal.noise_sd / peak,
+            "samples_at_peak": [int(np.count_nonzero(values == values.max())) for values in highest],
+            "contact_time_s": signal.contact_time_s,
+            "contact_time_sd_s": signal.contact_time_sd,
+            "time_to_peak_s": signal.time_to_peak,
+            "peak_displacement_m": signal.peak_displacement,
+            "samples_in_window": signal.n_samples,
+            "warnings": list(said.values()),
+        }
+    )
+
+
+def check_page(
+    dataset: Dataset,
+    signal: Displacements,
+    quality: pd.DataFrame,
+    *,
+    verdict: str,
+    warnings: Sequence[Problem],
+) -> str:
+    """The whole page: verdict, what was found, a panel per impact, and the table of `quality_table`.
+
+    With more than 216 impacts only the most suspicious ones, by warnings and then by noise, get a panel,
+    and the page says so.
+    """
+    order = quality.sort_values(["warnings", "noise_to_peak"], ascending=False, kind="stable").index
+    shown = np.sort(order[:MOST_CHECK_PANELS].to_numpy())
+    return render_page(
+        "check.html",
+        title=f"{dataset.name}: {verdict}",
+        subtitle=dataset.description,
+        contents=[("found", "What was found"), ("panels", "Recordings"), ("quality", "Quality")],
+        quantity=dataset.quantity,
+        total=len(quality),
+        shown=len(shown),
+        sheets=sheets(
+            list(dataset.impacts["impact"]),
+            shown,
+            partial(_check_panel, dataset=dataset, signal=signal),
+            grid=_CHECK_GRID,
+            size=(9.6, 0.5),
+            alt="Recording, velocity and displacement over time",
+            time="time since contact, ms",
+        ),
+        problems=Table(
+            columns("severity", "impacts", "what", words=("impacts", "what")),
+            [*_problems("left out", dataset.left_out), *_problems("warning", warnings)],
+        ),
+        codes=[problem.code for problem in (*dataset.left_out, *warnings)],
+        quality=_quality(quality.loc[shown]),
+        input_hash=dataset.input_hash,
+    )
+
+
+def _check_panel(ax: Any, index: int, *, dataset: Dataset, signal: Displacements) -> None:
+    trace, n = dataset.traces[index], int(signal.n_samples[index])
+    sign = -1.0 if dataset.quantity == "acceleration" else 1.0
+    raw = sign * trace.value - signal.offset[index]
+    time = 1e3 * (trace.time_s - signal.contact_time_s[index])
+    inside = 1e3 * (signal.first_sample_s[index] + signal.dt[index] * np.arange(n))
+    to_peak = 1e3 * signal.time_to_peak[index]
+    ax.axvspan(0, to_peak, color=FAINT, alpha=0.5, linewidth=0)
+    ax.axvline(0, color=MUTED, linewidth=0.8)
+    near = (time > -to_peak) & (time < 3 * to_peak)
+    near = near if near.any() else np.ones_like(near)
+    curves = [
+        (f"recorded {dataset.quantity}", time[near], raw[near], PALETTE[0], "-"),
+        ("velocity", inside, signal.v[index, :n], PALETTE[1], "--"),
+        ("displacement", inside, signal.x[index, :n], PALETTE[2], ":"),
+    ]
+    for label, times, values, colour, line in curves:
+        greatest = np.abs(values).max(initial=0) or 1
+        ax.plot(times, values / greatest, color=colour, linestyle=line, linewidth=1.1, label=label)
+    ax.set_ylim(-0.4, 1.15)
+    ax.tick_params(labelsize=7)
+
+
+def kinds(problems: Sequence[Problem]) -> list[list[Problem]]:
+    """The same slip in many impacts, or in the files of many, as one entry: of one column and remedy."""
+    groups: dict[tuple[object, ...], list[Problem]] = {}
+    for problem in problems:
+        groups.setdefault((problem.code, problem.column, problem.remedy), []).append(problem)
+    return list(groups.values())
+
+
+def _problems(severity: str, problems: Sequence[Problem]) -> list[Row]:
+    rows = []
+    for group in kinds(problems):
+        impacts = list(dict.fromkeys(problem.impact for problem in group if problem.impact))
+        rows.append(Row([severity, first_of(impacts, 12), str(replace(group[0], impact=None))]))
+    return rows
+
+
+def _quality(quality: pd.DataFrame) -> Table:
+    text = ("impact", "subject", "trial")
+    numbers = [name for name in quality.columns if name not in text]
+    return Table(
+        columns(
+            *(name.replace("_", " ") for name in quality.columns),
+            number=[n.replace("_", " ") for n in numbers],
+        ),
+        [
+            Row([str(cell) if isinstance(cell, str) else f"{cell:.4g}" for cell in record])
+            for record in quality.itertuples(index=False)
+        ],
+    )
+
+
+MOST_INIT_PANELS = 120
+_INIT_GRID = 5, 2
+
+
+def init_page(
+    dataset: Dataset,
+    *,
+    understood: Sequence[tuple[str, str]],
+    left_out: Sequence[Problem],
+    notes: Sequence[str],
+) -> str:
+    """The whole page: what was understood, a panel for each impact, and the table of impacts.
+
+    Args:
+        dataset: as it was read back.
+        understood: pairs of a heading and words.
+        left_out: what was wrong with recordings that are not in the dataset.
+        notes: what somebody should know who does not look at the panels.
+    """
+    total = len(dataset.impacts)
+    which = np.arange(min(total, MOST_INIT_PANELS))
+    signal = displacements(dataset)
+    return render_page(
+        "init.html",
+        title=f"{dataset.name}: {total} impact{'s' if total > 1 else ''} from recorder files",
+        contents=[("understood", "What was understood"), ("panels", "Recordings"), ("impacts", "Impacts")],
+        understood=Table(
+            columns("what", "understood as", words=("understood as",)), [Row(pair) for pair in understood]
+        ),
+        notes=notes,
+        left_out=[str(problem) for problem in by_cause(left_out)],
+        codes=[problem.code for problem in left_out],
+        shown=len(which),
+        total=total,
+        sheets=sheets(
+            list(dataset.impacts["impact"]),
+            which,
+            partial(_init_panel, dataset=dataset, signal=signal),
+            grid=_INIT_GRID,
+            size=(7.2, 0.7),
+            alt="Recording with contact and peak",
+            time="time on the recorder's clock, ms",
+            value="displacement, mm" if dataset.quantity == "displacement" else "deceleration, m/s²",
+        ),
+        impacts=_impacts(dataset),
+    )
+
+
+def _init_panel(ax: Any, index: int, *, dataset: Dataset, signal: Displacements) -> None:
+    trace = dataset.traces[index]
+    factor = {"acceleration": -1.0, "displacement": 1e3}.get(dataset.quantity, 1.0)
+    time, value = 1e3 * trace.time_s, factor * trace.value
+    contact, to_peak = 1e3 * signal.contact_time_s[index], 1e3 * signal.time_to_peak[index]
+    near = (time > contact - 2 * to_peak) & (time < contact + 4 * to_peak)
+    near = near if near.any() else np.ones_like(near)
+    peak = int(np.argmax(value))
+    ax.plot(time[near], value[near], color=PALETTE[0], linewidth=1.1, label="recorded")
+    ax.axvline(contact, color=MUTED, linewidth=0.9, linestyle="--", label="contact")
+    ax.axhline(0, color=FAINT, linewidth=0.8)
+    ax.plot(time[peak], value[peak], "v", color=PALETTE[3], markersize=5, label="peak")
+    ax.tick_params(labelsize=7)
+
+
+def _impacts(dataset: Dataset) -> Table:
+    impacts = dataset.impacts.drop(
+        columns=[name for name in dataset.impacts if dataset.impacts[name].isna().all()]
+    )
+    numbers = [str(name) for name in impacts if impacts[name].dtype.kind in "if"]
+    return Table(
+        columns(*impacts.columns, number=numbers),
+        [
+            Row([cell if isinstance(cell, str) else f"{cell:.6g}" for cell in record])
+            for record in impacts.itertuples(index=False)
+        ],
+    )

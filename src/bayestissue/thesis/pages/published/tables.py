@@ -1,0 +1,178 @@
+"""Tables of the page: the posterior, checks of the model, what was recomputed of the thesis, the audit."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from markupsafe import Markup
+
+from bayestissue.report.posterior import QUANTITIES, spread
+from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of, tag
+from bayestissue.report.wording import (
+    UNITS,
+    interval,
+    listed,
+    number,
+    percent,
+    probability,
+    significant,
+)
+from bayestissue.thesis.pages.published.run import PublishedRun
+from bayestissue.thesis.reproduction.conditions import Quantity
+
+
+def comparison_table(run: PublishedRun) -> Table:
+    """`comparison.csv`: every competing explanation under both schemes of leaving out."""
+    return table_of(
+        lines(run.comparison),
+        Field("scheme", lambda line: line.scheme),
+        Field("model", lambda line: line.model),
+        Field("elpd", lambda line: number(line.elpd, 1), "number"),
+        Field("se", lambda line: number(line.se, 1), "number"),
+        Field("difference", lambda line: number(line.elpd_difference, 1), "number"),
+        Field("se of difference", lambda line: number(line.se_difference, 1), "number"),
+        Field("effective parameters", lambda line: number(line.p_effective, 1), "number"),
+        Field("weight", lambda line: number(line.weight, 2), "number"),
+        Field("warning", lambda line: line.warning, "words"),
+    )
+
+
+def checks_table(run: PublishedRun) -> Table:
+    """`predictive_checks.csv`: statistics of the published numbers beside what the model predicts."""
+    return table_of(
+        lines(run.predictive_checks),
+        Field("statistic", lambda line: line.statistic),
+        Field("quantity", lambda line: line.quantity),
+        Field("observed", lambda line: significant(line.observed, 4), "number"),
+        Field("predicted", lambda line: significant(line.predicted_median, 4), "number"),
+        Field("90 %", lambda line: interval(line.predicted_low, line.predicted_high), "number"),
+        Field("p", lambda line: probability(line.p_value), "number"),
+        mark=lambda line: "" if line.predicted_low <= line.observed <= line.predicted_high else "disagrees",
+    )
+
+
+def estimates_table(run: PublishedRun) -> Table:
+    """Each published impact beside the posterior of that person in that condition."""
+    cells = [run.labels("impact")]
+    titles = ["impact"]
+    for quantity in QUANTITIES:
+        spreads = [spread(draws) for draws in run.draws(quantity).T]
+        cells.append([significant(value, 5) for value in run.observed(f"{quantity}_observed")])
+        cells.append([one.value for one in spreads])
+        cells.append([one.range for one in spreads])
+        titles += [f"published {quantity} ({UNITS[quantity]})", f"posterior {quantity}", f"{quantity}, 90 %"]
+    return Table(columns(*titles, number=titles[1:]), [Row(row) for row in zip(*cells, strict=True)])
+
+
+def lines_table(run: PublishedRun, printed: Mapping[Quantity, tuple[float, float] | None]) -> Table:
+    """The thesis's regression lines over mass beside those through the posterior means."""
+    rows = []
+    for quantity in QUANTITIES:
+        line = printed[quantity]
+        for index, (name, per) in enumerate((("intercept", ""), ("slope", " per kg"))):
+            variable = f"linear_{name}_{quantity}"
+            if not run.has(variable):
+                continue
+            coefficient = spread(run.draws(variable))
+            rows.append(
+                Row(
+                    (
+                        f"{name} of {quantity} ({UNITS[quantity]}{per})",
+                        "" if line is None else f"{line[index]:g}".replace("-", "−"),
+                        coefficient.value,
+                        coefficient.range,
+                        "" if line is None else "yes" if coefficient.holds(line[index]) else "no",
+                    )
+                )
+            )
+    titles = ("straight line over mass", "thesis", "posterior", "90 %", "thesis inside")
+    return Table(columns(*titles, number=titles[1:4]), rows)
+
+
+def shares(run: PublishedRun, kept_shares: Mapping[Quantity, float]) -> str:
+    """The kept shares of shrinkage in words, such as "3.2 % for K and 41 % for C"."""
+    return listed([f"{percent(share)} for {quantity}" for quantity, share in kept_shares.items()])
+
+
+_SEVERITIES = ("major", "minor", "note")
+_AGREES = {"true": ("yes", "agrees"), "false": ("no", "differs"), "": ("note-level", "not derivable")}
+
+
+def agreement(run: PublishedRun) -> dict[str, int]:
+    """How many published numbers were recomputed, agree, differ, fill a lost cell, and can't be derived."""
+    answer = run.reproduction["agrees"].str.lower()
+    counts = {name: int((answer == key).sum()) for key, name in (("true", "agree"), ("false", "differ"))}
+    derived = int((run.reproduction["reproduced"] != "").sum())
+    return {
+        **counts,
+        "derived": derived,
+        "filled_in": derived - sum(counts.values()),
+        "not_derived": len(run.reproduction) - derived,
+        "all": len(run.reproduction),
+    }
+
+
+def reproduction_table(run: PublishedRun) -> Table:
+    """Every published number beside the recomputed one."""
+    rows = []
+    for line in lines(run.reproduction):
+        answer = str(line.agrees).lower()
+        kind, words = _AGREES.get(answer, _AGREES[""])
+        if answer == "" and line.reproduced:
+            words = "not printed"
+        shown = _shortened(str(line.reproduced))
+        rows.append(
+            Row(
+                (line.table, line.row, line.quantity, line.published, shown, tag(kind, words), line.note),
+                "disagrees" if answer == "false" else "",
+            )
+        )
+    titles = columns(
+        *("table", "row", "quantity", "published", "reproduced", "agrees", "note"),
+        number=("published", "reproduced"),
+        words=("quantity", "note"),
+    )
+    return Table(titles, rows)
+
+
+def _shortened(text: str) -> str:
+    try:
+        value = float(text)
+    except ValueError:
+        return text
+    return significant(value, 6)
+
+
+def severities(run: PublishedRun) -> str:
+    """How many findings of which severity, in words."""
+    counts = [(name, int((run.audit["severity"] == name).sum())) for name in _SEVERITIES]
+    return listed([f"{count} {name}" for name, count in counts if count]) or "none"
+
+
+def severity_tag(severity: str) -> Markup:
+    """The severity of a finding as a coloured word."""
+    return tag("note-level" if severity == "note" else severity, severity)
+
+
+def findings(run: PublishedRun) -> list[dict[str, str]]:
+    """Every finding of the audit, worst first: the columns of `audit.csv`, a tag and an anchor."""
+    return [
+        {
+            "anchor": f"finding-{line.Index + 1}",
+            "tag": severity_tag(line.severity),
+            "where": line.where,
+            "what": line.what,
+            "published": line.published,
+            "implied": line.implied,
+            "explanation": line.explanation,
+        }
+        for line in lines(run.audit)
+    ]
+
+
+def findings_by_severity(run: PublishedRun) -> dict[str, list[dict[str, str]]]:
+    """`findings` under "major", "minor" and "note"; a severity without findings is left out."""
+    all_findings, severity = findings(run), run.audit["severity"]
+    groups = {name: [all_findings[row] for row in np.flatnonzero(severity == name)] for name in _SEVERITIES}
+    return {name: group for name, group in groups.items() if group}
