@@ -43,7 +43,7 @@ class Run(Answering):
 
     @cached_property
     def finished(self) -> Finished:  # noqa: D102 - as declared above
-        return Finished.of(self.posterior, self.about["model"])
+        return Finished.from_tree(self.posterior, self.about["model"])
 
 
 def read_run(path: str | Path) -> Run:

@@ -162,7 +162,7 @@ class Fit(Answering):
     @cached_property
     def finished(self) -> Finished:  # noqa: D102 - as declared above
         model = self.specification.model_dump(mode="json") | self.prepared.design.resolved()
-        return Finished.of(self.posterior, model)
+        return Finished.from_tree(self.posterior, model)
 
     def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
         """Write the run's folder as `bayestissue fit` does, report and all; or only the page.

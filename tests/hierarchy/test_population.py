@@ -39,7 +39,7 @@ def test_the_parts_of_b_have_their_names_places_and_priors() -> None:
     assert list(locations.parts) == [*names, "noise_mean", "atanh_theta1_mean"]
     assert locations.size == 2 * (1 + 1 + 1 + 3 + 2) + 2
     # An intercept, a mass exponent, a covariate and two trials each; people are eliminated first.
-    assert [m.shape[2] for m in columns.rest] == [5, 5, 1, 1]
+    assert [m.shape[2] for m in columns.outer] == [5, 5, 1, 1]
     assert [m.shape for m in columns.inner_element] == [(1, 3), (1, 3), (0, 3), (0, 3)]
     assert locations.mean[locations.parts["intercept_C"]] == priors.intercept.C.mean
     assert locations.sd[locations.parts["noise_mean"]] == priors.noise.sd

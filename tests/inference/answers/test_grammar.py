@@ -77,7 +77,7 @@ def test_levels_may_be_bare_or_in_quotes() -> None:
 def test_a_slip_has_its_place(text: str, place: int) -> None:
     with pytest.raises(QuestionError) as found:
         parse(text)
-    assert found.value.place == place
+    assert found.value.position == place
 
 
 @pytest.mark.parametrize(
@@ -113,7 +113,7 @@ def test_any_text_is_read_or_refused_with_a_place(text: str) -> None:
     try:
         parse(text)
     except QuestionError as slip:
-        places = [slip.place]
+        places = [slip.position]
     assert all(0 <= place <= len(text) for place in places)
 
 

@@ -40,7 +40,7 @@ def sure(run: Run, gravity: float = 0.0, **sd: float) -> Finished:
     if gravity:
         constants["gravity_m_s2"] = gravity
     groups = {"posterior": posterior, "constant_data": constants}
-    return Finished.of(xr.DataTree.from_dict(groups), run.about["model"])
+    return Finished.from_tree(xr.DataTree.from_dict(groups), run.about["model"])
 
 
 def test_a_row_of_empty_cells_is_a_row_of_a_file(run: Run, tmp_path: Path) -> None:

@@ -41,6 +41,6 @@ def agreement(values: dict[str, pd.DataFrame]) -> pd.DataFrame:
 
 def log_ratios(table: pd.DataFrame, method: str, against: str) -> pd.Series:
     """The log of one method's value over another's, of the impacts that have both."""
-    both = table[[method, against]]
-    both = both[(both > 0).all(axis=1) & np.isfinite(both).all(axis=1)]
-    return pd.Series(np.log(both[method] / both[against]), both.index)
+    positive = table[[method, against]]
+    positive = positive[(positive > 0).all(axis=1) & np.isfinite(positive).all(axis=1)]
+    return pd.Series(np.log(positive[method] / positive[against]), positive.index)

@@ -85,17 +85,17 @@ def contrasts(
     """
     tables, directions = [], asked_directions(questions)
     for response in responses:
-        asked = [_directed(each, directions) for each in contrasts_of(recorded, response)]
-        if asked:
-            logs = log_ratios(draws, recorded, response, asked)
-            names = pd.DataFrame([each[:3] for each in asked], columns=COLUMNS[:3])
+        directed = [_directed(contrast, directions) for contrast in contrasts_of(recorded, response)]
+        if directed:
+            logs = log_ratios(draws, recorded, response, directed)
+            names = pd.DataFrame([contrast[:3] for contrast in directed], columns=COLUMNS[:3])
             tables.append(names.assign(quantity=response, **told_of(logs, equivalence)))
     if not tables:
         return pd.DataFrame(columns=COLUMNS)
     # K and C of a contrast one below the other.
-    both = pd.concat(tables, ignore_index=True)
-    order = both.groupby(COLUMNS[:3], sort=False).ngroup()
-    return both.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
+    table = pd.concat(tables, ignore_index=True)
+    order = table.groupby(COLUMNS[:3], sort=False).ngroup()
+    return table.iloc[np.argsort(order, kind="stable")].reset_index(drop=True)
 
 
 def asked_directions(questions: Iterable[str]) -> frozenset[tuple[str, str, str]]:
@@ -104,18 +104,20 @@ def asked_directions(questions: Iterable[str]) -> frozenset[tuple[str, str, str]
     As "K[side=left] / K[side=right] > 1.1" does, or "K[side=left] > K[side=right]"; questions that can't be
     read have none.
     """
-    found: dict[tuple[str, str, str], None] = {}
+    directions: dict[tuple[str, str, str], None] = {}
     for text in questions:
         with suppress(QuestionError):
             for first, second in _held_against(parse(text)):
-                levels = [{each.column: each.value for each in of.levels} for of in (first, second)]
+                levels = [
+                    {level.column: level.value for level in quantity.levels} for quantity in (first, second)
+                ]
                 differ = [name for name in levels[0] if levels[0][name] != levels[1].get(name)]
                 if len(differ) == 1 and levels[0].keys() == levels[1].keys():
                     column = differ[0]
                     pair = column, str(levels[0][column]), str(levels[1][column])
-                    if (column, pair[2], pair[1]) not in found:
-                        found[pair] = None
-    return frozenset(found)
+                    if (column, pair[2], pair[1]) not in directions:
+                        directions[pair] = None
+    return frozenset(directions)
 
 
 def _held_against(node: Node) -> Iterator[tuple[Quantity, Quantity]]:
@@ -134,7 +136,7 @@ def _directed(contrast: Contrast, directions: frozenset[tuple[str, str, str]]) -
     """The contrast, or its reciprocal where a question asks for that."""
     parts = (contrast.factor.split(":"), contrast.level.split(":"), contrast.against.split(":"))
     if len({len(part) for part in parts}) == 1:
-        differ = [each for each in zip(*parts, strict=True) if each[1] != each[2]]
+        differ = [triple for triple in zip(*parts, strict=True) if triple[1] != triple[2]]
         if [
             (name, against, level) for name, level, against in differ if (name, against, level) in directions
         ]:
@@ -155,19 +157,23 @@ def told_of(logs: Float[np.ndarray, "draw ratio"], equivalence: float) -> dict[s
 
 
 def log_ratios(
-    draws: xr.Dataset, recorded: Recorded, response: str, asked: Sequence[Contrast]
+    draws: xr.Dataset, recorded: Recorded, response: str, compared: Sequence[Contrast]
 ) -> Float[np.ndarray, "draw ratio"]:
     """The log of each ratio, for each draw."""
-    every = {_key(each): each for contrast in asked for each in (*contrast.upper, *contrast.lower)}
-    place = {key: number for number, key in enumerate(every)}
-    weights = np.zeros((len(every), len(asked)))
-    for column, contrast in enumerate(asked):
+    conditions = {
+        _key(condition): condition
+        for contrast in compared
+        for condition in (*contrast.upper, *contrast.lower)
+    }
+    row = {key: number for number, key in enumerate(conditions)}
+    weights = np.zeros((len(conditions), len(compared)))
+    for column, contrast in enumerate(compared):
         for sign, side in ((1, contrast.upper), (-1, contrast.lower)):
-            for each in side:
-                weights[place[_key(each)], column] += sign / len(side)
+            for condition in side:
+                weights[row[_key(condition)], column] += sign / len(side)
     # All else equal: with a session comes nothing of what else was so in it.
-    logs = log_at_levels(draws, recorded, response, list(every.values()), follow=False)
-    return logs.reshape(-1, len(every)) @ weights
+    logs = log_at_levels(draws, recorded, response, list(conditions.values()), follow=False)
+    return logs.reshape(-1, len(conditions)) @ weights
 
 
 def _key(condition: Condition) -> tuple[tuple[str, str | float], ...]:
@@ -178,18 +184,18 @@ def contrasts_of(recorded: Recorded, response: str) -> list[Contrast]:
     """What a response's formula lets one compare, covariates first."""
     formula = recorded.formulas.get(response, "1")
     variables = variables_of_terms(formula)
-    named = dict.fromkeys(name for own in variables for name in sorted(own))
+    named = dict.fromkeys(name for columns in variables for name in sorted(columns))
     factors = [name for name in named if _is_factor(recorded, name)]
-    found = [each for name in factors for each in _of_covariate(recorded, name, variables)]
+    compared = [contrast for name in factors for contrast in _of_covariate(recorded, name, variables)]
     for term in group_terms(formula):
         if term.slope or term.grouping == "subject":
             continue
         if len(term.factors) > 1:
-            found += _of_combinations(recorded, term.factors, known=factors)
+            compared += _of_combinations(recorded, term.factors, known=factors)
         elif term.grouping not in factors:
-            with_mass = term.grouping == "trial" and any("mass_kg" in own for own in variables)
-            found += _of_group(recorded, term.grouping, at_one_mass=with_mass)
-    return found
+            with_mass = term.grouping == "trial" and any("mass_kg" in columns for columns in variables)
+            compared += _of_group(recorded, term.grouping, at_one_mass=with_mass)
+    return compared
 
 
 def _is_factor(recorded: Recorded, name: str) -> bool:
@@ -201,27 +207,31 @@ def _is_factor(recorded: Recorded, name: str) -> bool:
 def _of_covariate(recorded: Recorded, name: str, variables: Iterable[frozenset[str]]) -> Iterator[Contrast]:
     """Levels of a covariate at the reference, or over the recorded values of what interacts with it."""
     levels = {str(label): value for value, label in _values(recorded, name)}
-    beside = sorted({other for own in variables if name in own for other in own} - {name})
+    interacting = sorted({column for columns in variables if name in columns for column in columns} - {name})
     at: list[Condition] = [{}]
-    if beside:
-        rows = recorded.rows[beside].drop_duplicates()
-        some = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_AVERAGED)).astype(int))
-        at = [{str(k): v for k, v in row.items()} for row in rows.iloc[some].to_dict("records")]
+    if interacting:
+        rows = recorded.rows[interacting].drop_duplicates()
+        chosen = np.unique(np.linspace(0, len(rows) - 1, min(len(rows), _MOST_AVERAGED)).astype(int))
+        at = [{str(k): v for k, v in row.items()} for row in rows.iloc[chosen].to_dict("records")]
     for level, against in _pairs(list(levels)):
         yield Contrast(
             name,
             level,
             against,
-            tuple({**each, name: levels[level]} for each in at),
-            tuple({**each, name: levels[other]} for other in _meant(against, levels) for each in at),
+            tuple({**condition, name: levels[level]} for condition in at),
+            tuple(
+                {**condition, name: levels[other_level]}
+                for other_level in _meant(against, levels)
+                for condition in at
+            ),
         )
 
 
 def _of_group(recorded: Recorded, name: str, *, at_one_mass: bool) -> Iterator[Contrast]:
     levels = recorded.levels(name)
-    for alike in _of_equal_mass(recorded, name) if at_one_mass else [levels]:
-        for level, against in _pairs(alike) if len(alike) <= _MOST_LEVELS else ():
-            others = tuple({name: other} for other in _meant(against, alike))
+    for comparable in _of_equal_mass(recorded, name) if at_one_mass else [levels]:
+        for level, against in _pairs(comparable) if len(comparable) <= _MOST_LEVELS else ():
+            others = tuple({name: other_level} for other_level in _meant(against, comparable))
             yield Contrast(name, level, against, ({name: level},), others)
 
 
@@ -232,7 +242,7 @@ def _of_equal_mass(recorded: Recorded, name: str) -> list[list[str]]:
     group = (at.diff() > _SAME_MASS).cumsum()
     # A condition with several masses stands for none.
     mixed = [str(label) for label in logs.median().index if label not in at.index]
-    return [*([str(label) for label in each.index] for _, each in at.groupby(group)), mixed]
+    return [*([str(label) for label in rows.index] for _, rows in at.groupby(group)), mixed]
 
 
 def _of_combinations(
@@ -246,24 +256,24 @@ def _of_combinations(
     combos = list(dict.fromkeys(zip(*labels, strict=True)))
     if len(combos) > _MOST_LEVELS:
         return
-    for place, name in enumerate(factors):
+    for position, name in enumerate(factors):
         if name == "subject":
             continue
         levels_at: dict[tuple[str, ...], list[str]] = defaultdict(list)
         for combo in combos:
-            levels_at[(*combo[:place], *combo[place + 1 :])].append(combo[place])
+            levels_at[(*combo[:position], *combo[position + 1 :])].append(combo[position])
         single: dict[tuple[str, str], list[Contrast]] = defaultdict(list)
-        for rest, levels in levels_at.items():
+        for others, levels in levels_at.items():
             for level, against in combinations(_ordered(levels), 2):
-                a, b = ((*rest[:place], each, *rest[place:]) for each in (level, against))
-                upper, lower = (dict(zip(factors, each, strict=True)) for each in (a, b))
+                a, b = ((*others[:position], value, *others[position:]) for value in (level, against))
+                upper, lower = (dict(zip(factors, values, strict=True)) for values in (a, b))
                 one = Contrast(":".join(factors), ":".join(a), ":".join(b), (upper,), (lower,))
                 single[(level, against)].append(one)
-        for (level, against), each in single.items():
-            if len(each) > 1 and name not in known:
-                upper_all, lower_all = (tuple(c.upper[0] for c in each), tuple(c.lower[0] for c in each))
+        for (level, against), pairs in single.items():
+            if len(pairs) > 1 and name not in known:
+                upper_all, lower_all = (tuple(c.upper[0] for c in pairs), tuple(c.lower[0] for c in pairs))
                 yield Contrast(name, level, against, upper_all, lower_all)
-        yield from (one for each in single.values() for one in each)
+        yield from (pair for pairs in single.values() for pair in pairs)
 
 
 def _values(recorded: Recorded, name: str) -> Iterator[tuple[str | float, str]]:

@@ -55,9 +55,9 @@ def draws_of(node: Node, draws: xr.Dataset, recorded: Recorded) -> xr.DataArray:
         QuestionError: a number is none in some draws, as the log of a negative one.
     """
     with np.errstate(all="ignore"):
-        found = _value(node, draws, recorded)
+        value = _value(node, draws, recorded)
         blank = xr.zeros_like(draws[_DRAWN[0]] * draws[_DRAWN[1]])
-        return (found | blank.astype(bool)) if claims(node) else found + blank
+        return (value | blank.astype(bool)) if claims(node) else value + blank
 
 
 def _value(node: Node, draws: xr.Dataset, recorded: Recorded) -> xr.DataArray:
@@ -66,22 +66,22 @@ def _value(node: Node, draws: xr.Dataset, recorded: Recorded) -> xr.DataArray:
     if isinstance(node, Quantity):
         return _of_quantity(node, draws, recorded)
     values = [_value(operand, draws, recorded) for operand in node.operands]
-    found = _of_several(node.symbol, values) if node.symbol in OF_MANY else _OPERATORS[node.symbol](*values)
-    if not node.claims and (wrong := int((~np.isfinite(found)).sum())):
-        what = "no number" if np.isnan(found).any() else "too large a number"
-        where = f"{what} in {wrong} of {found.size} draws"
+    value = _of_several(node.symbol, values) if node.symbol in OF_MANY else _OPERATORS[node.symbol](*values)
+    if not node.claims and (wrong := int((~np.isfinite(value)).sum())):
+        what = "no number" if np.isnan(value).any() else "too large a number"
+        where = f"{what} in {wrong} of {value.size} draws"
         remedy = f"As of {_WHY[node.symbol]}." if node.symbol in _WHY else ""
-        raise QuestionError(node.place, where, "a finite number in every draw", remedy)
-    return found
+        raise QuestionError(node.position, where, "a finite number in every draw", remedy)
+    return value
 
 
 def _of_several(symbol: str, values: list[xr.DataArray]) -> xr.DataArray:
     """The greatest, least or mean of all values, and of all levels within each."""
     if symbol != "mean":
-        own = [getattr(each, symbol)([d for d in each.dims if d not in _DRAWN]) for each in values]
-        return reduce(_REDUCED[symbol], own)
-    own = [each.mean([d for d in each.dims if d not in _DRAWN]) for each in values]
-    return reduce(_REDUCED[symbol], own) / len(own)
+        reduced = [getattr(array, symbol)([d for d in array.dims if d not in _DRAWN]) for array in values]
+        return reduce(_REDUCED[symbol], reduced)
+    reduced = [array.mean([d for d in array.dims if d not in _DRAWN]) for array in values]
+    return reduce(_REDUCED[symbol], reduced) / len(reduced)
 
 
 def _of_quantity(quantity: Quantity, draws: xr.Dataset, recorded: Recorded) -> xr.DataArray:
@@ -95,8 +95,8 @@ def _of_quantity(quantity: Quantity, draws: xr.Dataset, recorded: Recorded) -> x
         labels = [str(condition[free[0]]) for condition in conditions]
         return xr.DataArray(values, {**coords, free[0]: labels}, (*_DRAWN, free[0]))
     array = draws[quantity.name]
-    for each in quantity.levels:
-        if each.value is not None:
-            labels = array[each.column].astype(str).to_numpy().tolist()
-            array = array.isel({each.column: labels.index(each.value)})
+    for level in quantity.levels:
+        if level.value is not None:
+            labels = array[level.column].astype(str).to_numpy().tolist()
+            array = array.isel({level.column: labels.index(level.value)})
     return array.reset_coords(drop=True)

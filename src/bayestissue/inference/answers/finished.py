@@ -36,7 +36,7 @@ class Finished:
     gravity: float = 0.0
 
     @classmethod
-    def of(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Finished:
+    def from_tree(cls, tree: xr.DataTree, model: Mapping[str, Any]) -> Finished:
         """Of the groups `GROUPS` of ``posterior.nc`` and the model as ``run.json`` has it resolved."""
         posterior = tree["posterior"].to_dataset()
         constants = tree["constant_data"].to_dataset()

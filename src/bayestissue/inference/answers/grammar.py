@@ -82,19 +82,19 @@ _SAME = {"≤": "<=", "≥": ">=", "−": "-", "**": "^"}
 
 
 class QuestionError(ValueError):
-    """What can't be read or answered in a question: ``found`` at a ``place``, and what was ``expected``."""
+    """What can't be answered in a question: ``actual`` at a ``position``, and what is ``expected``."""
 
-    def __init__(self, place: int, found: str, expected: str, remedy: str = "") -> None:
+    def __init__(self, position: int, actual: str, expected: str, remedy: str = "") -> None:
         super().__init__(expected)
-        self.place, self.found, self.expected, self.remedy = place, short(found, 40), expected, remedy
+        self.position, self.actual, self.expected, self.remedy = position, short(actual, 40), expected, remedy
 
 
 @dataclass(frozen=True)
 class Number:
-    """A finite number; ``place`` counts the characters before it, here and below."""
+    """A finite number; ``position`` counts the characters before it, here and below."""
 
     value: float
-    place: int
+    position: int
     depth: int = 1
 
 
@@ -104,8 +104,8 @@ class Level:
 
     column: str
     value: str | None
-    place: int
-    value_place: int
+    position: int
+    value_position: int
 
 
 @dataclass(frozen=True)
@@ -114,7 +114,7 @@ class Quantity:
 
     name: str
     levels: tuple[Level, ...]
-    place: int
+    position: int
     depth: int = 1
 
 
@@ -127,7 +127,7 @@ class Operation:
 
     symbol: str
     operands: tuple[Node, ...]
-    place: int
+    position: int
     depth: int
 
     @property
@@ -154,11 +154,13 @@ def parse(text: str) -> Node:
         return _parser().parse(text)  # type: ignore[return-value]
     except UnexpectedToken as error:
         end = error.token.type == "$END"
-        place = len(text) if end else int(error.token.start_pos or 0)
-        raise QuestionError(place, "the end" if end else str(error.token), _listed(error.expected)) from None
+        position = len(text) if end else int(error.token.start_pos or 0)
+        raise QuestionError(
+            position, "the end" if end else str(error.token), _listed(error.expected)
+        ) from None
     except UnexpectedCharacters as error:
-        place = int(error.pos_in_stream or 0)
-        raise QuestionError(place, text[place], _listed(error.allowed)) from None
+        position = int(error.pos_in_stream or 0)
+        raise QuestionError(position, text[position], _listed(error.allowed)) from None
 
 
 def claims(node: Node) -> bool:
@@ -182,18 +184,18 @@ def _unquoted(token: Any) -> str:
     return str(token)[1:-1] if token[0] in "`\"'" else str(token)
 
 
-def _made(symbol: str, operands: list[Node], place: int, *, claim: bool) -> Operation:
+def _made(symbol: str, operands: list[Node], position: int, *, claim: bool) -> Operation:
     """An operation whose operands are all claims, or all numbers."""
     for operand in operands:
         if claims(operand) != claim:
-            found = "a comparison" if claims(operand) else "a number"
+            actual = "a comparison" if claims(operand) else "a number"
             expected = f"a {'comparison' if claim else 'number'} beside {symbol}"
-            raise QuestionError(operand.place, found, expected, "Parentheses say what belongs together.")
+            raise QuestionError(operand.position, actual, expected, "Parentheses say what belongs together.")
     depth = 1 + max(operand.depth for operand in operands)
     if depth > DEEPEST:
-        found = f"parts within parts, {depth} deep"
-        raise QuestionError(place, found, f"at most {DEEPEST}", "Ask it in parts.")
-    return Operation(symbol, tuple(operands), place, depth)
+        actual = f"parts within parts, {depth} deep"
+        raise QuestionError(position, actual, f"at most {DEEPEST}", "Ask it in parts.")
+    return Operation(symbol, tuple(operands), position, depth)
 
 
 class _Maker:
@@ -208,16 +210,18 @@ class _Maker:
 
     def level(self, parts: list[Any]) -> Level:
         column, value = parts
-        place = column.start_pos if value is None else value.start_pos
-        return Level(_unquoted(column), None if value is None else _unquoted(value), column.start_pos, place)
+        position = column.start_pos if value is None else value.start_pos
+        return Level(
+            _unquoted(column), None if value is None else _unquoted(value), column.start_pos, position
+        )
 
     def quantity(self, parts: list[Any]) -> Node:
-        name, *given = parts
-        levels = tuple(level for level in given if level is not None)
+        name, *brackets = parts
+        levels = tuple(level for level in brackets if level is not None)
         columns = [level.column for level in levels]
-        twice = [level for place, level in enumerate(levels) if level.column in columns[:place]]
+        twice = [level for index, level in enumerate(levels) if level.column in columns[:index]]
         if twice:
-            raise QuestionError(twice[0].place, twice[0].column, "each column once")
+            raise QuestionError(twice[0].position, twice[0].column, "each column once")
         return Quantity(_unquoted(name), levels, name.start_pos)
 
     def call(self, parts: list[Any]) -> Node:
@@ -244,11 +248,15 @@ class _Maker:
 
     def compared(self, parts: list[Any]) -> Node:
         tokens, sides = parts[1::2], parts[::2]
-        each: list[Node] = [
+        comparisons: list[Node] = [
             _made(_SAME.get(token, str(token)), list(pair), token.start_pos, claim=False)
             for token, pair in zip(tokens, pairwise(sides), strict=True)
         ]
-        return each[0] if len(each) == 1 else _made("and", each, tokens[0].start_pos, claim=True)
+        return (
+            comparisons[0]
+            if len(comparisons) == 1
+            else _made("and", comparisons, tokens[0].start_pos, claim=True)
+        )
 
     def between(self, parts: list[Any]) -> Node:
         middle, token, low, _, high = parts

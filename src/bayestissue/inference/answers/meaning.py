@@ -27,36 +27,36 @@ _SHOWN = 8
 
 def is_response(quantity: Quantity, recorded: Recorded) -> bool:
     """Whether it is a response at given levels, and no variable of the posterior."""
-    return quantity.name in recorded.formulas and all(each.column != "impact" for each in quantity.levels)
+    return quantity.name in recorded.formulas and all(level.column != "impact" for level in quantity.levels)
 
 
 def open_columns(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) -> list[str]:
     """The columns or dimensions of which it has all levels."""
     if is_response(quantity, recorded) or posterior is None:
-        return [each.column for each in quantity.levels if each.value is None]
-    given = [each.column for each in quantity.levels if each.value is not None]
-    return [str(name) for name in posterior[quantity.name].dims if name not in (*_DRAWN, *given)]
+        return [level.column for level in quantity.levels if level.value is None]
+    chosen = [level.column for level in quantity.levels if level.value is not None]
+    return [str(name) for name in posterior[quantity.name].dims if name not in (*_DRAWN, *chosen)]
 
 
 def condition_of(quantity: Quantity, recorded: Recorded) -> dict[str, str | float]:
     """What is given in the brackets of a response."""
     return {
-        each.column: float(each.value) if _is_number(each.column, recorded) else each.value
-        for each in quantity.levels
-        if each.value is not None
+        level.column: float(level.value) if _is_number(level.column, recorded) else level.value
+        for level in quantity.levels
+        if level.value is not None
     }
 
 
 def conditions_of(quantity: Quantity, recorded: Recorded) -> list[Condition]:
     """The condition of a response, or one for each level of its open column that was recorded so."""
-    given = condition_of(quantity, recorded)
-    free = [each.column for each in quantity.levels if each.value is None]
+    condition = condition_of(quantity, recorded)
+    free = [level.column for level in quantity.levels if level.value is None]
     if not free:
-        return [given]
+        return [condition]
     # What the response does not depend on chooses among what was recorded.
     moved = columns_named(recorded.formulas[quantity.name])
-    named = {k: v for k, v in given.items() if v != NEW and (isinstance(v, str) or k not in moved)}
-    return [given | {free[0]: level} for level in recorded.levels(free[0], recorded.matching(named))]
+    named = {k: v for k, v in condition.items() if v != NEW and (isinstance(v, str) or k not in moved)}
+    return [condition | {free[0]: level} for level in recorded.levels(free[0], recorded.matching(named))]
 
 
 def unit_of(node: Node, posterior: xr.Dataset) -> str:
@@ -87,19 +87,19 @@ def mistakes(
     if isinstance(node, Number):
         return
     if isinstance(node, Quantity):
-        found = list(_of_quantity(node, recorded, posterior))
-        yield from found
-        if not found and not within and (free := _open(node, recorded, posterior)):
+        errors = list(_of_quantity(node, recorded, posterior))
+        yield from errors
+        if not errors and not within and (free := _open(node, recorded, posterior)):
             expected = f"one level of {free[0]}, or {node.name} within {'(), '.join(OF_MANY)}()"
             yield QuestionError(
-                node.place, f"{node.name} of every {free[0]}", expected, f"Such as {_such(node, free[0])}."
+                node.position, f"{node.name} of every {free[0]}", expected, f"Such as {_such(node, free[0])}."
             )
         return
     many = node.symbol in OF_MANY
     for operand in node.operands:
         yield from mistakes(operand, recorded, posterior, within=within or many)
     if many and posterior is not None:
-        yield from _of_several(node.operands, recorded, posterior, node.place, node.symbol)
+        yield from _of_several(node.operands, recorded, posterior, node.position, node.symbol)
 
 
 def quantities(node: Node) -> Iterator[Quantity]:
@@ -118,21 +118,21 @@ def _open(quantity: Quantity, recorded: Recorded, posterior: xr.Dataset | None) 
 
 
 def _of_several(
-    operands: Sequence[Node], recorded: Recorded, posterior: xr.Dataset, place: int, symbol: str
+    operands: Sequence[Node], recorded: Recorded, posterior: xr.Dataset, position: int, symbol: str
 ) -> Iterator[QuestionError]:
     """What is averaged together must be of the same levels."""
     kinds = set()
-    for each in (quantity for operand in operands for quantity in quantities(operand)):
-        if any(mistakes(each, recorded, posterior, within=True)):
+    for quantity in (quantity for operand in operands for quantity in quantities(operand)):
+        if any(mistakes(quantity, recorded, posterior, within=True)):
             return
-        free = open_columns(each, recorded, posterior)
-        if free and is_response(each, recorded):
-            kinds.add((free[0], tuple(str(c[free[0]]) for c in conditions_of(each, recorded))))
+        free = open_columns(quantity, recorded, posterior)
+        if free and is_response(quantity, recorded):
+            kinds.add((free[0], tuple(str(c[free[0]]) for c in conditions_of(quantity, recorded))))
         elif free:
             kinds |= {(name, tuple(posterior[name].astype(str).to_numpy())) for name in free}
     if len(kinds) > 1:
-        found = " and ".join(sorted(f"{len(levels)} of {name}" for name, levels in kinds))
-        yield QuestionError(place, found, f"the same levels throughout {symbol}()")
+        actual = " and ".join(sorted(f"{len(levels)} of {name}" for name, levels in kinds))
+        yield QuestionError(position, actual, f"the same levels throughout {symbol}()")
 
 
 def _of_quantity(
@@ -146,35 +146,35 @@ def _of_quantity(
     if quantity.name not in posterior:
         names = list(dict.fromkeys([*recorded.formulas, *map(str, posterior.data_vars)]))
         near = _near(quantity.name, names)
-        yield QuestionError(quantity.place, quantity.name, "a quantity of this run", near)
+        yield QuestionError(quantity.position, quantity.name, "a quantity of this run", near)
         return
     array = posterior[quantity.name]
     if "kept_draw" in array.dims:
         expected = "a quantity whose draws were all kept; of so many impacts single ones were kept in part"
-        yield QuestionError(quantity.place, quantity.name, expected)
+        yield QuestionError(quantity.position, quantity.name, expected)
         return
     dims = [str(name) for name in array.dims if name not in _DRAWN]
-    for each in quantity.levels:
-        if each.column not in dims:
+    for level in quantity.levels:
+        if level.column not in dims:
             what = (
                 f"of {quantity.name}: {', '.join(dims)}"
                 if dims
                 else f"no brackets: {quantity.name} is one number"
             )
-            yield QuestionError(each.place, each.column, what, _near(each.column, dims))
-        elif each.value is not None:
-            labels = [str(label) for label in array[each.column].to_numpy()]
-            if each.value not in labels:
-                yield _strange(each, labels)
+            yield QuestionError(level.position, level.column, what, _near(level.column, dims))
+        elif level.value is not None:
+            labels = [str(label) for label in array[level.column].to_numpy()]
+            if level.value not in labels:
+                yield _strange(level, labels)
 
 
 def _of_response(quantity: Quantity, recorded: Recorded) -> list[QuestionError]:
-    found = list(_of_levels(quantity, recorded))
-    free = [each for each in quantity.levels if each.value is None]
-    if not found and free and not conditions_of(quantity, recorded):
+    errors = list(_of_levels(quantity, recorded))
+    free = [level for level in quantity.levels if level.value is None]
+    if not errors and free and not conditions_of(quantity, recorded):
         expected = f"a {free[0].column} that was recorded with the rest of these brackets"
-        found.append(QuestionError(free[0].place, free[0].column, expected))
-    return found
+        errors.append(QuestionError(free[0].position, free[0].column, expected))
+    return errors
 
 
 def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError]:
@@ -182,28 +182,30 @@ def _of_levels(quantity: Quantity, recorded: Recorded) -> Iterator[QuestionError
     needed = columns_named(formula)
     if lacking := [name for name in needed if name in recorded.lacking]:
         expected = f"a run that keeps the column {', '.join(lacking)}"
-        yield QuestionError(quantity.place, quantity.name, expected, "Fit again with this version.")
+        yield QuestionError(quantity.position, quantity.name, expected, "Fit again with this version.")
         return
-    free = [each for each in quantity.levels if each.value is None]
-    for each in free[1:]:
-        yield QuestionError(each.place, each.column, "one column without a level at most")
-    for each in quantity.levels:
-        moves = {each.column, *recorded.followers(each.column)} & set(needed)
-        if each.column not in recorded.rows or not (moves or free):
+    free = [level for level in quantity.levels if level.value is None]
+    for level in free[1:]:
+        yield QuestionError(level.position, level.column, "one column without a level at most")
+    for level in quantity.levels:
+        moves = {level.column, *recorded.followers(level.column)} & set(needed)
+        if level.column not in recorded.rows or not (moves or free):
             usable = [str(c) for c in recorded.rows if {str(c), *recorded.followers(str(c))} & set(needed)]
             expected = f"a column that {quantity.name} depends on here: {first_of(usable, _SHOWN) or 'none'}"
-            remedy = f'The formula is "{formula}". {_near(each.column, usable)}'
-            yield QuestionError(each.place, each.column, expected, remedy)
-        elif each.value is None:
-            if each.column not in recorded.named:
-                yield QuestionError(each.place, each.column, f"{each.column}=number, since it has no levels")
-        elif _is_number(each.column, recorded):
-            yield from _of_number(each)
+            remedy = f'The formula is "{formula}". {_near(level.column, usable)}'
+            yield QuestionError(level.position, level.column, expected, remedy)
+        elif level.value is None:
+            if level.column not in recorded.named:
+                yield QuestionError(
+                    level.position, level.column, f"{level.column}=number, since it has no levels"
+                )
+        elif _is_number(level.column, recorded):
+            yield from _of_number(level)
         else:
-            levels = recorded.levels(each.column)
-            drawn = [NEW] if recorded.may_be_new(each.column) else []
-            if each.value not in (*levels, *drawn):
-                yield _strange(each, [*levels, *drawn])
+            levels = recorded.levels(level.column)
+            drawn = [NEW] if recorded.may_be_new(level.column) else []
+            if level.value not in (*levels, *drawn):
+                yield _strange(level, [*levels, *drawn])
 
 
 def _of_number(level: Level) -> Iterator[QuestionError]:
@@ -212,9 +214,9 @@ def _of_number(level: Level) -> Iterator[QuestionError]:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        yield QuestionError(level.value_place, str(level.value), f"a number after {level.column}=")
+        yield QuestionError(level.value_position, str(level.value), f"a number after {level.column}=")
     elif level.column == "mass_kg" and value <= 0:
-        yield QuestionError(level.value_place, str(level.value), "a mass above 0 kg")
+        yield QuestionError(level.value_position, str(level.value), "a mass above 0 kg")
 
 
 def _is_number(column: str, recorded: Recorded) -> bool:
@@ -224,12 +226,12 @@ def _is_number(column: str, recorded: Recorded) -> bool:
 
 def _strange(level: Level, levels: Sequence[str]) -> QuestionError:
     expected = f"a level of {level.column}: {first_of(levels, _SHOWN) or 'none'}"
-    return QuestionError(level.value_place, str(level.value), expected, _near(str(level.value), levels))
+    return QuestionError(level.value_position, str(level.value), expected, _near(str(level.value), levels))
 
 
 def _near(name: str, names: Sequence[str]) -> str:
-    found = difflib.get_close_matches(name[:100], names, n=3, cutoff=0.5)
-    return f"Near: {', '.join(found)}." if found else ""
+    matches = difflib.get_close_matches(name[:100], names, n=3, cutoff=0.5)
+    return f"Near: {', '.join(matches)}." if matches else ""
 
 
 def _such(quantity: Quantity, column: str) -> str:

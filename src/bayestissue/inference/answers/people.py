@@ -44,11 +44,11 @@ def people_compared(draws: xr.Dataset, recorded: Recorded, responses: Sequence[s
         ratio = logs[:, first] - logs[:, second]
         low, median, high = np.exp(np.percentile(ratio, [5, 50, 95], axis=0))
         above = (ratio > 0).mean(axis=0)
-        for one, other, values in (
+        for one, another, values in (
             (first, second, (above, median, low, high)),
             (second, first, (1 - above, 1 / median, 1 / high, 1 / low)),
         ):
-            names = {"person": np.array(people)[one], "against": np.array(people)[other]}
+            names = {"person": np.array(people)[one], "against": np.array(people)[another]}
             table = {"quantity": response} | names | dict(zip(COLUMNS[3:], values, strict=True))
             tables.append(pd.DataFrame(table))
     return pd.concat(tables, ignore_index=True) if tables else pd.DataFrame(columns=COLUMNS)

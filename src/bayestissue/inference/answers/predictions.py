@@ -59,37 +59,37 @@ def predict(finished: Finished, conditions: Sequence[Condition]) -> pd.DataFrame
         something lacks or lies beyond what was measured.
     """
     recorded, which = finished.recorded, element(finished.element)
-    names = [*RESPONSES, *(each.name for each in which.extra)]
+    names = [*RESPONSES, *(value.name for value in which.extra)]
     logs = _parameters(finished, names, conditions)
     parameters = {
-        name: np.exp(each.reshape(-1, len(conditions))) for name, each in zip(names, logs, strict=True)
+        name: np.exp(value.reshape(-1, len(conditions))) for name, value in zip(names, logs, strict=True)
     }
     count = len(parameters["K"])
     step = max(1, min(-(-count * len(conditions) // _MOST), count // _FEWEST))
-    some = {name: each[::step] for name, each in parameters.items()}
+    simulated = {name: value[::step] for name, value in parameters.items()}
     values = {"K": parameters["K"], "C": parameters["C"]}
     mass, velocity, diameter = (_numbers(recorded, conditions, name) for name in _GIVEN)
     notes = [
-        [*recorded.beyond(each), *_unknown(recorded, each), *recorded.average_notes(RESPONSES, each)]
-        for each in conditions
+        [*recorded.beyond(value), *_unknown(recorded, value), *recorded.average_notes(RESPONSES, value)]
+        for value in conditions
     ]
     if finished.discrepancy:
-        notes = [[*each, NO_LAW] for each in notes]
+        notes = [[*value, NO_LAW] for value in notes]
     else:
-        beside = {"diameter_m": diameter}
+        arguments = {"diameter_m": diameter}
         if finished.gravity:
-            beside[GRAVITY] = np.full(len(conditions), finished.gravity)
-        values |= _peaks(finished.element, some, mass, velocity, beside)
+            arguments[GRAVITY] = np.full(len(conditions), finished.gravity)
+        values |= _peaks(finished.element, simulated, mass, velocity, arguments)
         notes = [[*n, *([] if v > 0 else [NO_VELOCITY])] for n, v in zip(notes, velocity, strict=True)]
     return pd.DataFrame(
         [
             dict(condition)
-            | {"mass_kg": mass[place], "velocity_m_s": velocity[place]}
+            | {"mass_kg": mass[row], "velocity_m_s": velocity[row]}
             | {"new": ", ".join(_new(recorded, condition))}
-            | _summary({name: each[:, place] for name, each in values.items()})
-            | {"draws": count, "simulated": 0 if finished.discrepancy else len(some["K"])}
-            | {"note": "; ".join(notes[place])}
-            for place, condition in enumerate(conditions)
+            | _summary({name: value[:, row] for name, value in values.items()})
+            | {"draws": count, "simulated": 0 if finished.discrepancy else len(simulated["K"])}
+            | {"note": "; ".join(notes[row])}
+            for row, condition in enumerate(conditions)
         ]
     )
 
@@ -107,15 +107,15 @@ def _parameters(
     if "residual_correlation" in draws:
         r = draws["residual_correlation"].to_numpy()[..., None]
         scatter[1] = r * scatter[0] + np.sqrt(1 - r**2) * scatter[1]
-    found = []
+    logs = []
     for name, noise in zip(names, scatter, strict=True):
         parameter = parameter_of(name)
         if name in finished.recorded.formulas:
             log = log_at_levels(draws, finished.recorded, name, conditions, new_levels=_LEVELS)
         else:
             log = draws[intercept(parameter)].to_numpy()[..., None] + np.zeros(shape)
-        found.append(log + draws[sd_impact(parameter)].to_numpy()[..., None] * noise)
-    return found
+        logs.append(log + draws[sd_impact(parameter)].to_numpy()[..., None] * noise)
+    return logs
 
 
 def _numbers(
@@ -125,7 +125,7 @@ def _numbers(
     otherwise = recorded.reference.get(name, np.nan)
     if name == "diameter_m" and not np.isfinite(otherwise):
         otherwise = REFERENCE_DIAMETER_M
-    return np.array([float(each.get(name, otherwise)) for each in conditions])
+    return np.array([float(condition.get(name, otherwise)) for condition in conditions])
 
 
 def _peaks(
@@ -133,57 +133,61 @@ def _peaks(
     parameters: dict[str, Float[np.ndarray, "draw condition"]],
     mass: Float[np.ndarray, " condition"],
     velocity: Float[np.ndarray, " condition"],
-    beside: dict[str, Float[np.ndarray, " condition"]],
+    arguments: dict[str, Float[np.ndarray, " condition"]],
 ) -> dict[str, Float[np.ndarray, "draw condition"]]:
     """Each of the peaks in every draw and condition; NaN where there is no velocity.
 
     ``beside`` is what the element's functions take beside its parameters.
     """
     shape = parameters["K"].shape
-    p = parameters | {name: np.broadcast_to(each, shape) for name, each in beside.items()}
+    p = parameters | {name: np.broadcast_to(flat, shape) for name, flat in arguments.items()}
     known = np.where(velocity > 0, velocity, 1.0)
-    each = [np.broadcast_to(v, shape).ravel() for v in (*p.values(), mass, known)]
+    flat = [np.broadcast_to(v, shape).ravel() for v in (*p.values(), mass, known)]
     parts = []
-    for begin in range(0, each[0].size, _AT_ONCE):
+    for begin in range(0, flat[0].size, _AT_ONCE):
         # The last part is filled up with what stands in it already.
-        *values, M, V = (jnp.asarray(np.resize(v[begin : begin + _AT_ONCE], _AT_ONCE)) for v in each)
+        *values, M, V = (jnp.asarray(np.resize(v[begin : begin + _AT_ONCE], _AT_ONCE)) for v in flat)
         parts.append(peaks_of(element(which), dict(zip(p, values, strict=True)), M, V))
     columns = dict(zip(Peaks._fields, zip(*parts, strict=True), strict=True))
-    whole = {name: np.concatenate(column)[: each[0].size].reshape(shape) for name, column in columns.items()}
-    return {name: np.where(velocity > 0, found, np.nan) for name, found in whole.items()}
+    whole = {name: np.concatenate(column)[: flat[0].size].reshape(shape) for name, column in columns.items()}
+    return {name: np.where(velocity > 0, values, np.nan) for name, values in whole.items()}
 
 
 def _summary(values: dict[str, Float[np.ndarray, " draw"]]) -> dict[str, float]:
     """Median and 90 % interval of each quantity that there is."""
-    found = {f"{column}{end}": np.nan for column in QUANTITIES.values() for end in _QUANTILES}
+    summary = {f"{column}{end}": np.nan for column in QUANTITIES.values() for end in _QUANTILES}
     for name, draws in values.items():
         # Some draws of a strongly damped impact may have no peak: their time is infinite.
-        of = np.asarray(list(_QUANTILES.values()))
+        probabilities = np.asarray(list(_QUANTILES.values()))
         finite = np.isfinite(draws).all()
-        ends = np.quantile(draws, of) if finite else np.quantile(draws, of, method="inverted_cdf")
-        found |= {f"{QUANTITIES[name]}{end}": float(v) for end, v in zip(_QUANTILES, ends, strict=True)}
-    return found
+        ends = (
+            np.quantile(draws, probabilities)
+            if finite
+            else np.quantile(draws, probabilities, method="inverted_cdf")
+        )
+        summary |= {f"{QUANTITIES[name]}{end}": float(v) for end, v in zip(_QUANTILES, ends, strict=True)}
+    return summary
 
 
 def _new(recorded: Recorded, condition: Condition) -> list[str]:
     """The groups of which a condition has a new level."""
     complete = recorded.completed(condition)
-    found = []
+    groups = []
     for term in recorded.terms:
-        given = {factor: complete[factor] for factor in term.factors if factor in complete}
-        if len(given) < len(term.factors) or not len(recorded.matching(given)):
-            found.append(term.grouping)
-    return list(dict.fromkeys(found))
+        levels = {factor: complete[factor] for factor in term.factors if factor in complete}
+        if len(levels) < len(term.factors) or not len(recorded.matching(levels)):
+            groups.append(term.grouping)
+    return list(dict.fromkeys(groups))
 
 
 def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
     """Names of levels that were not measured and look like slips."""
-    found = []
+    notes = []
     for name, value in condition.items():
         if name not in recorded.factors or value == NEW or value in (levels := recorded.levels(name)):
             continue
         near = difflib.get_close_matches(str(value), levels, n=1, cutoff=_LIKE)
-        asked = f"; did you mean {near[0]}?" if near else ""
-        words = f'{name} "{value}" was not measured: a new one of the population{asked}'
-        found.append(Coded(words, "new-level"))
-    return found
+        suggestion = f"; did you mean {near[0]}?" if near else ""
+        words = f'{name} "{value}" was not measured: a new one of the population{suggestion}'
+        notes.append(Coded(words, "new-level"))
+    return notes

@@ -67,7 +67,7 @@ class Question:
     """
 
     text: str
-    place: str
+    location: str
     name: str = ""
 
 
@@ -103,8 +103,8 @@ def ask_what_can_be(finished: Finished, questions: Sequence[Question]) -> pd.Dat
         try:
             rows.append(_answer(finished, question))
         except InputError as error:
-            told = "; ".join(f"no answer: found {p.value}, expected {p.expected}" for p in error.problems)
-            rows.append({"question": question.text, "name": question.name, "note": told, "unit": ""})
+            reasons = "; ".join(f"no answer: found {p.value}, expected {p.expected}" for p in error.problems)
+            rows.append({"question": question.text, "name": question.name, "note": reasons, "unit": ""})
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
@@ -118,19 +118,24 @@ def _read(question: Question, recorded: Recorded, posterior: xr.Dataset | None) 
         node = parse(question.text)
     except QuestionError as slip:
         raise InputError(_problem(slip, question, f"Allowed: {ALLOWED}.")) from None
-    if found := list(mistakes(node, recorded, posterior)):
-        raise InputError(_problem(slip, question) for slip in found)
+    if errors := list(mistakes(node, recorded, posterior)):
+        raise InputError(_problem(slip, question) for slip in errors)
     return node
 
 
 def _problem(slip: QuestionError, question: Question, otherwise: str = "") -> Problem:
     """One line that says what is wrong, and under it the place."""
-    begin = max(0, slip.place - _SHOWN)
-    text = printable(question.text[begin : slip.place + _SHOWN])
-    before = printable(question.text[begin : slip.place])
+    begin = max(0, slip.position - _SHOWN)
+    text = printable(question.text[begin : slip.position + _SHOWN])
+    before = printable(question.text[begin : slip.position])
     remedy = f"{slip.remedy or otherwise}\n    {text}\n    {' ' * len(before)}^"
     return Problem(
-        question.place, slip.expected, remedy, column=f"{slip.place + 1}", value=slip.found, code="question"
+        question.location,
+        slip.expected,
+        remedy,
+        column=f"{slip.position + 1}",
+        value=slip.actual,
+        code="question",
     )
 
 
@@ -141,7 +146,7 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
     except QuestionError as slip:
         raise InputError(_problem(slip, question)) from None
     prior, note = _prior(finished, node)
-    beside = _of_levels(finished.recorded, node)
+    level_notes = _of_levels(finished.recorded, node)
     unit = "" if claims(node) else unit_of(node, finished.posterior)
     row = {
         "question": question.text,
@@ -152,11 +157,11 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
     }
     if not claims(node):
         note = _largely_prior(posterior, prior)
-        return row | _interval(posterior) | {"note": "; ".join(filter(None, [note, *beside]))}
+        return row | _interval(posterior) | {"note": "; ".join(filter(None, [note, *level_notes]))}
     p, error, size = _probability(posterior)
     row |= {"posterior": p, "mcse": error}
     if prior is None:
-        return row | {"note": "; ".join([note, *beside])}
+        return row | {"note": "; ".join([note, *level_notes])}
     p_0, error_0, size_0 = _probability(prior)
     factor, note = _bayes_factor(p, size, p_0, size_0)
     return row | {
@@ -164,16 +169,16 @@ def _answer(finished: Finished, question: Question) -> dict[str, Any]:
         "prior_mcse": error_0,
         "prior_draws": prior.size,
         "bayes_factor": factor,
-        "note": "; ".join(filter(None, [note, *beside])),
+        "note": "; ".join(filter(None, [note, *level_notes])),
     }
 
 
 def _of_levels(recorded: Recorded, node: Node) -> list[Coded]:
     """What is to be known of the levels that a question names: averages, and numbers beyond the measured."""
-    responses = [each for each in quantities(node) if is_response(each, recorded)]
-    notes = [note for each in responses for note in recorded.beyond(condition_of(each, recorded))]
-    for each in responses:
-        notes += recorded.average_notes([each.name], [level.column for level in each.levels])
+    responses = [response for response in quantities(node) if is_response(response, recorded)]
+    notes = [note for response in responses for note in recorded.beyond(condition_of(response, recorded))]
+    for response in responses:
+        notes += recorded.average_notes([response.name], [level.column for level in response.levels])
     return list(dict.fromkeys(notes))
 
 
@@ -189,7 +194,7 @@ def _prior(finished: Finished, node: Node) -> tuple[xr.DataArray | None, str]:
         which = ", ".join(dict.fromkeys(lacking)) or "it"
         return None, Coded(f"no prior: this run has no prior draws of {which}", "no-prior")
     except QuestionError as slip:
-        return None, Coded(f"no prior: {slip.found} of the prior", "no-prior")
+        return None, Coded(f"no prior: {slip.actual} of the prior", "no-prior")
 
 
 def _largely_prior(posterior: xr.DataArray, prior: xr.DataArray | None) -> str:

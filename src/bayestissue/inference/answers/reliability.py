@@ -126,9 +126,11 @@ def variances(
             (agreement if kind == "agreement" else within).append((variance, levels))
             names[kind].append(term.grouping)
     impacts = draws[sd_impact(parameter_of(response))].to_numpy() ** 2
-    each = recorded.rows.groupby("subject").size().median()
+    impacts_a_person = recorded.rows.groupby("subject").size().median()
     varies = tuple(names["within"]), (*names["within"], *names["agreement"])
-    return Variances(people, shared_sd**2, agreement, within, impacts, measurement_sd**2, float(each), varies)
+    return Variances(
+        people, shared_sd**2, agreement, within, impacts, measurement_sd**2, float(impacts_a_person), varies
+    )
 
 
 def _place(recorded: Recorded, term: GroupTerm) -> tuple[float, str]:
@@ -157,33 +159,33 @@ class Coefficient(NamedTuple):
     varies: tuple[str, ...] = ()
 
 
-def coefficients(found: Mapping[str, Variances], draws: xr.Dataset) -> list[Coefficient]:
+def coefficients(variances_of: Mapping[str, Variances], draws: xr.Dataset) -> list[Coefficient]:
     """Every coefficient of each response, by its variances in ``draws``, the group posterior or prior."""
-    return [each for q in found for each in _of_response(q, found[q], draws)]
+    return [coefficient for q in variances_of for coefficient in _of_response(q, variances_of[q], draws)]
 
 
-def _of_response(q: str, each: Variances, draws: xr.Dataset) -> Iterator[Coefficient]:
+def _of_response(q: str, variances: Variances, draws: xr.Dataset) -> Iterator[Coefficient]:
     name = f"{q}_typical_person"
     # Draws of earlier versions have it as an intercept.
     log = intercept(parameter_of(q))
     typical = draws[name].to_numpy() if name in draws else np.exp(draws[log].to_numpy())
-    known = bool((each.people > 0).any())
+    known = bool((variances.people > 0).any())
     forms = {"C": "consistency", "A": "agreement"}
-    varies = dict(zip(forms, each.names, strict=True)) | {"R": ()}
+    varies = dict(zip(forms, variances.names, strict=True)) | {"R": ()}
     for letter, number in ((a, b) for b in ("1", "k") for a in forms) if known else ():
-        form = f"ICC({letter},{number})" + (f", k = {each.k:g}" if number == "k" else "")
-        values = each.icc(agreement=letter == "A", averaged=number == "k")
+        form = f"ICC({letter},{number})" + (f", k = {variances.k:g}" if number == "k" else "")
+        values = variances.icc(agreement=letter == "A", averaged=number == "k")
         yield Coefficient(q, ICC, form, "1", f"ICC_{letter}{number}", values, varies[letter])
-    chain = np.full_like(typical, each.measurement)
+    chain = np.full_like(typical, variances.measurement)
     # Of a repeat's error: what the chain makes, and what the person does.
-    of_error = {"chain": ("measuring chain", chain), "person": ("person", each.impacts)}
+    of_error = {"chain": ("measuring chain", chain), "person": ("person", variances.impacts)}
     for letter, words in {"R": "repeat", **forms}.items():
-        for k in (1.0, each.k) if each.k > 1 else (1.0,):
+        for k in (1.0, variances.k) if variances.k > 1 else (1.0,):
             one, averaged = k == 1, k > 1
             variance = (
-                each.repeat(averaged=averaged)
+                variances.repeat(averaged=averaged)
                 if letter == "R"
-                else each.error(agreement=letter == "A", averaged=averaged)
+                else variances.error(agreement=letter == "A", averaged=averaged)
             )
             form = words if one else f"{words}, means of {k:g}"
             short = letter if one else f"{letter}k"
@@ -195,7 +197,7 @@ def _of_response(q: str, each: Variances, draws: xr.Dataset) -> Iterator[Coeffic
         yield from _error(q, SEM, form, f"SEM_{short}", np.sqrt(variance), typical, ())
     for letter in forms if known else ():
         for target in TARGETS:
-            values = each.repeats(target, agreement=letter == "A")
+            values = variances.repeats(target, agreement=letter == "A")
             form, short = f"ICC({letter},k) of {target:g}", f"repeats_{letter}{100 * target:.0f}"
             yield Coefficient(q, REPEATS, form, "1", short, values, varies[letter])
 
@@ -222,28 +224,30 @@ def reliability(posterior: Sequence[Coefficient], prior: Sequence[Coefficient] =
         `bayestissue.inference.results.prior_overlap`. ``varies`` names the groupings whose levels may differ
         between the measurements compared; all others are the same.
     """
-    before = {each[:5]: each.drawn for each in prior}
+    before = {coefficient[:5]: coefficient.drawn for coefficient in prior}
     rows = []
-    for each in posterior:
-        ends = np.quantile(each.drawn, [0.5, 0.05, 0.95], method="higher")
-        if each.measure == REPEATS:
+    for coefficient in posterior:
+        ends = np.quantile(coefficient.drawn, [0.5, 0.05, 0.95], method="higher")
+        if coefficient.measure == REPEATS:
             ends = np.maximum(1.0, np.ceil(ends))
-        shared = prior_overlap(each.drawn, before[each[:5]]) if each[:5] in before else np.nan
+        shared = (
+            prior_overlap(coefficient.drawn, before[coefficient[:5]]) if coefficient[:5] in before else np.nan
+        )
         rows.append(
             (
-                each.quantity,
-                each.measure,
-                each.form,
+                coefficient.quantity,
+                coefficient.measure,
+                coefficient.form,
                 *ends.tolist(),
-                each.unit,
+                coefficient.unit,
                 shared,
-                ", ".join(each.varies),
+                ", ".join(coefficient.varies),
             )
         )
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
-def as_variables(found: Sequence[Coefficient]) -> xr.Dataset:
+def as_variables(coefficients: Sequence[Coefficient]) -> xr.Dataset:
     """The coefficients as variables of the draws, [chain, draw].
 
     Left out is what is the same in all draws, and repeats, which are fractions here, where no number of them
@@ -251,12 +255,15 @@ def as_variables(found: Sequence[Coefficient]) -> xr.Dataset:
     """
     return xr.Dataset(
         {
-            f"{each.name}_{each.quantity}": xr.Variable(
+            f"{coefficient.name}_{coefficient.quantity}": xr.Variable(
                 ("chain", "draw"),
-                each.drawn,
-                {"unit": each.unit, "long_name": f"{each.measure}, {each.form}, of {each.quantity}"},
+                coefficient.drawn,
+                {
+                    "unit": coefficient.unit,
+                    "long_name": f"{coefficient.measure}, {coefficient.form}, of {coefficient.quantity}",
+                },
             )
-            for each in found
-            if np.isfinite(each.drawn).all() and np.ptp(each.drawn) > 0
+            for coefficient in coefficients
+            if np.isfinite(coefficient.drawn).all() and np.ptp(coefficient.drawn) > 0
         }
     )

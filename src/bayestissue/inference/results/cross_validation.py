@@ -46,11 +46,11 @@ def cross_validation(tree: xr.DataTree) -> pd.DataFrame:
 def schemes(tree: xr.DataTree) -> dict[str, tuple[str, str]]:
     """What can be left out of a fit: by dimension the group and variable of its log densities."""
     of_groups = tree["log_likelihood_of_groups"].dataset
-    found = {"impact": ("log_likelihood", "trace")}
+    variables = {"impact": ("log_likelihood", "trace")}
     for name in of_groups.data_vars:
         if str(name).startswith("traces_of_"):
-            found[str(of_groups[name].dims[-1])] = ("log_likelihood_of_groups", str(name))
-    return found
+            variables[str(of_groups[name].dims[-1])] = ("log_likelihood_of_groups", str(name))
+    return variables
 
 
 def scheme_words(dimension: str) -> str:

@@ -83,8 +83,8 @@ def trace_errors(
             ends = [_information(prepared, _scaled(data, column, side), u) for side in (1, -1)]
             parts[name] = part(*ends)
     if "discrepancy" in prepared.model.nuisance:
-        place = np.arange(u.shape[1]) == 2 + prepared.model.nuisance.index("discrepancy")
-        ends = [_information(prepared, data, u + side * _STEP / 4 * place) for side in (1, -1)]
+        is_discrepancy = np.arange(u.shape[1]) == 2 + prepared.model.nuisance.index("discrepancy")
+        ends = [_information(prepared, data, u + side * _STEP / 4 * is_discrepancy) for side in (1, -1)]
         parts[ELEMENT] = part(*ends)
     others = sum(parts.values(), np.zeros_like(covariance))
     return TraceErrors(covariance, {NOISE: covariance - others, **parts})
@@ -99,8 +99,10 @@ def as_expected(prepared: Prepared, u: Float[np.ndarray, "impact parameter"]) ->
     data = with_normal_errors(prepared.data)
     quiet = np.where(_named(prepared, _OF_NOISE) & ~_named(prepared, _CORRELATIONS), _NOTHING, u)
     bare = data.record._replace(error_sd=jax.device_put(np.zeros(data.record.error_sd.shape)))
-    made = replicates(prepared.model, data._replace(record=bare), quiet[None], jax.random.PRNGKey(0)[None])
-    trace = made["deceleration" if prepared.model.kind == "impact" else "displacement"][0]
+    replicated = replicates(
+        prepared.model, data._replace(record=bare), quiet[None], jax.random.PRNGKey(0)[None]
+    )
+    trace = replicated["deceleration" if prepared.model.kind == "impact" else "displacement"][0]
     record = data.record.with_traces(np.nan_to_num(np.asarray(trace)), np.asarray(data.record.n_samples))
     return data._replace(record=record)
 
@@ -110,8 +112,8 @@ def _of_element(model: TraceModel, data: TraceData, u: Float[Array, "impact para
     """The record with contact where the traces have it, and what the element does from then on as traces."""
     distribution = trace_distribution(model, data, [u[:, a] for a in range(u.shape[1])])
     assert isinstance(distribution, MeasuredImpact)  # noqa: S101 - so is every element's
-    own = distribution.record
-    known = own if own.before is None else own.at_contact(distribution.mean_first_time())
+    record = distribution.record
+    known = record if record.before is None else record.at_contact(distribution.mean_first_time())
     return known._replace(d=response(distribution.element, distribution.parameters, known).d)
 
 
@@ -124,10 +126,10 @@ def _information(prepared: Prepared, data: TraceData, u: np.ndarray) -> Matrices
 
     What tells of the noise alone is left out, and a 1 put in its place.
     """
-    found = laplace_sites(prepared.model, data, u, weak_prior(u), 0)
+    sites = laplace_sites(prepared.model, data, u, weak_prior(u), 0)
     apart = _named(prepared, _OF_NOISE)
-    both = apart[:, None] | apart
-    return np.where(both, np.diag(apart.astype(float)), np.asarray(found.precision))
+    either = apart[:, None] | apart
+    return np.where(either, np.diag(apart.astype(float)), np.asarray(sites.precision))
 
 
 def _scaled(data: TraceData, column: int, side: int) -> TraceData:
@@ -162,14 +164,14 @@ def shorter_window(prepared: Prepared, u: Float[np.ndarray, "impact parameter"])
     n = np.asarray(whole.record.n_samples)
     fewer = np.minimum(n, np.maximum(np.ceil(_SHORTER * n), FEWEST_SAMPLES)).astype(n.dtype)
     shorter = whole.record.with_traces(np.asarray(whole.record.traces), fewer)
-    found = [
+    windows = [
         laplace_sites(prepared.model, data, u, weak_prior(u), _ITERATIONS)
         for data in (whole, whole._replace(record=shorter))
     ]
-    centres = [np.asarray(each.centre)[:, :2] for each in found]
+    centres = [np.asarray(sites.centre)[:, :2] for sites in windows]
     variances = [
-        np.diagonal(np.linalg.inv(np.asarray(each.precision) + np.eye(u.shape[1]) / 4), axis1=1, axis2=2)
-        for each in found
+        np.diagonal(np.linalg.inv(np.asarray(sites.precision) + np.eye(u.shape[1]) / 4), axis1=1, axis2=2)
+        for sites in windows
     ]
     gained = np.maximum(variances[1] - variances[0], 0.0)[:, :2]
     return ShorterWindow(centres[1] - centres[0], np.sqrt(gained))

@@ -113,7 +113,7 @@ def _attributes() -> dict[str, dict[str, str]]:
         name = _NAMES[q]
         table |= {
             variable: {"unit": unit, "long_name": f"{name} of {meaning(variable).of}"}
-            for variable in (q, *(f"{q}_{of}" for of in _OF))
+            for variable in (q, *(f"{q}_{level}" for level in _OF))
         }
         table |= {
             f"linear_slope_{q}": {
@@ -142,16 +142,17 @@ ATTRIBUTES = _attributes()
 
 def design_attributes(design: Design) -> dict[str, dict[str, str]]:
     """Unit and meaning of what a design has besides the effects of subject and trial on K and C."""
-    extra = {each.name: each for name in element_names() for each in element(name).extra}
+    extra = {parameter.name: parameter for name in element_names() for parameter in element(name).extra}
     units = {q: _UNITS[q] if q in _UNITS else extra[q].unit for q in design.responses}
     names = {q: _NAMES.get(q, q) for q in design.responses}
     table: dict[str, dict[str, str]] = {}
     for name in design.groupings:
         stem = stem_of(name)
-        own = f"each {name} at the reference mass"
-        of = meaning(f"K_{name}").of if name in _ONE_COLUMN else own
+        level_words = f"each {name} at the reference mass"
+        if name in _ONE_COLUMN:
+            level_words = meaning(f"K_{name}").of
         for q, unit in units.items():
-            table[f"{q}_{stem}"] = {"unit": unit, "long_name": f"{names[q]} of {of}"}
+            table[f"{q}_{stem}"] = {"unit": unit, "long_name": f"{names[q]} of {level_words}"}
         what = f"log density of the traces of a {name}, the effects that it alone has integrated out"
         table[f"traces_of_{stem}"] = {"unit": "1", "long_name": what}
         table[f"impact_{stem}"] = {"long_name": f"the impact's {name}"}
@@ -179,8 +180,8 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
             between = f"standard deviation between levels of {term.grouping} of {what}"
             table[term.sd(q)] = {"unit": "1", "long_name": between}
         for name in design.recorded.named_by(q):
-            of = f"a typical person at the reference mass, of each {name}"
-            table[f"{q}_{stem_of(name)}"] = {"unit": units[q], "long_name": f"{names[q]} of {of}"}
+            level_words = f"a typical person at the reference mass, of each {name}"
+            table[f"{q}_{stem_of(name)}"] = {"unit": units[q], "long_name": f"{names[q]} of {level_words}"}
     # People and conditions have words of their own for K and C.
     table = {name: words for name, words in table.items() if name not in ATTRIBUTES}
     return table | _averaged(design, ATTRIBUTES | table)
@@ -190,30 +191,31 @@ def _averaged(design: Design, known: Mapping[str, dict[str, str]]) -> dict[str, 
     """Words of what is averaged over categories that its name does not give, and ``averaged_over`` which."""
     table = {}
     for q in design.responses:
-        given: dict[str, tuple[str, ...]] = {stem_of(n): each.factors for n, each in design.groupings.items()}
-        given |= {stem_of(name): (name,) for name in design.recorded.named_by(q)}
-        for stem, columns in (given | {"typical_person": (), "new": ()}).items():
+        groupings = design.groupings.items()
+        columns_of: dict[str, tuple[str, ...]] = {stem_of(name): group.factors for name, group in groupings}
+        columns_of |= {stem_of(name): (name,) for name in design.recorded.named_by(q)}
+        for stem, columns in (columns_of | {"typical_person": (), "new": ()}).items():
             over = " and ".join(design.recorded.averaged(q, columns))
             if over and (words := known.get(f"{q}_{stem}")):
-                told = f"{words['long_name']}, averaged over {over} with equal weight"
-                table[f"{q}_{stem}"] = {**words, "long_name": told, "averaged_over": over}
+                long_name = f"{words['long_name']}, averaged over {over} with equal weight"
+                table[f"{q}_{stem}"] = {**words, "long_name": long_name, "averaged_over": over}
     return table
 
 
 def design_dimensions(design: Design) -> dict[str, tuple[str, ...]]:
     """Of each response of the levels of a grouping, and of the effects of each group term."""
-    found: dict[str, tuple[str, ...]] = {
+    dimensions: dict[str, tuple[str, ...]] = {
         f"{q}_{stem_of(name)}": (name,)
         for q in design.responses
         for name in (*design.groupings, *design.recorded.named_by(q))
     }
-    return found | {name: (grouping,) for name, grouping in effect_dimensions(design).items()}
+    return dimensions | {name: (grouping,) for name, grouping in effect_dimensions(design).items()}
 
 
 def of_one_person(draws: xr.Dataset) -> None:
     """Say of "this person" what is said of a typical or a new one where there are several."""
     for q in _UNITS:
-        for variable in (f"{q}_{of}" for of in _OF):
+        for variable in (f"{q}_{level}" for level in _OF):
             if variable in draws:
                 words = draws[variable].attrs
                 over = words.get("averaged_over", "")
@@ -269,9 +271,9 @@ def labelled_statistics(draws: Draws, *, of_transitions: bool = False) -> xr.Dat
     """
     chains, transitions = draws.statistics["num_steps"].shape
     count = transitions if of_transitions else next(iter(draws.sites.values())).shape[1]
-    found = {
-        name: of_several(draws.statistics[own].reshape(chains, count, -1))
-        for name, (own, of_several) in _STATISTICS.items()
+    statistics = {
+        name: of_several(draws.statistics[statistic].reshape(chains, count, -1))
+        for name, (statistic, of_several) in _STATISTICS.items()
     }
     # A tree of the greatest allowed depth that turned by itself is not cut off; only one more step tells.
-    return labelled(found, {}, {}).assign_attrs(max_tree_depth=draws.max_tree_depth)
+    return labelled(statistics, {}, {}).assign_attrs(max_tree_depth=draws.max_tree_depth)

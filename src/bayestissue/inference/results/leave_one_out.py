@@ -34,15 +34,15 @@ def leave_one_out(tree: xr.DataTree, variable: str, reff: float | None = None) -
     """
     import arviz_stats as az
 
-    asked = {"var_name": variable, "reff": relative_size(tree) if reff is None else reff, "pointwise": True}
+    options = {"var_name": variable, "reff": relative_size(tree) if reff is None else reff, "pointwise": True}
     with warnings.catch_warnings():
         # A high pareto_k stands in the tables.
         warnings.simplefilter("ignore", UserWarning)
         try:
-            return az.loo(tree, **asked)
+            return az.loo(tree, **options)
         except ValueError:
             # Nearly all draws are one and the same, so that the weights have no tail to be smoothed.
-            return az.loo(tree, **asked, **_unsmoothed(tree, variable))
+            return az.loo(tree, **options, **_unsmoothed(tree, variable))
 
 
 def high(score: Any) -> np.ndarray:

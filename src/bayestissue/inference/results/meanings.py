@@ -86,8 +86,10 @@ def told(variable: str, of: str = "", label: str = "") -> str:
     return str(found._replace(of=found.of.replace("a person", f"person {label}", 1) or label))
 
 
-def _table(of: dict[str, str]) -> dict[str, Meaning]:
-    own = {pattern.format(q=q): Meaning(q, words) for q in QUANTITIES for pattern, words in of.items()}
+def _table(patterns: dict[str, str]) -> dict[str, Meaning]:
+    table = {
+        pattern.format(q=q): Meaning(q, words) for q in QUANTITIES for pattern, words in patterns.items()
+    }
     comparable = {
         pattern.format(name=name): Meaning(what, words)
         for name, what in _COMPARABLE.values()
@@ -95,7 +97,7 @@ def _table(of: dict[str, str]) -> dict[str, Meaning]:
     }
     powers = {q: q for q in QUANTITIES} | SECANTS
     exponents = {f"mass_exponent_{q}": Meaning(f"mass exponent of {what}", "") for q, what in powers.items()}
-    return own | comparable | exponents
+    return table | comparable | exponents
 
 
 _of_several, _of_one_person = _table(_OF), _table(_OF | _OF_ONE_PERSON)

@@ -28,7 +28,7 @@ def prior_overlap(posterior: Float[np.ndarray, "*draw"], prior: Float[np.ndarray
     if ends[0] == ends[-1]:
         return np.nan
     shares = (
-        np.bincount(np.searchsorted(ends, np.ravel(each)), minlength=_BINS) / np.size(each)
-        for each in (posterior, prior)
+        np.bincount(np.searchsorted(ends, np.ravel(draws)), minlength=_BINS) / np.size(draws)
+        for draws in (posterior, prior)
     )
     return float(np.minimum(*shares).sum())

@@ -41,21 +41,21 @@ def summarise(posterior: xr.Dataset) -> pd.DataFrame:
     table = _of_chains(posterior.drop_dims("kept_draw", errors="ignore"))
     if "kept_draw" not in posterior.dims:
         return table
-    kept = [name for name, array in posterior.data_vars.items() if "kept_draw" in array.dims]
-    return pd.concat([table, *(_of_kept(str(name), posterior[name]) for name in kept)], ignore_index=True)
+    thinned = [name for name, array in posterior.data_vars.items() if "kept_draw" in array.dims]
+    return pd.concat([table, *(_of_kept(str(name), posterior[name]) for name in thinned)], ignore_index=True)
 
 
 def _of_kept(name: str, array: xr.DataArray) -> pd.DataFrame:
-    each = array if len(array.dims) > 2 else array.expand_dims({"": [""]}, axis=2)
-    labels = each.dims[2]
-    draws = each.transpose("chain", "kept_draw", labels).to_numpy()
+    levels = array if len(array.dims) > 2 else array.expand_dims({"": [""]}, axis=2)
+    labels = levels.dims[2]
+    draws = levels.transpose("chain", "kept_draw", labels).to_numpy()
     draws = draws.reshape(-1, draws.shape[2])
     sd = draws.std(0, ddof=1, dtype=float)
     # By the usual rule 90 % intervals of a hundred draws would hold 88 %.
     quantiles = np.quantile(draws, list(QUANTILES.values()), axis=0, method="weibull")
     columns = {
         "variable": name,
-        "label": each[labels].to_numpy().astype(str),
+        "label": levels[labels].to_numpy().astype(str),
         "unit": array.attrs.get("unit", ""),
         "mean": draws.mean(0, dtype=float),
         "sd": sd,
@@ -69,15 +69,15 @@ def _of_chains(posterior: xr.Dataset) -> pd.DataFrame:
     names = [_named(str(name), array) for name, array in posterior.data_vars.items()]
     draws = np.concatenate([elements_of(array) for array in posterior.data_vars.values()])
     flat = draws.reshape(len(draws), -1)
-    found = convergence(draws)
+    sampled = convergence(draws)
     sd = np.nanstd(flat, axis=1, ddof=1)
     columns = {
         "mean": np.nanmean(flat, axis=1),
         "sd": sd,
-        "ess_bulk": found.ess_bulk,
-        "ess_tail": found.ess_tail,
-        "r_hat": found.r_hat,
-        "mcse_mean": sd / np.sqrt(found.ess_mean),
+        "ess_bulk": sampled.ess_bulk,
+        "ess_tail": sampled.ess_tail,
+        "r_hat": sampled.r_hat,
+        "mcse_mean": sd / np.sqrt(sampled.ess_mean),
         **dict(zip(QUANTILES, np.nanquantile(flat, list(QUANTILES.values()), axis=1), strict=True)),
     }
     return pd.concat(names, ignore_index=True).assign(**columns)[COLUMNS]

@@ -98,8 +98,8 @@ def uncertainty_budget(prepared: Prepared, constrained: ConstrainedDraws) -> pd.
     if (window := None if many else shorter_window(part, u)) is not None:
         ends = (np.median(np.abs(window.moved), axis=0) / _MEDIAN, np.median(window.expected, axis=0))
         rows_of_window = [
-            (IMPACT, q, name, np.nan, float(end[place]))
-            for place, q in enumerate(RESPONSES)
+            (IMPACT, q, name, np.nan, float(end[number]))
+            for number, q in enumerate(RESPONSES)
             for name, end in zip((WINDOW, WINDOW_BY_NOISE), ends, strict=True)
         ]
         tables.append(pd.DataFrame(rows_of_window, columns=COLUMNS))
@@ -133,13 +133,13 @@ def _scatter(prepared: Prepared, spread: Covariances) -> dict[str, Float[np.ndar
     kk, kc, cc = spread.pair
     mass = model.log_mass_sd**2 if model.mass_error == "impact" else 0.0
     size = 2 + len(model.nuisance)
-    found = {IMPACTS: np.zeros((size, size))}
+    scatter = {IMPACTS: np.zeros((size, size))}
     # The traces' own error of mass is a source by itself.
-    found[IMPACTS][:2, :2] = np.array([[kk, kc], [kc, cc]]) - mass
-    for place, (name, sd) in enumerate(zip(model.nuisance, spread.nuisance, strict=True), start=2):
+    scatter[IMPACTS][:2, :2] = np.array([[kk, kc], [kc, cc]]) - mass
+    for number, (name, sd) in enumerate(zip(model.nuisance, spread.nuisance, strict=True), start=2):
         source = _NUISANCE.get(name, SHAPE)
-        found.setdefault(source, np.zeros((size, size)))[place, place] = float(sd) ** 2
-    return found
+        scatter.setdefault(source, np.zeros((size, size)))[number, number] = float(sd) ** 2
+    return scatter
 
 
 @compiled_quickly()
@@ -156,8 +156,8 @@ class _Hierarchy:
 
     def __init__(self, prepared: Prepared, sites: dict[str, np.floating]) -> None:
         self._prepared = prepared
-        found = _dense(prepared.model, prepared.data.design, sites)
-        self._spread, columns, self._prior = jax.device_get(found)
+        arrays = _dense(prepared.model, prepared.data.design, sites)
+        self._spread, columns, self._prior = jax.device_get(arrays)
         self._columns = columns.transpose(2, 0, 1)
         self._scatter = _scatter(prepared, self._spread)
         self.omega = np.sum(list(self._scatter.values()), axis=0)
@@ -165,8 +165,8 @@ class _Hierarchy:
 
     def _measured(self, errors: TraceErrors) -> tuple[Matrices, dict[str, Matrices]]:
         """What the traces' errors and the mass's add, all together and by source."""
-        own = self._prepared.model.log_mass_sd**2 if self._spread.shared is None else 0.0
-        of_mass = own * np.multiply.outer(self._both, self._both)
+        mass_variance = self._prepared.model.log_mass_sd**2 if self._spread.shared is None else 0.0
+        of_mass = mass_variance * np.multiply.outer(self._both, self._both)
         by_source = {**errors.parts, MASS: np.broadcast_to(of_mass, errors.total.shape)}
         return errors.total + of_mass, by_source
 
@@ -181,36 +181,38 @@ class _Hierarchy:
         weight = np.linalg.inv(self.omega + noise)
         covariance = self._covariance_of_means(weight)
         parts = self._prepared.model.locations.parts
-        found: dict[str, dict[str, float]] = {}
+        shares: dict[str, dict[str, float]] = {}
         for response in RESPONSES:
             v = covariance[:, parts[f"intercept_{response}"].start]
             covariates = typical_covariates(self._prepared.design, response)
             if len(covariates):
                 v = v + covariance[:, parts[f"covariate_effect_{response}"]] @ covariates
             w = np.einsum("iab,ibl,l->ia", weight, self._columns, v)
-            made = {name: float(np.einsum("ia,iab,ib->", w, matrix, w)) for name, matrix in measured.items()}
+            by_source = {
+                name: float(np.einsum("ia,iab,ib->", w, matrix, w)) for name, matrix in measured.items()
+            }
             for name, matrix in self._scatter.items():
-                made[name] = made.get(name, 0.0) + float(np.einsum("ia,ab,ib->", w, matrix, w))
-            found[response] = made | self._of_effects(v, made[MASS])
-        return found
+                by_source[name] = by_source.get(name, 0.0) + float(np.einsum("ia,ab,ib->", w, matrix, w))
+            shares[response] = by_source | self._of_effects(v, by_source[MASS])
+        return shares
 
     def _covariance_of_means(self, weight: Matrices) -> Float[np.ndarray, "location location"]:
-        told = np.einsum("ial,iab,ibm->lm", self._columns, weight, self._columns, optimize=True)
-        return np.linalg.inv(told + self._prior)
+        precision = np.einsum("ial,iab,ibm->lm", self._columns, weight, self._columns, optimize=True)
+        return np.linalg.inv(precision + self._prior)
 
     def _of_effects(self, v: Float[np.ndarray, " location"], mass: float) -> dict[str, float]:
         """What people, conditions and priors add, of v' (prior precision) v."""
         spread, names = self._spread, np.array(self._prepared.model.locations.spread)
         variance = spread.locations**2
         pull = self._prior @ v
-        made = pull**2 * variance
+        variances = pull**2 * variance
         if spread.shared is not None:
             # A person's two effects hold the error of the mass too.
             together = pull[spread.shared.effect_on_K] + pull[spread.shared.effect_on_C]
             mass = mass + float(spread.shared.variance * (together**2).sum())
         groups = dict.fromkeys((PEOPLE, CONDITIONS, *_sources(self._prepared).values(), PRIORS), 0.0)
         for name, source in {"": PRIORS, **_sources(self._prepared)}.items():
-            groups[source] += float(made[names == name].sum())
+            groups[source] += float(variances[names == name].sum())
         return {MASS: mass, **groups}
 
     def of_impacts(self, errors: TraceErrors, whole: bool) -> dict[str, dict[str, np.ndarray]]:
@@ -219,26 +221,31 @@ class _Hierarchy:
         Where the data are not ``whole``, the means of person and condition count as known.
         """
         noise, measured = self._measured(errors)
-        told = np.linalg.inv(noise)
-        V = np.linalg.inv(np.linalg.inv(self.omega) + told)
-        gain = V @ told
+        precision = np.linalg.inv(noise)
+        V = np.linalg.inv(np.linalg.inv(self.omega) + precision)
+        gain = V @ precision
         left = np.eye(gain.shape[1]) - gain
-        made = {name: np.einsum("iab,ibc,iac->ia", gain, matrix, gain) for name, matrix in measured.items()}
+        by_source = {
+            name: np.einsum("iab,ibc,iac->ia", gain, matrix, gain) for name, matrix in measured.items()
+        }
         for name, matrix in self._scatter.items():
-            made[name] = made.get(name, 0.0) + np.einsum("iab,bc,iac->ia", left, matrix, left)
+            by_source[name] = by_source.get(name, 0.0) + np.einsum("iab,bc,iac->ia", left, matrix, left)
         if whole:
             covariance = self._covariance_of_means(np.linalg.inv(self.omega + noise))
             pulled = left @ self._columns
-            made[PERSON_AND_CONDITION] = np.einsum(
+            by_source[PERSON_AND_CONDITION] = np.einsum(
                 "ial,lm,iam->ia", pulled, covariance, pulled, optimize=True
             )
         if (shared := self._spread.shared) is not None:
             K, C = (
-                self._spread.locations[place] ** 2 for place in (shared.effect_on_K[0], shared.effect_on_C[0])
+                self._spread.locations[number] ** 2
+                for number in (shared.effect_on_K[0], shared.effect_on_C[0])
             )
             error = shared.variance * K * C / (K * C + shared.variance * (K + C))
-            made[MASS] = made[MASS] + error * self._both
-        return {q: {name: v[:, place] for name, v in made.items()} for place, q in enumerate(RESPONSES)}
+            by_source[MASS] = by_source[MASS] + error * self._both
+        return {
+            q: {name: v[:, number] for name, v in by_source.items()} for number, q in enumerate(RESPONSES)
+        }
 
 
 def _sources(prepared: Prepared) -> dict[str, str]:
@@ -262,23 +269,23 @@ def _with_scatter(
     prepared: Prepared, means: dict[str, dict[str, float]], constrained: ConstrainedDraws
 ) -> dict[str, dict[str, float]]:
     """What a new person, condition and impact add to the population's mean."""
-    found = {}
+    shares = {}
     for response in RESPONSES:
-        own = dict(means.get(response, {}))
-        if not own:
-            own[PERSON_AND_CONDITION] = float(
+        by_source = dict(means.get(response, {}))
+        if not by_source:
+            by_source[PERSON_AND_CONDITION] = float(
                 np.var(typical_logs(prepared.design, constrained.sites, response))
             )
         for source in (PEOPLE, CONDITIONS):
-            own.setdefault(source, 0.0)
+            by_source.setdefault(source, 0.0)
         for source, added in _new_levels(prepared, constrained, response).items():
-            own[source] = own.get(source, 0.0) + added
-        found[response] = own
-    return found
+            by_source[source] = by_source.get(source, 0.0) + added
+        shares[response] = by_source
+    return shares
 
 
 def _of_traces(
-    made: dict[str, dict[str, np.ndarray]],
+    by_response: dict[str, dict[str, np.ndarray]],
     drawn: dict[str, np.ndarray],
     scatter: dict[str, float],
     *,
@@ -290,39 +297,39 @@ def _of_traces(
     """
     totals = {}
     if discrepancy:
-        told = np.maximum(1 - drawn["K"] / scatter["K"], _LEAST_TOLD)
-        made, totals = {**made, "K": {}}, {"K": drawn["K"] / told}
-    return _shares(TRACE, made, totals=totals)
+        known_share = np.maximum(1 - drawn["K"] / scatter["K"], _LEAST_TOLD)
+        by_response, totals = {**by_response, "K": {}}, {"K": drawn["K"] / known_share}
+    return _shares(TRACE, by_response, totals=totals)
 
 
 def _of_population(
-    prepared: Prepared, level: str, made: dict[str, dict[str, float]], constrained: ConstrainedDraws
+    prepared: Prepared, level: str, by_response: dict[str, dict[str, float]], constrained: ConstrainedDraws
 ) -> pd.DataFrame:
-    drawn = {q: np.var(typical_logs(prepared.design, constrained.sites, q)) for q in made}
+    drawn = {q: np.var(typical_logs(prepared.design, constrained.sites, q)) for q in by_response}
     if level == NEW_PERSON:
         drawn = {q: v + sum(_new_levels(prepared, constrained, q).values()) for q, v in drawn.items()}
-    return _shares(level, made, drawn)
+    return _shares(level, by_response, drawn)
 
 
 def _shares(
     level: str,
-    made: Mapping[str, Mapping[str, Variance]],
+    by_response: Mapping[str, Mapping[str, Variance]],
     drawn: Mapping[str, Variance] = MappingProxyType({}),
     totals: Mapping[str, Variance] = MappingProxyType({}),
 ) -> pd.DataFrame:
     """`COLUMNS` of the variances ``made`` by response and source; their sum is the total unless given."""
     rows = []
-    for response, by_source in made.items():
+    for response, by_source in by_response.items():
         total = totals.get(response, sum(by_source.values()))
-        every = {**by_source, ALL: total, **({DRAWN: drawn[response]} if drawn else {})}
+        sources = {**by_source, ALL: total, **({DRAWN: drawn[response]} if drawn else {})}
         rows += [
             (level, response, name, float(np.mean(v / total)), float(np.sqrt(max(np.median(v), 0.0))))
-            for name, v in every.items()
+            for name, v in sources.items()
         ]
     return pd.DataFrame(rows, columns=COLUMNS)
 
 
 def measurement_sd(budget: pd.DataFrame, response: str) -> float:
     """Standard deviation of the log of K or C of the median impact, given its trace alone."""
-    own = (budget["level"] == TRACE) & (budget["quantity"] == response) & (budget["source"] == ALL)
-    return float(budget.loc[own, "sd"].iloc[0])
+    rows = (budget["level"] == TRACE) & (budget["quantity"] == response) & (budget["source"] == ALL)
+    return float(budget.loc[rows, "sd"].iloc[0])
