@@ -20,6 +20,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from evidence import recorded
+from sound import TISSUES, dataset
+from sound import impacts as different
+from spoiling import sound_ones
 
 from bayestissue import runtime
 from bayestissue.dataset import Dataset, Trace
@@ -27,9 +30,6 @@ from bayestissue.inference.single.estimates import estimate
 from bayestissue.signal import displacements
 from bayestissue.signal.quality.low_pass import suspected
 from bayestissue.simulation import Simulation, simulate
-from bayestissue.simulation.sound import TISSUES, dataset
-from bayestissue.simulation.sound import impacts as different
-from bayestissue.simulation.spoilt import sound_ones
 
 IMPACTS = 160
 SOUND_ONES = 2000

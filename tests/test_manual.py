@@ -27,12 +27,14 @@ from bayestissue.inference.comparing import implied, runs
 from bayestissue.inference.quantities.elements import element_attributes
 from bayestissue.inference.results import cross_validation, summary, uncertainty_budget
 from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS
-from bayestissue.results.contents import FILES
 from bayestissue.settings import _table_in
 from bayestissue.simulation.specification import Simulation
 from bayestissue.thesis.causes.specification import CausesSpecification, Range
 
 ROOT = Path(__file__).resolve().parents[1]
+sys.path.append(str(ROOT / "docs" / "_extensions"))
+
+from result_files import FILES  # noqa: E402
 
 
 def build(out: Path, source: Path = ROOT / "docs") -> subprocess.CompletedProcess[str]:

@@ -6,7 +6,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from bayestissue.elements import element, impact
-from bayestissue.elements.peaks import peaks_of
+from bayestissue.elements.comparables import peaks_of
 from bayestissue.oscillator.impact import impact_motion, peak_displacement, time_to_peak
 
 M, V = jnp.array([0.4, 0.8, 1.3, 0.5]), jnp.array([1.0, 1.5, 2.0, 0.7])

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import sys
 from functools import reduce
 from operator import add
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -11,9 +13,11 @@ import pytest
 from scipy.stats import binom
 
 from bayestissue.inference.single.estimates import estimate
-from bayestissue.simulation.sound import dataset, impacts
-from bayestissue.simulation.spoiling import DISPLACEMENT, KINDS
-from bayestissue.simulation.spoilt import judged, sound_ones, spoilt_ones
+
+sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
+
+from sound import dataset, impacts
+from spoiling import DISPLACEMENT, KINDS, judged, sound_ones, spoilt_ones
 
 EACH, SOUND = 12, 200
 # By chance a share this far from the promised one comes up once in a thousand runs.

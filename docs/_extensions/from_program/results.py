@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
+from result_files import FILES, File
 
 from bayestissue.hierarchy.design import build_design
 from bayestissue.hierarchy.specification import Formulas
@@ -14,7 +15,6 @@ from bayestissue.inference.answers.reliability import Variances, as_variables, c
 from bayestissue.inference.quantities.elements import element_attributes
 from bayestissue.inference.results.labels import ATTRIBUTES, GROUPS
 from bayestissue.inference.results.tree import dimensions
-from bayestissue.results.contents import FILES, File
 from from_program.keys import unit
 from from_program.markdown import code, escaped, table
 

@@ -1,4 +1,4 @@
-"""Stiffness, damping and loss that mean the same for every element."""
+"""Stiffness, damping and loss that mean the same for every element, and the peaks of an impact."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from jax import Array
 from jax.typing import ArrayLike
 from jaxtyping import Float
 
-from bayestissue.elements.element import Element, Parameters, at_contact, falling
+from bayestissue.elements.element import Element, Parameters, at_contact, deceleration_of, falling
 from bayestissue.elements.impact import Path, prepared
 
 _POINTS, _WEIGHTS = np.polynomial.legendre.leggauss(16)
@@ -64,15 +64,15 @@ def comparables_of(
     element: Element, p: dict[str, Array], mass: Float[Array, " impact"], velocity: Float[Array, " impact"]
 ) -> Comparables:
     """The same, compiled, for parameters that are complete: see `bayestissue.elements.element.complete`."""
-    path, M, V = Path.of(element, p, mass, velocity), mass, velocity
+    path, M, V = Path.solved(element, p, mass, velocity), mass, velocity
     peak = jnp.minimum(path.time_to_peak, path.duration)
     points = (jnp.asarray(_POINTS) + 1) / 2 * peak[:, None]
     leaves = jnp.minimum(path.leaves, path.duration)
     # In one go, since what follows the path is long to compile.
-    every = path.at(jnp.concatenate([peak[:, None], leaves[:, None], points], axis=1))
-    x, v, *rest = every[..., 0]
-    s, end, last, fall = tuple(rest), every[0, :, 1], every[1, :, 1], falling(p)
-    squares = (every[1, :, 2:] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
+    states = path.at(jnp.concatenate([peak[:, None], leaves[:, None], points], axis=1))
+    x, v, *rest = states[..., 0]
+    s, end, last, fall = tuple(rest), states[0, :, 1], states[1, :, 1], falling(p)
+    squares = (states[1, :, 2:] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
     spent = M * (V**2 - v**2) / 2 + M * fall * x - element.stored(x, v, s, p)
     return Comparables(
         _tangent(element, p, V),
@@ -92,3 +92,46 @@ def _tangent(element: Element, p: dict[str, Array], velocity: Array) -> Array:
     y = at_contact(element, velocity)
     s = tuple(y[2:])
     return jax.jvp(lambda x: element.force(x, velocity, s, p), (y[0],), (jnp.ones_like(y[0]),))[1]
+
+
+# Between the nodes beside the greatest force. Nodes are 1 % of a contact apart, so that the force between two
+# of these places is greater by less than 1e-6 of itself.
+_BETWEEN = np.linspace(0.0, 1.0, 33)
+
+
+class Peaks(NamedTuple):
+    """The peaks of impacts, each [impact].
+
+    Attributes:
+        depth: greatest penetration [m].
+        time: from contact to it [s]; infinite where there is none, and the depth is then that at the end.
+        force: greatest force on the impactor [N]: M times the greatest F / M. Of a damper beside a
+            spring it may be at contact.
+    """
+
+    depth: Float[Array, " impact"]
+    time: Float[Array, " impact"]
+    force: Float[Array, " impact"]
+
+
+@partial(jax.jit, static_argnames="element")
+def peaks_of(
+    element: Element, p: dict[str, Array], mass: Float[Array, " impact"], velocity: Float[Array, " impact"]
+) -> Peaks:
+    """Peaks of impacts; arguments as of `bayestissue.elements.comparables.comparables_of`."""
+    path = Path.solved(element, p, mass, velocity)
+
+    def force(y: Array) -> Array:
+        return mass[:, None] * deceleration_of(element, path.columns(), mass[:, None], y)
+
+    times = path.nodes.time.T
+    inside = times <= path.leaves[:, None]
+    at_nodes = jnp.where(inside, force(jnp.moveaxis(path.nodes.y, 0, -1)), -jnp.inf)
+    best = jnp.argmax(at_nodes, axis=1)[:, None]
+    low, high = (
+        jnp.take_along_axis(times, jnp.clip(best + step, 0, times.shape[1] - 1), axis=1) for step in (-1, 1)
+    )
+    peak = jnp.minimum(path.time_to_peak, path.duration)
+    # In one go, since what follows the path is long to compile.
+    y = path.at(jnp.concatenate([peak[:, None], low + jnp.asarray(_BETWEEN) * (high - low)], axis=1))
+    return Peaks(y[0, :, 0], path.time_to_peak, force(y[..., 1:]).max(axis=1))

@@ -104,8 +104,8 @@ def complete(
     if set(parameters) != expected:
         raise KeyError(f"{element.name} has the parameters {sorted(expected)}, not {sorted(parameters)}")
     size = REFERENCE_DIAMETER_M if diameter is None else diameter
-    beside = {"diameter_m": jnp.asarray(size)} | ({} if gravity is None else {GRAVITY: gravity})
-    return {**{k: jnp.asarray(v, float) for k, v in parameters.items()}, **beside}
+    surroundings = {"diameter_m": jnp.asarray(size)} | ({} if gravity is None else {GRAVITY: gravity})
+    return {**{k: jnp.asarray(v, float) for k, v in parameters.items()}, **surroundings}
 
 
 def falling(p: Parameters) -> Array | float:

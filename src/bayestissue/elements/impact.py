@@ -88,7 +88,7 @@ def impact(
 
 @partial(jax.jit, static_argnames="element")
 def _impact(element: Element, p: dict[str, Array], mass: Array, velocity: Array, time: Array) -> Impact:
-    path = Path.of(element, p, mass, velocity, time.max(-1))
+    path = Path.solved(element, p, mass, velocity, time.max(-1))
     since = jnp.clip(time, 0.0, jnp.minimum(path.leaves, path.duration)[:, None])
     y = path.at(since)
     inside = (time >= 0) & (time <= path.leaves[:, None])
@@ -113,11 +113,11 @@ def prepared(
         KeyError: there is no such element, or the parameters are not its own.
     """
     which = named(element)
-    beside = (None if each is None else jnp.asarray(each, float) for each in (diameter, gravity))
-    every = complete(which, parameters, *beside)
+    surroundings = (None if part is None else jnp.asarray(part, float) for part in (diameter, gravity))
+    completed = complete(which, parameters, *surroundings)
     M, V = jnp.asarray(mass, float), jnp.asarray(velocity, float)
-    shape = jnp.broadcast_shapes(shape, *(part.shape for part in (*every.values(), M, V)))
-    p = {name: jnp.broadcast_to(value, shape) for name, value in every.items()}
+    shape = jnp.broadcast_shapes(shape, *(part.shape for part in (*completed.values(), M, V)))
+    p = {name: jnp.broadcast_to(value, shape) for name, value in completed.items()}
     return which, (p, jnp.broadcast_to(M, shape), jnp.broadcast_to(V, shape))
 
 
@@ -134,21 +134,21 @@ class Path(NamedTuple):
     leaves: Float[Array, " impact"]
 
     @classmethod
-    def of(
+    def solved(
         cls, element: Element, p: dict[str, Array], mass: Array, velocity: Array, until: ArrayLike = 0.0
     ) -> Path:
         """The path from contact to ``until`` [s], or to four times an undamped contact if that is later."""
         duration = jax.lax.stop_gradient(jnp.maximum(until, LONG * jnp.sqrt(mass / p["K"])))
         if element.linear:
-            found = _linear_nodes(element, p, mass, velocity, duration)
+            nodes = _linear_nodes(element, p, mass, velocity, duration)
         else:
             fractions = np.linspace(0.0, 1.0, NODES) ** 2
-            found = solver.nodes(element, p, mass, velocity, duration, fractions, flies_off=True)
-        made = cls(element, p, mass, velocity, duration, found, duration, duration)
-        peak, leaves = made.first(
-            lambda y: y[1], lambda y: deceleration_of(element, made.columns(), mass[:, None], y)
+            nodes = solver.nodes(element, p, mass, velocity, duration, fractions, flies_off=True)
+        path = cls(element, p, mass, velocity, duration, nodes, duration, duration)
+        peak, leaves = path.first(
+            lambda y: y[1], lambda y: deceleration_of(element, path.columns(), mass[:, None], y)
         )
-        return made._replace(time_to_peak=peak, leaves=leaves)
+        return path._replace(time_to_peak=peak, leaves=leaves)
 
     def columns(self) -> dict[str, Array]:
         """The parameters as columns beside times."""
@@ -166,10 +166,10 @@ class Path(NamedTuple):
         They are sought together, since what follows the path is long to compile.
         """
 
-        def each(y: Float[Array, "state impact quantity"]) -> Float[Array, "impact quantity"]:
+        def at_own_times(y: Float[Array, "state impact quantity"]) -> Float[Array, "impact quantity"]:
             """Every quantity at a time of its own."""
-            own = [quantity(y[..., k : k + 1])[:, 0] for k, quantity in enumerate(quantities)]
-            return jnp.stack(own, axis=-1)
+            values = [quantity(y[..., k : k + 1])[:, 0] for k, quantity in enumerate(quantities)]
+            return jnp.stack(values, axis=-1)
 
         nodes = jnp.moveaxis(self.nodes.y, 0, -1)
         past = jnp.stack([quantity(nodes) for quantity in quantities], axis=1)[..., 1:] <= 0
@@ -180,13 +180,13 @@ class Path(NamedTuple):
         def halve(_: int, bracket: tuple[Array, Array]) -> tuple[Array, Array]:
             low, high = bracket
             middle = (low + high) / 2
-            after = each(solver.at_times(self.nodes, middle)) <= 0
+            after = at_own_times(solver.at_times(self.nodes, middle)) <= 0
             return jnp.where(after, low, middle), jnp.where(after, middle, high)
 
         low, _ = jax.lax.fori_loop(0, _BISECTIONS, halve, (low, high))
 
         def newton(_: int, when: Array) -> Array:
-            value, slope = jax.jvp(lambda t: each(self.at(t)), (when,), (jnp.ones_like(when),))
+            value, slope = jax.jvp(lambda t: at_own_times(self.at(t)), (when,), (jnp.ones_like(when),))
             falls = slope < 0
             return when - jnp.where(falls, value / jnp.where(falls, slope, 1.0), 0.0)
 

@@ -44,8 +44,8 @@ def transition(
     inside = jnp.where(time > 0, time, 1.0)
     scaled = jnp.where(row == column, matrix * time, jnp.where(row, matrix * inside * time, matrix))
     scaled = jnp.where(~row & column & (time == 0), 0.0, scaled)
-    found = exponential(scaled)
-    return jnp.where(row == column, found, jnp.where(row, found / inside, found * time))
+    result = exponential(scaled)
+    return jnp.where(row == column, result, jnp.where(row, result / inside, result * time))
 
 
 def exponential(matrix: Float[Array, "*batch state state"]) -> Float[Array, "*batch state state"]:
@@ -61,11 +61,11 @@ def exponential(matrix: Float[Array, "*batch state state"]) -> Float[Array, "*ba
     small = matrix * jnp.ldexp(jnp.ones(()), -halvings.astype(int))
     unit = jnp.eye(matrix.shape[-1])
     # Horner's scheme: 1 + A (1 + A / 2 (1 + A / 3 (...))), as a loop that is compiled once.
-    found = jax.lax.fori_loop(
+    polynomial = jax.lax.fori_loop(
         0, _ORDER, lambda k, total: unit + small @ total / (_ORDER - k), jnp.broadcast_to(unit, matrix.shape)
     )
     return jax.lax.fori_loop(
-        0, halvings.max().astype(int), lambda k, root: jnp.where(k < halvings, root @ root, root), found
+        0, halvings.max().astype(int), lambda k, root: jnp.where(k < halvings, root @ root, root), polynomial
     )
 
 
@@ -84,9 +84,9 @@ def even_grid(
     in one loop over vectors.
     """
     steps = jnp.stack([jnp.maximum(first_time, 0.0), jnp.broadcast_to(dt, first_time.shape)], axis=-1)
-    both = transition(element, p, mass, steps)
-    step, states = both[:, 1], range(both.shape[-1])
-    few = jnp.einsum("iab,bi->ia", both[:, 0], _start(element, p, velocity))[..., None]
+    transitions = transition(element, p, mass, steps)
+    step, states = transitions[:, 1], range(transitions.shape[-1])
+    few = jnp.einsum("iab,bi->ia", transitions[:, 0], _start(element, p, velocity))[..., None]
     # Each round doubles what is known.
     while few.shape[-1] < min(count, _FEW):
         few = jnp.concatenate([few, step @ few], axis=-1)
@@ -98,9 +98,9 @@ def even_grid(
         step = step @ step
     over, few = over[:, :blocks, ..., None], few[:, None]
     # Written out, since so small a product of matrices is a call each.
-    own = 2 + element.states
-    y = jnp.stack([sum(over[:, :, a, b] * few[:, :, b] for b in states) for a in range(own)])
-    return y.reshape(own, len(dt), -1)[..., :count]
+    size = 2 + element.states
+    y = jnp.stack([sum(over[:, :, a, b] * few[:, :, b] for b in states) for a in range(size)])
+    return y.reshape(size, len(dt), -1)[..., :count]
 
 
 def at_times(
@@ -111,8 +111,8 @@ def at_times(
     time: Float[Array, "impact time"],
 ) -> Float[Array, "state impact time"]:
     """The state at any times, not negative."""
-    found = jnp.einsum("itab,bi->ait", transition(element, p, mass, time), _start(element, p, velocity))
-    return found[: 2 + element.states]
+    states = jnp.einsum("itab,bi->ait", transition(element, p, mass, time), _start(element, p, velocity))
+    return states[: 2 + element.states]
 
 
 def _start(element: Element, p: Parameters, velocity: Array) -> Array:

@@ -11,15 +11,15 @@ from bayestissue.elements.element import Element
 
 
 @lru_cache
-def _found() -> dict[str, Element]:
+def _elements() -> dict[str, Element]:
     names = sorted(module.name for module in pkgutil.iter_modules(library.__path__))
     elements = [import_module(f"{library.__name__}.{name}").ELEMENT for name in names]
-    return {each.name: each for each in elements}
+    return {element.name: element for element in elements}
 
 
 def element_names() -> tuple[str, ...]:
     """The names of all elements."""
-    return tuple(_found())
+    return tuple(_elements())
 
 
 def element(name: str | Element) -> Element:
@@ -31,6 +31,6 @@ def element(name: str | Element) -> Element:
     if isinstance(name, Element):
         return name
     try:
-        return _found()[name]
+        return _elements()[name]
     except KeyError:
         raise KeyError(f"no element {name!r}; there are {', '.join(element_names())}") from None

@@ -61,14 +61,16 @@ def nodes(
     import diffrax
 
     def rates(y: Array, p: Parameters, mass: Array) -> Array:
-        found = rates_of_motion(element, p, mass, y)
-        return found.at[1].set(jnp.where(y[0] < 0, falling(p), found[1])) if flies_off else found
+        derivative = rates_of_motion(element, p, mass, y)
+        return (
+            derivative.at[1].set(jnp.where(y[0] < 0, falling(p), derivative[1])) if flies_off else derivative
+        )
 
     def field(t: Any, y: Array, args: Any) -> Array:
         p, mass, duration = args
         return duration * rates(y, p, mass)
 
-    found = diffrax.diffeqsolve(
+    solution = diffrax.diffeqsolve(
         diffrax.ODETerm(field),
         diffrax.Tsit5(),
         t0=0.0,
@@ -81,7 +83,7 @@ def nodes(
         adjoint=diffrax.ForwardMode(),
         max_steps=len(fractions) - 1,
     )
-    y = found.ys
+    y = solution.ys
     return Nodes(
         jnp.asarray(fractions)[:, None] * duration,
         y,
@@ -102,29 +104,29 @@ def even_grid(
 
     A step is a whole number of samples, so that every step is read at the same fractions of it.
     """
-    each = max(1, count // STEPS)
-    number = -(-count // each)
+    size = max(1, count // STEPS)
+    number = -(-count // size)
     # Short steps first, as a Hertz force has no smooth start.
     before = nodes(element, p, mass, velocity, jnp.maximum(first_time, 0.0), np.linspace(0.0, 1.0, 6) ** 2)
     even = np.linspace(0.0, 1.0, number + 1)
-    found = nodes(element, p, mass, velocity, number * each * dt, even, start=before.y[-1])
-    into = jnp.broadcast_to(jnp.arange(each) / each, (dt.shape[0], each))
-    step = (each * dt)[:, None]
-    values, slopes = found.y[..., None], found.slope[..., None]
+    steps = nodes(element, p, mass, velocity, number * size * dt, even, start=before.y[-1])
+    into = jnp.broadcast_to(jnp.arange(size) / size, (dt.shape[0], size))
+    step = (size * dt)[:, None]
+    values, slopes = steps.y[..., None], steps.slope[..., None]
     y = cubic((values[:-1], values[1:]), (slopes[:-1], slopes[1:]), into, step)
     # [step, state, impact, sample of the step]
     y = jnp.transpose(y, (1, 2, 0, 3))
     return y.reshape(*y.shape[:2], -1)[..., :count]
 
 
-def at_times(found: Nodes, time: Float[Array, "impact time"]) -> Float[Array, "state impact time"]:
+def at_times(nodes: Nodes, time: Float[Array, "impact time"]) -> Float[Array, "state impact time"]:
     """The state at any times between the first node and the last."""
-    index = jax.vmap(jnp.searchsorted, in_axes=(1, 0))(found.time[1:-1], time)
+    index = jax.vmap(jnp.searchsorted, in_axes=(1, 0))(nodes.time[1:-1], time)
     impact = jnp.arange(time.shape[0])[:, None]
-    begin, end = (found.time[index + k, impact] for k in (0, 1))
+    begin, end = (nodes.time[index + k, impact] for k in (0, 1))
     values, slopes = (
         (jnp.moveaxis(part[index, :, impact], -1, 0), jnp.moveaxis(part[index + 1, :, impact], -1, 0))
-        for part in (found.y, found.slope)
+        for part in (nodes.y, nodes.slope)
     )
     return cubic(values, slopes, (time - begin) / (end - begin), end - begin)
 

@@ -25,8 +25,8 @@ def sinc_root(q: ArrayLike) -> Array:
     root = jnp.sqrt(jnp.where(small, 1.0, jnp.abs(q)))
     # sinh of a root that belongs to a positive q could overflow and poison the gradient
     above = jnp.sinh(jnp.where(q < 0, root, 1.0)) / root
-    away = jnp.where(q < 0, above, jnp.sin(root) / root)
-    return jnp.where(small, _horner(_SINE_SERIES, jnp.where(small, q, 0.0)), away)
+    away_from_zero = jnp.where(q < 0, above, jnp.sin(root) / root)
+    return jnp.where(small, _horner(_SINE_SERIES, jnp.where(small, q, 0.0)), away_from_zero)
 
 
 def chord(q: ArrayLike) -> Array:

@@ -1,11 +1,16 @@
 """Result folders: whole or not there, never at the cost of anything but earlier results."""
 
-from bayestissue.results.files import write_json, write_tree
-from bayestissue.results.mark import damaged
+from bayestissue.results.files import (
+    Excel,
+    read_table,
+    scratch,
+    whole_file,
+    write_json,
+    write_table,
+    write_tree,
+)
+from bayestissue.results.mark import damaged, require_free, require_place
 from bayestissue.results.place import Place, claim, claim_if
-from bayestissue.results.refusals import require_free, require_place
-from bayestissue.results.staging import scratch, whole_file
-from bayestissue.results.tables import Excel, read_table, write_table
 
 __all__ = [
     "Excel",

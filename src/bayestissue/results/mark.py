@@ -9,11 +9,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 from bayestissue import runtime
+from bayestissue.errors import InputError, Problem
+from bayestissue.outline import first_of
 
 MARK = ".bayestissue.json"
 # Pages are drawn, and drawn anew, after the mark was written.
@@ -51,15 +53,15 @@ def foreign(folder: Path) -> list[str]:
     if written is None:
         dataset = (folder / _DATASET).exists()
         return ["a dataset" if dataset else "nothing that says that bayestissue wrote it"]
-    found = [name for name in _entries(folder, written) if name not in written]
+    others = [name for name in _entries(folder, written) if name not in written]
     mark = _read(folder / MARK)
-    if "content_hash" in mark and not found:
+    if "content_hash" in mark and not others:
         files = [name for name in mark["files"] if (folder / name).is_file()]
         if len(files) < len(mark["files"]) or mark["content_hash"] != _content_hash(folder, files):
             return ["a dataset that was changed since it was written"]
     if (folder / _DATASET).exists() and "content_hash" not in mark:
         return ["a dataset"]
-    return found
+    return others
 
 
 def damaged(folder: Path) -> dict[str, tuple[int, int]]:
@@ -78,8 +80,8 @@ def _written(folder: Path) -> frozenset[str] | None:
     mark = _read(folder / MARK)
     if mark.get("program") == "bayestissue" and isinstance(mark.get("files"), dict):
         return frozenset(mark["files"]) | _PAGES | {MARK}
-    about = _read(folder / "run.json")
-    if str(about.get("program", "")).split(" ")[0] == "bayestissue" and "command" in about:
+    record = _read(folder / "run.json")
+    if str(record.get("program", "")).split(" ")[0] == "bayestissue" and "command" in record:
         return _EARLIER
     return None
 
@@ -95,8 +97,10 @@ def _entries(folder: Path, written: frozenset[str]) -> Iterator[str]:
             if not _LITTER.fullmatch(name):
                 yield name
         elif name in parents:
-            own = frozenset(each.removeprefix(f"{name}/") for each in written if each.startswith(f"{name}/"))
-            yield from (f"{name}/{each}" for each in _entries(path, own))
+            inner = frozenset(
+                path.removeprefix(f"{name}/") for path in written if path.startswith(f"{name}/")
+            )
+            yield from (f"{name}/{path}" for path in _entries(path, inner))
         else:
             yield f"{name}/"
 
@@ -116,3 +120,113 @@ def _read(path: Path) -> dict[str, Any]:
     except (OSError, ValueError, RecursionError):
         return {}
     return content if isinstance(content, dict) else {}
+
+
+_BELOW = "Choose another --out, such as a new folder in it."
+_ANOTHER = "Choose another --out."
+_NAMED = 3
+
+
+def require_place(out: Path, inputs: Sequence[str | Path | None] = ()) -> Path:
+    """Where ``out`` leads, refused if results must never stand there, with ``--overwrite`` or without.
+
+    That is the working folder, the home folder, a root, a mount point, what holds one of these or an input,
+    and the inside of other results. An empty path is the working folder.
+
+    Raises:
+        InputError: what ``out`` is, and what to do.
+    """
+    try:
+        resolved = Path(out).resolve()
+        wrong = _wrong_place(resolved, inputs)
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(
+            Problem(
+                str(out),
+                "a folder that can be made and written",
+                _ANOTHER,
+                value=str(error),
+                code="out-unwritable",
+            )
+        ) from error
+    if wrong is not None:
+        value, expected, remedy = wrong
+        raise InputError(
+            Problem(f"--out {str(out)!r}", expected=expected, remedy=remedy, value=value, code="out-taken")
+        )
+    return resolved
+
+
+def require_free(out: Path, *, overwrite: bool) -> None:
+    """Refuse an ``out`` that would lose something.
+
+    Raises:
+        InputError: ``out`` is a file, or a folder that is not empty; with ``overwrite``, a folder that holds
+            anything that this program did not write.
+    """
+    if out.exists() and not out.is_dir():
+        raise InputError(
+            Problem(
+                str(out),
+                expected="a folder or a name not yet taken",
+                remedy=_ANOTHER,
+                value="a file",
+                code="out-taken",
+            )
+        )
+    if not out.is_dir() or not any(out.iterdir()):
+        return
+    others = foreign(out)
+    if not overwrite:
+        remedy = (
+            f"{_ANOTHER}" if others else "Choose another --out, or pass --overwrite to replace these results."
+        )
+        raise InputError(
+            Problem(
+                str(out),
+                expected="an empty folder or a name not yet taken",
+                remedy=remedy,
+                value="a folder that is not empty",
+                code="out-taken",
+            )
+        )
+    if others:
+        raise InputError(
+            Problem(
+                str(out),
+                expected="a folder that holds results of bayestissue and nothing else, which alone "
+                "--overwrite replaces",
+                remedy="Choose another --out, or move what is in it elsewhere.",
+                value=first_of(others, _NAMED),
+                code="out-taken",
+            )
+        )
+
+
+def _wrong_place(out: Path, inputs: Sequence[str | Path | None]) -> tuple[str, str, str] | None:
+    for folder, name in ((Path.cwd(), "the working folder"), (_home(), "the home folder")):
+        if folder is not None and _holds(out, folder):
+            which = name if out == folder else f"a folder that holds {name}"
+            return which, "a folder of its own for the results", _BELOW
+    if out.is_mount():
+        return "a mount point, which can't be replaced", "a folder of its own for the results", _BELOW
+    for path in inputs:
+        # Text may be the name of a model of the program: `--model impact --out impact` is no conflict.
+        is_name = isinstance(path, str) and not Path(path).is_file()
+        if path is not None and not is_name and _holds(out, Path(path).resolve()):
+            return "what this command reads", f"a folder that does not hold {path}", _ANOTHER
+    for parent in out.parents:
+        if is_result(parent):
+            return "a folder inside other results", f"a folder outside {parent}", _ANOTHER
+    return None
+
+
+def _holds(folder: Path, path: Path) -> bool:
+    return path == folder or folder in path.parents
+
+
+def _home() -> Path | None:
+    try:
+        return Path.home().resolve()
+    except RuntimeError:
+        return None

@@ -2,21 +2,136 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import platform
 import re
 import secrets
 import shutil
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from datetime import datetime
 from pathlib import Path
 
 from bayestissue import stopping
-from bayestissue.errors import InputError, PartialResultError, printable
-from bayestissue.results.lock import locked, making_parents
-from bayestissue.results.mark import write_mark
-from bayestissue.results.refusals import require_free, require_place
-from bayestissue.results.staging import passing
+from bayestissue.errors import InputError, PartialResultError, Problem, printable
+from bayestissue.results.files import passing
+from bayestissue.results.mark import require_free, require_place, write_mark
+
+# A wish that can't be met on this machine whatever its state; a full disk, say, is none.
+_NO_SUCH_PLACE = frozenset(
+    {errno.ENOTDIR, errno.ENAMETOOLONG, errno.EACCES, errno.EPERM, errno.EROFS, errno.EINVAL}
+    | {errno.EEXIST, errno.EISDIR, errno.ENOENT, errno.ELOOP}
+)
+_LONGEST = ".replaced-01234567"
+
+
+@contextmanager
+def making_parents(out: Path) -> Iterator[None]:
+    """The folders above ``out`` are there in the block; those that this made are gone after it, if empty.
+
+    Raises:
+        InputError: they can't be made.
+    """
+    missing: list[Path] = []
+
+    def end() -> str:
+        for parent in missing:
+            try:
+                parent.rmdir()
+            except OSError:
+                break
+        return ""
+
+    with stopping.explained(end):
+        try:
+            with _as_input_errors(out):
+                missing += [parent for parent in out.parents if not parent.exists()]
+                out.parent.mkdir(parents=True, exist_ok=True)
+                # The longest name that is wanted beside it, tried before anything is computed.
+                with suppress(FileNotFoundError):
+                    (out.parent / f".{out.name}{_LONGEST}").lstat()
+            yield
+        finally:
+            end()
+
+
+@contextmanager
+def locked(path: Path, out: Path) -> Iterator[None]:
+    """A lock on ``out`` by the file ``path``, which is gone after the block; a dead process holds none.
+
+    Raises:
+        InputError: another process holds it, or ``path`` can't be made.
+    """
+    from filelock import FileLock, Timeout
+
+    # A moment's patience, since a command that is just ending removes its file.
+    lock = FileLock(path, timeout=0.2)
+
+    def end() -> str:
+        # Whoever waits for a file that is gone begins again with another, so it may go while it is locked.
+        path.unlink(missing_ok=True)
+        return ""
+
+    try:
+        with _as_input_errors(out):
+            lock.acquire()
+    except Timeout:
+        raise InputError(_in_use(out, path) if path.exists() else _no_place(out, "no such place")) from None
+    with stopping.explained(end):
+        try:
+            with _as_input_errors(out):
+                now = f"{datetime.now().astimezone():%Y-%m-%d %H:%M}"
+                path.write_text(f"process {os.getpid()} on {platform.node()} since {now}\n", encoding="utf-8")
+            yield
+        finally:
+            end()
+            lock.release()
+
+
+def _in_use(out: Path, path: Path) -> Problem:
+    try:
+        words = path.read_text(encoding="utf-8").strip()
+    except (OSError, UnicodeDecodeError):
+        words = ""
+    return Problem(
+        str(out),
+        expected="a folder that no other command is writing",
+        remedy="Wait for that one to end, or choose another --out.",
+        value=f"a folder in use by {words or 'another command'}",
+        code="out-in-use",
+    )
+
+
+@contextmanager
+def _as_input_errors(out: Path) -> Iterator[None]:
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _NO_SUCH_PLACE:
+            raise
+        raise InputError(_no_place(out, error.strerror or str(error))) from error
+
+
+def _no_place(out: Path, why: str) -> Problem:
+    file, remedy = _file_above(out), "Choose another --out."
+    if file is not None:
+        return Problem(
+            str(out), f"a folder at {file}", remedy, value="a file above it", code="out-unwritable"
+        )
+    return Problem(
+        str(out), "a folder that can be made and written", remedy, value=why, code="out-unwritable"
+    )
+
+
+def _file_above(out: Path) -> Path | None:
+    for parent in out.parents:
+        with suppress(OSError):
+            if parent.exists() and not parent.is_dir():
+                return parent
+    return None
+
 
 GO_ON = "run the same command again to go on from here"
 
@@ -62,20 +177,20 @@ class Place:
         Args:
             job: a fingerprint of everything that the parts depend on, by which their folder is named.
         """
-        every = _hidden(self._out, "unfinished")
-        folder = every / job[:32]
-        for other in every.iterdir() if every.is_dir() else ():
-            if other != folder:
-                shutil.rmtree(other) if other.is_dir() else other.unlink()
-        with stopping.explained(lambda: _kept_words(every)):
+        parts = _hidden(self._out, "unfinished")
+        folder = parts / job[:32]
+        for entry in parts.iterdir() if parts.is_dir() else ():
+            if entry != folder:
+                shutil.rmtree(entry) if entry.is_dir() else entry.unlink()
+        with stopping.explained(lambda: _kept_words(parts)):
             try:
                 folder.mkdir(parents=True, exist_ok=True)
                 yield folder
             except BaseException as error:
-                if words := _kept_words(every):
+                if words := _kept_words(parts):
                     error.add_note(words)
                 raise
-            shutil.rmtree(every, ignore_errors=True)
+            shutil.rmtree(parts, ignore_errors=True)
 
     def _put(self, staging: Path) -> None:
         try:
@@ -117,14 +232,14 @@ def claim(
         InputError: ``out`` would lose something, can't be made, or another command is writing it.
         PartialResultError: the results could not take their place, and are beside it.
     """
-    given, out = Path(out), require_place(out, inputs)
+    named, out = Path(out), require_place(out, inputs)
     with making_parents(out), locked(_hidden(out, "lock"), out):
         _recover(out)
         require_free(out, overwrite=overwrite)
-        place = Place(given, out, command, overwrite=overwrite)
-        yield place
-    if place.remark:
-        raise PartialResultError(place.remark, code="results-elsewhere")
+        claimed = Place(named, out, command, overwrite=overwrite)
+        yield claimed
+    if claimed.remark:
+        raise PartialResultError(claimed.remark, code="results-elsewhere")
 
 
 def _replace(staging: Path, out: Path) -> None:

@@ -1,7 +1,6 @@
 """Campaigns whose truth is known: a design, a tissue and a measuring chain, from a specification."""
 
-from bayestissue.simulation.campaign import Campaign, simulate
+from bayestissue.simulation.campaign import Campaign, simulate, write_campaign
 from bayestissue.simulation.specification import Simulation, read_simulation
-from bayestissue.simulation.write import write_campaign
 
 __all__ = ["Campaign", "Simulation", "read_simulation", "simulate", "write_campaign"]

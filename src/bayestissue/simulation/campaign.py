@@ -1,15 +1,18 @@
-"""A simulated campaign: the truth of every impact, and what a recorder would have made of it."""
+"""A simulated campaign: the truth of every impact, what a recorder makes of it, and its dataset folder."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import partial
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from jaxtyping import Float, Int
 
+from bayestissue.dataset import write_dataset
 from bayestissue.dataset.model import Dataset, Recorder, Trace, Uncertainty
 from bayestissue.dataset.settings import gravity_m_s2
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
@@ -134,8 +137,17 @@ def _impacts(simulation: Simulation, random: np.random.Generator) -> pd.DataFram
     energy = impacts["mass_kg"] * impacts["velocity_m_s"] ** 2 / 2
     rate = simulation.recording.sampling_rate_hz
     table = impacts.drop(columns="repeat").assign(impact=names, energy_J=energy, sampling_rate_hz=rate)
-    own = [factor.name for factor in simulation.design.factors]
-    columns = ["impact", "subject", "trial", *own, "mass_kg", "velocity_m_s", "energy_J", "sampling_rate_hz"]
+    factors = [factor.name for factor in simulation.design.factors]
+    columns = [
+        "impact",
+        "subject",
+        "trial",
+        *factors,
+        "mass_kg",
+        "velocity_m_s",
+        "energy_J",
+        "sampling_rate_hz",
+    ]
     return table[columns + ["diameter_m"] * ("diameter_m" in table)]
 
 
@@ -217,10 +229,10 @@ def _add_group_terms(
         else:
             covariate = np.ones(len(impacts))
         standard = random.standard_normal((code.max() + 1, 2)) @ _mixing(tissue).T
-        own = {"K": spread.K * standard[code, 0], "C": spread.C * standard[code, 1]}
+        term_effects = {"K": spread.K * standard[code, 0], "C": spread.C * standard[code, 1]}
         for name, sd in spread.__pydantic_extra__.items():
-            own[name] = sd * random.standard_normal(code.max() + 1)[code]
-        for name, effect in own.items():
+            term_effects[name] = sd * random.standard_normal(code.max() + 1)[code]
+        for name, effect in term_effects.items():
             effects[name] = effects.get(name, 0.0) + effect * covariate
             shared = getattr(tissue, f"mass_exponent_{name}", 0.0) if term.slope == MASS_TERM else 0.0
             column = term.coefficient(name) if term.slope else term.effect(name)
@@ -275,9 +287,9 @@ def _filtered_noise(
 
 
 def _first_of_rows(rows: Float[np.ndarray, "impact sample"], n: np.ndarray, count: int) -> np.ndarray:
-    found = rows[np.arange(rows.shape[1]) < n[:, None]]
-    assert len(found) == count  # noqa: S101 - the samples of all recordings
-    return found
+    first = rows[np.arange(rows.shape[1]) < n[:, None]]
+    assert len(first) == count  # noqa: S101 - the samples of all recordings
+    return first
 
 
 def _through_chain(
@@ -299,3 +311,30 @@ def _through_chain(
             step = 2 * recording.range_m_s2 / 2**recording.bits
             value = np.clip(np.round(value / step) * step, -recording.range_m_s2, recording.range_m_s2)
     return value
+
+
+def write_campaign(folder: Path, campaign: Campaign, simulation: Simulation) -> None:
+    """Write ``dataset.toml``, ``impacts.csv``, the traces and ``truth.csv``.
+
+    ``truth.csv`` has one row per impact. The parameters that all impacts share stand in the specification,
+    which the caller copies beside it.
+    """
+    settings: dict[str, Any] = {
+        "name": simulation.name,
+        "description": simulation.description or "Simulated; truth.csv holds what it was made from.",
+        "source": "bayestissue simulate",
+        "signal": {"quantity": "deceleration", "unit": "m/s^2"},
+        "uncertainty": asdict(campaign.uncertainty),
+    }
+    if campaign.gravity:
+        settings["signal"] |= {"gravity": campaign.gravity}
+    if campaign.recorder is not None:
+        settings["recorder"] = campaign.recorder.settings()
+    write_dataset(
+        folder,
+        settings=settings,
+        impacts=campaign.impacts,
+        traces=campaign.traces(),
+        trace_file=f"traces.{simulation.output.traces}",  # type: ignore[arg-type]
+    )
+    campaign.truth.to_csv(folder / "truth.csv", index=False, lineterminator="\n")

@@ -33,7 +33,7 @@ def centring_table() -> pd.DataFrame:
     the displacement from the position at contact.
     """
     dataset = one_tissue()
-    centred, rest = (estimate(dataset, method=method) for method in ("dds", "exact"))
+    centred, from_rest = (estimate(dataset, method=method) for method in ("dds", "exact"))
     return pd.DataFrame(
         {
             "mass_kg": dataset.impacts["mass_kg"],
@@ -41,7 +41,7 @@ def centring_table() -> pd.DataFrame:
             "C_N_s_per_m": _C,
             "K_centred": centred["K_N_per_m"],
             "C_centred": centred["C_N_s_per_m"],
-            "K_rest": rest["K_N_per_m"],
-            "C_rest": rest["C_N_s_per_m"],
+            "K_rest": from_rest["K_N_per_m"],
+            "C_rest": from_rest["C_N_s_per_m"],
         }
     )

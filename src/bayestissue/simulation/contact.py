@@ -43,41 +43,41 @@ def what_is_met(
     if tissue.element == SIDE_BY_SIDE:
         omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(K, C, mass))
         peak = np.asarray(time_to_peak(omega_n, zeta, velocity, gravity))
-        own = {
+        columns = {
             "omega_n_rad_s": omega_n,
             "zeta": zeta,
             "time_to_peak_s": peak,
             "peak_displacement_m": np.asarray(peak_displacement(omega_n, zeta, velocity, gravity)),
         }
         if along is None:
-            return own
+            return columns
         p = {"K": jnp.asarray(K), "C": jnp.asarray(C)}
         path = impact(SIDE_BY_SIDE, p, mass, velocity, jnp.zeros((len(K), 1)), gravity=along)
-        return own | {"leaves_s": _until(np.asarray(path.leaves), peak)}
+        return columns | {"leaves_s": _until(np.asarray(path.leaves), peak)}
     scatter = tissue.sd_impact_parameters * random.standard_normal((len(tissue.parameters), len(K)))
     names = [parameter.name for parameter in element(tissue.element).extra]
     logs = {name: s + effects.get(name, 0.0) for name, s in zip(names, scatter, strict=True)}
     further = {name: tissue.parameters[name] * np.exp(log) for name, log in logs.items()}
     size = {"diameter_m": impacts["diameter_m"].to_numpy()} if "diameter_m" in impacts else {}
-    p = {each: jnp.asarray(value) for each, value in {"K": K, "C": C, **further}.items()}
+    p = {name: jnp.asarray(value) for name, value in {"K": K, "C": C, **further}.items()}
     diameter = size.get("diameter_m")
-    beside = {"diameter": diameter, "gravity": along}
-    found = comparables(tissue.element, p, mass, velocity, **beside)
-    path = impact(tissue.element, p, mass, velocity, jnp.zeros((len(K), 1)), **beside)
-    stiffness, damping = np.asarray(found.K_secant), np.asarray(found.C_equivalent)
+    surroundings = {"diameter": diameter, "gravity": along}
+    compared = comparables(tissue.element, p, mass, velocity, **surroundings)
+    path = impact(tissue.element, p, mass, velocity, jnp.zeros((len(K), 1)), **surroundings)
+    stiffness, damping = np.asarray(compared.K_secant), np.asarray(compared.C_equivalent)
     omega_n, zeta = (np.asarray(part) for part in spring_damper_inverse(stiffness, damping, mass))
-    end, peak = np.asarray(path.leaves), np.asarray(found.time_to_peak)
+    end, peak = np.asarray(path.leaves), np.asarray(compared.time_to_peak)
     return {
         "omega_n_rad_s": omega_n,
         "zeta": zeta,
         "time_to_peak_s": peak,
-        "peak_displacement_m": np.asarray(found.peak_displacement),
+        "peak_displacement_m": np.asarray(compared.peak_displacement),
         "leaves_s": _until(end, peak),
         **further,
         **size,
         "K_secant_N_per_m": stiffness,
         "C_equivalent_N_s_per_m": damping,
-        "energy_lost": np.asarray(found.energy_lost),
+        "energy_lost": np.asarray(compared.energy_lost),
     }
 
 
@@ -115,8 +115,8 @@ def deceleration(
     diameter = truth["diameter_m"].to_numpy() if "diameter_m" in truth else None
     since = jnp.asarray(time - contact)
     mass, velocity = truth["mass_kg"].to_numpy(), truth["velocity_m_s"].to_numpy()
-    beside = {"diameter": diameter, "gravity": gravity or None}
-    return impact(name, p, mass, velocity, since, **beside).deceleration
+    surroundings = {"diameter": diameter, "gravity": gravity or None}
+    return impact(name, p, mass, velocity, since, **surroundings).deceleration
 
 
 @jax.jit

@@ -179,10 +179,10 @@ class Tissue(_Table):
         extra = {parameter.name for parameter in element(self.element).extra}
         if set(self.parameters) != extra:
             raise ValueError(f"parameters with the keys {', '.join(sorted(extra)) or 'none'}")
-        named = {name for each in self.spreads().values() for name, _ in each}
-        if strange := sorted(named - {"K", "C", *extra}):
-            own = ", ".join(["K", "C", *sorted(extra)])
-            raise ValueError(f"sd_group and sd_slope with the keys {own}, without {', '.join(strange)}")
+        named_parameters = {name for spreads in self.spreads().values() for name, _ in spreads}
+        if strange := sorted(named_parameters - {"K", "C", *extra}):
+            allowed = ", ".join(["K", "C", *sorted(extra)])
+            raise ValueError(f"sd_group and sd_slope with the keys {allowed}, without {', '.join(strange)}")
         return self
 
 

@@ -18,8 +18,8 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.elements import REFERENCE_DIAMETER_M, element
+from bayestissue.elements.comparables import Peaks, peaks_of
 from bayestissue.elements.element import GRAVITY
-from bayestissue.elements.peaks import Peaks, peaks_of
 from bayestissue.errors import Coded
 from bayestissue.hierarchy.effects import RESPONSES, intercept, parameter_of, sd_impact
 from bayestissue.hierarchy.levels import NEW, Condition, Recorded, log_at_levels

@@ -88,12 +88,12 @@ def impacts(count: int, seed: int = 0, elements: Sequence[str] = tuple(TISSUES))
         elements: "kelvin_voigt" gets what is left when each other one has a tenth.
     """
     rng = np.random.default_rng([seed, 1])
-    made: list[Impact] = []
+    motions: list[Impact] = []
     for number, element in enumerate(elements):
-        others = sum(each != "kelvin_voigt" for each in elements)
+        others = sum(name != "kelvin_voigt" for name in elements)
         share = count - others * (count // 10) if element == "kelvin_voigt" else count // 10
-        made += _of_element(element, share, rng, seed + number) if share else []
-    return [made[place] for place in rng.permutation(len(made))]
+        motions += _of_element(element, share, rng, seed + number) if share else []
+    return [motions[index] for index in rng.permutation(len(motions))]
 
 
 def _of_element(element: str, count: int, rng: np.random.Generator, seed: int) -> list[Impact]:
@@ -106,18 +106,18 @@ def _of_element(element: str, count: int, rng: np.random.Generator, seed: int) -
         )
     )
     tissue = {"sd_impact_K": 0.5, "sd_impact_C": 0.4, "element": element, **TISSUES[element]}
-    rest = {"before_contact_s": REST_S, "after_contact_s": REST_S, "sampling_rate_hz": FINE_HZ}
+    recording = {"before_contact_s": REST_S, "after_contact_s": REST_S, "sampling_rate_hz": FINE_HZ}
     campaign = simulate(
         Simulation(
             name=element,
             seed=seed,
             design=Design(conditions=conditions, subjects=1),
             tissue=Tissue.model_validate(tissue),
-            recording=Recording.model_validate(rest),
+            recording=Recording.model_validate(recording),
         )
     )
     truth, ends = campaign.truth, np.cumsum(campaign.n_samples)[:-1]
-    found = [
+    motions = [
         Impact(element, mass, velocity, contact, to_peak, until, d, _displacement(d, contact, velocity))
         for mass, velocity, contact, to_peak, until, d in zip(
             truth["mass_kg"],
@@ -130,7 +130,7 @@ def _of_element(element: str, count: int, rng: np.random.Generator, seed: int) -
         )
         if 0.005 < to_peak < 0.06
     ]
-    return found[:count]
+    return motions[:count]
 
 
 def _displacement(d: np.ndarray, contact: float, velocity: float) -> np.ndarray:
@@ -145,12 +145,12 @@ def chain(impact: Impact, rng: np.random.Generator) -> Chain:
     One in three has no quiet part: at most four samples stand before contact.
     """
     possible = [rate for rate in RATES_HZ if rate * impact.to_peak >= 15] or [RATES_HZ[-1]]
-    every = round(FINE_HZ / rng.choice(possible))
+    step = round(FINE_HZ / rng.choice(possible))
     after = rng.choice([impact.to_peak * rng.uniform(1.1, 1.7), impact.leaves + rng.uniform(0.002, REST_S)])
-    few = rng.uniform(1, 4) * every / FINE_HZ
+    few = rng.uniform(1, 4) * step / FINE_HZ
     return Chain(
-        every=every,
-        phase=int(rng.integers(every)),
+        every=step,
+        phase=int(rng.integers(step)),
         noise=float(10 ** rng.uniform(-3, -1.7)),
         before=float(rng.choice([few, rng.uniform(0.006, 0.9 * REST_S), rng.uniform(0.006, 0.9 * REST_S)])),
         after=float(after),
@@ -165,9 +165,9 @@ def dataset(impacts: list[Impact], traces: list[Trace], quantity: Quantity = "de
         {
             "impact": [f"i{number}" for number in range(len(impacts))],
             "subject": "s",
-            "trial": [each.element for each in impacts],
-            "mass_kg": [each.mass for each in impacts],
-            "velocity_m_s": [each.velocity for each in impacts],
+            "trial": [impact.element for impact in impacts],
+            "mass_kg": [impact.mass for impact in impacts],
+            "velocity_m_s": [impact.velocity for impact in impacts],
         }
     )
     return Dataset(

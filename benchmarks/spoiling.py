@@ -1,14 +1,20 @@
-"""Ways in which a recording is spoilt, one function each, for measuring what the checks find."""
+"""Ways in which a recording is spoilt, one function each, and what the checks and K and C make of it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
+import pandas as pd
+from sound import FINE_HZ, Chain, Impact, chain, dataset
 
-from bayestissue.dataset.model import Quantity, Trace
-from bayestissue.simulation.sound import FINE_HZ, Chain, Impact
+from bayestissue.dataset.checks import check_recordings
+from bayestissue.dataset.model import Dataset, Quantity, Trace
+from bayestissue.dataset.recordings import Recordings
+from bayestissue.dataset.samples import Samples
+from bayestissue.inference.points.notes import FAILED, NO_ANSWER
+from bayestissue.inference.single.estimates import estimate
 
 type Stage = Callable[[np.ndarray, np.ndarray], np.ndarray]
 type Spoiling = Callable[[Impact, Chain, np.random.Generator], Trace]
@@ -85,9 +91,9 @@ def _late(seconds: float) -> Spoiling:
     return late
 
 
-def _spiked(trace: Trace, place: int, height: float, width: int) -> Trace:
+def _spiked(trace: Trace, start: int, height: float, width: int) -> Trace:
     value = trace.value.copy()
-    value[place : place + width] += height * value.max()
+    value[start : start + width] += height * value.max()
     return Trace(trace.time_s, value)
 
 
@@ -95,17 +101,17 @@ def spike_before(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trac
     """One to three samples before contact are 0.3 to 2 times the peak too high."""
     chain = _quiet(chain, rng)
     trace = record(impact, chain)
-    place = rng.integers(1, max(2, int(chain.before / chain.dt) - 4))
-    return _spiked(trace, int(place), rng.uniform(0.3, 2), int(rng.integers(1, 4)))
+    start = rng.integers(1, max(2, int(chain.before / chain.dt) - 4))
+    return _spiked(trace, int(start), rng.uniform(0.3, 2), int(rng.integers(1, 4)))
 
 
 def spike_during(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
     """One to three samples during the impact are 0.3 to 2 times the peak too high, or too low."""
     trace = record(impact, chain)
     begin = int(chain.before / chain.dt)
-    place = begin + rng.integers(2, int(impact.to_peak / chain.dt))
+    start = begin + rng.integers(2, int(impact.to_peak / chain.dt))
     height = rng.choice([-1, 1]) * rng.uniform(0.3, 2)
-    return _spiked(trace, int(place), height, int(rng.integers(1, 4)))
+    return _spiked(trace, int(start), height, int(rng.integers(1, 4)))
 
 
 def baseline_shift(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
@@ -142,8 +148,8 @@ def dropped(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
     trace = record(impact, chain)
     inside = int(impact.to_peak / chain.dt)
     lost = max(1, round(rng.uniform(0.05, 0.25) * inside))
-    place = int(chain.before / chain.dt) + rng.integers(1, max(2, inside - lost))
-    value = np.delete(trace.value, slice(place, place + lost))
+    start = int(chain.before / chain.dt) + rng.integers(1, max(2, inside - lost))
+    value = np.delete(trace.value, slice(start, start + lost))
     return Trace(trace.time_s[: value.size], value)
 
 
@@ -157,11 +163,11 @@ def stuck(impact: Impact, chain: Chain, rng: np.random.Generator) -> Trace:
     """The channel stands still for 10 to 40 % of the time to zero velocity."""
     inside = int(impact.to_peak / chain.dt)
     count = max(3, round(rng.uniform(0.1, 0.4) * inside))
-    place = int(chain.before / chain.dt) + rng.integers(1, max(2, inside - count))
+    start = int(chain.before / chain.dt) + rng.integers(1, max(2, inside - count))
 
     def still(_: np.ndarray, d: np.ndarray) -> np.ndarray:
         d = d.copy()
-        d[place : place + count] = d[place]
+        d[start : start + count] = d[start]
         return d
 
     return record(impact, chain, digital=still)
@@ -277,3 +283,102 @@ KINDS: dict[str, Spoiling] = {
     "displacement begins deep": deep_displacement,
 }
 DISPLACEMENT = ("displacement begins deep",)
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Recordings and the chains that made them, of one quantity, side by side."""
+
+    impacts: list[Impact]
+    chains: list[Chain]
+    traces: list[Trace]
+    quantity: Quantity = "deceleration"
+
+    def __add__(self, more: Recorded) -> Recorded:
+        return Recorded(
+            self.impacts + more.impacts,
+            self.chains + more.chains,
+            self.traces + more.traces,
+            self.quantity,
+        )
+
+
+def sound_ones(
+    impacts: list[Impact],
+    count: int,
+    quantity: Quantity = "deceleration",
+    seed: int = 0,
+    *,
+    cropped: bool = False,
+) -> Recorded:
+    """``count`` of the impacts in sound recordings, all ``cropped`` at contact or not."""
+    rng = np.random.default_rng([seed, len(KINDS) + (quantity == "displacement")])
+    chosen, chains = _drawn(impacts, count, rng, quantity)
+    if cropped:
+        chains = [replace(way, before=0.0) for way in chains]
+    return Recorded(chosen, chains, _sound(chosen, chains, quantity), quantity)
+
+
+def spoilt_ones(kind: str, impacts: list[Impact], count: int, seed: int = 0) -> Recorded:
+    """``count`` of the impacts, spoilt in one of the ways of `KINDS`."""
+    rng = np.random.default_rng([seed, list(KINDS).index(kind)])
+    quantity: Quantity = "displacement" if kind in DISPLACEMENT else "deceleration"
+    chosen, chains = _drawn(impacts, count, rng, quantity)
+    traces = [KINDS[kind](impact, way, rng) for impact, way in zip(chosen, chains, strict=True)]
+    return Recorded(chosen, chains, traces, quantity)
+
+
+def judged(recorded: Recorded) -> pd.DataFrame:
+    """What is said of recordings, and how far their K and C are off.
+
+    Returns:
+        One row per impact: ``flags``, what `check` refuses or warns of or `estimate` flags, joined by "; ";
+        ``K_off`` and ``C_off``, how far the point estimates are from those of the same impact recorded with
+        the same chain and noise and not spoilt, as fractions (infinite where there is none); ``off``, the
+        greater; ``no_answer``, whether the point fit came to none.
+    """
+    data = dataset(recorded.impacts, recorded.traces, recorded.quantity)
+    whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)
+    reference = estimate(dataset(recorded.impacts, whole, recorded.quantity), method="exact")
+    table = estimate(data, method="exact")
+    off = {
+        name: np.abs(table[column] / reference[column] - 1).fillna(np.inf)
+        for name, column in (("K_off", "K_N_per_m"), ("C_off", "C_N_s_per_m"))
+    }
+    said = table["flags"] + "; " + table["notes"]
+    no_answer = [bool({*FAILED, NO_ANSWER} & set(text.split("; "))) for text in said]
+    greater = np.maximum(off["K_off"], off["C_off"])
+    return pd.DataFrame({"flags": _said(data, table), **off, "off": greater, "no_answer": no_answer})
+
+
+def _drawn(
+    impacts: list[Impact], count: int, rng: np.random.Generator, quantity: Quantity
+) -> tuple[list[Impact], list[Chain]]:
+    chosen = [impacts[index] for index in rng.choice(len(impacts), count, replace=count > len(impacts))]
+    chains = [chain(impact, rng) for impact in chosen]
+    if quantity == "displacement":
+        # A point estimate from a displacement with more noise than that is of no use.
+        chains = [replace(way, noise=way.noise / 40) for way in chains]
+    return chosen, chains
+
+
+def _sound(impacts: list[Impact], chains: list[Chain], quantity: Quantity) -> list[Trace]:
+    return [record(impact, way, quantity=quantity) for impact, way in zip(impacts, chains, strict=True)]
+
+
+def _said(data: Dataset, table: pd.DataFrame) -> pd.Series:
+    values = [trace.value for trace in data.traces]
+    start = np.concatenate([[0], np.cumsum([value.size for value in values])])
+    samples = Samples(
+        np.concatenate([trace.time_s for trace in data.traces]),
+        np.concatenate(values),
+        start,
+        np.arange(len(values)),
+        ["traces.csv"] * len(values),
+        np.arange(start[-1]) + 2,
+    )
+    verdicts = check_recordings(Recordings.of(samples, data.impacts, data.quantity, data.uncertainty))
+    refused = pd.Series("", index=data.impacts["impact"])
+    for problem in (*verdicts.warnings, *verdicts.problems):
+        refused[problem.impact or ""] = f"refused or warned of: not {problem.expected.split(':')[0]}"
+    return refused.reset_index(drop=True).where(lambda said: said != "", table["flags"])
