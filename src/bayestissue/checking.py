@@ -48,7 +48,7 @@ class Check(Outlined):
             ("impacts", str(len(self.quality))),
             ("time to peak", span(self.quality["time_to_peak_s"] * 1e3, "ms")),
             ("noise over peak", span(self.quality["noise_to_peak"], "")),
-            *(("warning", short(str(some[0]), 200)) for some in kinds(self.warnings)),
+            *(("warning", short(str(group[0]), 200)) for group in kinds(self.warnings)),
             *(("note", short(words, 200)) for words in self.notes),
             ("more in", ".quality, .problems, .page()"),
         ]
@@ -79,8 +79,8 @@ class Check(Outlined):
     @property
     def problems(self) -> pd.DataFrame:
         """What was left out, and warnings: one row each."""
-        lists = [("left out", each) for each in self.dataset.left_out]
-        lists += [("warning", each) for each in self.warnings]
+        lists = [("left out", problem) for problem in self.dataset.left_out]
+        lists += [("warning", problem) for problem in self.warnings]
         table = pd.DataFrame([{"severity": s, **p.as_dict()} for s, p in lists], columns=_COLUMNS)
         return table.astype({"row": "Int64"})
 
@@ -126,11 +126,11 @@ def _undeclared(data: Dataset, signal: Displacements) -> list[Problem]:
     """A low-pass that the rise at contact shows, where none is declared, and what it costs (median)."""
     if data.recorder is not None or data.quantity == "displacement":
         return []
-    found = suspected(signal)
-    rows = np.flatnonzero(np.isfinite(found.corner_hz))
+    suspicion = suspected(signal)
+    rows = np.flatnonzero(np.isfinite(suspicion.corner_hz))
     if not rows.size:
         return []
-    medians = {"K": np.median(found.change_K[rows]), "C": np.median(found.change_C[rows])}
+    medians = {"K": np.median(suspicion.change_K[rows]), "C": np.median(suspicion.change_C[rows])}
     changes = [f"{q} {abs(by):.0%} too {'small' if by < 0 else 'large'}" for q, by in medians.items()]
     remedy = (
         f"Left undeclared, {' and '.join(changes)} (median), with intervals that miss. Look up the low-pass "
@@ -141,7 +141,7 @@ def _undeclared(data: Dataset, signal: Displacements) -> list[Problem]:
         _of_recording(
             "a rise at contact as fast as the sampling shows it, or a declared low-pass",
             remedy,
-            value=f"a rise as behind a second-order low-pass of {found.corner_hz[row]:.2g} Hz",
+            value=f"a rise as behind a second-order low-pass of {suspicion.corner_hz[row]:.2g} Hz",
             impact=data.impacts["impact"].iloc[row],
             code="undeclared-low-pass",
         )

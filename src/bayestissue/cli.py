@@ -129,8 +129,8 @@ def _problems(error: InputError) -> str:
 
 def _with_code(problem: Problem) -> str:
     """The message with its code at the end of its first line: under that of a question stands its place."""
-    first, *rest = str(problem).split("\n")
-    return "\n".join([f"{first} [{problem.code}]", *rest])
+    first, *further = str(problem).split("\n")
+    return "\n".join([f"{first} [{problem.code}]", *further])
 
 
 if __name__ == "__main__":

@@ -18,7 +18,8 @@ class Problem:
     """One thing that is wrong: where it stands, what was found, what was expected, what to do.
 
     ``row`` counts as a spreadsheet does: the header is row 1, so the first record is row 2. ``code`` names
-    the entry of `bayestissue.remedies` that says more, ``of`` how many files were read in the same way.
+    the entry of `bayestissue.remedies` that says more, ``files_read`` how many files were
+    read in the same way.
     """
 
     file: str
@@ -29,24 +30,24 @@ class Problem:
     value: object = None
     impact: str | None = None
     code: Code = field(kw_only=True)
-    of: int = field(default=1, kw_only=True)
+    files_read: int = field(default=1, kw_only=True)
 
     def __str__(self) -> str:
-        place = [printable(self.file)]
+        location = [printable(self.file)]
         if self.row is not None:
-            place.append(f"row {self.row}")
+            location.append(f"row {self.row}")
         if self.column is not None:
-            place.append(f"column {printable(str(self.column))}")
+            location.append(f"column {printable(str(self.column))}")
         if self.impact is not None:
-            place.append(f"impact {printable(str(self.impact))}")
-        found = "" if self.value is None else f"found {_shown(self.value)}; "
-        told = printable(f"expected {self.expected}. {self.remedy}", lines=True)
-        return f"{', '.join(place)}: {found}{told}"
+            location.append(f"impact {printable(str(self.impact))}")
+        value = "" if self.value is None else f"found {_shown(self.value)}; "
+        expectation = printable(f"expected {self.expected}. {self.remedy}", lines=True)
+        return f"{', '.join(location)}: {value}{expectation}"
 
     def as_dict(self) -> dict[str, object]:
         """The same as plain values, for ``--json`` and for tables."""
         plain = asdict(self)
-        del plain["of"]
+        del plain["files_read"]
         return plain
 
 
@@ -64,34 +65,34 @@ _MANY = 3
 
 def by_cause(problems: Iterable[Problem]) -> list[Problem]:
     """The problems, with one in place of those that many files share, such as "all 60 files"."""
-    alike: dict[tuple[object, ...], list[Problem]] = {}
+    groups: dict[tuple[object, ...], list[Problem]] = {}
     for problem in problems:
         key = (problem.expected, problem.remedy, problem.column, problem.code)
-        alike.setdefault(key, []).append(problem)
-    return [one for some in alike.values() for one in _one_cause(some)]
+        groups.setdefault(key, []).append(problem)
+    return [one for group in groups.values() for one in _one_cause(group)]
 
 
 def _one_cause(problems: list[Problem]) -> list[Problem]:
     files = dict.fromkeys(problem.file for problem in problems)
     if len(files) < _MANY:
         return problems
-    first, of = problems[0], max(problem.of for problem in problems)
-    count = f"all {of} files" if len(files) == of else f"{len(files)} files"
+    first, total = problems[0], max(problem.files_read for problem in problems)
+    count = f"all {total} files" if len(files) == total else f"{len(files)} files"
     return [replace(first, file=f"{count}, such as {first.file}", impact=None)]
 
 
-def all_of[Item, Found](of: Callable[[Item], Found], items: Iterable[Item]) -> list[Found]:
-    """``of`` each of ``items``; what is wrong with any of them is raised at once, as one `InputError`."""
-    found: list[Found] = []
+def all_of[Item, Result](function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """``function`` of each of ``items``; what is wrong with any is raised at once, as one `InputError`."""
+    results: list[Result] = []
     problems: list[Problem] = []
-    for each in items:
+    for item in items:
         try:
-            found.append(of(each))
+            results.append(function(item))
         except InputError as error:
             problems += error.problems
     if problems:
         raise InputError(problems)
-    return found
+    return results
 
 
 class PartialResultError(RuntimeError):
@@ -138,8 +139,8 @@ def printable(text: str, *, lines: bool = False) -> str:
         text: of any origin.
         lines: whether line ends and tabs stay.
     """
-    kept = "\n\t" if lines else ""
-    return _CONTROL.sub(lambda found: found[0] if found[0] in kept else f"\\u{ord(found[0]):04x}", text)
+    allowed = "\n\t" if lines else ""
+    return _CONTROL.sub(lambda match: match[0] if match[0] in allowed else f"\\u{ord(match[0]):04x}", text)
 
 
 def _shown(value: object, width: int = 80) -> str:

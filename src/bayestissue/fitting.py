@@ -140,9 +140,11 @@ class Fit(Answering):
         """
         values = {}
         for quantity, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
-            each = {name: table.set_index("impact")[column] for name, table in self.point_estimates.items()}
+            by_method = {
+                name: table.set_index("impact")[column] for name, table in self.point_estimates.items()
+            }
             median = self.summary[self.summary["variable"] == quantity].set_index("label")["median"]
-            values[quantity] = pd.DataFrame(each | {"posterior": median})
+            values[quantity] = pd.DataFrame(by_method | {"posterior": median})
         return agreement(values)
 
     @property
@@ -183,10 +185,10 @@ class Fit(Answering):
             return self._page(path, overwrite)
         from bayestissue.report import draw_page
 
-        with results.claim(path, overwrite=overwrite, command="fit", inputs=(self.dataset.folder,)) as place:
-            with place.folder() as folder:
+        with results.claim(path, overwrite=overwrite, command="fit", inputs=(self.dataset.folder,)) as target:
+            with target.folder() as folder:
                 write_run(self, folder)
-            return draw_page(place.path)
+            return draw_page(target.path)
 
     def _page(self, path: Path, overwrite: bool) -> Path:
         if path.exists() and not overwrite:
@@ -275,7 +277,7 @@ def _checked_seed(seed: Any) -> int:
 
 def formulas_of(K: str | None, C: str | None) -> dict[str, str]:
     """The formulas that are given, by response; that of K is C's too, where C has none."""
-    return {q: given for q, given in (("K", K), ("C", K if C is None else C)) if given is not None}
+    return {q: formula for q, formula in (("K", K), ("C", K if C is None else C)) if formula is not None}
 
 
 def default_model(quantity: str) -> str:
@@ -303,15 +305,15 @@ def resolve(
     Raises:
         InputError: there is no such model or file (see `resources.model_file`), or it is wrong.
     """
-    asked = {"question_1": questions} if isinstance(questions, str) else questions
-    if not isinstance(asked, Mapping):
-        asked = {f"question_{number}": text for number, text in enumerate(asked, start=1)}
-    if isinstance(model, ModelSpecification) and not (formulas or asked or path):
+    named_questions = {"question_1": questions} if isinstance(questions, str) else questions
+    if not isinstance(named_questions, Mapping):
+        named_questions = {f"question_{number}": text for number, text in enumerate(named_questions, start=1)}
+    if isinstance(model, ModelSpecification) and not (formulas or named_questions or path):
         return model, f"model {model.name}"
     content, source, text = _content(model, quantity, formulas)
-    tables = {"formula": formulas, "questions": asked, "sampler": {"path": path} if path else {}}
-    given = content | {key: {**content.get(key, {}), **own} for key, own in tables.items() if own}
-    return specification_of(given, source, text=text), source
+    tables = {"formula": formulas, "questions": named_questions, "sampler": {"path": path} if path else {}}
+    completed = content | {key: {**content.get(key, {}), **table} for key, table in tables.items() if table}
+    return specification_of(completed, source, text=text), source
 
 
 def _content(
@@ -324,8 +326,8 @@ def _content(
         terms = Formulas(**{**dict(model.formula), **formulas}).group_terms()
         keys = {f"{term.slope}|{term.grouping}" if term.slope else term.grouping for term in terms}
         for name in {"sd_group", "sd_slope"} & set(content.get("priors", {})):
-            own = content["priors"][name]
-            content["priors"][name] = {key: own[key] for key in own if key in keys}
+            priors = content["priors"][name]
+            content["priors"][name] = {key: priors[key] for key in priors if key in keys}
         return content, f"model {model.name}", ""
     if isinstance(model, Mapping):
         return dict(model), "model", ""
@@ -365,7 +367,7 @@ def fit_prepared(
     expansions = expanded(plain)
     chain = cache(partial(_chain, dataset, plain, expansions))
     contradicted = partial(_contradiction, chain)
-    found = fit_traces(
+    outcome = fit_traces(
         prepared,
         specification,
         seed,
@@ -374,15 +376,17 @@ def fit_prepared(
         checkpoints=checkpoints,
         contradicted=contradicted,
     )
-    form = found if isinstance(found, dict) else found.diagnostics.get("model_form", {})
-    if isinstance(found, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
+    form = outcome if isinstance(outcome, dict) else outcome.diagnostics.get("model_form", {})
+    if isinstance(outcome, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
         prepared = with_discrepancy(dataset, specification, prepared)
         analysis = _again(prepared, specification, seed, say, checkpoints, contradicted)
-        told = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
-        told["model_form"] |= {"impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})}
-        analysis = replace(analysis, diagnostics=analysis.diagnostics | told)
+        form_of_both = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
+        form_of_both["model_form"] |= {
+            "impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})
+        }
+        analysis = replace(analysis, diagnostics=analysis.diagnostics | form_of_both)
     else:
-        analysis = found
+        analysis = outcome
     analysis = _with_chain(analysis, chain())
     analysis = replace(analysis, summary=noted(analysis.summary, analysis.diagnostics))
     points = point_estimates(dataset, specification.signal, prepared.signal)
@@ -407,8 +411,8 @@ def _chain(dataset: Dataset, plain: Prepared, expansions: Sites) -> dict[str, An
 
 def _contradiction(chain: Callable[[], dict[str, Any]]) -> str:
     """What the traces contradict of it, in words; empty where nothing."""
-    found = chain()
-    return str(found["words"]) if found.get("passed") is False else ""
+    verdict = chain()
+    return str(verdict["words"]) if verdict.get("passed") is False else ""
 
 
 def _with_chain(analysis: TraceAnalysis, chain: dict[str, Any]) -> TraceAnalysis:
@@ -431,11 +435,11 @@ def point_estimates(
     from bayestissue.signal import displacements
     from bayestissue.signal.quality import inspect
 
-    found, tables = inspect(dataset, options) if len(dataset.impacts) < _MANY else [], {}
+    findings, tables = inspect(dataset, options) if len(dataset.impacts) < _MANY else [], {}
     for method in ("exact", "dds"):
-        own = default_options(method)
-        made = signal if own == options else displacements(dataset, own)
-        tables[method] = estimates_table(dataset, made, method, found)
+        method_options = default_options(method)
+        displaced = signal if method_options == options else displacements(dataset, method_options)
+        tables[method] = estimates_table(dataset, displaced, method, findings)
     return tables
 
 
@@ -448,16 +452,16 @@ def _again(
     contradicted: Callable[[], str],
 ) -> TraceAnalysis:
     """The fit of ``prepared``, its stages told and its checkpoints kept apart from those of the first."""
-    kept = None if checkpoints is None else checkpoints / "discrepancy"
-    if kept is not None:
-        kept.mkdir(exist_ok=True)
+    parts = None if checkpoints is None else checkpoints / "discrepancy"
+    if parts is not None:
+        parts.mkdir(exist_ok=True)
 
-    def told(stage: str, done: int, total: int) -> None:
+    def again(stage: str, done: int, total: int) -> None:
         say(f"again with a discrepancy: {stage}", done, total)
 
-    found = fit_traces(prepared, specification, seed, told, checkpoints=kept, contradicted=contradicted)
-    assert isinstance(found, TraceAnalysis)  # noqa: S101 - with a discrepancy there is no other
-    return found
+    analysis = fit_traces(prepared, specification, seed, again, checkpoints=parts, contradicted=contradicted)
+    assert isinstance(analysis, TraceAnalysis)  # noqa: S101 - with a discrepancy there is no other
+    return analysis
 
 
 def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.Excel | None = None) -> None:
@@ -531,11 +535,10 @@ def _discrepancy(fit: Fit) -> dict[str, Any]:
     """Of a fit with a discrepancy: its rms as a fraction of the peak, and why the program added it."""
     if not fit.prepared.model.discrepancy:
         return {}
-    told = {"rms_of_peak": float(fit.posterior["posterior"].dataset["discrepancy"].median())}
-    asked = fit.specification.discrepancy == "automatic"
-    return {
-        "discrepancy": told | ({"score_without": fit.diagnostics["model_form"]["score"]} if asked else {})
-    }
+    discrepancy = {"rms_of_peak": float(fit.posterior["posterior"].dataset["discrepancy"].median())}
+    if fit.specification.discrepancy == "automatic":
+        discrepancy["score_without"] = fit.diagnostics["model_form"]["score"]
+    return {"discrepancy": discrepancy}
 
 
 def _medians(quantity: xr.DataArray) -> np.ndarray:

@@ -23,9 +23,9 @@ _ADD_NOTHING: set[type] = set()
 
 @dataclass(frozen=True)
 class Rows:
-    """The annotation of rows along one axis more, before those that the annotation of each names."""
+    """The annotation of an array of rows: one axis more, before those that that of a ``row`` names."""
 
-    of_each: Any
+    row: Any
 
 
 def adds_nothing[Owner: type](owner: Owner) -> Owner:
@@ -42,30 +42,30 @@ def bucket(size: int) -> int:
 
 def sizes_of(values: tuple[Any, ...], annotations: tuple[Any, ...]) -> dict[str, int]:
     """How long the named axes are, by the first array that has one; 1, which broadcasts, is no size."""
-    found: dict[str, int] = {}
+    sizes: dict[str, int] = {}
 
-    def seen(value: Any, places: dict[str, int], _: bool) -> Any:
-        for name, place in places.items():
-            if name not in found and np.shape(value)[place] > 1:
-                found[name] = np.shape(value)[place]
+    def measure(value: Any, axes: dict[str, int], _: bool) -> Any:
+        for name, axis in axes.items():
+            if name not in sizes and np.shape(value)[axis] > 1:
+                sizes[name] = np.shape(value)[axis]
         return value
 
     for value, annotation in zip(values, annotations, strict=True):
-        _changed(value, annotation, seen)
-    return found
+        _changed(value, annotation, measure)
+    return sizes
 
 
 def padded(value: Any, annotation: Any, sizes: Sizes) -> Any:
     """``value`` with every axis in ``sizes``, which has that length, filled up to its `bucket`."""
 
-    def filled(array: Any, places: dict[str, int], empty: bool) -> Any:
-        for name, place in places.items():
+    def filled(array: Any, axes: dict[str, int], empty: bool) -> Any:
+        for name, axis in axes.items():
             more = bucket(sizes.get(name, 0)) - sizes.get(name, 0)
-            if more and np.shape(array)[place] == sizes[name]:
-                own = np.asarray(array)
-                first = np.take(own, [0] * more, axis=place)
+            if more and np.shape(array)[axis] == sizes[name]:
+                values = np.asarray(array)
+                first = np.take(values, [0] * more, axis=axis)
                 nothing = empty or name != "impact"
-                array = np.concatenate([own, np.zeros_like(first) if nothing else first], axis=place)
+                array = np.concatenate([values, np.zeros_like(first) if nothing else first], axis=axis)
         return array
 
     return _changed(value, annotation, filled)
@@ -74,11 +74,11 @@ def padded(value: Any, annotation: Any, sizes: Sizes) -> Any:
 def cut(value: Any, annotation: Any, sizes: Sizes) -> Any:
     """``value`` without what `padded` added."""
 
-    def shorter(array: Any, places: dict[str, int], _: bool) -> Any:
-        for name, place in places.items():
-            if name in sizes and np.shape(array)[place] == bucket(sizes[name]) != sizes[name]:
+    def shorter(array: Any, axes: dict[str, int], _: bool) -> Any:
+        for name, axis in axes.items():
+            if name in sizes and np.shape(array)[axis] == bucket(sizes[name]) != sizes[name]:
                 array = np.asarray(array)
-                array = array[(slice(None),) * (place % array.ndim) + (slice(sizes[name]),)]
+                array = array[(slice(None),) * (axis % array.ndim) + (slice(sizes[name]),)]
         return array
 
     return _changed(value, annotation, shorter)
@@ -87,7 +87,7 @@ def cut(value: Any, annotation: Any, sizes: Sizes) -> Any:
 def _changed(value: Any, annotation: Any, change: _Change, empty: bool = False, before: int = 0) -> Any:
     """Every array in ``value`` that has a named axis, changed; so many axes come before the named ones."""
     if isinstance(annotation, Rows):
-        return _changed(value, annotation.of_each, change, empty, before + 1)
+        return _changed(value, annotation.row, change, empty, before + 1)
     if hasattr(value, "_fields"):
         owner: Any = type(value)
         hints, empty = _hints(owner), owner in _ADD_NOTHING
@@ -96,14 +96,15 @@ def _changed(value: Any, annotation: Any, change: _Change, empty: bool = False, 
             **{name: _changed(part, hints.get(name), change, empty, before) for name, part in parts}
         )
     if isinstance(value, list | tuple):
-        own = get_args(annotation) or (None, ...)
-        each = own if len(own) == len(value) and own[-1] is not ... else own[:1] * len(value)
-        return type(value)(_changed(*pair, change, empty, before) for pair in zip(value, each, strict=True))
+        inner = get_args(annotation) or (None, ...)
+        annotations = inner if len(inner) == len(value) and inner[-1] is not ... else inner[:1] * len(value)
+        pairs = zip(value, annotations, strict=True)
+        return type(value)(_changed(*pair, change, empty, before) for pair in pairs)
     if isinstance(value, dict):
-        own = (get_args(annotation) or (None,))[-1]
-        return {name: _changed(part, own, change, empty, before) for name, part in value.items()}
-    places = {name: place if place < 0 else place + before for name, place in _places(annotation).items()}
-    return value if value is None or not places else change(value, places, empty)
+        inner = (get_args(annotation) or (None,))[-1]
+        return {name: _changed(part, inner, change, empty, before) for name, part in value.items()}
+    axes = {name: axis if axis < 0 else axis + before for name, axis in _named_axes(annotation).items()}
+    return value if value is None or not axes else change(value, axes, empty)
 
 
 @cache
@@ -112,14 +113,14 @@ def _hints(owner: Any) -> dict[str, Any]:
 
 
 @cache
-def _places(annotation: Any) -> dict[str, int]:
+def _named_axes(annotation: Any) -> dict[str, int]:
     """Where an array's named axes are, counted from the end behind one that stands for several."""
-    named = [each for each in (annotation, *get_args(annotation)) if hasattr(each, "dim_str")]
+    named = [hint for hint in (annotation, *get_args(annotation)) if hasattr(hint, "dim_str")]
     words = named[0].dim_str.split() if named else []
-    several = [place for place, word in enumerate(words) if word == "..." or word.startswith("*")]
+    several = [position for position, word in enumerate(words) if word == "..." or word.startswith("*")]
     behind = several[0] if several else len(words)
     return {
-        word.lstrip("#"): place if place < behind else place - len(words)
-        for place, word in enumerate(words)
+        word.lstrip("#"): position if position < behind else position - len(words)
+        for position, word in enumerate(words)
         if word.lstrip("#") in AXES
     }

@@ -52,7 +52,7 @@ def model_file(model: str | Path, serves: Serves) -> Path:
         return path
     near = difflib.get_close_matches(path.stem.lower(), names, n=len(names), cutoff=0.5)
     listed = ", ".join([*near, *(name for name in names if name not in near)])
-    found = "a folder" if path.is_dir() else "no such model or file"
+    kind = "a folder" if path.is_dir() else "no such model or file"
     remedy = f"Write {near[0]} for the one of that name." if near else "Check the spelling."
     if path.stem in names:
         remedy = f"Write {path.stem} for the one that comes with the program, or check the path."
@@ -61,7 +61,7 @@ def model_file(model: str | Path, serves: Serves) -> Path:
             str(model),
             f"a model file, or a model of the program: {listed}",
             remedy,
-            value=found,
+            value=kind,
             code="no-model",
         )
     )

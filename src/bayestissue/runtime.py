@@ -130,14 +130,14 @@ def _processor() -> str:
     return " ".join(sorted({line for line in lines if line.startswith(("model name", "flags"))}))
 
 
-def settle(places: str, allowed: tuple[int, ...]) -> None:
-    """Set up a worker process: bind it to a core that no other worker in ``places`` has taken, then as above.
+def settle(folder: str, allowed: tuple[int, ...]) -> None:
+    """Set up a worker process: bind it to a core that no other worker in ``folder`` has taken, then as above.
 
-    ``places`` is an existing folder; a file in it marks one of the ``allowed`` cores as taken.
+    ``folder`` is an existing folder; a file in it marks one of the ``allowed`` cores as taken.
     """
     for core in allowed:
         try:
-            os.close(os.open(f"{places}/core-{core}", os.O_CREAT | os.O_EXCL))
+            os.close(os.open(f"{folder}/core-{core}", os.O_CREAT | os.O_EXCL))
         except FileExistsError:
             continue
         _bind(core)
@@ -146,9 +146,9 @@ def settle(places: str, allowed: tuple[int, ...]) -> None:
 
 
 @contextmanager
-def worker_pool(workers: int, told: Path) -> Iterator[Any]:
-    """A loky executor of processes set up by `settle`; they end with the block. ``told`` is a new folder."""
-    pool = stopping.begin_workers(os.getpid, workers, initializer=settle, initargs=(str(told), CORES))
+def worker_pool(workers: int, folder: Path) -> Iterator[Any]:
+    """A loky executor of processes set up by `settle`; they end with the block. ``folder`` is a new one."""
+    pool = stopping.begin_workers(os.getpid, workers, initializer=settle, initargs=(str(folder), CORES))
     try:
         yield pool
     finally:

@@ -36,8 +36,8 @@ def read_text(path: Path, file: str) -> str:
     """
     try:
         if path.exists() and not (path.is_file() and path.stat().st_size < _LARGEST):
-            expected, found = f"a file of settings below {_LARGEST / 1e6:g} MB", "a folder, a device or more"
-            raise InputError(Problem(file, expected, "Check the path.", value=found, code="no-file"))
+            expected, kind = f"a file of settings below {_LARGEST / 1e6:g} MB", "a folder, a device or more"
+            raise InputError(Problem(file, expected, "Check the path.", value=kind, code="no-file"))
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         problem = Problem(
@@ -65,8 +65,8 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        found = re.search(r"at line (\d+)", str(error))
-        row = int(found[1]) if found else None
+        line = re.search(r"at line (\d+)", str(error))
+        row = int(line[1]) if line else None
         remedy = "Mend the syntax; text stands in quotes, tables in [brackets]."
         raise InputError(
             Problem(file, "valid TOML", remedy, row=row, value=str(error), code="not-toml")
@@ -115,12 +115,14 @@ def checked[Schema: BaseModel](
 
 def _causes(details: Sequence[Any]) -> list[Any]:
     """Without what only follows: a list whose tables are all wrong counts as one that is too short."""
-    places = [detail["loc"] for detail in details]
+    locations = [detail["loc"] for detail in details]
     return [
         detail
-        for detail, place in zip(details, places, strict=True)
+        for detail, location in zip(details, locations, strict=True)
         if detail["type"] != "too_short"
-        or not any(len(other) > len(place) and other[: len(place)] == place for other in places)
+        or not any(
+            len(longer) > len(location) and longer[: len(location)] == location for longer in locations
+        )
     ]
 
 
@@ -197,14 +199,14 @@ def _table_in(annotation: Any) -> type[BaseModel] | None:
 def _existing(location: Sequence[str | int], schema: type[BaseModel]) -> tuple[str | int, ...]:
     # For a choice of types pydantic appends the type it tried, and for a choice of tables it inserts
     # the tag that chose: neither is a key of the file.
-    kept: list[str | int] = []
-    for place, part in enumerate(location):
-        node = _at(schema, kept)
-        if kept and node is None and isinstance(part, str):
+    keys: list[str | int] = []
+    for index, part in enumerate(location):
+        node = _at(schema, keys)
+        if keys and node is None and isinstance(part, str):
             break
-        last = place == len(location) - 1
+        last = index == len(location) - 1
         known = node is None or part in node.model_fields or _free(node) is not None
         if isinstance(part, str) and not known and not last:
             continue
-        kept.append(part)
-    return tuple(kept)
+        keys.append(part)
+    return tuple(keys)

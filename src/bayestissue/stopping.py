@@ -73,14 +73,14 @@ def explained(end: Callable[[], str]) -> Iterator[None]:
 def whole_step() -> Iterator[None]:
     """A block that a request to stop waits for; it must be short."""
     with _step:
-        own = threading.get_ident()
-        first = own not in _in_step
-        _in_step.add(own)
+        thread = threading.get_ident()
+        first = thread not in _in_step
+        _in_step.add(thread)
         try:
             yield
         finally:
             if first:
-                _in_step.discard(own)
+                _in_step.discard(thread)
     if first and _asked:
         _hold_here()
 
@@ -159,9 +159,9 @@ def end_workers(pool: Any) -> None:
     _pools.remove(pool)
 
 
-def interrupted(*kept: str) -> str:
+def interrupted(*saved: str) -> str:
     """What is said at such an end: what was kept, and where more stands."""
-    return f"{'; '.join(['interrupted', *kept])}\n{_MORE}"
+    return f"{'; '.join(['interrupted', *saved])}\n{_MORE}"
 
 
 def _hold(number: int, frame: FrameType | None) -> None:
@@ -190,8 +190,8 @@ def _end() -> None:
     try:
         _step.acquire(timeout=_PATIENCE_S)
         _kill_workers()
-        kept = [words for end in reversed(_at_the_end) if (words := end())]
-        said = interrupted(*kept)
+        saved = [words for end in reversed(_at_the_end) if (words := end())]
+        said = interrupted(*saved)
     finally:
         try:
             os.write(2, f"{_SHOW_CURSOR if os.isatty(2) else ''}{said}\n".encode())

@@ -41,7 +41,7 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
                 held = (path, read_recording(path, name, signal))
             time = _time(held[1], rates[index], name, signal)
         except InputError as error:
-            found = (replace(each, impact=impact or None, of=len(impacts)) for each in error.problems)
+            found = (replace(each, impact=impact or None, files_read=len(impacts)) for each in error.problems)
             problems += found
             continue
         taken.setdefault(path, []).append(index)

@@ -217,7 +217,7 @@ def _no_values(file: File, files: int) -> Problem:
         "Export the recorded values as numbers, or say by --text how the file is written.",
         value=f"{', '.join(file.channels) or 'no numbers'} ({file.written or file.suffix})",
         code="no-channel",
-        of=files,
+        files_read=files,
     )
 
 

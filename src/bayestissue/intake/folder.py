@@ -131,7 +131,7 @@ def look(
         try:
             contents = contents_of(path, name, stated)
         except InputError as error:
-            problems += (replace(problem, of=len(wanted)) for problem in error.problems)
+            problems += (replace(problem, files_read=len(wanted)) for problem in error.problems)
             continue
         files.append(
             File(

@@ -58,12 +58,12 @@ class Remedy:
 def entries() -> MappingProxyType[Code, Remedy]:
     """Every entry by its code, in the order of the file: groups as one meets them."""
     content = tomllib.loads(files(__name__).joinpath("remedies.toml").read_text(encoding="utf-8"))
-    found: dict[Code, Remedy] = {}
+    remedies: dict[Code, Remedy] = {}
     for group in content["group"]:
         for code, entry in group["entry"].items():
             says = tuple(entry.pop("says", ()))
-            found[cast("Code", code)] = Remedy(code, group["title"], says=says, **entry)
-    return MappingProxyType(found)
+            remedies[cast("Code", code)] = Remedy(code, group["title"], says=says, **entry)
+    return MappingProxyType(remedies)
 
 
 def codes_in(text: str) -> list[Code]:
