@@ -7,8 +7,7 @@ import math
 import pytest
 
 from bayestissue.errors import InputError
-from bayestissue.intake.columns import columns
-from bayestissue.intake.names import Pattern
+from bayestissue.intake.names import Pattern, columns
 
 
 @pytest.mark.parametrize(
@@ -32,7 +31,7 @@ from bayestissue.intake.names import Pattern
 )
 def test_fields_come_out_of_a_name(pattern: str, file: str, found: dict[str, str]) -> None:
     suffix = ".csv.gz" if file.endswith(".gz") else file[file.rindex(".") :].lower()
-    assert Pattern.of(pattern).read(file, suffix) == found
+    assert Pattern.parse(pattern).read(file, suffix) == found
 
 
 @pytest.mark.parametrize(
@@ -45,12 +44,12 @@ def test_fields_come_out_of_a_name(pattern: str, file: str, found: dict[str, str
 )
 def test_a_name_that_can_be_read_in_two_ways_is_refused_with_both(pattern: str, file: str, says: str) -> None:
     with pytest.raises(InputError, match=says):
-        Pattern.of(pattern).read(file, ".lvm")
+        Pattern.parse(pattern).read(file, ".lvm")
 
 
 def test_a_name_that_does_not_fit_is_refused() -> None:
     with pytest.raises(InputError, match=r'x/s1.lvm: found "s1"; expected a name like "{subject}_{n}"'):
-        Pattern.of("{subject}_{n}").read("x/s1.lvm", ".lvm")
+        Pattern.parse("{subject}_{n}").read("x/s1.lvm", ".lvm")
 
 
 @pytest.mark.parametrize(
@@ -67,7 +66,7 @@ def test_a_name_that_does_not_fit_is_refused() -> None:
 )
 def test_a_pattern_that_is_none_is_refused(pattern: str, says: str) -> None:
     with pytest.raises(InputError) as refused:
-        Pattern.of(pattern)
+        Pattern.parse(pattern)
     assert says in str(refused.value)
     assert "--pattern" in str(refused.value)
 

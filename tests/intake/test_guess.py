@@ -13,7 +13,7 @@ import pytest
 
 import bayestissue as bt
 from bayestissue.intake import Choices, prepare
-from bayestissue.intake.guess import guessed
+from bayestissue.intake.names import guessed
 from bayestissue.resources import shared
 from command_line import bayestissue
 
@@ -92,7 +92,7 @@ def test_a_table_for_the_uncertainty_waits_where_none_was_stated(tmp_path: Path)
 def test_a_pattern_where_a_person_is_asked_for_is_one(tmp_path: Path) -> None:
     for number, path in enumerate(sorted(RECORDED.iterdir())[:3]):
         shutil.copyfile(path, tmp_path / f"rec{number}.lvm")
-    intake = prepare(tmp_path, Choices(quantity="deceleration", given={"velocity_m_s": "1", "mass_kg": "1"}))
+    intake = prepare(tmp_path, Choices(quantity="deceleration", shared={"velocity_m_s": "1", "mass_kg": "1"}))
     (question,) = intake.questions
     assert question.option == "--set subject="
     assert intake.answered(question, "{subject}.lvm").questions == ()

@@ -55,7 +55,7 @@ def run(
             "column number too, a row for each impact of a recording.",
         ),
     ] = None,
-    given: Annotated[
+    shared: Annotated[
         list[str] | None,
         typer.Option(
             "--set", metavar="NAME=VALUE", help="A fact that holds for all recordings; may be repeated."
@@ -169,7 +169,7 @@ def run(
         crop,
         pattern,
         table,
-        _facts(given or []),
+        _facts(shared or []),
         _entries(recorder or [], "--recorder", "sae_class=180"),
         _entries(text or [], "--text", "decimal=comma"),
         _gravity(gravity),

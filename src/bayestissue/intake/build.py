@@ -16,10 +16,9 @@ from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import SignalSettings, TextSettings, parse_settings
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.choices import Choices
-from bayestissue.intake.cutting import cut
 from bayestissue.intake.facts import Facts
-from bayestissue.intake.folder import File, Found
-from bayestissue.intake.rows import RECORDINGS, Cutting, impact_rows, oriented, stated_rate
+from bayestissue.intake.folder import File, RecorderFolder
+from bayestissue.intake.rows import RECORDINGS, Cutting, cut, impact_rows, oriented, stated_rate
 from bayestissue.outline import first_of
 
 _FIRST = ("impact", "subject", "trial", "mass_kg", "velocity_m_s")
@@ -64,7 +63,7 @@ class Built:
 
 def build(
     folder: Path,
-    found: Found,
+    recordings: RecorderFolder,
     facts: Facts,
     choices: Choices,
     *,
@@ -76,7 +75,7 @@ def build(
 
     Args:
         folder: where the dataset goes.
-        found: the files.
+        recordings: the files.
         facts: what is known of each.
         choices: with no question left.
         name: of the dataset.
@@ -87,17 +86,17 @@ def build(
         InputError: everything that is wrong, with the files, with what is known of them, and with the dataset
             that they make.
     """
-    problems = [*found.problems, *facts.problems]
-    settings = _settings(choices, name, len(found.files))
+    problems = [*recordings.problems, *facts.problems]
+    settings = _settings(choices, name, len(recordings.files))
     signal = _signal(settings, problems)
-    rows = list(impact_rows(found, facts, choices, signal, cutting, problems))
+    rows = list(impact_rows(recordings, facts, choices, signal, cutting, problems))
     if not rows:
         raise InputError(problems)
-    _write(folder, settings, rows, found)
+    _write(folder, settings, rows, recordings)
     try:
         dataset = read_dataset(folder)
     except InputError as error:
-        by_trace = {f"{RECORDINGS}/{file.name}": file for file in found.files}
+        by_trace = {f"{RECORDINGS}/{file.name}": file for file in recordings.files}
         by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
         wrong = [_as_met(problem) for problem in error.problems]
         problems += (
@@ -107,12 +106,12 @@ def build(
         return Built(dataset, (), _notes(dataset, cutting))
     bad = {problem.impact for problem in problems}
     rows = [row for row in rows if row["impact"] not in bad]
-    files = {file.name for file in found.files} | {problem.file for problem in found.problems}
+    files = {file.name for file in recordings.files} | {problem.file for problem in recordings.problems}
     files |= {choices.table.name} if choices.table else set()
     if not skip_bad or not rows or any(p.impact is None and p.file not in files for p in problems):
         raise InputError(problems)
     shutil.rmtree(folder / RECORDINGS)
-    _write(folder, settings, rows, found)
+    _write(folder, settings, rows, recordings)
     dataset = read_dataset(folder)
     return Built(dataset, tuple(problems), _notes(dataset, cutting))
 
@@ -146,14 +145,16 @@ def _of_recorder(key: str) -> str | None:
     return f"--recorder {name}".strip() if table == "recorder" else key or None
 
 
-def _write(folder: Path, settings: dict[str, Any], rows: list[dict[str, Any]], found: Found) -> None:
+def _write(
+    folder: Path, settings: dict[str, Any], rows: list[dict[str, Any]], recordings: RecorderFolder
+) -> None:
     table = pd.DataFrame(rows)
     order = dict.fromkeys([*(name for name in _FIRST if name in table), *table.columns])
     write_dataset(folder, settings=settings, impacts=table[list(order)])
     if "uncertainty" not in settings:
         with (folder / SETTINGS).open("a", encoding="utf-8") as settings_file:
             settings_file.write(_TEMPLATE)
-    for file in found.files:
+    for file in recordings.files:
         copy = folder / RECORDINGS / file.name
         if f"{RECORDINGS}/{file.name}" in set(table["trace"]):
             copy.parent.mkdir(parents=True, exist_ok=True)

@@ -12,8 +12,8 @@ from bayestissue.dataset.model import Quantity
 from bayestissue.dataset.plausible import MIN_SAMPLES
 from bayestissue.dataset.units import EXAMPLES, Dimension, to_si
 from bayestissue.errors import InputError, Problem
-from bayestissue.intake.columns import is_height
-from bayestissue.intake.folder import About, File, Found
+from bayestissue.intake.folder import ChannelSummary, File, RecorderFolder
+from bayestissue.intake.names import is_height
 
 _QUANTITIES: tuple[str, ...] = get_args(Quantity)
 _TIME = re.compile(r"(time|zeit|t)\b|time_", re.IGNORECASE)
@@ -46,7 +46,7 @@ class Choices:
         crop: the stretch of every recording that is read, in the unit of time; whole if None.
         pattern: how file names are read.
         table: a table of facts.
-        given: facts that hold for all recordings, as text.
+        shared: facts that hold for all recordings, as text.
         recorder: the table ``[recorder]`` of ``dataset.toml``; none if empty.
         uncertainty: the table ``[uncertainty]`` of ``dataset.toml``; none if empty.
         text: how texts are written, as far as it is not to be found: keys of `TextSettings`.
@@ -65,7 +65,7 @@ class Choices:
     crop: tuple[float, float] | None = None
     pattern: str | None = None
     table: Path | None = None
-    given: dict[str, str] = field(default_factory=dict)
+    shared: dict[str, str] = field(default_factory=dict)
     recorder: dict[str, Any] = field(default_factory=dict)
     text: dict[str, Any] = field(default_factory=dict)
     gravity: str | float | None = None
@@ -121,7 +121,7 @@ class Question:
         """
         if self.option.startswith("--set"):
             name = self.option.removeprefix("--set ").removesuffix("=")
-            return replace(choices, given={**choices.given, name: text})
+            return replace(choices, shared={**choices.shared, name: text})
         name = self.option.removeprefix("--").replace("-", "_")
         if name != "rate_hz":
             said: dict[str, Any] = {name: text}
@@ -135,7 +135,9 @@ class Question:
             raise InputError(problem) from None
 
 
-def settle(choices: Choices, found: Found, facts: frozenset[str]) -> tuple[Choices, list[Question]]:
+def settle(
+    choices: Choices, recordings: RecorderFolder, facts: frozenset[str]
+) -> tuple[Choices, list[Question]]:
     """Fill in what the files themselves leave no doubt about; what is left are questions.
 
     The channel is the only one that is no time; times are a channel that rises evenly and is named for it;
@@ -143,48 +145,50 @@ def settle(choices: Choices, found: Found, facts: frozenset[str]) -> tuple[Choic
 
     Args:
         choices: so far.
-        found: the files.
+        recordings: the files.
         facts: the columns of ``impacts.csv`` that names, a table and options fill.
     """
     questions: list[Question] = []
-    every = found.candidates()
-    rising = [name for name, each in every.items() if all(about.rising for about in each)]
+    candidates = recordings.candidates()
+    rising = [name for name, channels in candidates.items() if all(channel.rising for channel in channels)]
     times = [name for name in rising if _TIME.match(name)]
     # What rises evenly is hardly an impact, whatever it is called.
     likely = times or (rising if len(rising) == 1 else [])
     values = [
         name
-        for name, each in every.items()
-        if name not in likely and name != choices.time and max(a.samples for a in each) >= MIN_SAMPLES
+        for name, channels in candidates.items()
+        if name not in likely and name != choices.time and max(a.samples for a in channels) >= MIN_SAMPLES
     ]
     if not values:
-        raise InputError(_no_values(file, len(found.files)) for file in found.files)
+        raise InputError(_no_values(file, len(recordings.files)) for file in recordings.files)
     if choices.channel is None and len(values) == 1:
         choices = replace(choices, channel=values[0])
     elif choices.channel is None:
         questions.append(Question("--channel", "the channel with the impact", tuple(values), values[0]))
-    elif choices.channel not in every:
-        raise InputError(_no_channel("--channel", choices.channel, every))
-    chosen = [about for name in ([choices.channel] if choices.channel else values) for about in every[name]]
+    elif choices.channel not in candidates:
+        raise InputError(_no_channel("--channel", choices.channel, candidates))
+    chosen = [
+        channel for name in ([choices.channel] if choices.channel else values) for channel in candidates[name]
+    ]
     rated = choices.rate_hz is not None or "sampling_rate_hz" in facts
-    if choices.time is None and not rated and not all(about.clock for about in chosen):
+    if choices.time is None and not rated and not all(channel.clock for channel in chosen):
         if len(times) == 1:
             choices = replace(choices, time=times[0])
         elif rising:
             questions.append(Question("--time", "the channel with the times", tuple(rising), rising[0]))
         else:
             questions.append(Question("--rate-hz", "the sampling rate in Hz", (), "10000"))
-    if choices.time is not None and choices.time not in every:
-        raise InputError(_no_channel("--time", choices.time, every))
+    if choices.time is not None and choices.time not in candidates:
+        raise InputError(_no_channel("--time", choices.time, candidates))
     if choices.time is not None and choices.time_unit is None:
-        choices = replace(choices, time_unit=_unit(every[choices.time], ["time"]))
+        choices = replace(choices, time_unit=_unit(candidates[choices.time], ["time"]))
     if choices.quantity is None:
         what = "what it recorded (a deceleration is positive while the impactor slows)"
         questions.append(Question("--quantity", what, _QUANTITIES, "deceleration"))
     dimensions = _dimensions(choices.quantity)
     if choices.unit is None and (unit := _unit(chosen, dimensions)) is None:
         example = "mm" if dimensions == ["length"] else "g"
-        words = f"its unit after scale and offset, {' or '.join(EXAMPLES[each] for each in dimensions)}"
+        words = f"its unit after scale and offset, {' or '.join(EXAMPLES[kind] for kind in dimensions)}"
         questions.append(Question("--unit", words, (), example))
     elif choices.unit is None and choices.channel is not None and choices.quantity is not None:
         choices = replace(choices, unit=unit)
@@ -204,9 +208,9 @@ def _dimensions(quantity: str | None) -> list[Dimension]:
     return ["length" if quantity == "displacement" else "acceleration"]
 
 
-def _no_channel(option: str, name: str, every: Iterable[str]) -> Problem:
+def _no_channel(option: str, name: str, names: Iterable[str]) -> Problem:
     return Problem(
-        option, "a channel of the files", f"They have: {', '.join(every)}.", value=name, code="no-channel"
+        option, "a channel of the files", f"They have: {', '.join(names)}.", value=name, code="no-channel"
     )
 
 
@@ -221,9 +225,9 @@ def _no_values(file: File, files: int) -> Problem:
     )
 
 
-def _unit(channels: Sequence[About], dimensions: Sequence[Dimension]) -> str | None:
+def _unit(channels: Sequence[ChannelSummary], dimensions: Sequence[Dimension]) -> str | None:
     """The unit that every file states for a channel, if it measures what it should."""
-    units = {about.unit for about in channels}
+    units = {channel.unit for channel in channels}
     if len(units) != 1 or not (unit := units.pop()):
         return None
     for dimension in dimensions:

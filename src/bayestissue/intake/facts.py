@@ -8,9 +8,8 @@ from pathlib import Path, PurePosixPath
 
 from bayestissue.dataset.impact_cells import read_cells
 from bayestissue.errors import InputError, Problem
-from bayestissue.intake.columns import columns, fills, is_height
-from bayestissue.intake.folder import File, Found
-from bayestissue.intake.names import Pattern
+from bayestissue.intake.folder import File, RecorderFolder
+from bayestissue.intake.names import Pattern, columns, fills, is_height
 
 FILE, NUMBER = "file", "number"
 
@@ -36,38 +35,40 @@ class Facts:
     written: str = ""
 
 
-def gather(found: Found, *, pattern: str | None, table: Path | None, given: dict[str, str]) -> Facts:
+def gather(
+    recordings: RecorderFolder, *, pattern: str | None, table: Path | None, shared: dict[str, str]
+) -> Facts:
     """Bring together what names, a table and options say.
 
     Args:
-        found: the files.
+        recordings: the files.
         pattern: how their names are read; see `Pattern`.
         table: a CSV file with a column ``file``, the name of a recording with or without its ending, and a
             column for each fact; with a column ``number`` also, a row for each impact of a recording.
-        given: what holds for all recordings.
+        shared: what holds for all recordings.
 
     Raises:
         InputError: the pattern or the table can't be used, or a fact is given in two ways.
     """
-    names = Pattern.of(pattern) if pattern else None
+    names = Pattern.parse(pattern) if pattern else None
     rows = _Table.read(table) if table else None
     sources = {
         "--pattern": names.fields if names else (),
         "--table": rows.facts if rows else (),
-        "--set": tuple(given),
+        "--set": tuple(shared),
     }
     _once(sources)
     problems: list[Problem] = []
     of_file: dict[str, Cells] = {}
     of_number: dict[tuple[str, int], Cells] = {}
     if rows:
-        problems += rows.strangers(found.files)
-    for file in found.files:
+        problems += rows.strangers(recordings.files)
+    for file in recordings.files:
         try:
-            own = names.read(file.name, file.suffix) if names else {}
-            mine = rows.of(file) if rows else {None: {}}
+            from_name = names.read(file.name, file.suffix) if names else {}
+            mine = rows.cells_of(file) if rows else {None: {}}
             for number, cells in mine.items():
-                filled = columns({**given, **own, **cells}, file.name)
+                filled = columns({**shared, **from_name, **cells}, file.name)
                 of_file[file.name] = filled
                 if number is not None:
                     of_number[file.name, number] = filled
@@ -123,7 +124,7 @@ class _Table:
         records = tuple(zip((int(line) for line in lines), cells.to_dict("records"), strict=True))
         return cls(path.name, facts, records, f"{path.name}: {cells.attrs['written']}")  # type: ignore[arg-type]
 
-    def of(self, file: File) -> dict[int | None, dict[str, str]]:
+    def cells_of(self, file: File) -> dict[int | None, dict[str, str]]:
         """The facts of a file; by the number of the impact where the table has a column of that name."""
         mine = [(line, row) for line, row in self.rows if row[FILE] in _names(file)]
         if not mine:
@@ -137,25 +138,25 @@ class _Table:
                     code="facts-of-recordings",
                 )
             )
-        found: dict[int | None, dict[str, str]] = {}
+        facts_of_number: dict[int | None, dict[str, str]] = {}
         for line, row in mine:
             number = self._number(line, row)
-            if number in found:
+            if number in facts_of_number:
                 expected = f"one row for {file.name}" + (f", number {number}" if number else "")
                 remedy = "Remove one of the two, or tell several impacts apart by a column number (1, 2 ...)."
                 raise InputError(
                     Problem(self.label, expected, remedy, line, FILE, row[FILE], code="facts-of-recordings")
                 )
-            found[number] = {name: row[name] for name in self.facts if row[name]}
-        return found
+            facts_of_number[number] = {name: row[name] for name in self.facts if row[name]}
+        return facts_of_number
 
     def strangers(self, files: tuple[File, ...]) -> Iterator[Problem]:
         """Rows that belong to no file, and to more than one."""
         for line, row in self.rows:
-            own = [file.name for file in files if row[FILE] in _names(file)]
-            if len(own) != 1:
+            named = [file.name for file in files if row[FILE] in _names(file)]
+            if len(named) != 1:
                 expected = "the name of one recording in the folder, with its folders where names repeat"
-                value = f"{row[FILE]}: {', '.join(own) or 'no such file'}"
+                value = f"{row[FILE]}: {', '.join(named) or 'no such file'}"
                 yield Problem(
                     self.label, expected, "Correct the cell.", line, FILE, value, code="facts-of-recordings"
                 )

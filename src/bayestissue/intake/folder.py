@@ -18,7 +18,7 @@ _DIGITS = re.compile(r"(\d+)")
 
 
 @dataclass(frozen=True)
-class About:
+class ChannelSummary:
     """What is known of a channel before any of it is used.
 
     Attributes:
@@ -47,7 +47,7 @@ class File:
 
     path: Path
     name: str
-    channels: dict[str, About]
+    channels: dict[str, ChannelSummary]
     written: str = ""
 
     @property
@@ -57,7 +57,7 @@ class File:
 
 
 @dataclass(frozen=True)
-class Found:
+class RecorderFolder:
     """What a folder holds.
 
     Attributes:
@@ -70,18 +70,18 @@ class Found:
     files: tuple[File, ...]
     problems: tuple[Problem, ...]
 
-    def candidates(self) -> dict[str, list[About]]:
+    def candidates(self) -> dict[str, list[ChannelSummary]]:
         """The channels by name, each as it is in every file that has one of that name."""
-        every: dict[str, list[About]] = {}
+        candidates: dict[str, list[ChannelSummary]] = {}
         for file in self.files:
-            for name, about in file.channels.items():
-                every.setdefault(name, []).append(about)
-        return every
+            for name, channel in file.channels.items():
+                candidates.setdefault(name, []).append(channel)
+        return candidates
 
 
 def look(
     folder: str | Path, *, suffix: str = "", ignore: Sequence[Path] = (), stated: Stated | None = None
-) -> Found:
+) -> RecorderFolder:
     """Find the recorder files in a folder and in folders within it, and list their channels.
 
     Hidden files, and folders that are datasets already, are left alone.
@@ -97,13 +97,13 @@ def look(
     """
     root = Path(folder)
     if not root.is_dir():
-        found = "a file" if root.exists() else "no such folder"
+        what = "a file" if root.exists() else "no such folder"
         raise InputError(
             Problem(
                 str(folder),
                 "a folder of recorder files",
                 "Check the path.",
-                value=found,
+                value=what,
                 code="no-recordings",
             )
         )
@@ -138,7 +138,7 @@ def look(
                 path,
                 name,
                 {
-                    key: About(
+                    key: ChannelSummary(
                         channel.unit, channel.values.size, channel.clock is not None, _rises(channel.values)
                     )
                     for key, channel in contents.channels.items()
@@ -148,13 +148,13 @@ def look(
         )
     if not files:
         raise InputError(problems)
-    return Found(root, tuple(files), tuple(problems))
+    return RecorderFolder(root, tuple(files), tuple(problems))
 
 
 def _files(folder: Path) -> list[Path]:
     here = [path for path in folder.iterdir() if not path.name.startswith(".")]
     inner = [path for path in here if path.is_dir() and not path.is_symlink()]
-    within = [path for each in inner if not (each / "dataset.toml").exists() for path in _files(each)]
+    within = [path for part in inner if not (part / "dataset.toml").exists() for path in _files(part)]
     return sorted([*(path for path in here if path.is_file()), *within], key=_natural)
 
 

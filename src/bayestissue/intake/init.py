@@ -15,11 +15,10 @@ from bayestissue.dataset.tables import TEXT_SUFFIXES
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.build import Built, build
 from bayestissue.intake.choices import Choices, Question, settle
-from bayestissue.intake.cutting import SEPARATION_S, THRESHOLD
 from bayestissue.intake.facts import Facts, gather
-from bayestissue.intake.folder import About, Found, look
-from bayestissue.intake.guess import guessed
-from bayestissue.intake.rows import Cutting
+from bayestissue.intake.folder import ChannelSummary, RecorderFolder, look
+from bayestissue.intake.names import guessed
+from bayestissue.intake.rows import SEPARATION_S, THRESHOLD, Cutting
 from bayestissue.outline import first_of
 from bayestissue.results import claim
 from bayestissue.settings import checked
@@ -34,13 +33,13 @@ class Intake:
     """A folder of recorder files, as far as it is understood.
 
     Attributes:
-        found: the files and their channels.
+        recordings: the files and their channels.
         choices: what was said, and what the files leave no doubt about.
         facts: what is known of each file besides its samples.
         questions: what is left to say.
     """
 
-    found: Found
+    recordings: RecorderFolder
     choices: Choices
     facts: Facts
     questions: tuple[Question, ...]
@@ -55,7 +54,7 @@ class Intake:
         choices = question.answer(self.choices, text)
         if "{" in text and question.option == "--set subject=":
             choices = replace(self.choices, pattern=text)
-        return replace(_understood(self.found, choices), guess=self.guess)
+        return replace(_understood(self.recordings, choices), guess=self.guess)
 
     def design(self) -> list[str]:
         """How names are read, and of each fact its values with the number of recordings, in lines."""
@@ -75,14 +74,14 @@ class Intake:
 
     def listed(self) -> list[str]:
         """What was found, in lines: how many files, and of each channel its name, unit and samples."""
-        files = self.found.files
+        files = self.recordings.files
         total = f"{len(files)} recorder file{'s' if len(files) > 1 else ''}"
         return [
-            f"{total} in {self.found.folder}, such as {files[0].name}. Channels:",
+            f"{total} in {self.recordings.folder}, such as {files[0].name}. Channels:",
             *(
-                f"  {name}{f' [{unit}]' if (unit := _units(each)) else ''}: {_samples(each)}"
-                + (f", in {len(each)} files" if len(each) < len(files) else "")
-                for name, each in self.found.candidates().items()
+                f"  {name}{f' [{unit}]' if (unit := _units(channels)) else ''}: {_samples(channels)}"
+                + (f", in {len(channels)} files" if len(channels) < len(files) else "")
+                for name, channels in self.recordings.candidates().items()
             ),
             *(f"Texts read as: {words}" for words in self.written()),
             *self.design(),
@@ -90,9 +89,9 @@ class Intake:
 
     def written(self) -> list[str]:
         """How texts are written: each way of the recordings with the number of files, then the table."""
-        count = Counter(file.written for file in self.found.files if file.written)
-        each = [words if len(count) == 1 else f"{words} ({number} files)" for words, number in count.items()]
-        return [*each, *([self.facts.written] if self.facts.written else [])]
+        count = Counter(file.written for file in self.recordings.files if file.written)
+        ways = [words if len(count) == 1 else f"{words} ({number} files)" for words, number in count.items()]
+        return [*ways, *([self.facts.written] if self.facts.written else [])]
 
     def unanswered(self) -> InputError:
         """What is wrong while questions are left: each with an option that answers it, and all else."""
@@ -106,7 +105,7 @@ class Intake:
             )
             for question in self.questions
         ]
-        error = InputError([*problems, *self.found.problems, *self.facts.problems])
+        error = InputError([*problems, *self.recordings.problems, *self.facts.problems])
         error.add_note("\n".join(self.listed()))
         line = " ".join(question.line for question in self.questions)
         error.add_note(f"Options to add, with your own values: {line}")
@@ -126,17 +125,17 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     ]
     ignore = [choices.table] if choices.table else []
     stated = checked(choices.text, TextSettings, file="--text").stated
-    found = look(folder, suffix=max(ends, key=len, default=""), ignore=ignore, stated=stated)
+    recordings = look(folder, suffix=max(ends, key=len, default=""), ignore=ignore, stated=stated)
     guess = None
-    if choices.pattern is None and choices.table is None and "subject" not in choices.given:
-        guess = guessed(found.files, choices.given)
-    return replace(_understood(found, replace(choices, pattern=guess or choices.pattern)), guess=guess)
+    if choices.pattern is None and choices.table is None and "subject" not in choices.shared:
+        guess = guessed(recordings.files, choices.shared)
+    return replace(_understood(recordings, replace(choices, pattern=guess or choices.pattern)), guess=guess)
 
 
-def _understood(found: Found, choices: Choices) -> Intake:
-    facts = gather(found, pattern=choices.pattern, table=choices.table, given=choices.given)
-    choices, questions = settle(choices, found, facts.columns)
-    return Intake(found, choices, facts, tuple(questions))
+def _understood(recordings: RecorderFolder, choices: Choices) -> Intake:
+    facts = gather(recordings, pattern=choices.pattern, table=choices.table, shared=choices.shared)
+    choices, questions = settle(choices, recordings, facts.columns)
+    return Intake(recordings, choices, facts, tuple(questions))
 
 
 def write(
@@ -164,15 +163,15 @@ def write(
     """
     if intake.questions:
         raise intake.unanswered()
-    inputs = (intake.found.folder, intake.choices.table)
-    with claim(Path(out), overwrite=overwrite, command="init", inputs=inputs) as place:
+    inputs = (intake.recordings.folder, intake.choices.table)
+    with claim(Path(out), overwrite=overwrite, command="init", inputs=inputs) as target:
         from bayestissue.report.recordings_pages import init_page
 
-        with place.folder() as staging:
-            name = name or place.path.resolve().name
+        with target.folder() as staging:
+            name = name or target.path.resolve().name
             built = build(
                 staging,
-                intake.found,
+                intake.recordings,
                 intake.facts,
                 intake.choices,
                 name=name,
@@ -183,7 +182,7 @@ def write(
                 built.dataset, understood=_words(intake, cutting), left_out=built.left_out, notes=built.notes
             )
             (staging / PAGE).write_text(page, encoding="utf-8")
-        return replace(built, dataset=replace(built.dataset, folder=place.path))
+        return replace(built, dataset=replace(built.dataset, folder=target.path))
 
 
 def default_out(folder: str | Path) -> Path:
@@ -293,7 +292,7 @@ def init_dataset(
 
 def _words(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
     """What was understood, as pairs of a heading and words."""
-    choices, every = intake.choices, intake.found.candidates()
+    choices, candidates = intake.choices, intake.recordings.candidates()
     scaled = f", times {choices.scale:g}" if choices.scale != 1 else ""
     scaled += f", plus {choices.offset:g}" if choices.offset else ""
     if choices.time is not None:
@@ -310,9 +309,9 @@ def _words(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
     )
     sources = [f"names read as {choices.pattern}"] if choices.pattern else []
     sources += [f"the table {choices.table.name}"] if choices.table else []
-    sources += [f"{key} = {value} for all" for key, value in choices.given.items()]
+    sources += [f"{key} = {value} for all" for key, value in choices.shared.items()]
     return [
-        ("files", f"{len(intake.found.files)}, with the channels {', '.join(every)}"),
+        ("files", f"{len(intake.recordings.files)}, with the channels {', '.join(candidates)}"),
         *(("written", words) for words in intake.written()),
         ("values", f"{choices.quantity}, channel {choices.channel}{scaled}, in {choices.unit}"),
         *([("gravity along the motion", _falls(choices))] if choices.gravity is not None else []),
@@ -332,11 +331,11 @@ def _filter(choices: Choices) -> str:
     return ", ".join(f"{key} = {value}" for key, value in choices.recorder.items())
 
 
-def _units(channels: list[About]) -> str:
-    return ", ".join(sorted({about.unit for about in channels if about.unit}))
+def _units(channels: list[ChannelSummary]) -> str:
+    return ", ".join(sorted({channel.unit for channel in channels if channel.unit}))
 
 
-def _samples(channels: list[About]) -> str:
-    counts = [about.samples for about in channels]
+def _samples(channels: list[ChannelSummary]) -> str:
+    counts = [channel.samples for channel in channels]
     low, high = min(counts), max(counts)
     return f"{low} samples" if low == high else f"{low} to {high} samples"

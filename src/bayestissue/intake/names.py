@@ -1,19 +1,92 @@
-"""What file names say: a pattern such as ``{subject}_{side}_{mass_kg}kg_{n}.lvm``, and what it finds.
-
-The grammar is that of Python's format strings without their formats: text stands for itself, ``{name}`` for
-what varies, ``{}`` for what does not matter. It needs no library, and a name that could be read in two ways
-is refused, where the shortest reading would quietly be a wrong one.
-"""
+"""File names read by a pattern or by a guessed one, and the columns of `impacts.csv` that facts fill."""
 
 from __future__ import annotations
 
+import math
 import re
 import string
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import PurePosixPath
 
+from bayestissue.dataset.model import STANDARD_GRAVITY
 from bayestissue.errors import InputError, Problem
-from bayestissue.intake.columns import is_number
+from bayestissue.intake.folder import File
+
+_PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+
+
+def _times(factor: float, value: float) -> float:
+    return factor * value
+
+
+def _fallen(unit_m: float, height: float) -> float:
+    """The speed v = √(2 g h), m/s, after a fall, of a pendulum too, of ``height`` times ``unit_m`` metres."""
+    return math.sqrt(2 * STANDARD_GRAVITY * unit_m * height)
+
+
+# Of each name the column that it fills, and how; a height of fall stays as a covariate too.
+_FILLS: dict[str, tuple[str, Callable[[float], float]]] = {
+    "mass_g": ("mass_kg", partial(_times, 1e-3)),
+    "velocity_cm_s": ("velocity_m_s", partial(_times, 1e-2)),
+    "velocity_mm_s": ("velocity_m_s", partial(_times, 1e-3)),
+    "diameter_mm": ("diameter_m", partial(_times, 1e-3)),
+    "drop_height_m": ("velocity_m_s", partial(_fallen, 1.0)),
+    "drop_height_cm": ("velocity_m_s", partial(_fallen, 1e-2)),
+    "drop_height_mm": ("velocity_m_s", partial(_fallen, 1e-3)),
+}
+_NUMBERS = {"mass_kg", "velocity_m_s", "sampling_rate_hz", "energy_J", "diameter_m", *_FILLS}
+
+
+def is_number(name: str) -> bool:
+    """Whether a field of this name holds a number."""
+    return name in _NUMBERS
+
+
+def is_height(name: str) -> bool:
+    """Whether a field is a height of fall."""
+    return name.startswith("drop_height")
+
+
+def fills(name: str) -> str:
+    """The column of ``impacts.csv`` that a field fills: ``velocity_m_s`` for a height of fall."""
+    return _FILLS[name][0] if name in _FILLS else name
+
+
+def columns(fields: dict[str, str], file: str) -> dict[str, str | float]:
+    """The cells of ``impacts.csv`` that the fields of a file fill.
+
+    Args:
+        fields: text by name; decimals may have a comma.
+        file: what to call the file in a message.
+
+    Raises:
+        InputError: a number is none, or a height or mass is not above 0.
+    """
+    cells: dict[str, str | float] = {}
+    problems = []
+    for name, text in fields.items():
+        if not is_number(name):
+            cells[name] = text
+            continue
+        plain = text.strip().replace(",", ".")
+        value = float(plain) if _PLAIN.fullmatch(plain) else math.nan
+        if not 0 < value < math.inf:
+            remedy = f"Correct {name} in the name of the file, in the table or in --set."
+            problems.append(
+                Problem(file, "a number above 0", remedy, column=name, value=text, code="impossible-value")
+            )
+            continue
+        column, fill = _FILLS.get(name, (name, partial(_times, 1.0)))
+        # Twelve digits are more than anybody measured, and fewer than show how 0.07 is kept.
+        cells[column] = float(f"{fill(value):.12g}")
+        if is_height(name):
+            cells[name] = value
+    if problems:
+        raise InputError(problems)
+    return cells
+
 
 OPTION = "--pattern"
 _EXAMPLE = '"{subject}_{side}_{mass_kg}kg_{n}.lvm"'
@@ -35,7 +108,7 @@ class Pattern:
     _parts: tuple[tuple[str, str | None], ...]
 
     @classmethod
-    def of(cls, text: str) -> Pattern:
+    def parse(cls, text: str) -> Pattern:
         """Read a pattern.
 
         Raises:
@@ -84,7 +157,7 @@ class Pattern:
                 )
             )
         if shortest.groupdict() != longest.groupdict():
-            readings = (_words(found.groupdict()) for found in (shortest, longest))
+            readings = (_words(reading.groupdict()) for reading in (shortest, longest))
             raise InputError(
                 Problem(
                     file,
@@ -110,13 +183,111 @@ def _words(fields: dict[str, str]) -> str:
     return ", ".join(f"{name} {text}" for name, text in fields.items())
 
 
-def _unfit(text: str, found: str) -> InputError:
+def _unfit(text: str, slip: str) -> InputError:
     return InputError(
         Problem(
             OPTION,
             f"the names in file names, each once in braces, such as {_EXAMPLE}",
             "Write {} for what does not matter, and {{ for a brace.",
-            value=f"{text}: {found}",
+            value=f"{text}: {slip}",
             code="file-names",
         )
     )
+
+
+_CUTS = re.compile(r"([_\-\s/]+)")
+_NUMBERED = re.compile(r"(?P<before>[^\W\d]*)(?P<number>\d+(?:[.,]\d+)?)(?P<after>[^\W\d]*)")
+_UNITS = {
+    "kg": "mass_kg",
+    "g": "mass_g",
+    "cm": "drop_height_cm",
+    "mm": "drop_height_mm",
+    "mps": "velocity_m_s",
+}
+_SIDES = frozenset(
+    [
+        *("left", "right", "l", "r", "li", "re", "lt", "rt", "links", "rechts"),
+        *("dominant", "nondominant", "operated", "sound", "affected", "unaffected"),
+    ]
+)
+_SESSIONS = frozenset(["session", "ses", "day", "visit", "week", "sitzung", "tag", "termin"])
+_REPEATS = frozenset(["", "r", "n", "nr", "rep", "run", "trial", "drop", "hit", "impact", "wdh", "versuch"])
+
+
+def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
+    """A pattern that all names fit and that names a person, or None.
+
+    Names such as ``s01_left_2.5kg_1`` are cut at underscores, hyphens, spaces and folders. Where all names
+    have the same number of parts, a number before ``kg`` or ``g`` is a mass, before ``cm`` or ``mm`` a drop
+    height, before ``mps`` a velocity; words such as left and right are a side; a number behind ``session``
+    or ``day`` is a session; counts are repeats; and the first other part that varies is the person. A guess
+    is shown and can be replaced. Where no person comes twice there is none.
+
+    Args:
+        files: of the folder.
+        known: facts that are given otherwise; what is in names of them does not matter.
+    """
+    cut = [_CUTS.split(file.name[: -len(file.suffix)]) for file in files]
+    separators = {tuple(parts[1::2]) for parts in cut}
+    if len(separators) != 1 or len(files) < 2:
+        return None
+    columns = list(zip(*(parts[::2] for parts in cut), strict=True))
+    pieces = _pieces(columns)
+    filled = {fills(name) for name in known}
+    for name in re.findall(r"\{(\w+)\}", "".join(pieces)):
+        if fills(name) in filled:
+            pieces = [piece.replace(f"{{{name}}}", "{}") for piece in pieces]
+    between = [*separators.pop(), ""]
+    if "{subject}" not in pieces:
+        return None
+    text = "".join(piece + gap for piece, gap in zip(pieces, between, strict=True))
+    try:
+        pattern = Pattern.parse(text)
+        people = [pattern.read(file.name, file.suffix)["subject"] for file in files]
+    except InputError:
+        return None
+    return text if len(set(people)) < len(people) else None
+
+
+def _pieces(columns: Sequence[Sequence[str]]) -> list[str]:
+    """Of each part of the names the text of a pattern that stands for it."""
+    pieces: list[str | None] = [_by_its_look(set(texts)) for texts in columns]
+    taken = {name for piece in pieces if piece for name in re.findall(r"\{(\w+)\}", piece)}
+    for position, texts in enumerate(columns):
+        if pieces[position] is None and "subject" not in taken:
+            pieces[position], taken = "{subject}", taken | {"subject"}
+        elif pieces[position] is None:
+            counted = all(text.isdigit() for text in texts)
+            name = next(n for n in (["n"] if counted else []) + _others() if n not in taken)
+            pieces[position], taken = f"{{{name}}}", taken | {name}
+    # Counts alone, as in 01_1, 01_2: the first is the person.
+    if "subject" not in taken and "{n}" in pieces:
+        pieces[pieces.index("{n}")] = "{subject}"
+    twice = [piece for piece in pieces if piece and "{" in piece]
+    return ["{}" if p in twice and p in pieces[:position] else str(p) for position, p in enumerate(pieces)]
+
+
+def _others() -> list[str]:
+    return ["group", *(f"group_{number}" for number in range(2, 20))]
+
+
+def _by_its_look(texts: set[str]) -> str | None:
+    """What a part is, where that shows; None of one that a person may be."""
+    numbered = [_NUMBERED.fullmatch(text) for text in texts]
+    frames = {(match["before"], match["after"]) for match in numbered if match}
+    before, after = frames.pop() if None not in numbered and len(frames) == 1 else ("", None)
+    if after in _UNITS:
+        return f"{before}{{{_UNITS[after]}}}{after}"
+    if len(texts) == 1:
+        return texts.pop().replace("{", "{{").replace("}", "}}")
+    if {text.lower() for text in texts} <= _SIDES:
+        return "{side}"
+    if after is None:
+        return None
+    if not after and before.lower() in _SESSIONS:
+        return f"{before}{{session}}"
+    few = max(float(match["number"].replace(",", ".")) for match in numbered if match) <= 30
+    padded = any(match["number"].startswith("0") for match in numbered if match)
+    if not after and before.lower() in _REPEATS and few and not padded:
+        return f"{before}{{n}}"
+    return None

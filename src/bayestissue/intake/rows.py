@@ -1,4 +1,4 @@
-"""The rows of `impacts.csv`: an impact for each recording, or for each stretch of one."""
+"""The rows of `impacts.csv`: an impact for each recording, or for each stretch that one is cut into."""
 
 from __future__ import annotations
 
@@ -17,9 +17,57 @@ from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.trace_files import read_one
 from bayestissue.errors import InputError, Problem
 from bayestissue.intake.choices import Choices
-from bayestissue.intake.cutting import SEPARATION_S, THRESHOLD, cut
 from bayestissue.intake.facts import Cells, Facts
-from bayestissue.intake.folder import File, Found
+from bayestissue.intake.folder import File, RecorderFolder
+from bayestissue.signal.traces import noise_sd, stack
+
+THRESHOLD, SEPARATION_S = 20.0, 0.5
+# Of the greatest peak: the handling of the impactor between two impacts stays below it.
+_SHARE = 0.1
+# Of the separation, before and after an impact: enough rest to learn the noise and the zero from.
+_BEFORE, _AFTER = 0.1, 0.5
+_FEWEST = 8
+# Nanoseconds: no recorder's clock is read finer.
+_DIGITS = 9
+
+
+def cut(
+    trace: Trace, *, threshold: float = THRESHOLD, separation_s: float = SEPARATION_S
+) -> list[tuple[float, float]]:
+    """When each impact of a recording begins and ends, in order, s on the recorder's clock.
+
+    Samples that rise above the median by more than ``threshold`` standard deviations of the noise, and by
+    more than a tenth of the highest, belong to impacts. Two of them that lie at least ``separation_s`` apart
+    belong to two impacts. An impact is cut out from a tenth of that time before its first such sample to half
+    of it after its last one, so that no two stretches meet. The noise is the greater of the white noise that
+    third differences show and the scatter about the median (the median absolute deviation over 0.6745).
+
+    Args:
+        trace: positive while the impactor slows, or into the tissue.
+        threshold: in standard deviations of the noise.
+        separation_s: the least time between two impacts; a rebound that follows sooner stays with its impact.
+
+    Returns:
+        One stretch for each impact; none where nothing rises above the noise.
+    """
+    value, time = trace.value, trace.time_s
+    if value.size < _FEWEST or not (np.isfinite(value).all() and np.isfinite(time).all()):
+        return []
+    above = value - np.median(value)
+    noise = max(float(noise_sd(stack([trace]))[0]), float(np.median(np.abs(above))) / 0.6745)
+    moments = time[above > max(threshold * noise, _SHARE * above.max())]
+    if not moments.size:
+        return []
+    gap = np.flatnonzero(np.diff(moments) >= separation_s)
+    starts, ends = np.append(moments[:1], moments[gap + 1]), np.append(moments[gap], moments[-1:])
+    return list(
+        zip(
+            (starts - _BEFORE * separation_s).round(_DIGITS).tolist(),
+            (ends + _AFTER * separation_s).round(_DIGITS).tolist(),
+            strict=True,
+        )
+    )
+
 
 RECORDINGS = "recordings"
 
@@ -33,7 +81,7 @@ class Cutting:
 
 
 def impact_rows(
-    found: Found,
+    recordings: RecorderFolder,
     facts: Facts,
     choices: Choices,
     signal: SignalSettings,
@@ -41,15 +89,15 @@ def impact_rows(
     problems: list[Problem],
 ) -> Iterator[dict[str, Any]]:
     """The rows of ``impacts.csv``; what is wrong with a file goes to ``problems``."""
-    bare = {file.name: file.name[: -len(file.suffix)] for file in found.files}
+    bare = {file.name: file.name[: -len(file.suffix)] for file in recordings.files}
     short = Counter(PurePosixPath(name).name for name in bare.values())
-    usual = _usual_units(found, choices)
-    for file in found.files:
+    usual = _usual_units(recordings, choices)
+    for file in recordings.files:
         if file.name not in facts.of_file:
             continue
-        own = PurePosixPath(bare[file.name]).name
+        short_name = PurePosixPath(bare[file.name]).name
         base: dict[str, Any] = {
-            "impact": own if short[own] == 1 else bare[file.name],
+            "impact": short_name if short[short_name] == 1 else bare[file.name],
             "trace": f"{RECORDINGS}/{file.name}",
         }
         if choices.rate_hz is not None:
@@ -89,11 +137,13 @@ def _pieces(
     ]
     numbers = [number for name, number in facts.of_number if name == file.name]
     if not stretches or (numbers and sorted(numbers) != list(range(1, len(stretches) + 1))):
-        told = f"{len(numbers)} impacts, as many as the table has rows" if numbers else "at least one impact"
+        expected = (
+            f"{len(numbers)} impacts, as many as the table has rows" if numbers else "at least one impact"
+        )
         raise InputError(
             Problem(
                 file.name,
-                told,
+                expected,
                 "Change --threshold or --separation-s, or correct the table.",
                 value=f"{len(stretches)} impacts",
                 code="several-impacts",
@@ -106,11 +156,11 @@ def _pieces(
     ]
 
 
-def _usual_units(found: Found, choices: Choices) -> dict[str, str]:
+def _usual_units(recordings: RecorderFolder, choices: Choices) -> dict[str, str]:
     """The unit that most of the files state for the values, and for the times, by the channel."""
     units = {
-        name: Counter(about.unit for about in every)
-        for name, every in found.candidates().items()
+        name: Counter(channel.unit for channel in channels)
+        for name, channels in recordings.candidates().items()
         if name in (choices.channel, choices.time)
     }
     return {name: count.most_common(1)[0][0] for name, count in units.items()}
@@ -138,9 +188,9 @@ def _require_one(file: File, facts: Facts) -> None:
     numbers = [number for name, number in facts.of_number if name == file.name]
     if len(numbers) > 1:
         remedy = "Add --several, so that the recording is cut apart."
-        found = f"{len(numbers)} rows of the table"
+        count = f"{len(numbers)} rows of the table"
         raise InputError(
-            Problem(file.name, "one impact in the recording", remedy, value=found, code="several-impacts")
+            Problem(file.name, "one impact in the recording", remedy, value=count, code="several-impacts")
         )
 
 
