@@ -33,6 +33,11 @@ def declared(lab: Lab, text: str) -> None:
             Recorder(2.0775 * 60, zero_phase=True, sae_class=60, noise="before"),
         ),
         ('low_pass_hz = 500\nnoise = "after"', Recorder(500.0, noise="after")),
+        ('low_pass_hz = 500\napplied = "digital"', Recorder(500.0, applied="digital")),
+        (
+            'sae_class = 180\napplied = "analog"',
+            Recorder(2.0775 * 180, zero_phase=True, sae_class=180, applied="analog"),
+        ),
     ],
 )
 def test_it_is_read_written_and_taken_as_an_argument(lab: Lab, tmp_path, text, recorder):
@@ -58,6 +63,7 @@ def test_it_is_read_written_and_taken_as_an_argument(lab: Lab, tmp_path, text, r
         ("sae_class = 180\norder = 4", "sae_class by itself"),
         ("low_pass = 500", "low_pass_hz"),
         ('low_pass_hz = 500\nnoise = "both"', "before.*after"),
+        ('low_pass_hz = 500\napplied = "software"', "analog.*digital"),
     ],
 )
 def test_what_it_may_not_say_is_refused_in_one_line(lab: Lab, text, words):
@@ -91,3 +97,21 @@ def test_a_fit_of_displacements_refuses_it(lab: Lab):
     declared(lab, "low_pass_hz = 500")
     with pytest.raises(InputError, match=r'"impact", since dataset.toml declares a low-pass'):
         bt.fit(bt.read_dataset(lab.folder), "arma")
+
+
+def test_of_zero_phase_can_be_the_samples_filter_alone_unless_stated():
+    assert not Recorder(500.0).digital
+    assert Recorder(500.0, applied="digital").digital
+    assert Recorder(500.0, zero_phase=True).digital
+    assert not Recorder(500.0, zero_phase=True, applied="analog").digital
+
+
+def test_a_digital_filter_has_its_corner_below_half_of_the_sampling_rate():
+    impacts, traces = tables()
+    nyquist = 0.5 / traces["time_s"].diff().median()
+    analog = {"low_pass_hz": 2 * nyquist}
+    assert bt.dataset(impacts, traces, **SIGNAL, recorder=analog).recorder == Recorder(2 * nyquist)
+    with pytest.raises(InputError, match=r"half of the sampling rate.*analog") as raised:
+        bt.dataset(impacts, traces, **SIGNAL, recorder=analog | {"applied": "digital"})
+    (problem,) = raised.value.problems
+    assert (problem.code, problem.value) == ("impossible-low-pass", f"{2 * nyquist:g} Hz")

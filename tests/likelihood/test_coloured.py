@@ -22,13 +22,14 @@ from bayestissue.likelihood.element.recorder import Colour, LowPass
 from bayestissue.likelihood.element.response import ElementRecord, columns, response
 from bayestissue.signal.filters import autocorrelation, modes
 
-SLOW, SAE = Recorder(500.0), Recorder(2.0775 * 180, zero_phase=True, sae_class=180)
+SLOW = Recorder(500.0)
+SAE = Recorder(2.0775 * 180, zero_phase=True, sae_class=180, applied="analog")
 DT, ROWS = 1e-4, 60
 K, C, MASS, VELOCITY = 30_000.0, 60.0, 0.5, 1.5
 
 
 def lags(recorder: Recorder, dt: float = DT):
-    return lambda lag: autocorrelation(recorder, lag * dt)
+    return lambda lag: autocorrelation(recorder, lag, dt)
 
 
 def whole(recorder: Recorder, white: float, rows: int = ROWS, dt: float = DT) -> np.ndarray:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import bessel, butter, freqs
+from scipy.signal import bessel, butter, freqs, sosfilt, sosfiltfilt
 
 from bayestissue.dataset import Dataset
 from bayestissue.dataset.model import Recorder, Trace
@@ -49,8 +49,8 @@ def with_white(data: Dataset, sd: float) -> Dataset:
         Recorder(500.0),
         Recorder(800.0, 1),
         Recorder(700.0, 5, "bessel"),
-        Recorder(500.0, 2, zero_phase=True),
-        Recorder(900.0, 3, zero_phase=True),
+        Recorder(500.0, 2, zero_phase=True, applied="analog"),
+        Recorder(900.0, 3, zero_phase=True, applied="analog"),
     ],
     ids=str,
 )
@@ -61,13 +61,34 @@ def test_the_autocorrelation_is_the_spectrums(recorder: Recorder):
     of_filter = design(recorder.order, 2 * np.pi * recorder.low_pass_hz, analog=True, **extra)
     _, passed = freqs(*of_filter, worN=2 * np.pi * frequency)
     power = np.abs(passed) ** (4 if recorder.zero_phase else 2)
-    lag = np.array([[0.0, -1e-4], [3e-4, 1e-3]])
-    expected = np.trapezoid(power * np.cos(2 * np.pi * frequency * lag[..., None]), frequency)
+    lag = np.array([[0, -1], [3, 10]])
+    expected = np.trapezoid(power * np.cos(2 * np.pi * frequency * 1e-4 * lag[..., None]), frequency)
     # Of one pole a thousandth lies beyond the greatest frequency.
     tolerance = 2e-3 if recorder.order == 1 else 1e-5
     np.testing.assert_allclose(
-        autocorrelation(recorder, lag), expected / expected[0, 0], rtol=tolerance, atol=tolerance
+        autocorrelation(recorder, lag, 1e-4), expected / expected[0, 0], rtol=tolerance, atol=tolerance
     )
+
+
+@pytest.mark.parametrize(
+    "recorder",
+    [
+        Recorder(1250.0, applied="digital"),
+        Recorder(700.0, 5, "bessel", applied="digital"),
+        Recorder(1250.0, 3, zero_phase=True),
+    ],
+    ids=str,
+)
+def test_the_autocorrelation_of_samples_is_that_of_a_long_filtered_noise(recorder: Recorder):
+    """Of 400,000 samples, of which at least one in thirty is independent."""
+    design = {"butterworth": butter, "bessel": bessel}[recorder.kind]
+    extra = {"norm": "mag"} if recorder.kind == "bessel" else {}
+    sections = design(recorder.order, recorder.low_pass_hz, fs=1e4, output="sos", **extra)
+    noise = np.random.default_rng(3).standard_normal(400_000)
+    values = (sosfiltfilt if recorder.zero_phase else sosfilt)(sections, noise)
+    lag = np.array([0, 1, -2, 5, 12])
+    expected = [(values[abs(k) :] * values[: len(values) - abs(k)]).mean() / values.var() for k in lag]
+    np.testing.assert_allclose(autocorrelation(recorder, lag, 1e-4), expected, atol=5 * (30 / 400_000) ** 0.5)
 
 
 @pytest.mark.parametrize("recorder", [SAE, SLOW], ids=str)
@@ -79,7 +100,7 @@ def test_simulated_noise_before_a_filter_has_its_size_and_correlations(recorder:
     assert data.recorder is not None
     for lag in (1, 3, 8):
         found = (quiet[:, lag:] * quiet[:, :-lag]).mean() / quiet.var()
-        assert found == pytest.approx(float(autocorrelation(data.recorder, np.array(lag * 1e-4))), abs=0.08)
+        assert found == pytest.approx(float(autocorrelation(data.recorder, np.array(lag), 1e-4)), abs=0.08)
 
 
 @pytest.mark.parametrize("recorder", [SAE, SLOW], ids=str)

@@ -55,6 +55,7 @@ class Uncertainty:
 FilterKind = Literal["butterworth", "bessel"]
 SaeClass = Literal[60, 180, 600, 1000]
 NoiseEntry = Literal["before", "after"]
+Applied = Literal["analog", "digital"]
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,8 @@ class Recorder:
         sae_class: the channel frequency class of SAE J211-1 that it is, if one was declared.
         noise: whether white noise enters before the filter, and goes through it, or after it; None where
             the quiet parts before contact have to tell.
+        applied: "digital" where software ran it over the very samples of the file, "analog" where it acted
+            before sampling; None where nothing was said: see `digital`.
     """
 
     low_pass_hz: float
@@ -77,19 +80,26 @@ class Recorder:
     zero_phase: bool = False
     sae_class: SaeClass | None = None
     noise: NoiseEntry | None = None
+    applied: Applied | None = None
+
+    @property
+    def digital(self) -> bool:
+        """Whether it is a digital filter of the samples; one of zero phase can be no other unless stated."""
+        return self.zero_phase if self.applied is None else self.applied == "digital"
 
     def settings(self) -> dict[str, Any]:
         """The keys of the table ``[recorder]`` in ``dataset.toml``."""
         names = ("low_pass_hz", "order", "kind", "zero_phase") if self.sae_class is None else ("sae_class",)
-        stated = names if self.noise is None else (*names, "noise")
-        return {name: getattr(self, name) for name in stated}
+        stated = [name for name in ("noise", "applied") if getattr(self, name) is not None]
+        return {name: getattr(self, name) for name in (*names, *stated)}
 
     def __str__(self) -> str:
-        noise = f", noise {self.noise} it" if self.noise else ""
+        stated = f", {self.applied}" if self.applied else ""
+        stated += f", noise {self.noise} it" if self.noise else ""
         if self.sae_class is not None:
-            return f"SAE class {self.sae_class}{noise}"
+            return f"SAE class {self.sae_class}{stated}"
         both = ", forwards and backwards" if self.zero_phase else ""
-        return f"{self.kind}, order {self.order}, {self.low_pass_hz:g} Hz{both}{noise}"
+        return f"{self.kind}, order {self.order}, {self.low_pass_hz:g} Hz{both}{stated}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

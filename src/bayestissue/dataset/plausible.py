@@ -61,11 +61,12 @@ def movement_problems(recordings: Recordings, moving: Motion) -> list[Problem]:
     also: an impactor that gains speed (the sign is wrong), one that loses more than three times the speed it
     came with (a unit is wrong), and a recording that ends before it has lost that speed, 5 %, one sample and
     three standard deviations of gain, velocity and offset allowed for. Once for all impacts, a declared
-    low-pass that is far too slow for the median of them. For displacements: one that goes down
-    where it should go into the tissue, deeper than a metre, or at quite another speed than that at contact.
+    low-pass that is far too slow for the median of them, or a digital one that their samples can't have. For
+    displacements: one that goes down where it should go into the tissue, deeper than a metre, or at
+    quite another speed than that at contact.
     """
     problems = [*_dead(recordings, moving), *_coarse(recordings, moving), *_clipped(recordings, moving)]
-    problems += _slow_low_pass(recordings, moving)
+    problems += _impossible_low_pass(recordings, moving)
     if recordings.quantity == "displacement":
         return [*problems, *_wrong_way(recordings, moving), *_depths(recordings, moving)]
     return [*problems, *_speeds(recordings, moving)]
@@ -116,12 +117,24 @@ def _clipped(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
         )
 
 
-def _slow_low_pass(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
+def _impossible_low_pass(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
     rise = moving.rise[moving.rise > 0]
     if recordings.recorder is None or not rise.size:
         return
     corner, typical = recordings.recorder.low_pass_hz, float(np.median(rise))
-    if corner * typical < _SLOWEST:
+    samples = recordings.samples
+    lasts = samples.time[samples.start[1:] - 1] - samples.time[samples.start[:-1]]
+    rate = float(((samples.count - 1) / lasts).min())
+    if recordings.recorder.digital and corner >= rate / 2:
+        yield Problem(
+            SETTINGS,
+            f"a digital low-pass below {rate / 2:g} Hz, half of the sampling rate",
+            'Look up its corner, or write applied = "analog" if it acted before sampling or on more samples.',
+            column="recorder.sae_class" if recordings.recorder.sae_class else "recorder.low_pass_hz",
+            value=f"{corner:g} Hz",
+            code="impossible-low-pass",
+        )
+    elif corner * typical < _SLOWEST:
         yield Problem(
             SETTINGS,
             f"a low-pass that recordings can have passed which peak {1e3 * typical:.3g} ms (median) after "

@@ -10,6 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validat
 from bayestissue.dataset.dialect import Decimal, Delimiter, Encoding, Stated, Thousands
 from bayestissue.dataset.model import (
     STANDARD_GRAVITY,
+    Applied,
     FilterKind,
     NoiseEntry,
     Quantity,
@@ -212,22 +213,29 @@ class RecorderSettings(_Table):
         description='"before" where the noise went through the filter, "after" where it did not; left out, '
         "the quiet parts before contact tell",
     )
+    applied: Applied | None = Field(
+        default=None,
+        description='"digital" where software ran the filter over the samples of the file, "analog" where it '
+        "acted before sampling (or on far more samples than the file has); left out, digital with zero_phase "
+        "or sae_class, else analog",
+    )
 
     @model_validator(mode="after")
     def _either(self) -> Self:
         if self.sae_class is None and self.low_pass_hz is None:
             raise ValueError("low_pass_hz, or sae_class")
-        if self.sae_class is not None and self.model_fields_set - {"sae_class", "noise"}:
+        if self.sae_class is not None and self.model_fields_set - {"sae_class", "noise", "applied"}:
             raise ValueError("sae_class by itself, since it says corner, order, kind and direction")
         return self
 
     def values(self) -> Recorder:
         """The same as the plain object a `Dataset` carries."""
+        stated: dict[str, Any] = {"noise": self.noise, "applied": self.applied}
         if self.sae_class is not None:
             corner = SAE_CORNER * self.sae_class
-            return Recorder(corner, zero_phase=True, sae_class=self.sae_class, noise=self.noise)
+            return Recorder(corner, zero_phase=True, sae_class=self.sae_class, **stated)
         assert self.low_pass_hz is not None  # noqa: S101 - for the type checker
-        return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase, noise=self.noise)
+        return Recorder(self.low_pass_hz, self.order, self.kind, self.zero_phase, **stated)
 
 
 class Settings(_Table):

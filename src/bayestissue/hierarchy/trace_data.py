@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import jax
@@ -325,8 +326,8 @@ def _colour(
     A mean of many samples varies in proportion to the sum of their correlations.
     """
     intervals, rate = np.unique([float(f"{interval:.6g}") for interval in dt], return_inverse=True)
-    of_lags = [lambda lag, dt=dt: autocorrelation(recorder, lag * dt) for dt in intervals]
-    sums = white + (1 - white) * np.array([2 * interval(np.arange(rows)).sum() - 1 for interval in of_lags])
+    of_lags = [partial(autocorrelation, recorder, dt=float(interval)) for interval in intervals]
+    sums = white + (1 - white) * np.array([2 * at_lags(np.arange(rows)).sum() - 1 for at_lags in of_lags])
     return colour_of(white, of_lags, rows), rate, np.sqrt(np.maximum(sums, white))[rate]
 
 
@@ -339,10 +340,12 @@ _MOST_CELLS = 24
 def _low_pass(recorder: Recorder, dt: np.ndarray) -> LowPass:
     """The recorder's filter as the likelihood takes it, and how it is told in samples this far apart."""
     poles, weights = filter_modes(recorder)
-    phase = 2 * np.pi * recorder.low_pass_hz * float(dt.max())
-    finer = int(np.clip(np.ceil(phase / _CELL_PHASE), 1, _MOST_CELLS))
+    corner = 2 * np.pi * recorder.low_pass_hz
+    # Between two samples nothing happens to those that a digital filter ran over.
+    finer = 1 if recorder.digital else int(np.clip(np.ceil(corner * dt.max() / _CELL_PHASE), 1, _MOST_CELLS))
     ahead = None
     if recorder.zero_phase:
-        ahead = jnp.zeros(int(np.ceil(ahead_s(recorder) / float(dt.min()))))
+        ahead = jnp.zeros(int(np.ceil((ahead_s(recorder, dt) / dt).max())))
     cells = (jnp.arange(finer) + 0.5) / finer
-    return LowPass(jnp.asarray(poles), jnp.asarray(weights), cells, ahead)
+    sampled = jnp.asarray(corner) if recorder.digital else None
+    return LowPass(jnp.asarray(poles), jnp.asarray(weights), cells, ahead, sampled)

@@ -145,7 +145,8 @@ def displacements(dataset: RecordedImpacts, options: SignalOptions | None = None
 
     def block(rows: slice) -> Displacements:
         recordings = stack(dataset.traces[rows])
-        recordings = replace(recordings, value=sign * recordings.value, ahead_s=ahead_s(dataset.recorder))
+        ahead = float(ahead_s(dataset.recorder, recordings.dt).max())
+        recordings = replace(recordings, value=sign * recordings.value, ahead_s=ahead)
         return make(recordings, mass[rows], velocity[rows], gravity[rows], options)
 
     return _in_blocks(block, len(mass), max(len(trace.value) for trace in dataset.traces))

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Complex, Float
+from jaxtyping import Complex, Float, Num
 
 from bayestissue.dataset.model import Recorder
 from bayestissue.dataset.settings import SAE_CORNER
@@ -15,6 +15,8 @@ from bayestissue.signal.traces import Column, Rows
 
 # What is left out of the answer before contact, as a part of it.
 _LEFT_OUT = 1e-3
+# Time constants of a filter's slowest pole until nothing is left that rounding would not hide.
+_AT_REST = 40.0
 
 
 def low_pass(values: Rows, dt: Column, frequency_class: int) -> Rows:
@@ -92,19 +94,25 @@ def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.
     return own, weights
 
 
-def autocorrelation(recorder: Recorder, lag: Float[np.ndarray, "*lags"]) -> Float[np.ndarray, "*lags"]:
+def autocorrelation(
+    recorder: Recorder, lag: Num[np.ndarray, "*lags"], dt: float
+) -> Float[np.ndarray, "*lags"]:
     """Of white noise that went through the filter, 1 at a lag of 0.
 
-    Of one run, r(t) = h * h(-t) is the filter's answer forwards and backwards. Of the two, r * r with all
-    poles p_j and weights b_j of r: sum_jk b_j b_k (e^(p_j t) - e^(p_k t)) / (p_j - p_k)
-    - (e^(p_j t) + e^(p_k t)) / (p_j + p_k) for t >= 0, the first t e^(p_j t) for alike poles.
+    Of a digital filter the transform of its spectrum. Of an analog one that is run once, r(t) = h * h(-t) is
+    the filter's answer forwards and backwards. Run twice, it is r * r with all poles p_j and weights b_j of
+    r: sum_jk b_j b_k (e^(p_j t) - e^(p_k t)) / (p_j - p_k) - (e^(p_j t) + e^(p_k t)) / (p_j + p_k) for
+    t >= 0, the first t e^(p_j t) for alike poles.
 
     Args:
         recorder: the filter.
-        lag: in s.
+        lag: in sampling intervals, whole numbers of a digital filter.
+        dt: the sampling interval, s.
     """
+    if recorder.digital:
+        return _of_samples(recorder, np.abs(lag), dt)
     own, weights = modes(replace(recorder, zero_phase=True))
-    time = np.abs(lag)[..., None, None]
+    time = dt * np.abs(lag)[..., None, None]
     if not recorder.zero_phase:
         found = (weights * np.exp(own * time[..., 0])).sum(-1).real
         return found / weights.sum().real
@@ -124,6 +132,16 @@ def autocorrelation(recorder: Recorder, lag: Float[np.ndarray, "*lags"]) -> Floa
     return parts.sum((-2, -1)).real / at_zero.sum().real
 
 
+def _of_samples(recorder: Recorder, lag: np.ndarray, dt: float) -> np.ndarray:
+    """Over a circle that is long enough for the correlations to die away."""
+    from scipy.signal import sosfreqz
+
+    length = 2 << int(lag.max() + _AT_REST / (dt * decay(recorder, dt))).bit_length()
+    _, passed = sosfreqz(_design(recorder, fs=1 / dt, output="sos"), 2 * np.pi * np.fft.rfftfreq(length))
+    found = np.fft.irfft(np.abs(passed) ** (4 if recorder.zero_phase else 2), length)
+    return found[lag] / found[0]
+
+
 def answers(
     recorder: Recorder, since: Float[np.ndarray, "*time"]
 ) -> tuple[Float[np.ndarray, "*time"], Float[np.ndarray, "*time"]]:
@@ -134,12 +152,28 @@ def answers(
     return (weights * grown).sum(-1).real, (weights / poles * (grown - late)).sum(-1).real
 
 
-def ahead_s(recorder: Recorder | None) -> float:
+def decay(recorder: Recorder, dt: Float[np.ndarray, "*dt"] | float) -> Float[np.ndarray, "*dt"]:
+    """How fast the slowest part of the filter's answer dies away, 1/s.
+
+    Args:
+        recorder: the filter.
+        dt: the sampling interval that a digital one has, s.
+    """
+    poles, _ = modes(recorder)
+    dt = np.asarray(dt)
+    if not recorder.digital:
+        return np.abs(poles.real).min() + np.zeros(dt.shape)
+    corner = 2 * np.pi * recorder.low_pass_hz
+    q = poles * (np.tan(corner * dt / 2) / corner)[..., None]
+    # Of one pole at a quarter of the sampling rate nothing is left after a sample.
+    return -np.log(np.maximum(np.abs((1 + q) / (1 - q)).max(-1), _LEFT_OUT)) / dt
+
+
+def ahead_s(recorder: Recorder | None, dt: Column) -> Column:
     """How long before contact a filter that is run backwards too answers, s, to a thousandth; else 0."""
     if recorder is None or not recorder.zero_phase:
-        return 0.0
-    poles, _ = modes(recorder)
-    return float(-np.log(_LEFT_OUT) / np.abs(poles.real).min())
+        return np.zeros_like(dt)
+    return -np.log(_LEFT_OUT) / decay(recorder, dt)
 
 
 def delay(recorder: Recorder) -> float:

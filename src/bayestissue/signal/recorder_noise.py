@@ -33,7 +33,7 @@ def white_share(dataset: RecordedImpacts, signal: Displacements) -> float:
     By what was declared: none of noise before the filter, all of noise behind it. Else by maximum
     likelihood, one f for all impacts and for each its own sigma and mean, from as much of the quiet parts as
     lies before any answer of the filter. Without quiet parts, noise is taken to have come before a filter
-    that is run forwards and backwards, which no sensor does, and behind any other.
+    that software ran over the samples, and behind any other.
 
     Args:
         dataset: recordings behind a declared filter.
@@ -46,7 +46,7 @@ def white_share(dataset: RecordedImpacts, signal: Displacements) -> float:
         return 0.0
     parts = _quiet_parts(dataset, signal, recorder)
     if sum(len(part) for part, _ in parts) < _FEWEST:
-        return 0.0 if recorder.zero_phase else 1.0
+        return 0.0 if recorder.digital or recorder.zero_phase else 1.0
     same = cache(lambda length, dt: _own(recorder, length, dt))
     found = sum(_profile(part, *same(len(part), dt)) for part, dt in parts)
     share = float(_SHARES[int(np.argmax(found))])
@@ -58,7 +58,7 @@ def _quiet_parts(
 ) -> list[tuple[Float[np.ndarray, " sample"], float]]:
     """What was recorded before an impact could show, and the sampling interval, where that is noise."""
     first = signal.contact_time_s + signal.first_sample_s
-    end = first - signal.reach_s - ahead_s(recorder)
+    end = first - signal.reach_s - ahead_s(recorder, signal.dt)
     rows = np.flatnonzero(np.isfinite(signal.offset_sd))
     rows = rows[np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), _ASKED)).astype(int))]
     found = []
@@ -75,7 +75,7 @@ def _quiet_parts(
 def _own(recorder: Recorder, length: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Eigenvalues and eigenvectors of R about the mean, that of the mean itself left out."""
     centred = np.eye(length) - 1 / length
-    correlations = toeplitz(autocorrelation(recorder, np.arange(length) * dt))
+    correlations = toeplitz(autocorrelation(recorder, np.arange(length), dt))
     values, vectors = np.linalg.eigh(centred @ correlations @ centred)
     mean = int(np.argmax(np.abs(vectors.sum(axis=0))))
     return np.delete(np.maximum(values, _ROUNDING), mean), np.delete(vectors, mean, axis=1)

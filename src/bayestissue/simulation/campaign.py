@@ -16,7 +16,7 @@ from bayestissue.dataset import write_dataset
 from bayestissue.dataset.model import Dataset, Recorder, Trace, Uncertainty
 from bayestissue.dataset.settings import gravity_m_s2
 from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, grouping_of
-from bayestissue.signal.filters import modes, on_even_grid
+from bayestissue.signal.filters import decay, on_even_grid
 from bayestissue.simulation.contact import deceleration, leaves, what_is_met
 from bayestissue.simulation.specification import Recording, Simulation, Tissue
 
@@ -84,8 +84,8 @@ def simulate(simulation: Simulation, seed: int | None = None) -> Campaign:
 
     The motion is that of a mass M that meets the tissue's element at V; the tissue can push but not pull, so
     the recording is at rest again from when the force is 0. A recorder's low-pass takes the motion as it is
-    between the samples; range and steps are those of what comes after it, and so is noise unless it says
-    otherwise.
+    between the samples, a digital one the samples; range and steps are those of what comes after it, and so
+    is noise unless it says otherwise.
     Tissue, chain and noise have random streams of their own: more noise leaves the truth as it is. Needs
     float64 (`bayestissue.runtime.configure`).
 
@@ -251,10 +251,9 @@ def _recorded(
     rate, finer, ring = recording.sampling_rate_hz, 1, 0
     recorder = simulation.recorder.values() if simulation.recorder else None
     if recorder is not None:
-        finer = int(np.ceil(_FINER * max(1.0, recorder.low_pass_hz / rate)))
-        poles, _ = modes(recorder)
+        finer = 1 if recorder.digital else int(np.ceil(_FINER * max(1.0, recorder.low_pass_hz / rate)))
         # On either side until the filter has come to rest, forwards and backwards.
-        ring = int(np.ceil(_AT_REST / np.abs(poles.real).min() * rate))
+        ring = int(np.ceil(_AT_REST / decay(recorder, 1 / rate) * rate))
     time = np.arange(-ring * finer, (n.max() + ring) * finer) / (rate * finer)
     rows = min(len(n), max(1, _BLOCK // len(time)))
     for begin in range(0, len(n), rows):
@@ -277,7 +276,7 @@ def _filtered_noise(
     recorder: Recorder, rate: float, ring: int, shape: tuple[int, ...], random: np.random.Generator
 ) -> Float[np.ndarray, "impact sample"]:
     """Noise of variance 1 that was white before the filter, at the samples or finer."""
-    finer = int(np.ceil(_NOISE_FINER * recorder.low_pass_hz / rate))
+    finer = 1 if recorder.digital else int(np.ceil(_NOISE_FINER * recorder.low_pass_hz / rate))
     length = (shape[1] + 2 * ring) * finer
     impulse = np.zeros((1, 2 * max(ring, 1) * finer + 1))
     impulse[0, impulse.shape[1] // 2] = 1

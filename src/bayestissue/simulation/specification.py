@@ -266,6 +266,16 @@ class Simulation(_Table):
     output: Output = Field(default=Output(), description="the trace file.")
 
     @model_validator(mode="after")
+    def _has_samples_to_filter(self) -> Self:
+        low_pass, most = self.recorder and self.recorder.values(), self.recording.sampling_rate_hz / 2
+        if low_pass and low_pass.digital and low_pass.low_pass_hz >= most:
+            raise ValueError(
+                f'a digital low-pass below {most:g} Hz, half of the sampling rate, or applied = "analog", '
+                f"beside its corner of {low_pass.low_pass_hz:g} Hz"
+            )
+        return self
+
+    @model_validator(mode="after")
     def _known_columns(self) -> Self:
         known = ("subject", "trial", *(factor.name for factor in self.design.factors))
         strange = {name for term in self.tissue.spreads() for name in term.factors if name not in known}

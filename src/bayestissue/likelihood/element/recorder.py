@@ -5,6 +5,11 @@ backwards. What it makes of a deceleration d that begins at contact is therefore
 z_k' = p_k z_k + d, and backwards -z_k' = p_k z_k + d. Over each interval of a grid z_k is known from what it
 was, but for the integral of e^(p_k s) d. That is taken exactly of the cubic through d and its slope at both
 ends, whose error is (omega dt)^4 / 384 of d: contact's jump lies at an end, and the poles may be fast.
+
+A digital filter, which software ran over the samples, is the same by the trapezoidal rule: so says the
+bilinear transform, s = (2 / T) (z - 1) / (z + 1), with p_k and c_k multiplied by
+tan(omega_c T / 2) / (omega_c T / 2) so that the corner omega_c stays where it is. It knows d at the samples
+alone, so that nothing happens between two of them, and its derivative in time is what it makes of d'.
 """
 
 from __future__ import annotations
@@ -32,12 +37,14 @@ class LowPass(NamedTuple):
             the recording has to tell when contact was.
         ahead: run forwards and backwards, for how many sampling intervals before contact the answer counts
             is the length of this; None for a filter that can't look ahead.
+        corner: of a digital filter, omega_c [rad/s]; None of an analog one.
     """
 
     pole: Complex[Array, " mode"]
     weight: Complex[Array, " mode"]
     phase: Float[Array, " phase"]
     ahead: Float[Array, " ahead"] | None = None
+    corner: Float[Array, ""] | None = None
 
     @property
     def lead(self) -> int:
@@ -126,14 +133,45 @@ def _passed(low_pass: LowPass, flow: Flow, start: Complex[Array, "mode impact"])
     parts = (flow.d[:, :-1], flow.d[:, 1:], change[:, :-1], change[:, 1:])
     each = _integrals(step)
     added = flow.dt[:, None] * sum(own[..., None] * part for own, part in zip(each, parts, strict=True))
-    state = jnp.concatenate([start[..., None], added], axis=-1)
-    # Each round doubles how far back is added up.
-    reach = 1
+    return _accumulated(jnp.exp(step), jnp.concatenate([start[..., None], added], axis=-1))
+
+
+def _accumulated(
+    growth: Complex[Array, "*batch"], added: Complex[Array, "*batch sample"]
+) -> Complex[Array, "*batch sample"]:
+    """s_n = growth s_(n-1) + added_n; each round doubles how far back is added up."""
+    state, reach = added, 1
     while reach < state.shape[-1]:
-        late = jnp.exp(reach * step)[..., None] * state[..., :-reach]
-        state = state.at[..., reach:].add(late)
-        reach *= 2
+        state = state.at[..., reach:].add(growth[..., None] * state[..., :-reach])
+        growth, reach = growth**2, 2 * reach
     return state
+
+
+def samples_passed(
+    low_pass: LowPass, corner: Float[Array, ""], flow: Flow, ahead: int
+) -> tuple[Array, Array]:
+    """What a digital filter makes of an impact, and its derivative in time, each [impact, sample].
+
+    Args:
+        low_pass: the filter.
+        corner: omega_c [rad/s].
+        flow: the impact from the first sample after contact on.
+        ahead: how many samples before that one there is an answer at, too.
+    """
+    half = jnp.tan(corner * flow.dt / 2) / corner
+    q = low_pass.pole[:, None, None] * half
+    weight = (low_pass.weight[:, None, None] * half / (1 - q))[..., None]
+    growth = jnp.broadcast_to((1 + q) / (1 - q), (len(q), 2, len(half)))
+
+    def run(values: Array) -> Array:
+        two = values + jnp.pad(values[..., :-1], ((0, 0), (0, 0), (1, 0)))
+        return (weight * _accumulated(growth, two + jnp.zeros_like(growth)[..., None])).sum(0).real
+
+    values = jnp.pad(jnp.stack([flow.d, flow.jerk]), ((0, 0), (0, 0), (ahead, 0)))
+    found = run(values)
+    if low_pass.ahead is not None:
+        found = found + run(values[..., ::-1])[..., ::-1]
+    return found[0], found[1]
 
 
 def _integrals(step: Complex[Array, "mode impact"]) -> tuple[Array, Array, Array, Array]:

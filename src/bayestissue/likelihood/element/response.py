@@ -12,7 +12,7 @@ from jaxtyping import Bool, Float, Int
 
 from bayestissue.elements import Element, linear, solver
 from bayestissue.elements.element import GRAVITY, deceleration_of, rates_of_motion
-from bayestissue.likelihood.element.recorder import PIECES, Colour, Flow, LowPass, low_passed
+from bayestissue.likelihood.element.recorder import PIECES, Colour, Flow, LowPass, low_passed, samples_passed
 
 # Columns of the measuring chain's errors.
 VELOCITY, GAIN, OFFSET, CONTACT = range(4)
@@ -266,10 +266,14 @@ def _recorded(
     else:
         # As long before contact as behind the end.
         first, count = step / 2, count + finer * record.before.shape[0] - ahead
-    early = flow(jnp.zeros_like(first), first / PIECES, PIECES + 1)
     later = flow(first, step, count + ahead).while_pushing()
-    since = first[:, None] + (jnp.arange(ahead) - ahead) * step[:, None] if ahead else None
-    d, slope = (part[:, : ahead + count] for part in low_passed(low_pass, early, later, since))
+    if low_pass.corner is None:
+        early = flow(jnp.zeros_like(first), first / PIECES, PIECES + 1)
+        since = first[:, None] + (jnp.arange(ahead) - ahead) * step[:, None] if ahead else None
+        passed = low_passed(low_pass, early, later, since)
+    else:
+        passed = samples_passed(low_pass, low_pass.corner, later, ahead)
+    d, slope = (part[:, : ahead + count] for part in passed)
     if record.before is not None:
         return d, slope
     if ahead:

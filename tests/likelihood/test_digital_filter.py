@@ -1,0 +1,143 @@
+"""A low-pass that software ran over the samples: the likelihood's mean beside what scipy makes of them."""
+
+from __future__ import annotations
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scipy.signal import bessel, butter, sosfilt, sosfiltfilt
+
+from bayestissue.dataset.model import Recorder
+from bayestissue.elements import element, impact
+from bayestissue.likelihood.element.recorder import LowPass
+from bayestissue.likelihood.element.response import ElementRecord, response
+from bayestissue.signal.filters import ahead_s, decay, modes
+
+DT, SAMPLES, VELOCITY = 5e-4, 40, 1.5
+RATE = 1 / DT
+QUARTER = RATE / 8
+FILTERS = [
+    Recorder(QUARTER, applied="digital"),
+    Recorder(QUARTER, 5, "bessel", applied="digital"),
+    Recorder(QUARTER, 2, zero_phase=True),
+    Recorder(QUARTER, 3, zero_phase=True),
+    # One pole at a quarter of the sampling rate has a digital pole at 0.
+    Recorder(RATE / 4, 1, zero_phase=True),
+]
+TISSUES = {"kelvin_voigt": {"K": 3000.0, "C": 25.0}, "hunt_crossley": {"K": 3000.0, "C": 60.0}}
+
+
+def by_scipy(recorder: Recorder, values: np.ndarray) -> np.ndarray:
+    """As a lab filters its export: forwards, or forwards and backwards with the padding of `sosfiltfilt`."""
+    design = {"butterworth": butter, "bessel": bessel}[recorder.kind]
+    extra = {"norm": "mag"} if recorder.kind == "bessel" else {}
+    sections = design(recorder.order, recorder.low_pass_hz, fs=RATE, output="sos", **extra)
+    return (sosfiltfilt if recorder.zero_phase else sosfilt)(sections, values)
+
+
+def sampled(name: str, time: np.ndarray) -> np.ndarray:
+    """Force over mass at these times since contact, s; 0 before it."""
+    parameters = {key: jnp.array([value]) for key, value in TISSUES[name].items()}
+    one = np.ones(1)
+    size = {} if name == "kelvin_voigt" else {"diameter": 0.03 * one}
+    motion = impact(name, parameters, 0.5 * one, VELOCITY * one, time[None], **size)
+    return np.asarray(motion.deceleration)[0]
+
+
+def likelihoods(recorder: Recorder) -> tuple[LowPass, int]:
+    poles, weights = modes(recorder)
+    lead = max(3, int(np.ceil(ahead_s(recorder, np.array(DT)) / DT))) if recorder.zero_phase else 0
+    ahead = jnp.zeros(lead) if recorder.zero_phase else None
+    corner = jnp.asarray(2 * np.pi * recorder.low_pass_hz)
+    return LowPass(jnp.asarray(poles), jnp.asarray(weights), jnp.array([0.5]), ahead, corner), lead
+
+
+def record(name: str, first_time: float, low_pass: LowPass, **further: np.ndarray) -> ElementRecord:
+    one = np.ones(1)
+    return ElementRecord.of(
+        np.zeros((1, SAMPLES)),
+        np.array([SAMPLES]),
+        first_time * one,
+        DT * one,
+        VELOCITY * one,
+        np.zeros((1, 4)),
+        np.ones(1, bool),
+        0.5 * one,
+        0.03 * one,
+        low_pass=low_pass,
+        **further,
+    )
+
+
+answered = jax.jit(response, static_argnums=0)
+
+
+@pytest.mark.parametrize(
+    ("name", "recorder"),
+    [*(("kelvin_voigt", recorder) for recorder in FILTERS), ("hunt_crossley", FILTERS[2])],
+    ids=str,
+)
+def test_the_mean_is_what_scipy_makes_of_the_samples(name, recorder):
+    """Contact at any phase and before any sample; beyond a filter's reach a thousandth of it is left out."""
+    low_pass, lead = likelihoods(recorder)
+    parameters = jnp.array([[value] for value in TISSUES[name].values()])
+    place = np.arange(-300, 300)
+    filtered = {since: by_scipy(recorder, sampled(name, (place + since) * DT)) for since in (0.5, 0.13, -2.4)}
+    peak = max(np.abs(each).max() for each in filtered.values())
+    tail = 1e-3 if recorder.zero_phase else 1e-9
+    # Of a force that a solver finds.
+    solved = 1e-9 if name == "kelvin_voigt" else 1e-5
+    for since in (0.13, -2.4) if recorder.zero_phase else (0.13,):
+        found = answered(element(name), parameters, record(name, since * DT, low_pass))
+        expected = filtered[since][300 : 300 + SAMPLES]
+        np.testing.assert_allclose(found.d[0], expected, atol=(tail + solved) * peak)
+    if name != "kelvin_voigt":
+        return
+    # In cells of contact, from as long before it as the filter looks ahead, half an interval before a sample.
+    cells = answered(
+        element(name), parameters, record(name, DT / 2, low_pass, before=np.zeros((lead + 3, 1, 1)))
+    )
+    expected = filtered[0.5][300 - lead : 300 - lead + cells.d.shape[1]]
+    inside = slice(0, lead + SAMPLES)
+    np.testing.assert_allclose(cells.d[0, inside], expected[inside], atol=(tail + solved) * peak)
+    step = 1e-3
+    moved = [by_scipy(recorder, sampled(name, (place + 0.5 + side) * DT)) for side in (-step, step)]
+    slope = ((moved[1] - moved[0]) / (2 * step * DT))[300 - lead :][inside]
+    np.testing.assert_allclose(cells.jerk[0, inside], slope, atol=(tail + 1e-4) * np.abs(slope).max())
+
+
+def test_an_analog_filter_of_the_same_corner_is_another():
+    """By several times what noise of half a per cent of the peak would hide."""
+    time = (np.arange(SAMPLES) + 0.13) * DT
+    digital, _ = likelihoods(FILTERS[0])
+    parameters = jnp.array([[value] for value in TISSUES["kelvin_voigt"].values()])
+    tissue = element("kelvin_voigt")
+    both = [
+        answered(tissue, parameters, record("kelvin_voigt", time[0], each)).d[0]
+        for each in (digital, digital._replace(corner=None))
+    ]
+    assert np.abs(both[0] - both[1]).max() > 0.02 * np.abs(both[0]).max()
+
+
+def test_a_filter_far_below_the_sampling_rate_is_the_analog_one():
+    slow, _ = likelihoods(Recorder(RATE / 400, applied="digital"))
+    parameters = jnp.array([[value] for value in TISSUES["kelvin_voigt"].values()])
+    both = [
+        answered(element("kelvin_voigt"), parameters, record("kelvin_voigt", 0.5 * DT, each)).d[0]
+        for each in (slow, slow._replace(corner=None))
+    ]
+    # The samples know of contact to half an interval: half of the angle of the corner in it.
+    np.testing.assert_allclose(both[0], both[1], atol=np.pi / 400 * np.abs(both[1]).max())
+
+
+@pytest.mark.parametrize("recorder", FILTERS[:4], ids=str)
+def test_the_slowest_part_dies_away_as_the_filter_rings(recorder):
+    """The answer to an impulse is at most its slowest pole's, which the samples far from it show."""
+    impulse = np.zeros(401)
+    impulse[200] = 1
+    once = by_scipy(Recorder(recorder.low_pass_hz, recorder.order, recorder.kind), impulse)
+    size = np.abs(once[200:])
+    envelope = np.maximum.accumulate(size[::-1])[::-1]
+    shown = -np.log(envelope[60] / envelope[20]) / (40 * DT)
+    assert float(decay(recorder, DT)) == pytest.approx(shown, rel=0.05)
