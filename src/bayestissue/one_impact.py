@@ -126,7 +126,8 @@ def impact(
             ``dataset.toml``: ``relative_mass_sd``, ``velocity_sd_m_s``, ``relative_gain_sd``, ``offset_sd``.
             Errors that are not stated are taken to be 0, and are not in the intervals.
         recorder: a known low-pass that the recording went through, by the keys of ``[recorder]`` in
-            ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``.
+            ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``, and
+            ``noise`` and ``applied``.
 
     Raises:
         InputError: everything that is wrong with the arrays or the arguments.

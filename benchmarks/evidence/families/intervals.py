@@ -164,7 +164,8 @@ def recorder() -> Named:
         **{name: lines[name].astype("Int64") for name in counts},
     )
     yield "table", block(table(shown), "recorder")
-    filtered = lines[lines["K held"].notna() & (lines["filter"] != "none")]
+    analog = lines["filter"].str.endswith(", taken as analog")
+    filtered = lines[lines["K held"].notna() & (lines["filter"] != "none") & ~analog]
     declared, left_out = (filtered[filtered["declared"] == value] for value in (True, False))
 
     def held(rows: pd.DataFrame, names: tuple[str, ...] = ("K held", "C held")) -> str:
@@ -175,7 +176,8 @@ def recorder() -> Named:
     false_alarms = f"{int(sound['suspected'].sum())} of {sound['impacts'].sum()}"
     text = (
         f"behind a declared low-pass 90 % intervals held K and C in {held(declared)} of impacts, behind one "
-        f"that is not C in {held(left_out, ('C held',))}; `check` suspected {false_alarms} recordings "
+        f"that is not C in {held(left_out, ('C held',))}, behind software's taken as analog K and C in "
+        f"{held(lines[analog])}; `check` suspected {false_alarms} recordings "
         "without one"
     )
     yield "sentence", Figure(text, names("recorder"))

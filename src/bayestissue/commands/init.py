@@ -92,7 +92,7 @@ def run(
             "--recorder",
             metavar="KEY=VALUE",
             help="An entry of the table [recorder], a known low-pass that the recordings went through: "
-            "low_pass_hz, order, kind, zero_phase, noise, or sae_class; may be repeated.",
+            "low_pass_hz, order, kind, zero_phase, or sae_class; noise, applied; may be repeated.",
         ),
     ] = None,
     text: Annotated[

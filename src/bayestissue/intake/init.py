@@ -241,7 +241,8 @@ def init_dataset(
         table: a CSV file with a column ``file`` and a column for each fact.
         given: facts that hold for all recordings, such as ``{"mass_kg": 2.1, "drop_height_cm": 12}``.
         recorder: a known low-pass that the recordings went through, by the keys of ``[recorder]`` in
-            ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``.
+            ``dataset.toml``: ``low_pass_hz``, ``order``, ``kind``, ``zero_phase``, or ``sae_class``, and
+            ``noise`` and ``applied``.
         text: how text files are written, where that is not found rightly, by keys of ``[signal]`` in
             ``dataset.toml``: ``encoding``, ``delimiter``, ``decimal``, ``thousands``, ``header_row``,
             ``units_row``, such as ``{"decimal": "comma"}``.
