@@ -77,8 +77,8 @@ def campaign(recorder: dict[str, Any] | None, impacts: int = IMPACTS) -> Simulat
 
 def line(case: str, *, declared: bool, impacts: int = IMPACTS) -> dict[str, Any]:
     """What the estimates of one case say of the truth."""
-    filters = CASES | {name + end: found for name, found in DIGITAL.items() for end in ("", AS_ANALOG)}
-    recorder, behind = BEFORE[case] if case in BEFORE else (filters[case], 0.0)
+    known = CASES | {name + end: table for name, table in DIGITAL.items() for end in ("", AS_ANALOG)}
+    recorder, behind = BEFORE[case] if case in BEFORE else (known[case], 0.0)
     made = campaign({**recorder, "noise": "before"} if recorder and case in BEFORE else recorder, impacts)
     campaign_made = simulate(made)
     data, truth = campaign_made.dataset(made.name), campaign_made.truth

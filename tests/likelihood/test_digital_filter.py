@@ -84,14 +84,14 @@ def test_the_mean_is_what_scipy_makes_of_the_samples(name, recorder):
     parameters = jnp.array([[value] for value in TISSUES[name].values()])
     place = np.arange(-300, 300)
     filtered = {since: by_scipy(recorder, sampled(name, (place + since) * DT)) for since in (0.5, 0.13, -2.4)}
-    peak = max(np.abs(each).max() for each in filtered.values())
+    peak = max(np.abs(values).max() for values in filtered.values())
     tail = 1e-3 if recorder.zero_phase else 1e-9
     # Of a force that a solver finds.
     solved = 1e-9 if name == "kelvin_voigt" else 1e-5
     for since in (0.13, -2.4) if recorder.zero_phase else (0.13,):
-        found = answered(element(name), parameters, record(name, since * DT, low_pass))
+        answer = answered(element(name), parameters, record(name, since * DT, low_pass))
         expected = filtered[since][300 : 300 + SAMPLES]
-        np.testing.assert_allclose(found.d[0], expected, atol=(tail + solved) * peak)
+        np.testing.assert_allclose(answer.d[0], expected, atol=(tail + solved) * peak)
     if name != "kelvin_voigt":
         return
     # In cells of contact, from as long before it as the filter looks ahead, half an interval before a sample.
@@ -114,8 +114,8 @@ def test_an_analog_filter_of_the_same_corner_is_another():
     parameters = jnp.array([[value] for value in TISSUES["kelvin_voigt"].values()])
     tissue = element("kelvin_voigt")
     both = [
-        answered(tissue, parameters, record("kelvin_voigt", time[0], each)).d[0]
-        for each in (digital, digital._replace(corner=None))
+        answered(tissue, parameters, record("kelvin_voigt", time[0], low_pass)).d[0]
+        for low_pass in (digital, digital._replace(corner=None))
     ]
     assert np.abs(both[0] - both[1]).max() > 0.02 * np.abs(both[0]).max()
 
@@ -124,8 +124,8 @@ def test_a_filter_far_below_the_sampling_rate_is_the_analog_one():
     slow, _ = likelihoods(Recorder(RATE / 400, applied="digital"))
     parameters = jnp.array([[value] for value in TISSUES["kelvin_voigt"].values()])
     both = [
-        answered(element("kelvin_voigt"), parameters, record("kelvin_voigt", 0.5 * DT, each)).d[0]
-        for each in (slow, slow._replace(corner=None))
+        answered(element("kelvin_voigt"), parameters, record("kelvin_voigt", 0.5 * DT, low_pass)).d[0]
+        for low_pass in (slow, slow._replace(corner=None))
     ]
     # The samples know of contact to half an interval: half of the angle of the corner in it.
     np.testing.assert_allclose(both[0], both[1], atol=np.pi / 400 * np.abs(both[1]).max())

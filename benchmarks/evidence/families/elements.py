@@ -135,6 +135,32 @@ def common_depth_on_ball() -> Named:
 
 
 @family
+def sound_fits() -> Named:
+    lines = read("sound_fits.csv")
+    alone = lines["what"] == "impacts alone"
+    sets, one = lines[~alone], lines[alone].iloc[0]
+    shown = sets.groupby(["rate_hz", "errors"], as_index=False).agg(
+        datasets=("what", "size"),
+        impacts=("impacts", "sum"),
+        below=("below", "sum"),
+        least=("score", "min"),
+        greatest=("score", "max"),
+        nothing=("nothing_against", lambda said: f"{int(said.astype(bool).sum())} of {len(said)}"),
+    )
+    shown["errors"] = shown["errors"].map({True: "as declared", False: "none"})
+    shown["rate_hz"] = shown["rate_hz"].map("{:.0f} Hz".format)
+    named = {"rate_hz": "sampled at", "errors": "errors of the chain", "below": "p below 0.01"}
+    named |= {"least": "least score", "greatest": "greatest score", "nothing": "nothing against the model"}
+    yield "table", block(table(shown.rename(columns=named)), "sound_fits")
+    count, share = int(sets["nothing_against"].astype(bool).sum()), percent(one["below"] / one["impacts"], 2)
+    text = (
+        f"a fit of data that obey its model had nothing against it in {count} of {len(sets)} datasets; of "
+        f"{one['impacts']} impacts sampled at 2 kHz {share} had p below 0.01"
+    )
+    yield "sentence", Figure(text, names("sound_fits"))
+
+
+@family
 def model_form() -> Named:
     lines = read("model_form.csv")
     plain, count = lines["fit"] == "plain", lines["campaigns"].astype(str)

@@ -137,9 +137,9 @@ def _of_samples(recorder: Recorder, lag: np.ndarray, dt: float) -> np.ndarray:
     from scipy.signal import sosfreqz
 
     length = 2 << int(lag.max() + _AT_REST / (dt * decay(recorder, dt))).bit_length()
-    _, passed = sosfreqz(_design(recorder, fs=1 / dt, output="sos"), 2 * np.pi * np.fft.rfftfreq(length))
-    found = np.fft.irfft(np.abs(passed) ** (4 if recorder.zero_phase else 2), length)
-    return found[lag] / found[0]
+    _, response = sosfreqz(_design(recorder, fs=1 / dt, output="sos"), 2 * np.pi * np.fft.rfftfreq(length))
+    covariances = np.fft.irfft(np.abs(response) ** (4 if recorder.zero_phase else 2), length)
+    return covariances[lag] / covariances[0]
 
 
 def answers(

@@ -205,7 +205,11 @@ def test_behind_a_declared_low_pass_intervals_hold_and_without_it_c_is_lost(reco
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("recorder", [{"sae_class": 180}, {"low_pass_hz": 500.0}], ids=str)
+@pytest.mark.parametrize(
+    "recorder",
+    [{"sae_class": 180}, {"low_pass_hz": 500.0}, {"low_pass_hz": 1250.0, "applied": "digital"}],
+    ids=str,
+)
 def test_intervals_hold_where_noise_went_through_the_filter(recorder: dict):
     """Nothing is said of where it entered: the quiet parts before contact tell."""
     content = {

@@ -168,10 +168,10 @@ def samples_passed(
         return (weight * _accumulated(growth, two + jnp.zeros_like(growth)[..., None])).sum(0).real
 
     values = jnp.pad(jnp.stack([flow.d, flow.jerk]), ((0, 0), (0, 0), (ahead, 0)))
-    found = run(values)
+    passed = run(values)
     if low_pass.ahead is not None:
-        found = found + run(values[..., ::-1])[..., ::-1]
-    return found[0], found[1]
+        passed = passed + run(values[..., ::-1])[..., ::-1]
+    return passed[0], passed[1]
 
 
 def _integrals(step: Complex[Array, "mode impact"]) -> tuple[Array, Array, Array, Array]:
