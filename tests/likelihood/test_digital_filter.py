@@ -55,7 +55,7 @@ def likelihoods(recorder: Recorder) -> tuple[LowPass, int]:
 
 def record(name: str, first_time: float, low_pass: LowPass, **further: np.ndarray) -> ElementRecord:
     one = np.ones(1)
-    return ElementRecord.of(
+    return ElementRecord.from_arrays(
         np.zeros((1, SAMPLES)),
         np.array([SAMPLES]),
         first_time * one,
