@@ -21,8 +21,8 @@ from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, Grouping, Grou
 # The relative precision of a table given to three or four digits: a smaller difference, or a combination of
 # columns below it, is rounding and not information.
 PRECISION = 1e-3
-# Dimensions of a posterior that are no grouping's.
-RESERVED_DIMENSIONS = ("impact", "chain", "draw", "kept_draw", "sample")
+# Dimensions of a posterior that are no grouping's; chains and draws stacked are a "sample" to ArviZ.
+RESERVED_DIMENSIONS = ("impact", "chain", "draw", "kept_draw", "sample", "time_index")
 # Names that a level's K or C would have to share, such as K_new.
 RESERVED_STEMS = ("new", "typical_person", "secant", "tangent", "equivalent", "common_depth")
 _WORDS = {"subject": "person", "trial": "condition"}
