@@ -48,7 +48,7 @@ def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
     without = rows.loc[rows[column].isna(), "impact" if "impact" in rows else column]
     where = f", such as impact {without.iloc[0]}" if "impact" in rows else ""
     reason = f"{column} is missing in {len(without)} of {len(rows)} impacts{where}"
-    return Fault(term, f"a {column} of every impact", reason)
+    return Fault(term, f"{column} of every impact", reason)
 
 
 def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:
