@@ -189,7 +189,7 @@ def _traces(rng, impacts, true, coloured, likelihood) -> dict[str, xr.Dataset]:
         added = white[..., 1:] + white[..., :-1] if colour else white[..., 1:]
         return np.where(inside, clean[name] + noise[name] * added, np.nan)
 
-    names, chain = impacts["impact"].tolist(), ("chain", "draw", "impact", "sample")
+    names, chain = impacts["impact"].tolist(), ("chain", "draw", "impact", "time_index")
     of_impact = {
         "mass_kg": mass,
         "velocity_m_s": np.full(len(impacts), velocity),
@@ -202,11 +202,11 @@ def _traces(rng, impacts, true, coloured, likelihood) -> dict[str, xr.Dataset]:
             {"impact": names},
         ),
         "observed_data": xr.Dataset(
-            {k: (("impact", "sample"), noisy(k, coloured)) for k in clean}, {"impact": names}
+            {k: (("impact", "time_index"), noisy(k, coloured)) for k in clean}, {"impact": names}
         ),
         "constant_data": xr.Dataset(
             {
-                "time": (("impact", "sample"), np.where(inside, time, np.nan)),
+                "time": (("impact", "time_index"), np.where(inside, time, np.nan)),
                 **{k: (("impact",), v) for k, v in of_impact.items()},
             },
             {"impact": names},

@@ -12,7 +12,9 @@ import pandas as pd
 
 from bayestissue.dataset import as_dataset
 from bayestissue.errors import Coded, Problem
+from bayestissue.hierarchy.levels import Recorded
 from bayestissue.inference.points.notes import said_once
+from bayestissue.inference.results.meanings import few_valued_words
 from bayestissue.outline import Outlined, Rows, short, span
 from bayestissue.report.recordings_pages import check_page, kinds, quality_table
 from bayestissue.signal import Displacements, displacements
@@ -74,7 +76,8 @@ class Check(Outlined):
         one_mass = impacts["mass_kg"].min() == impacts["mass_kg"].max()
         words = Coded("the mass never varies: these data have no mass exponent", "one-mass")
         masses = [words] if one_mass else []
-        return [*masses, *said_once("; ".join(notes) for notes in self.signal.notes)]
+        codes = few_valued_words(Recorded.of_rows(impacts, {}, 1.0).few_valued)
+        return [*masses, *codes, *said_once("; ".join(notes) for notes in self.signal.notes)]
 
     @property
     def problems(self) -> pd.DataFrame:

@@ -52,3 +52,14 @@ def test_a_question_that_would_steer_the_terminal_does_not(run: Path) -> None:
     told = bayestissue("ask", run, "K\x1b[31m > 1")
     assert told.status == 2
     assert "\x1b" not in told.err
+
+
+@pytest.mark.parametrize("columns", ["20", "200"])
+def test_answers_can_be_read_on_a_terminal_of_any_width(run: Path, monkeypatch, columns: str) -> None:
+    monkeypatch.setenv("COLUMNS", columns)
+    told = bayestissue("ask", run, "K[subject=s1] / K[subject=s2] > 1.1", "K[mass_kg=1.2]")
+    table = json.loads(bayestissue("ask", run, "K[mass_kg=1.2]", "--json").out)["questions"][0]
+    for words in ("K[subject=s1] / K[subject=s2] > 1.1", "Monte Carlo error", f"{table['median']:.4g}"):
+        assert words in told.out
+    if columns == "20":
+        assert f"median: {table['median']:.4g}\n" in told.out

@@ -43,6 +43,9 @@ def refusal(formula: str, table: pd.DataFrame) -> str:
     [
         ("", "it is empty"),
         ("side + ", "it breaks off"),
+        ("side + 'a", "a quotation mark is not closed: '"),
+        ("side + (1|subject", "it has 1 of ( and 0 of )"),
+        ("log(side)", "it can't be evaluated"),
         ("(" * 3000 + "side" + ")" * 3000, "too many parentheses"),
         ("K ~ side", "leave it out"),
         ("poly(mass_kg, 2)", "there is no poly()"),

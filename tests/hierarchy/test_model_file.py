@@ -30,7 +30,7 @@ def test_the_model_file_that_comes_with_the_program_states_the_default_priors() 
 def test_all_that_is_wrong_with_a_model_file_is_said_at_once(tmp_path: Path) -> None:
     path = tmp_path / "model.toml"
     path.write_text(
-        'name = "x"\nlikelihood = "guess"\n[sampler]\nchains = 1\n'
+        'name = "x"\nlikelihood = "guess"\n[sampler]\nchains = 1\ndraws = 1000000000\n'
         '[priors.sd_trial]\nK = { distribution = "half-normal", scale = -1.0 }\n'
         'C = { distribution = "cauchy", scale = 1.0 }\n',
         encoding="utf-8",
@@ -38,7 +38,7 @@ def test_all_that_is_wrong_with_a_model_file_is_said_at_once(tmp_path: Path) -> 
     with pytest.raises(InputError) as caught:
         read_specification(path)
     said = str(caught.value)
-    for word in ("likelihood", "published-estimates", "chains", "priors.sd_trial.K", "half-student-t"):
+    for word in ("likelihood", "published-estimates", "chains", "draws", "less than or equal to 100000", "priors.sd_trial.K", "half-student-t"):
         assert word in said, word
     assert len(caught.value.problems) >= 4
 

@@ -3,14 +3,18 @@ from __future__ import annotations
 import json
 import shutil
 
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
 from bayestissue.cli import app
 from bayestissue.errors import InputError
 from bayestissue.report import write_report
+from bayestissue.report.fit.predictions import residuals
+from bayestissue.report.fit.run import read_fit_run
 from bayestissue.report.run_folder import read_about
 from bayestissue.thesis.pages.published.run import read_published_run
+from make_fit_run import make_fit_run
 
 
 @pytest.fixture
@@ -77,3 +81,20 @@ def test_the_command_writes_the_page_and_says_where(copied):
     assert str(copied / "report.html") in result.output.replace("\n", "")
     quiet = CliRunner().invoke(app, ["report", str(copied), "--quiet"])
     assert quiet.output == ""
+
+
+def with_samples(groups):
+    """As earlier versions named the dimension of samples, which ArviZ could not stack draws beside."""
+    return {
+        name: data.rename(time_index="sample") if "time_index" in data.dims else data
+        for name, data in groups.items()
+    }
+
+
+def test_an_earlier_version_s_run_is_read_as_before(tmp_path):
+    earlier = make_fit_run(tmp_path / "earlier", extended=with_samples)
+    read = [read_fit_run(each, read_about(each)) for each in (make_fit_run(tmp_path / "run"), earlier)]
+    assert read[1].groups["observed_data"]["deceleration"].dims == ("impact", "sample")
+    new, old = (residuals(run) for run in read)
+    np.testing.assert_array_equal(old.measured, new.measured)
+    np.testing.assert_array_equal(old.replicated, new.replicated)

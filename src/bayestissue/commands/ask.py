@@ -68,7 +68,7 @@ def print_answers(table: pd.DataFrame) -> None:
     from rich.console import Console
     from rich.table import Column, Table
 
-    from bayestissue.commands.console import explained, plain
+    from bayestissue.commands.console import explained, plain, show
     from bayestissue.remedies import codes_in
 
     console = Console(highlight=False)
@@ -83,7 +83,7 @@ def print_answers(table: pd.DataFrame) -> None:
         for row in of_claims.to_dict("records"):
             cells = [form.format(row[k]) if pd.notna(row[k]) else "" for k, form in _DIGITS.items()]
             shown.add_row(plain(row["question"]), *cells)
-        console.print(shown)
+        show(shown)
     if numbers.any():
         shown = Table(
             Column("quantity", overflow="fold"), title="median and 90 % interval", title_justify="left"
@@ -95,7 +95,7 @@ def print_answers(table: pd.DataFrame) -> None:
         for row in table[numbers].to_dict("records"):
             cells = [f"{row[name]:.4g}" for name in ("median", "low", "high")]
             shown.add_row(plain(row["question"]), *cells, row["unit"], f"{row['mcse']:.2g}")
-        console.print(shown)
+        show(shown)
     for row in table[table["note"] != ""].to_dict("records"):
         console.print(plain(f"  {row['question']}: {row['note']}"), soft_wrap=True)
     console.print(plain(f"  {_counts(table)}"), soft_wrap=True)

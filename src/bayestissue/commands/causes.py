@@ -140,7 +140,7 @@ def _print(verdict: Verdict, what: Subject, out: Path) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from bayestissue.commands.console import plain
+    from bayestissue.commands.console import plain, show
 
     console = Console(highlight=False)
     shown = Table(title=plain(f"{what.title}: could this cause have made the numbers?"), title_justify="left")
@@ -155,5 +155,5 @@ def _print(verdict: Verdict, what: Subject, out: Path) -> None:
             f"{row['probability_error']:.3f}",
             plain(row["verdict"]),
         )
-    console.print(shown)
+    show(shown)
     console.print(plain(f"wrote {out / 'causes.csv'} and {out / 'report.html'}"), soft_wrap=True)

@@ -68,7 +68,7 @@ def _print(found: Check) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from bayestissue.commands.console import explained, plain
+    from bayestissue.commands.console import explained, plain, show
     from bayestissue.report.recordings_pages import kinds
 
     data, warnings = found.dataset, found.warnings
@@ -82,7 +82,7 @@ def _print(found: Check) -> None:
         table.add_row(name, plain(words))
     for words in found.notes:
         table.add_row("note", plain(words))
-    console.print(table)
+    show(table)
     for heading, problems in (("Left out", data.left_out), ("Warnings", warnings)):
         if problems:
             console.print(plain(f"{heading}:", style="bold"))

@@ -8,7 +8,7 @@ import pandas as pd
 from rich.console import Console
 from rich.table import Table
 
-from bayestissue.commands.console import explained, plain
+from bayestissue.commands.console import explained, plain, show
 from bayestissue.inference.results.meanings import told
 from bayestissue.remedies import codes_in
 
@@ -27,7 +27,7 @@ def print_comparison(comparison: pd.DataFrame, posteriors: pd.DataFrame, of_weig
         for row in rows.to_dict("records"):
             numbers = [f"{row[k]:.{d}f}" if pd.notna(row[k]) else "" for k, d in _DIGITS.items()]
             table.add_row(plain(row["model"]), *(plain(row[name]) for name in kinds), *numbers)
-        console.print(table)
+        show(table)
         for row in rows[rows["warning"] != ""].to_dict("records"):
             console.print(plain(f"  {row['model']}: {row['warning']}"), soft_wrap=True)
     explained(codes_in("; ".join(comparison["warning"])))

@@ -9,6 +9,7 @@ from types import TracebackType
 
 import typer
 from rich.console import Console
+from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -18,10 +19,14 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Table
 from rich.text import Text
 
 from bayestissue.errors import more, printable
 from bayestissue.remedies import Code
+
+
+_UNBOUNDED = 10_000
 
 
 def echo(text: str, *, err: bool = False) -> None:
@@ -32,6 +37,23 @@ def echo(text: str, *, err: bool = False) -> None:
 def plain(text: str, style: str = "") -> Text:
     """The same for a table or a line that rich prints, which then reads no markup in it either."""
     return Text(printable(text, lines=True), style=style)
+
+
+def show(table: Table) -> None:
+    """Print a table; on a terminal too narrow for it each cell on a line of its own, behind its heading."""
+    console = Console(highlight=False)
+    # A measurement says no more than the width that it may use.
+    free = console.options.update(max_width=_UNBOUNDED)
+    if Measurement.get(console, free, table).minimum <= console.width:
+        console.print(table)
+        return
+    if table.title:
+        console.print(table.title)
+    for cells in zip(*(column.cells for column in table.columns), strict=True):
+        for column, cell in zip(table.columns, cells, strict=True):
+            if str(cell):
+                heading = [column.header, ": "] if str(column.header) else []
+                console.print(Text.assemble(*heading, cell), soft_wrap=True)
 
 
 def explained(codes: Iterable[Code]) -> None:

@@ -160,7 +160,7 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
     from rich.console import Console
     from rich.table import Table
 
-    from bayestissue.commands.console import explained, plain
+    from bayestissue.commands.console import explained, plain, show
     from bayestissue.inference.points.notes import said_once
     from bayestissue.remedies import codes_in
 
@@ -172,11 +172,11 @@ def _print(data: Dataset, table: pd.DataFrame, varied: pd.DataFrame | None, out:
     for name, words in (("K_N_per_m", "K (N/m)"), ("C_N_s_per_m", "C (N s/m)"), ("zeta", "zeta")):
         low, median, high = table[name].quantile([0.05, 0.5, 0.95])
         shown.add_row(words, *(f"{value:.4g}" for value in (median, low, high)))
-    console.print(shown)
+    show(shown)
     for sentence in said_once(table["notes"]):
         console.print(plain(sentence), soft_wrap=True)
     if varied is not None:
-        console.print(_vary_table(varied))
+        show(_vary_table(varied))
     if data.left_out:
         count = len({problem.impact for problem in data.left_out})
         console.print(f"{count} impacts left out: see left_out.csv")

@@ -138,12 +138,13 @@ def _say_what_is_told(prepared: Prepared) -> list[Code]:
     """What these data can't tell, before the work begins; the codes of what was said."""
     from bayestissue.commands.console import echo
     from bayestissue.hierarchy.formulas.formula import left_out_words
-    from bayestissue.inference.results.meanings import ONE_IMPACT, not_used_words
+    from bayestissue.inference.results.meanings import ONE_IMPACT, few_valued_words, not_used_words
     from bayestissue.remedies import codes_in
 
     words = [
         left_out_words(prepared.design.terms_left_out()),
         not_used_words(prepared.design.recorded.not_used),
+        *few_valued_words(prepared.design.few_valued()),
         *[ONE_IMPACT] * (len(prepared.impacts) == 1),
     ]
     for said in filter(None, words):

@@ -62,7 +62,7 @@ def _print(table: pd.DataFrame) -> None:
     from rich.console import Console
     from rich.table import Table
 
-    from bayestissue.commands.console import explained, plain
+    from bayestissue.commands.console import explained, plain, show
     from bayestissue.remedies import codes_in
     from bayestissue.report.wording import PREDICTED, covariate_words
 
@@ -73,7 +73,7 @@ def _print(table: pd.DataFrame) -> None:
     rows = table.to_dict("records")
     for number, row in enumerate(rows, start=1):
         shown.add_row(f"{number}", *(_cell(row, name) for name in PREDICTED))
-    console.print(shown)
+    show(shown)
     for number, row in enumerate(rows, start=1):
         said = [covariate_words(row)]
         said += [f"new: {row['new']}"] * bool(row["new"]) + [row["note"]] * bool(row["note"])

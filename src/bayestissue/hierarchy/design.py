@@ -116,6 +116,11 @@ class Design:
             name: self.recorded.levels(name) for name in categories
         }
 
+    def few_valued(self) -> dict[str, list[str]]:
+        """The columns of few whole numbers that a formula has as straight lines, and their values."""
+        lines = {name for part in self.responses.values() for name in part.names}
+        return {name: values for name, values in self.recorded.few_valued.items() if name in lines}
+
     def resolved(self) -> dict[str, Any]:
         """What ``run.json`` says of the model beside its file: the formulas and the reference mass."""
         return {"formula": self.formulas.model_dump(), "reference_mass_kg": self.reference_mass_kg}

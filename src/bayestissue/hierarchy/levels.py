@@ -55,6 +55,9 @@ NEW = "new"
 # Chosen by who measures, and no property of a person or a side.
 # What `bayestissue init` fills besides: counts of repeats, and heights that became velocities.
 _COUNTS = ("n", "drop_height_m", "drop_height_cm", "drop_height_mm")
+_USUAL = ("subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "diameter_m", "sampling_rate_hz")
+# So many whole numbers may be codes.
+_FEW = 6
 _CHOSEN = ("mass_kg", "velocity_m_s", "trial")
 
 
@@ -104,10 +107,20 @@ class Recorded:
         )
 
     @cached_property
+    def few_valued(self) -> dict[str, list[str]]:
+        """The columns, and their values, that may be codes: three to six whole numbers, and no count."""
+        columns = [name for name in map(str, self.rows) if name not in (*_USUAL, *_COUNTS)]
+        known = {name: self.rows[name].dropna() for name in columns if self.is_number(name)}
+        return {
+            name: labels_of(values.drop_duplicates().sort_values()).tolist()
+            for name, values in known.items()
+            if 3 <= values.nunique() <= _FEW and (values % 1 == 0).all()
+        }
+
+    @cached_property
     def not_used(self) -> tuple[str, ...]:
         """The columns that vary and that no formula is of, besides what every study has."""
-        usual = ("subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "diameter_m", "sampling_rate_hz")
-        others = [name for name in map(str, self.rows) if name not in (*usual, *_COUNTS, *self.needed)]
+        others = [name for name in map(str, self.rows) if name not in (*_USUAL, *_COUNTS, *self.needed)]
         return tuple(name for name in others if len(self.levels(name)) > 1)
 
     @cached_property

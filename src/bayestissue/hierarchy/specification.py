@@ -75,10 +75,12 @@ class Sampler(_Table):
     chains: Annotated[int, Field(ge=2, le=64)] = Field(
         default=4, description="independent chains, which convergence is judged by."
     )
-    warmup: Annotated[int, Field(ge=100)] = Field(
+    warmup: Annotated[int, Field(ge=100, le=100_000)] = Field(
         default=1000, description="transitions of a chain that adapt the sampler and are thrown away."
     )
-    draws: Annotated[int, Field(ge=100)] = Field(default=1000, description="draws of a chain that are kept.")
+    draws: Annotated[int, Field(ge=100, le=100_000)] = Field(
+        default=1000, description="draws of a chain that are kept."
+    )
     thinning: Annotated[int, Field(ge=1, le=100)] = Field(
         default=1,
         description="transitions of a chain for each draw that is kept. What follows the chains takes time "

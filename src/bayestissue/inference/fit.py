@@ -31,6 +31,7 @@ from bayestissue.inference.answers.reliability import (
 )
 from bayestissue.inference.checking.misfit import misfit_precheck
 from bayestissue.inference.checking.model_form import described, model_form, with_impacts
+from bayestissue.inference.checking.straight_lines import straight_lines
 from bayestissue.inference.execution.chunks import Progress
 from bayestissue.inference.execution.kept import some_impacts, some_of
 from bayestissue.inference.factors.noise_left import noise_p
@@ -199,11 +200,12 @@ def label(
     # Functions of standard deviations that are checked themselves.
     checked = summary[~summary["variable"].isin(list(as_variables(repeatable["posterior"])))]
     diagnostics = diagnose(checked, labelled_statistics(draws, of_transitions=True), route.checks())
+    lines = straight_lines(prepared.design, posterior, prepared.model.log_mass_sd)
     responses, near = tuple(prepared.design.responses), specification.practical_equivalence
     return TraceAnalysis(
         tree,
         summary,
-        diagnostics | form | {"route": route.record()},
+        diagnostics | form | {"straight_lines": lines, "route": route.record()},
         derived.hypotheses(exponents, near.mass_exponent),
         scores,
         sensitivity,

@@ -136,6 +136,8 @@ Code = Literal[
     "averaged",
     "one-session",
     "columns-not-used",
+    "few-values",
+    "no-straight-line",
     "exact-path",
     "new-level",
     "not-simulated",

@@ -33,6 +33,7 @@ _TIED = {"mass": {"mass_kg"}, "energy": {"energy_J"}, "velocity": {"velocity_m_s
 FUNCTIONS = {"log": np.log, "sqrt": np.sqrt}
 _EVALUATED = "terms that can be evaluated: columns, +, :, {arithmetic}, C(), log() and sqrt()"
 _QUOTED = re.compile(r"`[^`]*`|\"[^\"]*\"|'[^']*'")
+_EVALUATES_TO_NOTHING = "it can't be evaluated: check its numbers, and whether all its columns hold numbers"
 _CALLED = re.compile(r"([^\W\d]\w*)\s*\(")
 
 
@@ -119,18 +120,24 @@ def judge(formula: str, rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
 def _require_plain(formula: str) -> None:
     """Raise where a formula has a left-hand side."""
     if "~" in _QUOTED.sub("", formula):
-        raise ValueError(
-            "~ says what is explained, which is log K or log C: leave it out, and what is before"
-        )
+        raise ValueError(formula)
 
 
 def _unread(formula: str, error: Exception) -> str:
-    """Why a formula can't be read, in the words of `formulae` only where these say it."""
+    """Why a formula can't be read, which `formulae` says in words of its own."""
+    bare = _QUOTED.sub("", formula)
+    if "~" in bare:
+        return "~ says what is explained, which is log K or log C: leave it out, and what is before"
     if isinstance(error, RecursionError):
         return "too many parentheses within one another"
     if not formula.strip():
         return "it is empty; 1 stands for no covariate and no group"
-    return "it breaks off" if str(error).endswith("''") else f"{error}"
+    if mark := re.search("[\"'`]", bare):
+        return f"a quotation mark is not closed: {mark[0]}"
+    for opening, closing in ("()", "[]", "{}"):
+        if bare.count(opening) != bare.count(closing):
+            return f"it has {bare.count(opening)} of {opening} and {bare.count(closing)} of {closing}"
+    return "it breaks off, or a + or : between two terms is missing"
 
 
 def adapted(rows: pd.DataFrame, reference_mass_kg: float) -> Judged:
@@ -255,8 +262,8 @@ def _covariates_of_groups(
         )
         try:
             columns, names, _ = _design([term.slope], rows, reference_mass_kg)
-        except Exception as error:  # as in `judge`
-            faults.append(Fault(str(term), expected, f"{error}"))
+        except Exception:  # as in `judge`
+            faults.append(Fault(str(term), expected, _EVALUATES_TO_NOTHING))
             continue
         if names != [term.slope]:
             faults.append(Fault(str(term), expected, f"{term.slope} is a category"))
@@ -306,8 +313,8 @@ def _unusable(terms: Terms, rows: pd.DataFrame, reference_mass_kg: float) -> lis
     for term in terms.common:
         try:
             _design([term], rows, reference_mass_kg)
-        except Exception as error:  # as above
-            faults.append(Fault(term, expected, f"{error}"))
+        except Exception:  # as above
+            faults.append(Fault(term, expected, _EVALUATES_TO_NOTHING))
     # Terms that fail together only: none can be blamed alone.
     return faults or [Fault(term, expected, "these terms can't stand together") for term in terms.common]
 

@@ -21,8 +21,8 @@ from bayestissue.hierarchy.formulas.group_terms import MASS_TERM, Grouping, Grou
 # The relative precision of a table given to three or four digits: a smaller difference, or a combination of
 # columns below it, is rounding and not information.
 PRECISION = 1e-3
-# Dimensions of a posterior that are no grouping's.
-RESERVED_DIMENSIONS = ("impact", "chain", "draw", "kept_draw", "sample")
+# Dimensions of a posterior that are no grouping's; chains and draws stacked are a "sample" to ArviZ.
+RESERVED_DIMENSIONS = ("impact", "chain", "draw", "kept_draw", "sample", "time_index")
 # Names that a level's K or C would have to share, such as K_new.
 RESERVED_STEMS = ("new", "typical_person", "secant", "tangent", "equivalent", "common_depth")
 _WORDS = {"subject": "person", "trial": "condition"}
@@ -48,7 +48,7 @@ def lacking(term: str, column: str, rows: pd.DataFrame) -> Fault:
     without = rows.loc[rows[column].isna(), "impact" if "impact" in rows else column]
     where = f", such as impact {without.iloc[0]}" if "impact" in rows else ""
     reason = f"{column} is missing in {len(without)} of {len(rows)} impacts{where}"
-    return Fault(term, f"a {column} of every impact", reason)
+    return Fault(term, f"{column} of every impact", reason)
 
 
 def written_twice(groups: Sequence[Sequence[GroupTerm]]) -> list[Fault]:

@@ -5,7 +5,7 @@ The one table of these words; labels, tables, figures and pages take them from h
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from bayestissue.errors import Coded
@@ -49,6 +49,18 @@ def not_used_words(columns: Sequence[str]) -> str:
     names = " and ".join(filter(None, [", ".join(columns[:-1]), columns[-1]]))
     words = f"No formula is of {names}: what differs there counts as scatter between impacts."
     return Coded(words, "columns-not-used")
+
+
+def few_valued_words(columns: Mapping[str, Sequence[str]]) -> list[str]:
+    """Of each column of few whole numbers that it is a straight line, and how it would be categories."""
+    return [
+        Coded(
+            f"{name} has the values {', '.join(values[:-1])} and {values[-1]} only: in a formula it is a "
+            f"straight line of log K on {name}; C({name}) makes it categories.",
+            "few-values",
+        )
+        for name, values in columns.items()
+    ]
 
 
 class Meaning(NamedTuple):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -17,11 +19,15 @@ from bayestissue.inference.samplers.sampling import ConstrainedDraws, thinned
 from bayestissue.likelihood.element.response import ElementRecord
 
 PREDICTIVE_DRAWS = 100
-PRIOR_DRAWS = 1000
+PRIOR_DRAWS, PRIOR_PREDICTIVE_DRAWS = 1000, 50
+# Steps of a replicate, in what its noise differs by from sample to sample: they add 1e-5 to its variance.
+_STEPS = 64
+# Below every digit of a double: nothing is rounded.
+_NO_NOISE = 2.0**-80
 
 
 def predicted(prepared: Prepared, constrained: ConstrainedDraws, seed: int) -> dict[str, np.ndarray]:
-    """About a hundred replicates of every trace, as displacement and as deceleration."""
+    """About a hundred replicates of every trace, as what the likelihood is of."""
     parameters = constrained.impacts["parameters"]
     if constrained.kept_numbers is not None:
         parameters = parameters[:, :, some_impacts(parameters.shape[2])].astype(float)
@@ -29,14 +35,29 @@ def predicted(prepared: Prepared, constrained: ConstrainedDraws, seed: int) -> d
     flat = some.reshape(-1, *some.shape[2:])
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), len(flat))
     made = replicates(prepared.model, prepared.data, flat, keys)
-    return {name: v.astype(np.float32).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()}
+    return {name: rounded(v).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()}
+
+
+def rounded(
+    replicates: Float[np.ndarray, "draw impact sample"],
+) -> Float[np.ndarray, "draw impact sample"]:
+    """The same in steps that are powers of two and far below the noise, which a file packs well."""
+    with warnings.catch_warnings():
+        # Of a trace of NaN alone.
+        warnings.simplefilter("ignore", RuntimeWarning)
+        noise = np.nanmedian(np.std(np.diff(replicates, 2), axis=0), axis=-1, keepdims=True)
+    step = np.exp2(np.floor(np.log2(np.where(noise > 0, noise, _NO_NOISE) / _STEPS)))
+    return (np.round(replicates / step) * step).astype(np.float32)
 
 
 @by_row(PREDICTIVE_DRAWS, constant=2)
 def replicates(
     model: TraceModel, data: TraceData, u: Float[Array, "impact parameter"], key: Array
 ) -> dict[str, Float[Array, "impact sample"]]:
-    """A replicate of every trace for each draw of ``u``, as displacement and as deceleration."""
+    """A replicate of every trace for each draw of ``u``, as what the likelihood is of.
+
+    That is the deceleration; of a likelihood of displacements these, and the decelerations that follow.
+    """
     made = trace_distribution(model, data, list(u.T)).replicate(key)
     # Else the noise is made anew for every part of the row that is written: three times as long.
     return jax.lax.optimization_barrier(made)

@@ -30,7 +30,12 @@ from bayestissue.inference.results.labels import (
     labelled_statistics,
     of_one_person,
 )
-from bayestissue.inference.results.predictions import PREDICTIVE_DRAWS, predicted, prior_draws, replicates
+from bayestissue.inference.results.predictions import (
+    PRIOR_PREDICTIVE_DRAWS,
+    predicted,
+    prior_draws,
+    replicates,
+)
 from bayestissue.inference.samplers.sampling import ConstrainedDraws, Draws
 from bayestissue.likelihood.element.response import ElementRecord
 
@@ -102,7 +107,7 @@ def dimensions(
         **design_dimensions(design),
         **{f"traces_of_{stem}": (name,) for name, stem in stems.items()},
         **{f"impact_{stem}": ("impact",) for stem in stems.values()},
-        **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "sample")),
+        **dict.fromkeys(("displacement", "deceleration", "time"), ("impact", "time_index")),
         **dict.fromkeys(("mass_kg", "velocity_m_s", "n_samples"), ("impact",)),
         **dict.fromkeys(("sampling_interval_s", "first_sample_s"), ("impact",)),
         **{f"column_{stem_of(name)}": ("impact",) for name in columns},
@@ -199,7 +204,7 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
         "C": np.exp(u[None, ..., 1] + error),
         **{name: values[None] for name, values in ratios.items()},
     }
-    some = u[:PREDICTIVE_DRAWS]
+    some = u[:PRIOR_PREDICTIVE_DRAWS]
     seen = replicates(model, data, some, jax.random.split(key, len(some)))
     # A prior's wall may be thin enough to throw the impactor back faster than any number.
     with np.errstate(over="ignore"):

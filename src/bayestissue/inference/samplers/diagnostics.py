@@ -112,12 +112,14 @@ def diagnose(summary: pd.DataFrame, statistics: xr.Dataset, further: Sequence[Ch
 def warnings(diagnostics: dict[str, Any]) -> list[Coded]:
     """What the model or its data leave in doubt, whatever the sampler did; the measuring chain first."""
     chain, form = diagnostics.get("measuring_chain", {}), diagnostics.get("model_form", {})
+    lines = diagnostics.get("straight_lines", {})
     law: Code = "undescribed" if form.get("undescribed") else "model-form"
     if not _against_all(form):
         law = "structured-residuals"
     doubts: list[tuple[dict[str, Any], bool, Code]] = [
         (chain, chain.get("passed") is False, "measuring-chain"),
         (form, _against_all(form) or _against_some(form), law),
+        (lines, bool(lines.get("words")), "no-straight-line"),
     ]
     return [Coded(entry["words"], code) for entry, raised, code in doubts if raised]
 

@@ -270,11 +270,8 @@ class MeasuredDeceleration(dist.Distribution):
         return jnp.where(inside, expected + added + jnp.exp(self.log_sigma)[:, None] * noise, 0.0)
 
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
-        """A replicate of every trace, as displacement [m] and as deceleration [m/s^2]; NaN past its end."""
-        record, trace = self.record, self.sample(key)
-        x = self._whole().displacement
-        found = {"deceleration": trace, "displacement": x}
-        return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
+        """A replicate of every trace, the deceleration [m/s^2]; NaN past its end."""
+        return {"deceleration": jnp.where(self.record.inside(), self.sample(key), jnp.nan)}
 
     def _whole(self) -> Motion:
         """The impacts at the recorded velocities."""

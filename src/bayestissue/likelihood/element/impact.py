@@ -33,7 +33,6 @@ from bayestissue.likelihood.element.response import (
     Response,
     columns,
     in_proportion,
-    motion,
     response,
 )
 from bayestissue.likelihood.linear_errors import (
@@ -334,12 +333,8 @@ class MeasuredImpact(dist.Distribution):
         Where the recorded trace has to tell when contact was, contact is where it has it: the samples are
         counted from what it shows.
         """
-        return self.sample_with_discrepancy(key, sample_shape)[0]
-
-    def sample_with_discrepancy(self, key: Array, sample_shape: tuple[int, ...] = ()) -> tuple[Array, Array]:
-        """The same, and the discrepancy that is in them."""
         if self.record.before is not None:
-            return self.with_contact_found(key).sample_with_discrepancy(key, sample_shape)
+            return self.with_contact_found(key).sample(key, sample_shape)
         key_of_noise, key_of_errors = jax.random.split(key)
         shape, record = (*sample_shape, *self.batch_shape), self.record
         found, delta = self.response(), jnp.zeros((*shape, *self.event_shape))
@@ -353,20 +348,12 @@ class MeasuredImpact(dist.Distribution):
         elif self.atanh_correlation is not None:
             noise = autoregressive.correlated(noise, self.atanh_correlation)
         added = _added(errors, found, record) + jnp.exp(self.log_sigma)[:, None] * noise
-        return jnp.where(record.inside(), found.d + delta + added, 0.0), delta
+        return jnp.where(record.inside(), found.d + delta + added, 0.0)
 
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
-        """A replicate of every trace, as displacement [m] and as deceleration [m/s^2]; NaN past its end.
-
-        The discrepancy is part of both.
-        """
+        """A replicate of every trace, the deceleration [m/s^2] with its discrepancy; NaN past its end."""
         known = self.with_contact_found(key)
-        record = known.record
-        trace, delta = known.sample_with_discrepancy(key)
-        own = motion(known.element, known.parameters, record, record.velocity)
-        x = own.x - discrepancy.integrals(delta, record.first_time, record.dt)[1]
-        found = {"deceleration": trace, "displacement": x}
-        return {name: jnp.where(record.inside(), values, jnp.nan) for name, values in found.items()}
+        return {"deceleration": jnp.where(known.record.inside(), known.sample(key), jnp.nan)}
 
     def _noise(self) -> _Noise:
         return _Noise(self.log_sigma, self.log_discrepancy, self.atanh_correlation)

@@ -59,12 +59,11 @@ _OPTIONAL = {
     "reliability": _RELIABILITY,
     "questions": _QUESTIONS,
 }
-_TRACES = ("displacement", "deceleration")
 # What the page can't do without, by group of `posterior.nc`.
 _NEEDED = {
     "posterior": ("K", "C", "K_new", "C_new", "intercept_K", "intercept_C"),
-    "posterior_predictive": _TRACES,
-    "observed_data": _TRACES,
+    "posterior_predictive": ("deceleration",),
+    "observed_data": ("displacement", "deceleration"),
     "constant_data": ("time", "mass_kg", "velocity_m_s", "impact_subject", "impact_trial"),
 }
 _AGAIN = "Make the run anew with `bayestissue fit`."
