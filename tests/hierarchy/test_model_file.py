@@ -38,7 +38,15 @@ def test_all_that_is_wrong_with_a_model_file_is_said_at_once(tmp_path: Path) -> 
     with pytest.raises(InputError) as caught:
         read_specification(path)
     said = str(caught.value)
-    for word in ("likelihood", "published-estimates", "chains", "draws", "less than or equal to 100000", "priors.sd_trial.K", "half-student-t"):
+    for word in (
+        "likelihood",
+        "published-estimates",
+        "chains",
+        "draws",
+        "less than or equal to 100000",
+        "priors.sd_trial.K",
+        "half-student-t",
+    ):
         assert word in said, word
     assert len(caught.value.problems) >= 4
 

@@ -25,7 +25,6 @@ from rich.text import Text
 from bayestissue.errors import more, printable
 from bayestissue.remedies import Code
 
-
 _UNBOUNDED = 10_000
 
 
