@@ -11,8 +11,7 @@ from sound import FINE_HZ, Chain, Impact, chain, dataset
 
 from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.model import Dataset, Quantity, Trace
-from bayestissue.dataset.recordings import Recordings
-from bayestissue.dataset.samples import Samples
+from bayestissue.dataset.recordings import Recordings, Samples
 from bayestissue.inference.points.notes import FAILED, NO_ANSWER
 from bayestissue.inference.single.estimates import estimate
 
@@ -377,7 +376,9 @@ def _said(data: Dataset, table: pd.DataFrame) -> pd.Series:
         ["traces.csv"] * len(values),
         np.arange(start[-1]) + 2,
     )
-    verdicts = check_recordings(Recordings.of(samples, data.impacts, data.quantity, data.uncertainty))
+    verdicts = check_recordings(
+        Recordings.with_impacts(samples, data.impacts, data.quantity, data.uncertainty)
+    )
     refused = pd.Series("", index=data.impacts["impact"])
     for problem in (*verdicts.warnings, *verdicts.problems):
         refused[problem.impact or ""] = f"refused or warned of: not {problem.expected.split(':')[0]}"

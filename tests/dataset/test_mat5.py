@@ -9,7 +9,7 @@ import pytest
 from scipy.io import savemat
 from scipy.sparse import csc_array
 
-from bayestissue.dataset.formats.mat5 import numeric_variables
+from bayestissue.dataset.formats.mat import numeric_variables
 
 
 def packed(variables: dict[str, object], *, compress: bool = False) -> bytes:

@@ -11,8 +11,7 @@ import pytest
 
 from bayestissue.dataset.checks import check_recordings
 from bayestissue.dataset.model import Quantity, Uncertainty
-from bayestissue.dataset.recordings import Recordings
-from bayestissue.dataset.samples import Samples
+from bayestissue.dataset.recordings import Recordings, Samples
 
 COUNT = 400
 
@@ -82,7 +81,7 @@ def refused(
         ["traces.csv"] * COUNT,
         np.arange(start[-1]) + 2,
     )
-    findings = check_recordings(Recordings.of(samples, impacts, quantity, Uncertainty()))
+    findings = check_recordings(Recordings.with_impacts(samples, impacts, quantity, Uncertainty()))
     return len({problem.impact for problem in findings.problems})
 
 
@@ -143,7 +142,9 @@ def test_a_pulse_that_is_over_has_not_ended_early() -> None:
     samples = Samples(
         times, np.concatenate(parts), start, np.arange(2), ["traces.csv"] * 2, np.arange(start[-1]) + 2
     )
-    found = check_recordings(Recordings.of(samples, impacts, "deceleration", Uncertainty())).problems
+    found = check_recordings(
+        Recordings.with_impacts(samples, impacts, "deceleration", Uncertainty())
+    ).problems
     assert {(problem.impact, problem.code) for problem in found} == {
         ("over", "velocity-off"),
         ("cut", "ends-early"),

@@ -20,7 +20,7 @@ from bayestissue.dataset.impacts import impact_table, wanted
 from bayestissue.dataset.long_table import long_reading
 from bayestissue.dataset.model import Dataset, Quantity, Recorder, Trace, Uncertainty
 from bayestissue.dataset.read import checked_dataset
-from bayestissue.dataset.samples import Reading
+from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Gravity, Settings, SignalSettings, Zero, parse_settings
 from bayestissue.dataset.tables import Labels, Numbers
@@ -36,7 +36,7 @@ _WORDS = (
     (re.compile(r"impacts\.csv"), "the table impacts"),
     (re.compile(r"\bthe key (\w)"), r"the argument \1"),
     (re.compile(r"\ba table with\b"), "a dictionary with"),
-    (re.compile(r"\brow (\d+)"), lambda found: f"row {int(found[1]) - _FIRST_ROW}"),
+    (re.compile(r"\brow (\d+)"), lambda match: f"row {int(match[1]) - _FIRST_ROW}"),
 )
 
 
@@ -105,9 +105,9 @@ def dataset(
     low_pass = recorder.settings() if isinstance(recorder, Recorder) else recorder
     tables: dict[str, Any] = {"signal": signal}
     if chain is not None:
-        tables["uncertainty"] = _each(_plain, chain)
+        tables["uncertainty"] = _mapped(_plain, chain)
     if low_pass is not None:
-        tables["recorder"] = _each(_python, low_pass)
+        tables["recorder"] = _mapped(_python, low_pass)
     with _in_the_callers_words():
         settings = parse_settings({**free_text, **tables})
         needs_velocity = quantity != "displacement"
@@ -116,20 +116,20 @@ def dataset(
         cells, rows = cells_of(names, body, numbers, wanted(needs_velocity=needs_velocity))
         table = impact_table(cells, rows, needs_velocity=needs_velocity)
         try:
-            given = _samples(traces, cells["impact"].tolist(), settings.signal)
+            recorded = _samples(traces, cells["impact"].tolist(), settings.signal)
         except InputError as error:
             raise InputError([*table.problems, *error.problems]) from None
         reading = long_reading(
-            given.label, given.times, given.readings, given.labels, given.rows,
+            recorded.label, recorded.times, recorded.readings, recorded.labels, recorded.rows,
             cells["impact"].tolist(), settings.signal,
         )  # fmt: skip
         reading = replace(reading, problems=[*table.problems, *reading.problems])
         hashed = _hash(settings, cells, reading)
-        made = checked_dataset(settings, table, reading, skip_bad=skip_bad, folder=None, input_hash=hashed)
+        checked = checked_dataset(settings, table, reading, skip_bad=skip_bad, folder=None, input_hash=hashed)
     return replace(
-        made,
-        warnings=tuple(map(_in_words, made.warnings)),
-        left_out=tuple(map(_in_words, made.left_out)),
+        checked,
+        warnings=tuple(map(_in_words, checked.warnings)),
+        left_out=tuple(map(_in_words, checked.left_out)),
     )
 
 
@@ -151,9 +151,11 @@ def _in_words(problem: Problem) -> Problem:
     return replace(problem, file=_CALLED.get(problem.file, problem.file), row=row, **changed)
 
 
-def _each(of: Callable[[Any], Any], table: Any) -> Any:
-    """``of`` each value of a table; what is none is left for the settings to refuse."""
-    return {str(key): of(value) for key, value in table.items()} if isinstance(table, Mapping) else table
+def _mapped(function: Callable[[Any], Any], table: Any) -> Any:
+    """``function`` of each value of a table; what is none is left for the settings to refuse."""
+    return (
+        {str(key): function(value) for key, value in table.items()} if isinstance(table, Mapping) else table
+    )
 
 
 def _python(value: Any) -> Any:
@@ -176,7 +178,7 @@ def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
         raise InputError(
             Problem(IMPACTS, "a table of impacts", remedy, value=str(error), code="array-shape")
         ) from None
-    columns = [[_text(value) for value in table.iloc[:, place]] for place in range(table.shape[1])]
+    columns = [[_text(value) for value in table.iloc[:, column]] for column in range(table.shape[1])]
     body = [list(record) for record in zip(*columns, strict=True)]
     return [str(name).strip() for name in table.columns], body
 
@@ -211,8 +213,8 @@ def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Sample
         codes, names = pd.factorize(traces["impact"], use_na_sentinel=False)
         texts = [_text(name) for name in names]
         distinct = tuple(dict.fromkeys(texts))
-        place = {text: index for index, text in enumerate(distinct)}
-        labels = Labels(np.array([place[text] for text in texts], int)[codes], distinct)
+        number = {text: index for index, text in enumerate(distinct)}
+        labels = Labels(np.array([number[text] for text in texts], int)[codes], distinct)
         times, readings = (_numbers(traces[name], _LONG, name, None) for name in columns)
         if not len(codes):
             raise InputError(
@@ -224,20 +226,20 @@ def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Sample
     elif isinstance(traces, Sequence) and not isinstance(traces, str) and len(traces) == len(impacts):
         named = list(zip(impacts, traces, strict=True))
     else:
-        found = f"{len(traces)} recordings" if isinstance(traces, Sequence) else type(traces).__name__
+        kind = f"{len(traces)} recordings" if isinstance(traces, Sequence) else type(traces).__name__
         remedy = "Pass a long table, recordings by impact, or one for each impact in their order."
         raise InputError(
-            Problem(_SINGLE, f"recordings of {len(impacts)} impacts", remedy, value=found, code="array-shape")
+            Problem(_SINGLE, f"recordings of {len(impacts)} impacts", remedy, value=kind, code="array-shape")
         )
     return _joined(named, columns)
 
 
 def _joined(named: list[tuple[str, Any]], columns: tuple[str, str]) -> _Samples:
-    pairs = all_of(lambda each: _pair(each[1], each[0], columns), named)
+    pairs = all_of(lambda item: _pair(item[1], item[0], columns), named)
     count = [len(times.array) for _, times, _ in pairs]
     labels = Labels(np.repeat(np.arange(len(named)), count), tuple(name for name, _ in named))
-    own = (first + np.arange(number) for (first, *_), number in zip(pairs, count, strict=True))
-    rows = np.concatenate([np.empty(0, int), *own]) + _FIRST_ROW
+    row_ranges = (first + np.arange(number) for (first, *_), number in zip(pairs, count, strict=True))
+    rows = np.concatenate([np.empty(0, int), *row_ranges]) + _FIRST_ROW
     times = _end_to_end([times for _, times, _ in pairs])
     readings = _end_to_end([readings for *_, readings in pairs])
     return _Samples(_SINGLE, times, readings, labels, rows)
@@ -257,11 +259,11 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbe
     if not isinstance(trace, tuple | list) or len(trace) != len(columns):
         remedy = f"Pass (time, value), or a table with {columns[0]} and {columns[1]}."
         shape = f" of shape {trace.shape}" if isinstance(trace, np.ndarray) else ""
-        found = f"{type(trace).__name__}{shape}"
-        problem = Problem(_SINGLE, "a pair of arrays", remedy, value=found, impact=impact, code="array-shape")
+        kind = f"{type(trace).__name__}{shape}"
+        problem = Problem(_SINGLE, "a pair of arrays", remedy, value=kind, impact=impact, code="array-shape")
         raise InputError(problem)
     times, readings = (
-        _numbers(each, _SINGLE, name, impact) for each, name in zip(trace, columns, strict=True)
+        _numbers(part, _SINGLE, name, impact) for part, name in zip(trace, columns, strict=True)
     )
     if len(times.array) != len(readings.array):
         raise InputError(
@@ -275,8 +277,8 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbe
             )
         )
     hidden = np.zeros(len(times.array), bool)
-    for each in trace:
-        hidden |= np.ma.getmaskarray(each) if isinstance(each, np.ma.MaskedArray) else False
+    for part in trace:
+        hidden |= np.ma.getmaskarray(part) if isinstance(part, np.ma.MaskedArray) else False
     if not hidden.any():
         return 0, times, readings
     shown = np.flatnonzero(~hidden)
@@ -285,7 +287,7 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbe
 
 
 def _stretch(numbers: Numbers, hidden: np.ndarray, first: int, stop: int) -> Numbers:
-    text = {place - first: words for place, words in numbers.text.items() if first <= place < stop}
+    text = {index - first: words for index, words in numbers.text.items() if first <= index < stop}
     return Numbers(np.where(hidden, np.nan, numbers.array)[first:stop], text)
 
 
@@ -298,11 +300,11 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Number
             array = pd.to_numeric(series, errors="coerce").to_numpy(np.float64, na_value=np.nan)
             bad = np.flatnonzero(np.isnan(array) & series.notna().to_numpy())
             return Numbers(array, {int(index): str(series.iloc[index]) for index in bad})
-    found = f"an array of shape {np.shape(values)} of {getattr(values, 'dtype', type(values).__name__)}"
+    shape = f"an array of shape {np.shape(values)} of {getattr(values, 'dtype', type(values).__name__)}"
     expected = "one number for each sample, times counted in time_unit"
     remedy = "Pass a one-dimensional array of numbers."
     raise InputError(
-        Problem(label, expected, remedy, column=column, value=found, impact=impact, code="array-shape")
+        Problem(label, expected, remedy, column=column, value=shape, impact=impact, code="array-shape")
     )
 
 

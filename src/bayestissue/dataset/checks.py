@@ -10,8 +10,46 @@ import numpy as np
 from bayestissue.dataset.motion import motion
 from bayestissue.dataset.plausible import MIN_SAMPLES, clock_problems, movement_problems, movement_warnings
 from bayestissue.dataset.recordings import Recordings
+from bayestissue.dataset.settings import FILE
 from bayestissue.dataset.twice import same_recordings
 from bayestissue.errors import Problem
+
+# With half of a quantity as its standard deviation, none of it at all lies within two of them.
+_MOST = 0.5
+
+
+def stated_problems(recordings: Recordings) -> Iterator[Problem]:
+    """Standard deviations that leave nothing known: of the velocity at contact, and of the recorder's zero.
+
+    Args:
+        recordings: with nothing wrong so far.
+    """
+    stated = recordings.uncertainty
+    if not recordings.name.size:
+        return
+    velocity = recordings.velocity[np.isfinite(recordings.velocity)]
+    if velocity.size and stated.velocity_sd_m_s >= _MOST * np.median(velocity):
+        yield Problem(
+            FILE,
+            f"less than half of the velocity at contact (median {np.median(velocity):.4g} m/s)",
+            "Write it in m/s: 5 mm/s is 0.005, and 1 % of 1.5 m/s is 0.015.",
+            column="uncertainty.velocity_sd_m_s",
+            value=stated.velocity_sd_m_s,
+            code="stated-error-too-large",
+        )
+    moving = motion(recordings.samples, recordings.quantity)
+    reach = float(np.median(np.maximum(np.abs(moving.high), np.abs(moving.low))))
+    unit = "m" if recordings.quantity == "displacement" else "m/s^2"
+    if stated.offset_sd >= _MOST * reach:
+        yield Problem(
+            FILE,
+            f"less than half of the greatest {recordings.quantity} (median {reach:.4g} {unit})",
+            f"Write it in {unit}, whatever signal.unit is.",
+            column="uncertainty.offset_sd",
+            value=stated.offset_sd,
+            code="stated-error-too-large",
+        )
+
 
 EVEN_WITHIN = 0.1
 RATE_WITHIN = 0.01
@@ -64,13 +102,13 @@ def _not_numbers(recordings: Recordings) -> Iterator[Problem]:
             continue
         owners, first, count = np.unique(samples.owner[bad], return_index=True, return_counts=True)
         for which, at, times in zip(owners, bad[first], count, strict=True):
-            found = samples.text.get(int(at), str(values[at])) or "an empty cell"
+            cell = samples.text.get(int(at), str(values[at])) or "an empty cell"
             more = f" {times - 1} more samples of this impact are like this." if times > 1 else ""
             yield recordings.problem(
                 which,
                 "a finite number",
                 f"Correct the cell.{more}",
-                value=found,
+                value=cell,
                 at=at,
                 column=column,
                 code="not-a-number",
@@ -128,14 +166,14 @@ def _time(recordings: Recordings) -> Iterator[Problem]:
 def _rate(recordings: Recordings) -> Iterator[Problem]:
     samples, stated = recordings.samples, recordings.rate
     begin, end = samples.start[:-1], samples.start[1:]
-    found = (samples.count - 1) / (samples.time[end - 1] - samples.time[begin])
-    off = np.abs(found / stated - 1) > RATE_WITHIN
+    rate = (samples.count - 1) / (samples.time[end - 1] - samples.time[begin])
+    off = np.abs(rate / stated - 1) > RATE_WITHIN
     for which in np.flatnonzero(off & np.isfinite(stated)):
         yield recordings.problem(
             which,
             f"the sampling rate that impacts.csv states, {stated[which]:g} Hz, within {RATE_WITHIN:.0%}",
             "Correct signal.time_unit, the times, or sampling_rate_hz.",
-            value=f"{found[which]:g} Hz",
+            value=f"{rate[which]:g} Hz",
             column=samples.time_column,
             code="sampling-rate",
         )

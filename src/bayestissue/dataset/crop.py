@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from jaxtyping import Bool, Float64
 
-from bayestissue.dataset.samples import Samples, in_seconds
+from bayestissue.dataset.recordings import Samples, in_seconds
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.errors import Problem
 
@@ -28,12 +28,12 @@ class Windows:
     stop: Float64[np.ndarray, " impact"]
 
     @classmethod
-    def of(cls, impacts: pd.DataFrame, signal: SignalSettings) -> Windows:
+    def stated(cls, impacts: pd.DataFrame, signal: SignalSettings) -> Windows:
         """What ``impacts.csv`` says; where a cell is empty, what ``signal.crop`` says."""
         general = in_seconds(np.array(signal.crop or [-np.inf, np.inf]), signal)
         ends = [
-            np.where(np.isfinite(own), own, end)
-            for own, end in zip((_column(impacts, name) for name in COLUMNS), general, strict=True)
+            np.where(np.isfinite(cell), cell, end)
+            for cell, end in zip((_column(impacts, name) for name in COLUMNS), general, strict=True)
         ]
         return cls(*ends)
 
@@ -44,9 +44,9 @@ class Windows:
             return slice(None)
         return ~((time < start) | (time > stop))
 
-    def meet(self, one: int, other: int) -> bool:
+    def meet(self, first: int, second: int) -> bool:
         """Whether two impacts of one recording have a stretch in common."""
-        return bool(self.start[one] < self.stop[other] and self.start[other] < self.stop[one])
+        return bool(self.start[first] < self.stop[second] and self.start[second] < self.stop[first])
 
     def nothing(self, which: int, time: np.ndarray, file: str, impact: str) -> Problem:
         """What is wrong where no sample lies inside."""
@@ -82,7 +82,7 @@ def crop(samples: Samples, windows: Windows, names: list[str]) -> tuple[Samples,
         for (impact, begin, end), file, left in zip(bounds, samples.file, count, strict=True)
         if not left
     ]
-    place = np.cumsum(keep) - 1
+    position = np.cumsum(keep) - 1
     return replace(
         samples,
         time=samples.time[keep],
@@ -91,7 +91,7 @@ def crop(samples: Samples, windows: Windows, names: list[str]) -> tuple[Samples,
         start=np.concatenate([[0], np.cumsum(count[count > 0])]),
         impact=samples.impact[count > 0],
         file=[file for file, left in zip(samples.file, count, strict=True) if left],
-        text={int(place[at]): text for at, text in samples.text.items() if keep[at]},
+        text={int(position[at]): text for at, text in samples.text.items() if keep[at]},
     ), problems
 
 

@@ -16,8 +16,7 @@ from functools import cached_property
 from itertools import islice
 from typing import Literal
 
-from bayestissue.dataset.files import as_utf8, first_line
-from bayestissue.dataset.sheet import is_workbook, sheet_text
+from bayestissue.dataset.files import as_utf8, first_line, is_workbook, sheet_text
 from bayestissue.dataset.units import Dimension, to_si
 from bayestissue.errors import InputError, Problem
 
@@ -91,12 +90,12 @@ class Dialect:
         between, decimal = _word(DELIMITERS, self.delimiter), _word(DECIMALS, self.decimal)
         thousands = f"a {_word(THOUSANDS, self.thousands)} between thousands" if self.thousands else ""
         marks = [f"a {between} between cells", f"a decimal {decimal}", thousands]
-        found = (
+        parts = (
             [f"the sheet {self.sheet}"] if self.sheet else [_ENCODINGS[self.encoding], *filter(None, marks)]
         )
-        found += [f"names in row {self.header_row}" if self.header_row else "no names of columns"]
-        found += [f"units in row {self.units_row}"] if self.units_row else []
-        return ", ".join(found)
+        parts += [f"names in row {self.header_row}" if self.header_row else "no names of columns"]
+        parts += [f"units in row {self.units_row}"] if self.units_row else []
+        return ", ".join(parts)
 
     @cached_property
     def number(self) -> str:
@@ -153,7 +152,7 @@ class _Lines:
     records: list[_Record]
 
     @classmethod
-    def of(cls, text: str, delimiter: str) -> _Lines:
+    def cut(cls, text: str, delimiter: str) -> _Lines:
         return cls(delimiter, list(islice(_records(text, delimiter), _FEW)))
 
     @property
@@ -164,41 +163,41 @@ class _Lines:
     @cached_property
     def width(self) -> int:
         """How many cells most lines have; the lower half decides where several numbers are as frequent."""
-        count = Counter(len(each.cells) for each in [*self.records, *self.lower])
+        count = Counter(len(record.cells) for record in [*self.records, *self.lower])
         return count.most_common(1)[0][0] if count else 0
 
     @property
     def share(self) -> float:
         """Of the lines, those that have as many cells as most; 0 where these have one."""
-        alike = sum(len(each.cells) == self.width for each in self.records)
-        return alike / len(self.records) if self.width > 1 else 0.0
+        usual = sum(len(record.cells) == self.width for record in self.records)
+        return usual / len(self.records) if self.width > 1 else 0.0
 
     @cached_property
     def number_columns(self) -> list[int]:
         """The columns that hold numbers in most cells of the lower half that are filled."""
-        cells = [each.cells for each in self.lower if len(each.cells) == self.width]
+        cells = [record.cells for record in self.lower if len(record.cells) == self.width]
         filled = [[line[at] for line in cells if line[at].strip()] for at in range(self.width)]
-        return [at for at, some in enumerate(filled) if 2 * sum(map(_is_number, some)) > len(some)]
+        return [at for at, column in enumerate(filled) if 2 * sum(map(_is_number, column)) > len(column)]
 
     def is_data(self, record: _Record) -> bool:
         """Whether most of the columns of numbers hold one in a record."""
         columns = self.number_columns
-        found = [len(record.cells) > at and _is_number(record.cells[at]) for at in columns]
-        return 2 * sum(found) > len(found)
+        numeric = [len(record.cells) > at and _is_number(record.cells[at]) for at in columns]
+        return 2 * sum(numeric) > len(numeric)
 
     def names(self, wanted: Sequence[str], *, named: bool) -> _Record | None:
         """The record with the names of the columns; None where there is none."""
-        hits = [len(set(wanted) & {cell.strip() for cell in each.cells}) for each in self.records]
+        hits = [len(set(wanted) & {cell.strip() for cell in record.cells}) for record in self.records]
         if max(hits, default=0):
             return self.records[hits.index(max(hits))]
         if named or not self.number_columns:
             return self.records[0] if self.records else None
-        first = next((i for i, each in enumerate(self.records) if self.is_data(each)), 0)
+        first = next((i for i, record in enumerate(self.records) if self.is_data(record)), 0)
         # A line of one cell says something of the table. Above commas it may be the name of a single column
         # of numbers with decimal commas, which then don't fit below it.
         single = self.width == 1 or self.delimiter == ","
-        above = [each for each in self.records[:first] if single or len(each.cells) > 1]
-        above = [each for each in above if not any(map(_is_number, each.cells))] or above
+        above = [record for record in self.records[:first] if single or len(record.cells) > 1]
+        above = [record for record in above if not any(map(_is_number, record.cells))] or above
         if above:
             return above[-2] if len(above) > 1 and _are_units(above[-1].cells) else above[-1]
         # The numbers of the columns, as pandas writes them over an array that has no names.
@@ -207,27 +206,27 @@ class _Lines:
 
     def units(self, names: _Record | None) -> _Record | None:
         """The record of units below that of the names; None where there is none."""
-        below = next((each for each in self.records if names and each.row >= names.below), None)
+        below = next((record for record in self.records if names and record.row >= names.below), None)
         return below if below and not self.is_data(below) and _are_units(below.cells) else None
 
     def stated(self, key: str, stated: Stated, label: str) -> _Record | None:
         """The record that somebody named by its row; None where nobody did, or said that there is none."""
         row = getattr(stated, key)
-        found = next((each for each in self.records if each.row == row), None)
-        if row and found is None:
+        record = next((candidate for candidate in self.records if candidate.row == row), None)
+        if row and record is None:
             expected = f"a row that is not empty, among the first {len(self.records)} such rows"
             remedy = f"Correct {key}, or leave it out."
             raise InputError(Problem(label, expected, remedy, column=key, value=row, code="cells-in-a-row"))
-        return found
+        return record
 
     def first_row(self, above: _Record | None, *, named: bool) -> int:
         """The row of the first record below the names and units."""
         if above is None:
-            return next((each.row for each in self.records if self.is_data(each)), 1)
+            return next((record.row for record in self.records if self.is_data(record)), 1)
         # An empty line of a single column is an empty cell, and in a table with names one may be a row.
         if self.width == 1 or named:
             return above.below
-        return next((each.row for each in self.records if each.row >= above.below), above.below)
+        return next((record.row for record in self.records if record.row >= above.below), above.below)
 
 
 def text_table(
@@ -263,14 +262,14 @@ def text_table(
     first_line(data, label)
     head = data if len(data) <= _HEAD else data[: data.rfind(b"\n", 0, _HEAD) + 1 or _HEAD]
     text = head.decode("utf-8", "ignore")
-    lines = _Lines.of(text, DELIMITERS[stated.delimiter]) if stated.delimiter else _cut(text)
+    lines = _Lines.cut(text, DELIMITERS[stated.delimiter]) if stated.delimiter else _cut(text)
     header = lines.stated("header_row", stated, label) or lines.names(wanted, named=named)
     header = None if stated.header_row == 0 else header
     below = lines.stated("units_row", stated, label) or lines.units(header)
     below = None if stated.units_row == 0 else below
     first_row = lines.first_row(below or header, named=named)
     body = memoryview(data)[_offset(head, first_row) :]
-    cells = [each.cells for each in lines.records if each.row >= first_row]
+    cells = [record.cells for record in lines.records if record.row >= first_row]
     decimal = DECIMALS[stated.decimal] if stated.decimal else _decimal(cells, body)
     thousands = stated.thousands
     dialect = Dialect(
@@ -294,7 +293,7 @@ def text_table(
 
 
 def _word[Word: str](words: dict[Word, str], mark: str) -> str:
-    return next(word for word, each in words.items() if each == mark)
+    return next(word for word, sign in words.items() if sign == mark)
 
 
 def _records(text: str, delimiter: str) -> Iterator[_Record]:
@@ -318,13 +317,13 @@ def _records(text: str, delimiter: str) -> Iterator[_Record]:
 
 def _cut(text: str) -> _Lines:
     """The lines cut by the mark that makes most of them equally long; by a comma where none does."""
-    cut = [_Lines.of(text, mark) for mark in DELIMITERS.values() if mark != " "]
+    cut = [_Lines.cut(text, mark) for mark in DELIMITERS.values() if mark != " "]
     best = max(cut, key=lambda lines: lines.share)
     if best.share and best.delimiter != ",":
         return best
     # Between words stand spaces too: they separate cells where nothing but numbers stands between them.
-    spaced = _Lines.of(text, " ")
-    cells = [cell for each in spaced.lower for cell in each.cells]
+    spaced = _Lines.cut(text, " ")
+    cells = [cell for record in spaced.lower for cell in record.cells]
     if cells and spaced.share > 0.5 and all(_is_number(cell) and cell[-1] != "," for cell in cells):
         return spaced
     return next(lines for lines in cut if lines.delimiter == ",")
@@ -346,7 +345,7 @@ def _are_units(cells: Sequence[str]) -> bool:
         or text in {"V", "mV", "N", "kN", "Hz", "%", "°C", "Pa"}
         for text, whole in zip(bare, texts, strict=True)
     )
-    return any(known) and all(one or other for one, other in zip(known, others, strict=True))
+    return any(known) and all(is_unit or is_text for is_unit, is_text in zip(known, others, strict=True))
 
 
 def _is_unit(text: str) -> bool:
@@ -399,11 +398,11 @@ def _thousands(body: memoryview, delimiter: str, decimal: str) -> str:
         within = delimiter in marks
         if not marks or decimal in marks or (within and not quoted):
             continue
-        each = f"(?:{'|'.join(map(re.escape, marks))})"
+        any_mark = f"(?:{'|'.join(map(re.escape, marks))})"
         before, after = ('"', '"') if within else (r"(?<![\d.,])", r"(?!\d)")
-        groups = rf"[+-]?\d{{1,3}}(?:(?:{each}\d{{3}})+{mark}\d|(?:{each}\d{{3}}){{2,}}{after})"
+        groups = rf"[+-]?\d{{1,3}}(?:(?:{any_mark}\d{{3}})+{mark}\d|(?:{any_mark}\d{{3}}){{2,}}{after})"
         # The second search takes a second for 20 MB.
-        three = rf"{each}\d{{3}}".encode()
+        three = rf"{any_mark}\d{{3}}".encode()
         if re.search(three, body) and re.search(f"{before}{groups}".encode(), body):
             return marks
     return ""

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import codecs
+import csv
 import gzip
+import io
 import os
 import stat
+import zipfile
 import zlib
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
@@ -83,14 +87,14 @@ def read_bytes(path: Path, label: str, remedy: str, *, share: float = 1.0) -> by
         InputError: it is missing, no regular file, unreadable, empty, too large, or a broken archive.
     """
     try:
-        about = path.stat()
-        if not stat.S_ISREG(about.st_mode):
-            found = "a folder" if stat.S_ISDIR(about.st_mode) else "a device, a pipe or the like"
+        status = path.stat()
+        if not stat.S_ISREG(status.st_mode):
+            kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a device, a pipe or the like"
             raise InputError(
-                Problem(label, "a readable, regular file", remedy, value=found, code="unreadable-file")
+                Problem(label, "a readable, regular file", remedy, value=kind, code="unreadable-file")
             )
-        require_small(about.st_size, label, share=share)
-        data = _unpacked(path, label) if path.suffix == ".gz" and about.st_size else path.read_bytes()
+        require_small(status.st_size, label, share=share)
+        data = _unpacked(path, label) if path.suffix == ".gz" and status.st_size else path.read_bytes()
     except InputError:
         raise
     except FileNotFoundError:
@@ -148,9 +152,9 @@ def unpacked_size(packed: bytes, label: str, *, before: int = 0) -> int:
     Raises:
         InputError: they are too many; see `require_small`.
     """
-    unpacking, size, rest = zlib.decompressobj(), before, packed
-    while chunk := unpacking.decompress(rest, _CHUNK):
-        size, rest = size + len(chunk), unpacking.unconsumed_tail
+    unpacking, size, remaining = zlib.decompressobj(), before, packed
+    while chunk := unpacking.decompress(remaining, _CHUNK):
+        size, remaining = size + len(chunk), unpacking.unconsumed_tail
         require_small(size, label, known=False)
     return size
 
@@ -197,8 +201,8 @@ def as_utf8(data: bytes, label: str, encoding: str | None = None) -> tuple[bytes
     marked = data.startswith(_UTF8_MARK)
     if encoding in (None, "utf-8") and (marked or data.isascii()) and b"\0" not in data:
         data = data.removeprefix(_UTF8_MARK)
-        found = "utf-8-sig" if marked else "utf-8"
-        return (data, found) if data.isascii() else (_require(data, label, "utf-8"), found)
+        name = "utf-8-sig" if marked else "utf-8"
+        return (data, name) if data.isascii() else (_require(data, label, "utf-8"), name)
     if encoding == "utf-16" or (encoding is None and _utf16(data)):
         return _require(data, label, _utf16(data) or "utf-16"), "utf-16"
     if encoding is None:
@@ -218,7 +222,7 @@ def _utf16(data: bytes) -> str:
         return "utf-16"
     start = data[:_LONGEST_LINE]
     zeros = {order: start[first::2].count(0) for order, first in (("utf-16-le", 1), ("utf-16-be", 0))}
-    order = max(zeros, key=lambda each: zeros[each])
+    order = max(zeros, key=lambda candidate: zeros[candidate])
     # Of each pair one byte is 0 in nearly all text of numbers, and never the other.
     return order if zeros[order] > 0.4 * len(start) and sum(zeros.values()) == zeros[order] else ""
 
@@ -232,19 +236,75 @@ def _require(data: bytes, label: str, encoding: str) -> bytes:
     try:
         text = data.decode(encoding)
     except UnicodeDecodeError as error:
-        found: object = data[error.start : error.start + 1]
+        slip: object = data[error.start : error.start + 1]
         row = data[: error.start].count(b"\n") + 1
     else:
         if "\0" not in text:
             return data if encoding == "utf-8" else text.encode()
-        found, row = "a byte that is 0", text.count("\n", 0, text.index("\0")) + 1
+        slip, row = "a byte that is 0", text.count("\n", 0, text.index("\0")) + 1
     raise InputError(
         Problem(
             label,
             "text encoded as UTF-8, UTF-16 or cp1252",
             'Save the file as "CSV UTF-8", or export it anew.',
             row=row,
-            value=found,
+            value=slip,
             code="not-text",
         )
     ) from None
+
+
+_ZIP = b"PK\x03\x04"
+
+
+def is_workbook(data: bytes) -> bool:
+    """Whether a file is a workbook, whatever it is called."""
+    return data.startswith(_ZIP)
+
+
+def sheet_text(data: bytes, label: str) -> tuple[str, bytes]:
+    """The first sheet that is not empty: its name, and its cells as CSV with commas, a row for each row.
+
+    Numbers have the digits that give them back exactly, whatever the sheet shows.
+
+    Raises:
+        InputError: it is no whole workbook, too large once unpacked, protected, or empty.
+    """
+    from python_calamine import CalamineWorkbook
+
+    try:
+        with zipfile.ZipFile(io.BytesIO(data)) as packed:
+            size = sum(member.file_size for member in packed.infolist())
+        require_small(size, label, share=0.5)
+        book = CalamineWorkbook.from_filelike(io.BytesIO(data))
+        for name in book.sheet_names:
+            rows = book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+            if any(cell != "" for row in rows for cell in row):
+                return name, _csv(rows)
+    except InputError:
+        raise
+    except BaseException as error:
+        # A damaged file can fail anywhere in the decoder, which is another language's and may panic.
+        if isinstance(error, KeyboardInterrupt | SystemExit | MemoryError):
+            raise
+        message = (str(error).splitlines() or [type(error).__name__])[0]
+        remedy = "Save the workbook anew, without a password."
+        raise InputError(
+            Problem(label, "a whole Excel workbook", remedy, value=message, code="damaged-file")
+        ) from error
+    raise InputError(
+        Problem(label, "a sheet with cells", "Export the file anew.", value="empty sheets", code="no-rows")
+    )
+
+
+def _csv(rows: Sequence[Sequence[object]]) -> bytes:
+    text = io.StringIO(newline="")
+    csv.writer(text, lineterminator="\n").writerows([[_cell(cell) for cell in row] for row in rows])
+    return text.getvalue().encode()
+
+
+def _cell(cell: object) -> str:
+    if isinstance(cell, float):
+        return str(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
+    # A cell of several lines would make the numbers of rows other ones than those of the sheet.
+    return " ".join(str(cell).split())

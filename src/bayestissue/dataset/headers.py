@@ -21,7 +21,7 @@ def column_problems(label: str, names: Sequence[str], wanted: Sequence[str], row
     """
     problems = []
     for name in [name for name in wanted if name not in names]:
-        written = {other.lower(): other for other in reversed(names)}
+        written = {column.lower(): column for column in reversed(names)}
         near = difflib.get_close_matches(name.lower(), list(written), n=1)
         hint = f'Rename "{written[near[0]]}" to "{name}".' if near else f'Add a column "{name}".'
         if near == [name.lower()]:

@@ -150,14 +150,14 @@ def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
         if not text
     ]
     count = Counter(cells["impact"])
-    seen: dict[str, int] = {}
+    first_rows: dict[str, int] = {}
     for impact, row in zip(cells["impact"], rows, strict=True):
-        if impact and count[impact] > 1 and impact in seen:
+        if impact and count[impact] > 1 and impact in first_rows:
             problems.append(
                 Problem(
                     FILE,
                     "every impact once",
-                    f"Rename it or remove it; row {seen[impact]} has the same name.",
+                    f"Rename it or remove it; row {first_rows[impact]} has the same name.",
                     row=int(row),
                     column="impact",
                     value=impact,
@@ -165,7 +165,7 @@ def _name_problems(cells: pd.DataFrame, rows: np.ndarray) -> list[Problem]:
                     code="impact-twice",
                 )
             )
-        seen.setdefault(impact, int(row))
+        first_rows.setdefault(impact, int(row))
     return problems
 
 

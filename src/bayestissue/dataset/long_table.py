@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Int
 
-from bayestissue.dataset.samples import Reading, Samples, in_seconds, in_si
+from bayestissue.dataset.recordings import Reading, Samples, in_seconds, in_si
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import Labels, Numbers, read_table
 from bayestissue.errors import InputError, Problem
@@ -33,7 +33,7 @@ def read_long(folder: Path, impacts: list[str], signal: SignalSettings) -> Readi
         InputError: there is no such table, or more than one, or it can't be read.
     """
     path = _the_one(folder)
-    found = read_table(
+    table = read_table(
         path,
         path.name,
         numbers=[signal.time_column, signal.value_column],
@@ -41,10 +41,10 @@ def read_long(folder: Path, impacts: list[str], signal: SignalSettings) -> Readi
         remedy="Put the file there.",
         stated=signal.stated,
     )
-    times, readings = found.numbers[signal.time_column], found.numbers[signal.value_column]
-    rows = found.first_row + np.arange(times.array.size)
+    times, readings = table.numbers[signal.time_column], table.numbers[signal.value_column]
+    rows = table.first_row + np.arange(times.array.size)
     return replace(
-        long_reading(path.name, times, readings, found.labels["impact"], rows, impacts, signal), files=[path]
+        long_reading(path.name, times, readings, table.labels["impact"], rows, impacts, signal), files=[path]
     )
 
 
@@ -68,8 +68,8 @@ def long_reading(
         impacts: the names that there should be, in order.
         signal: names of the columns, units, scale and offset.
     """
-    place = {name: index for index, name in reversed(list(enumerate(impacts)))}
-    codes = np.array([place.get(name, -1) for name in labels.names], int)[labels.codes]
+    position = {name: index for index, name in reversed(list(enumerate(impacts)))}
+    codes = np.array([position.get(name, -1) for name in labels.names], int)[labels.codes]
     order = _order(codes)
     count = np.bincount(codes[codes >= 0], minlength=len(impacts))
     has = np.flatnonzero(count)
@@ -86,21 +86,21 @@ def long_reading(
     )
     return Reading(
         samples,
-        _strangers(label, labels, codes, rows) + _absent(label, impacts, place, count),
+        _strangers(label, labels, codes, rows) + _absent(label, impacts, position, count),
         [],
     )
 
 
 def _the_one(folder: Path) -> Path:
-    found = find_long(folder)
-    if len(found) == 1:
-        return found[0]
+    tables = find_long(folder)
+    if len(tables) == 1:
+        return tables[0]
     raise InputError(
         Problem(
-            found[0].name if found else LONG_TABLES[0],
+            tables[0].name if tables else LONG_TABLES[0],
             "one table of all samples, or a column trace in impacts.csv that names a file per impact",
-            "Remove the others." if found else f"Add one of {', '.join(LONG_TABLES)}.",
-            value=", ".join(path.name for path in found) or "no table of samples",
+            "Remove the others." if tables else f"Add one of {', '.join(LONG_TABLES)}.",
+            value=", ".join(path.name for path in tables) or "no table of samples",
             code="which-recordings",
         )
     )
@@ -138,7 +138,7 @@ def _strangers(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -
     ]
 
 
-def _absent(file: str, impacts: list[str], place: dict[str, int], count: np.ndarray) -> list[Problem]:
+def _absent(file: str, impacts: list[str], position: dict[str, int], count: np.ndarray) -> list[Problem]:
     return [
         Problem(
             file,
@@ -151,5 +151,5 @@ def _absent(file: str, impacts: list[str], place: dict[str, int], count: np.ndar
         )
         for index in np.flatnonzero(count == 0)
         # A name that stands there twice has been reported as such.
-        if impacts[index] and place[impacts[index]] == index
+        if impacts[index] and position[impacts[index]] == index
     ]

@@ -98,8 +98,8 @@ class Recorder:
         stated += f", noise {self.noise} it" if self.noise else ""
         if self.sae_class is not None:
             return f"SAE class {self.sae_class}{stated}"
-        both = ", forwards and backwards" if self.zero_phase else ""
-        return f"{self.kind}, order {self.order}, {self.low_pass_hz:g} Hz{both}{stated}"
+        directions = ", forwards and backwards" if self.zero_phase else ""
+        return f"{self.kind}, order {self.order}, {self.low_pass_hz:g} Hz{directions}{stated}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

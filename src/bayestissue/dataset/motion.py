@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float64, Int
 
 from bayestissue.dataset.model import Quantity
-from bayestissue.dataset.samples import Samples
+from bayestissue.dataset.recordings import Samples
 
 # A recording has begun to go somewhere where it is this share of its farthest way from where it began.
 _BEGINS = 0.1
@@ -58,31 +58,33 @@ def motion(samples: Samples, quantity: Quantity, gravity: float = 0.0) -> Motion
     begin, end, owner = samples.start[:-1], samples.start[1:], samples.owner
     slowing = -samples.value if quantity == "acceleration" else samples.value
     greatest = np.maximum.reduceat(slowing, begin)
-    away = samples.value - samples.value[begin][owner]
-    begins = _first_at(np.abs(away) >= _BEGINS * np.maximum.reduceat(np.abs(away), begin)[owner], begin)
-    side = np.where(away[begins] < 0, -1.0, 1.0)
+    displaced = samples.value - samples.value[begin][owner]
+    begins = _first_at(
+        np.abs(displaced) >= _BEGINS * np.maximum.reduceat(np.abs(displaced), begin)[owner], begin
+    )
+    side = np.where(displaced[begins] < 0, -1.0, 1.0)
     interval = (samples.time[end - 1] - samples.time[begin]) / (samples.count - 1)
     peak = _first_at(slowing == greatest[owner], begin)
     loss = gain = pulse_loss = rise = np.zeros(begin.size)
     pulse = samples.count
     if quantity != "displacement":
-        above, place = slowing > 0.1 * greatest[owner], np.arange(owner.size)
+        above, position = slowing > 0.1 * greatest[owner], np.arange(owner.size)
         pulse = np.add.reduceat(above.astype(int), begin)
-        below = np.where(~above & (place < peak[owner]), place, begin[owner])
+        below = np.where(~above & (position < peak[owner]), position, begin[owner])
         rise = samples.time[peak] - samples.time[np.maximum.reduceat(below, begin)]
         # An offset can't add up to much over a recording that is hardly longer than the impact.
-        rest = np.where(2 * pulse < samples.count, _rest(samples, slowing), 0)
+        baseline = np.where(2 * pulse < samples.count, _rest(samples, slowing), 0)
         step = np.append(np.diff(samples.time), 0)
         # The step from one recording to the next means nothing.
         step[end - 1] = 0
         loss = _climb(samples, slowing - gravity, step)
-        gain = _climb(samples, np.minimum(rest, 0)[owner] - slowing, step)
-        pulse_loss = _climb(samples, slowing - np.maximum(rest, 0)[owner] - gravity, step)
+        gain = _climb(samples, np.minimum(baseline, 0)[owner] - slowing, step)
+        pulse_loss = _climb(samples, slowing - np.maximum(baseline, 0)[owner] - gravity, step)
     return Motion(
         low=np.minimum.reduceat(samples.value, begin),
         high=np.maximum.reduceat(samples.value, begin),
         peak=peak,
-        extreme=side * np.maximum.reduceat(side[owner] * away, begin),
+        extreme=side * np.maximum.reduceat(side[owner] * displaced, begin),
         pulse=pulse,
         duration=pulse * interval,
         rise=rise,
@@ -124,8 +126,8 @@ def _just_inside(values: np.ndarray, limit: float) -> int:
     steps = np.diff(np.unique(values))
     # Equal readings may differ in their last digit once a scale has been applied.
     smallest = steps[steps > 1e-9 * (values.max() - values.min())].min()
-    away = np.abs(values - limit)
-    return int(np.count_nonzero((away > 0) & (away < 4.5 * smallest)))
+    distance = np.abs(values - limit)
+    return int(np.count_nonzero((distance > 0) & (distance < 4.5 * smallest)))
 
 
 def _climb(samples: Samples, rate: np.ndarray, step: np.ndarray) -> np.ndarray:

@@ -169,10 +169,10 @@ def _depths(recordings: Recordings, moving: Motion) -> Iterator[Problem]:
         )
     for which in np.flatnonzero((moving.extreme > 0) & (moving.extreme <= DEEPEST_M) & (velocity > 0)):
         mine = slice(samples.start[which], moving.peak[which] + 1)
-        away = samples.value[mine] - samples.value[mine.start]
-        shallow = int(np.flatnonzero(away <= FALL_WITHIN * away[-1])[-1])
+        displaced = samples.value[mine] - samples.value[mine.start]
+        shallow = int(np.flatnonzero(displaced <= FALL_WITHIN * displaced[-1])[-1])
         lasts = samples.time[moving.peak[which]] - samples.time[mine][shallow]
-        speed = (away[-1] - away[shallow]) / lasts
+        speed = (displaced[-1] - displaced[shallow]) / lasts
         low, high = _MEAN_SPEED
         if not low < speed / velocity[which] < high:
             yield recordings.problem(

@@ -140,11 +140,11 @@ def _read_table(path: Path, name: str, problems: list[Problem]) -> pd.DataFrame:
             _wrong(str(path), "at least one row", _MEND)
         ]
         return table
-    found = _wrong_labels(table, path, name)
+    faults = _wrong_labels(table, path, name)
     for column in layout.integers + layout.printed:
-        found += _read_column(table, column, layout, path)
-    found += _rows_that_stand_twice(table, layout, path)
-    problems += found
+        faults += _read_column(table, column, layout, path)
+    faults += _rows_that_stand_twice(table, layout, path)
+    problems += faults
     return table
 
 
@@ -192,8 +192,8 @@ def _rows_that_stand_twice(table: pd.DataFrame, layout: _Layout, path: Path) -> 
     keys = list(layout.key)
     expected, remedy = f"each {', '.join(keys)} once", "Take one of the two rows out, or mend its key."
     return [
-        _wrong(str(path), expected, remedy, row=_line(index), column=keys[-1], value=", ".join(map(str, own)))
-        for index, *own in table.loc[table.duplicated(keys), keys].itertuples()
+        _wrong(str(path), expected, remedy, row=_line(index), column=keys[-1], value=", ".join(map(str, key)))
+        for index, *key in table.loc[table.duplicated(keys), keys].itertuples()
     ]
 
 

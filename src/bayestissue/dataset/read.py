@@ -8,17 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
-from bayestissue.dataset.checks import check_recordings
+from bayestissue.dataset.checks import check_recordings, stated_problems
 from bayestissue.dataset.crop import Windows, crop
 from bayestissue.dataset.impacts import FILE as IMPACTS
 from bayestissue.dataset.impacts import ImpactTable, read_impacts
 from bayestissue.dataset.long_table import find_long, read_long
 from bayestissue.dataset.model import Dataset, Trace
-from bayestissue.dataset.recordings import Recordings
-from bayestissue.dataset.samples import Reading, Samples
+from bayestissue.dataset.recordings import Reading, Recordings, Samples
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Settings, SignalSettings, read_settings
-from bayestissue.dataset.stated import stated_problems
 from bayestissue.dataset.trace_files import read_files
 from bayestissue.errors import InputError, Problem
 from bayestissue.runtime import content_hash
@@ -69,8 +67,8 @@ def as_dataset(dataset: Dataset | str | Path) -> Dataset:
     if not isinstance(dataset, Dataset):
         expected = "a dataset's folder, or what bayestissue.dataset or bayestissue.read_dataset returns"
         remedy = "Make one with bayestissue.dataset(impacts, traces, quantity=..., unit=...)."
-        found = type(dataset).__name__
-        raise InputError(Problem("dataset", expected, remedy, value=found, code="option-value"))
+        kind = type(dataset).__name__
+        raise InputError(Problem("dataset", expected, remedy, value=kind, code="option-value"))
     return dataset
 
 
@@ -98,13 +96,15 @@ def checked_dataset(
     """
     signal, names = settings.signal, table.table["impact"].tolist()
     # Recorder files are cropped as they are read, for memory's sake: nothing more comes off here.
-    samples, outside = crop(reading.samples, Windows.of(table.table, signal), names)
+    samples, outside = crop(reading.samples, Windows.stated(table.table, signal), names)
     reading = replace(reading, samples=samples)
     problems = [*reading.problems, *outside]
     uncertainty = settings.uncertainty.values()
     gravity = signal.gravity_m_s2
     recorder = settings.recorder.values() if settings.recorder else None
-    recordings = Recordings.of(reading.samples, table.table, signal.quantity, uncertainty, gravity, recorder)
+    recordings = Recordings.with_impacts(
+        reading.samples, table.table, signal.quantity, uncertainty, gravity, recorder
+    )
     findings = check_recordings(recordings)
     problems += findings.problems
     problems += stated_problems(recordings.without(problems))
@@ -163,15 +163,15 @@ def _tables(folder: Path) -> tuple[Settings, ImpactTable]:
 
 
 def _files(folder: Path, table: ImpactTable, settings: Settings) -> Reading:
-    if found := find_long(folder):
+    if tables := find_long(folder):
         raise InputError(
             [
                 *table.problems,
                 Problem(
-                    found[0].name,
+                    tables[0].name,
                     "either one table of all samples or a file per impact",
                     "Remove the table, or the column trace from impacts.csv.",
-                    value=f"{found[0].name} beside a column trace in impacts.csv",
+                    value=f"{tables[0].name} beside a column trace in impacts.csv",
                     code="which-recordings",
                 ),
             ]

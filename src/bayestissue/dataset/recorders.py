@@ -79,12 +79,12 @@ def contents_of(path: Path, label: str, stated: Stated | None = None) -> Content
     """
     if suffix_of(path) not in _TABLES:
         return _contents(path, label)
-    found = read_numbers(path, label, remedy=REMEDY, stated=stated)
+    numbers = read_numbers(path, label, remedy=REMEDY, stated=stated)
     channels = {
         name: Channel(_to_its_end(column.array), unit=column.unit or unit_in_name(name))
-        for name, column in found.numbers.items()
+        for name, column in numbers.numbers.items()
     }
-    return Contents(channels, found.first_row, str(found.dialect or ""))
+    return Contents(channels, numbers.first_row, str(numbers.dialect or ""))
 
 
 def _to_its_end(values: np.ndarray) -> np.ndarray:
@@ -116,19 +116,19 @@ def _contents(path: Path, label: str) -> Contents:
             return FORMATS[suffix].read(data, label)
     except UnfitError as error:
         raise InputError(
-            Problem(label, error.expected, error.remedy, value=error.found, code="recorder-file")
+            Problem(label, error.expected, error.remedy, value=error.value, code="recorder-file")
         ) from None
     except InputError:
         raise
     except Exception as error:
         # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
-        found = (str(error).splitlines() or [""])[0] or type(error).__name__
+        message = (str(error).splitlines() or [""])[0] or type(error).__name__
         raise InputError(
             Problem(
                 label,
                 f"a whole {suffix} file",
                 "Copy or export the recording anew.",
-                value=found,
+                value=message,
                 code="damaged-file",
             )
         ) from error
@@ -139,12 +139,12 @@ def _from_table(path: Path, label: str, signal: SignalSettings) -> Recording:
     if "time_column" not in signal.model_fields_set:
         names = column_names(path, label, wanted=wanted, remedy=REMEDY, stated=signal.stated)
         wanted = [name for name in wanted if name in (*names, signal.value_column)]
-    found = read_table(path, label, numbers=wanted, remedy=REMEDY, stated=signal.stated)
-    value, time = found.numbers[signal.value_column], found.numbers.get(signal.time_column)
+    table = read_table(path, label, numbers=wanted, remedy=REMEDY, stated=signal.stated)
+    value, time = table.numbers[signal.value_column], table.numbers.get(signal.time_column)
     return Recording(
         value.array,
         None if time is None else time.array,
-        first_row=found.first_row,
+        first_row=table.first_row,
         text={**(time.text if time else {}), **value.text},
     )
 
@@ -153,7 +153,7 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
     problems, channels = [], contents.channels
     name = signal.value_column
     if name not in channels and "value_column" not in signal.model_fields_set:
-        others = [other for other in long_enough(channels) if other != signal.time_column]
+        others = [channel for channel in long_enough(channels) if channel != signal.time_column]
         name = others[0] if len(others) == 1 else name
     for key, wanted in (("value_column", name), ("time_column", signal.time_column)):
         needed = key == "value_column" or key in signal.model_fields_set

@@ -140,13 +140,13 @@ def read_numbers(path: Path, label: str, *, remedy: str, stated: Stated | None =
     if path.suffix == ".parquet":
         schema = _schema(read_bytes(path, label, remedy), label)
         names = [field.name for field in schema if _numeric(field.type)]
-        found = read_table(path, label, numbers=names, remedy=remedy)
+        table = read_table(path, label, numbers=names, remedy=remedy)
     else:
         text = text_table(read_bytes(path, label, remedy), label, stated=stated)
-        found = _of_text(text, label, [name for name in text.names if name], ())
+        table = _of_text(text, label, [name for name in text.names if name], ())
     return replace(
-        found,
-        numbers={name: column for name, column in found.numbers.items() if _holds_numbers(column)},
+        table,
+        numbers={name: column for name, column in table.numbers.items() if _holds_numbers(column)},
     )
 
 
@@ -286,15 +286,15 @@ def _is_text(kind: pa.DataType) -> bool:
 
 def _no_names(label: str, schema: pa.Schema, labels: Sequence[str]) -> list[Problem]:
     """Columns of names that hold something else than text or whole numbers."""
-    found = {name: schema.field(name).type for name in labels if schema.names.count(name) == 1}
-    kinds = {n: kind.value_type if pa.types.is_dictionary(kind) else kind for n, kind in found.items()}
+    types = {name: schema.field(name).type for name in labels if schema.names.count(name) == 1}
+    kinds = {n: kind.value_type if pa.types.is_dictionary(kind) else kind for n, kind in types.items()}
     return [
         Problem(
             label,
             "names, as text",
             "Store the column as text.",
             column=name,
-            value=str(found[name]),
+            value=str(types[name]),
             code="column-type",
         )
         for name, kind in kinds.items()
@@ -302,13 +302,13 @@ def _no_names(label: str, schema: pa.Schema, labels: Sequence[str]) -> list[Prob
     ]
 
 
-def _read_size(about: pq.FileMetaData, wanted: list[str]) -> int:
+def _read_size(metadata: pq.FileMetaData, wanted: list[str]) -> int:
     """Bytes that the columns take: of each the pages unpacked, and at least 8 for every row."""
     pages = 0
-    for group in (about.row_group(number) for number in range(about.num_row_groups)):
+    for group in (metadata.row_group(number) for number in range(metadata.num_row_groups)):
         columns = (group.column(number) for number in range(group.num_columns))
         pages += sum(c.total_uncompressed_size for c in columns if c.path_in_schema in wanted)
-    return max(pages, 8 * about.num_rows * len(wanted))
+    return max(pages, 8 * metadata.num_rows * len(wanted))
 
 
 def _words(error: Exception) -> str:
@@ -331,5 +331,5 @@ def _labels(column: pa.ChunkedArray) -> Labels:
     names = [(name or "").strip() for name in single.dictionary.to_pylist()]
     codes = single.indices.fill_null(len(names)).to_numpy(zero_copy_only=False)
     distinct = tuple(dict.fromkeys([*names, ""]))
-    place = {name: index for index, name in enumerate(distinct)}
-    return Labels(np.array([place[name] for name in [*names, ""]])[codes], distinct)
+    number = {name: index for index, name in enumerate(distinct)}
+    return Labels(np.array([number[name] for name in [*names, ""]])[codes], distinct)

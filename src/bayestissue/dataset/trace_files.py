@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ import pandas as pd
 from bayestissue.dataset.crop import COLUMNS, Windows
 from bayestissue.dataset.files import require_small
 from bayestissue.dataset.recorders import REMEDY, Recording, read_recording
-from bayestissue.dataset.samples import Reading, Samples, in_seconds, in_si
+from bayestissue.dataset.recordings import Reading, Samples, in_seconds, in_si
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.errors import InputError, Problem
 
@@ -26,9 +27,9 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
         signal: names of the channels, units, scale and offset.
     """
     problems: list[Problem] = []
-    pieces, files, kept = [], [], []
+    pieces, files, positions = [], [], []
     rates = impacts.get("sampling_rate_hz", pd.Series(np.nan, index=impacts.index)).to_numpy()
-    windows = Windows.of(impacts, signal)
+    windows = Windows.stated(impacts, signal)
     taken: dict[Path, list[int]] = {}
     held: tuple[Path, Recording] | None = None
     size = 0
@@ -41,11 +42,11 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
                 held = (path, read_recording(path, name, signal))
             time = _time(held[1], rates[index], name, signal)
         except InputError as error:
-            found = (replace(each, impact=impact or None, files_read=len(impacts)) for each in error.problems)
-            problems += found
+            of_impact = partial(replace, impact=impact or None, files_read=len(impacts))
+            problems += map(of_impact, error.problems)
             continue
         taken.setdefault(path, []).append(index)
-        piece = _Piece.of(held[1], time, windows.inside(index, time))
+        piece = _Piece.inside(held[1], time, windows.inside(index, time))
         if not piece.time.size and time.size:
             problems.append(windows.nothing(index, time, name, impact))
             continue
@@ -53,14 +54,14 @@ def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: Si
         require_small(size, "the recordings together")
         pieces.append(piece)
         files.append(name)
-        kept.append(index)
+        positions.append(index)
     count = np.array([piece.value.size for piece in pieces], dtype=int)
     start = np.concatenate([[0], np.cumsum(count)]).astype(int)
     samples = Samples(
         np.concatenate([np.empty(0), *(piece.time for piece in pieces)]),
         in_si(np.concatenate([np.empty(0), *(piece.value for piece in pieces)]), signal),
         start,
-        np.array(kept, dtype=int),
+        np.array(positions, dtype=int),
         files,
         np.concatenate([np.empty(0, int), *(piece.row for piece in pieces)]),
         signal.time_column,
@@ -102,12 +103,12 @@ class _Piece:
     text: dict[int, str]
 
     @classmethod
-    def of(cls, recording: Recording, time: np.ndarray, inside: np.ndarray | slice) -> _Piece:
+    def inside(cls, recording: Recording, time: np.ndarray, inside: np.ndarray | slice) -> _Piece:
         row = recording.first_row + np.arange(recording.value.size)
         text = recording.text or {}
         if isinstance(inside, np.ndarray):
-            place = np.cumsum(inside) - 1
-            text = {int(place[at]): words for at, words in text.items() if inside[at]}
+            position = np.cumsum(inside) - 1
+            text = {int(position[at]): words for at, words in text.items() if inside[at]}
         return cls(time[inside], recording.value[inside], row[inside], text)
 
 
@@ -115,7 +116,7 @@ def _require_apart(
     path: Path, name: str, index: int, row: int, taken: dict[Path, list[int]], windows: Windows
 ) -> None:
     """Refuse a recording, or a part of one, that an earlier impact has."""
-    if any(windows.meet(index, other) for other in taken.get(path, ())):
+    if any(windows.meet(index, neighbour) for neighbour in taken.get(path, ())):
         cropped = np.isfinite(windows.start[index]) or np.isfinite(windows.stop[index])
         raise InputError(
             Problem(

@@ -79,8 +79,8 @@ def write_whole(data: Dataset, path: Path, *, overwrite: bool) -> Path:
         }
     )
     with (
-        claim(path, overwrite=overwrite, command="write", inputs=(data.folder,)) as place,
-        place.folder() as staging,
+        claim(path, overwrite=overwrite, command="write", inputs=(data.folder,)) as target,
+        target.folder() as staging,
     ):
         impacts = data.impacts.drop(columns="trace", errors="ignore")
         write_dataset(staging, settings=settings, impacts=impacts, traces=traces)

@@ -12,7 +12,7 @@ import numpy as np
 
 from bayestissue.dataset import Trace
 from bayestissue.dataset.crop import COLUMNS as CROP
-from bayestissue.dataset.samples import in_seconds
+from bayestissue.dataset.recordings import in_seconds
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.trace_files import read_one
 from bayestissue.errors import InputError, Problem

@@ -4,8 +4,8 @@ from bayestissue.dataset.formats import biopac, c3d, hdf5, lvm, mat, tdms
 from bayestissue.dataset.formats.channel import Channel, Contents, Format, UnfitError, unit_in_name
 
 FORMATS: dict[str, Format] = {
-    each.suffix: each
-    for each in (lvm.FORMAT, tdms.FORMAT, mat.FORMAT, c3d.FORMAT, biopac.FORMAT, *hdf5.FORMATS)
+    form.suffix: form
+    for form in (lvm.FORMAT, tdms.FORMAT, mat.FORMAT, c3d.FORMAT, biopac.FORMAT, *hdf5.FORMATS)
 }
 
 __all__ = ["FORMATS", "Channel", "Contents", "Format", "UnfitError", "unit_in_name"]

@@ -28,21 +28,21 @@ def read(data: bytes, label: str) -> Contents:
         ) from None
     # What is wrong is said once, by whoever called.
     logging.getLogger("bioread").setLevel(logging.CRITICAL)
-    about = Reader.read_headers(io.BytesIO(data))
-    if about.datafile is None or about.data_length is None:
+    headers = Reader.read_headers(io.BytesIO(data))
+    if headers.datafile is None or headers.data_length is None:
         raise ValueError("no AcqKnowledge file, or one whose header is damaged")
-    if about.is_compressed:
+    if headers.is_compressed:
         size = 0
-        for header in about.channel_compression_headers:
+        for header in headers.channel_compression_headers:
             begin = header.compressed_data_offset
             size = unpacked_size(data[begin : begin + header.compressed_data_len], label, before=size)
-    elif about.data_start_offset + about.data_length > len(data):
+    elif headers.data_start_offset + headers.data_length > len(data):
         raise UnfitError(
             "all samples that its header states",
             "Copy or export the recording anew.",
             "an end that is missing",
         )
-    require_small(sum(8.0 * channel.point_count for channel in about.datafile.channels), label)
+    require_small(sum(8.0 * channel.point_count for channel in headers.datafile.channels), label)
     channels: dict[str, Channel] = {}
     for number, channel in enumerate(Reader.read(io.BytesIO(data)).datafile.channels, 1):
         values = np.asarray(channel.data, dtype=np.float64)

@@ -90,14 +90,14 @@ def _markers(table: np.ndarray, parameters: Parameters, header: _Header) -> dict
     clock = even_clock(1 / rate, 0.0, len(table)) if rate > 0 and math.isfinite(rate) else None
     labels, (unit,) = _texts(parameters, "LABELS", count, "POINT"), _texts(parameters, "UNITS", 1, "POINT")
     points = table.reshape(len(table), count, _COORDINATES).astype(np.float64)
-    seen = points[..., -1] >= 0
+    visible = points[..., -1] >= 0
     scale = 1.0 if header.scale < 0 else header.scale
     channels: dict[str, Channel] = {}
     for number in range(count):
         name = labels[number] or f"marker {number + 1}"
         name = name if f"{name}.x" not in channels else f"{name} {number + 1}"
         for axis, letter in enumerate("xyz"):
-            values = np.where(seen[:, number], scale * points[:, number, axis], np.nan)
+            values = np.where(visible[:, number], scale * points[:, number, axis], np.nan)
             channels[f"{name}.{letter}"] = Channel(values, clock, unit)
     return channels
 
@@ -150,7 +150,7 @@ def _parameters(data: bytes) -> tuple[str, Parameters]:
         )
     order, end = _ORDERS[data[at + 3]], at + _BLOCK * data[at + 2]
     groups: dict[int, str] = {}
-    found: dict[tuple[int, str], Any] = {}
+    parameters: dict[tuple[int, str], Any] = {}
     at += 4
     while at < min(end, len(data)):
         length, group = struct.unpack_from("bb", data, at)
@@ -162,11 +162,11 @@ def _parameters(data: bytes) -> tuple[str, Parameters]:
         if group < 0:
             groups[-group] = name
         else:
-            found[group, name] = _value(data, step_at + 2, order)
+            parameters[group, name] = _value(data, step_at + 2, order)
         if step <= 0:
             break
         at = step_at + step
-    return order, {(groups.get(group, ""), name): value for (group, name), value in found.items()}
+    return order, {(groups.get(group, ""), name): value for (group, name), value in parameters.items()}
 
 
 def _value(data: bytes, at: int, order: str) -> np.ndarray:

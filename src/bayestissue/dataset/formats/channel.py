@@ -64,9 +64,9 @@ class Format:
 class UnfitError(Exception):
     """A whole file that can't serve: what was expected, what to do, and what was found."""
 
-    def __init__(self, expected: str, remedy: str, found: object) -> None:
+    def __init__(self, expected: str, remedy: str, value: object) -> None:
         super().__init__(expected)
-        self.expected, self.remedy, self.found = expected, remedy, found
+        self.expected, self.remedy, self.value = expected, remedy, value
 
 
 def even_clock(step: object, start: object, samples: int) -> Float64[np.ndarray, " sample"] | None:
@@ -85,5 +85,5 @@ def even_clock(step: object, start: object, samples: int) -> Float64[np.ndarray,
 
 def unit_in_name(name: str) -> str:
     """The unit in brackets at the end of a column's name, such as ``Impact (m/s^2)``; empty if none."""
-    found = _UNIT_IN_NAME.fullmatch(name)
-    return found[1] if found else ""
+    match = _UNIT_IN_NAME.fullmatch(name)
+    return match[1] if match else ""

@@ -33,9 +33,9 @@ def read(data: bytes, label: str) -> Contents:
 
     channels: dict[str, Channel] = {}
     with h5py.File(io.BytesIO(data), "r") as file:
-        found = {name: item for name, item in _datasets(file) if item.dtype.kind in "fiu" and item.size}
-        require_small(sum(8 * item.size for item in found.values()), label)
-        for name, item in found.items():
+        numeric = {name: item for name, item in _datasets(file) if item.dtype.kind in "fiu" and item.size}
+        require_small(sum(8 * item.size for item in numeric.values()), label)
+        for name, item in numeric.items():
             values, unit = np.asarray(item), _unit(item)
             if max(values.shape, default=1) == values.size:
                 channels[name] = Channel(np.ravel(values).astype(np.float64), unit=unit)
@@ -75,7 +75,7 @@ def _datasets(file: h5py.File, *, deep: bool = True) -> Iterator[tuple[str, Any]
     """
     import h5py
 
-    seen: set[int] = set()
+    visited: set[int] = set()
     waiting = [("", file)]
     for before, group in waiting:
         for name in group:
@@ -83,9 +83,9 @@ def _datasets(file: h5py.File, *, deep: bool = True) -> Iterator[tuple[str, Any]
                 continue
             item = group[name]
             address = h5py.h5o.get_info(item.id).addr
-            if address in seen:
+            if address in visited:
                 continue
-            seen.add(address)
+            visited.add(address)
             if isinstance(item, h5py.Dataset) and not (item.external or item.is_virtual):
                 yield f"{before}{name}", item
             elif deep and isinstance(item, h5py.Group):

@@ -33,8 +33,10 @@ def read(data: bytes, label: str) -> Contents:
     samples, names = segment["data"], segment["Channel names"]
     stated = [int(count) for count in segment.get("Samples", []) if count == count]
     if stated and max(stated) != len(samples):
-        found = f"{len(samples)} rows where {max(stated)} are stated"
-        raise UnfitError("as many rows as the header's greatest Samples", "Export the recording anew.", found)
+        count_words = f"{len(samples)} rows where {max(stated)} are stated"
+        raise UnfitError(
+            "as many rows as the header's greatest Samples", "Export the recording anew.", count_words
+        )
     if unit := set(segment.get("X_Dimension", [])) - {"Time", ""}:
         raise UnfitError("time along X", "Export the signal over time.", ", ".join(sorted(unit)))
     if len(names) > 1 and names[-1] == "Comment":
@@ -52,8 +54,8 @@ def read(data: bytes, label: str) -> Contents:
             expected = f"empty cells behind the {count} Samples of channel {name}"
             raise UnfitError(expected, "Export the recording anew.", "numbers behind them")
         # One column X_Value is the clock of channels that begin and go on as the one beside it does.
-        beside = x is not None and of_x == (start, step) and np.isfinite(x[:count]).any()
-        clock = x[:count] if x is not None and beside else even_clock(step, start, count)
+        has_times = x is not None and of_x == (start, step) and np.isfinite(x[:count]).any()
+        clock = x[:count] if x is not None and has_times else even_clock(step, start, count)
         unit = _stated(segment, "Y_Unit_Label", measured, "")
         channels[name] = Channel(samples[:count, column], clock, unit if isinstance(unit, str) else "")
         measured += 1

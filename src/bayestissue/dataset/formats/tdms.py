@@ -20,19 +20,21 @@ def read(data: bytes, label: str) -> Contents:
     file = TdmsFile.open(io.BytesIO(data))
     if file.file_status.incomplete_final_segment:
         raise UnfitError("a whole .tdms file", "Copy or export the recording anew.", "an end that is missing")
-    found = [channel for group in file.groups() for channel in group.channels()]
-    require_small(sum(8 * len(channel) for channel in found), label)
-    names = [channel.name for channel in found]
+    recorded = [channel for group in file.groups() for channel in group.channels()]
+    require_small(sum(8 * len(channel) for channel in recorded), label)
+    names = [channel.name for channel in recorded]
     channels: dict[str, Channel] = {}
-    for channel in found:
+    for channel in recorded:
         values = np.asarray(channel[:])
         if values.dtype.kind not in "fiu":
             continue
-        about = channel.properties
-        clock = even_clock(about.get("wf_increment"), about.get("wf_start_offset", 0.0), len(values))
+        properties = channel.properties
+        clock = even_clock(
+            properties.get("wf_increment"), properties.get("wf_start_offset", 0.0), len(values)
+        )
         # The same name in two groups says nothing: such channels need their group's name before theirs.
         name = channel.name if names.count(channel.name) == 1 else f"{channel.group_name}/{channel.name}"
-        unit = about.get("unit_string", "")
+        unit = properties.get("unit_string", "")
         channels[name] = Channel(values.astype(np.float64), clock, unit if isinstance(unit, str) else "")
     return Contents(channels)
 
