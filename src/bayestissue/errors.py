@@ -59,6 +59,21 @@ class InputError(ValueError):
         super().__init__("\n".join(str(problem) for problem in by_cause(self.problems)))
 
 
+def refusal(
+    file: str,
+    expected: str,
+    remedy: str,
+    row: int | None = None,
+    column: str | None = None,
+    value: object = None,
+    *,
+    impact: str | None = None,
+    code: Code,
+) -> InputError:
+    """The `InputError` of one problem; arguments as of `Problem`."""
+    return InputError(Problem(file, expected, remedy, row, column, value, impact, code=code))
+
+
 # From so many files on, the same problem in each is one cause.
 _MANY = 3
 

@@ -20,7 +20,7 @@ import xarray as xr
 
 from bayestissue import resources, results, runtime
 from bayestissue.answering import Answering
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import refusal
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
@@ -192,13 +192,8 @@ class Fit(Answering):
 
     def _page(self, path: Path, overwrite: bool) -> Path:
         if path.exists() and not overwrite:
-            raise InputError(
-                Problem(
-                    str(path),
-                    "a name not yet taken",
-                    "Choose another, or pass overwrite=True.",
-                    code="out-taken",
-                )
+            raise refusal(
+                str(path), "a name not yet taken", "Choose another, or pass overwrite=True.", code="out-taken"
             )
         from bayestissue.report import write_report
 
@@ -272,7 +267,7 @@ def _checked_seed(seed: Any) -> int:
         f"a whole number from 0 to {runtime.MOST_SEED}",
         "Pass such a number, or leave seed out.",
     )
-    raise InputError(Problem("arguments", expected, remedy, column="seed", value=seed, code="option-value"))
+    raise refusal("arguments", expected, remedy, column="seed", value=seed, code="option-value")
 
 
 def formulas_of(K: str | None, C: str | None) -> dict[str, str]:

@@ -9,7 +9,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import refusal
 
 Serves = Callable[[dict[str, Any]], bool]
 
@@ -56,14 +56,8 @@ def model_file(model: str | Path, serves: Serves) -> Path:
     remedy = f"Write {near[0]} for the one of that name." if near else "Check the spelling."
     if path.stem in names:
         remedy = f"Write {path.stem} for the one that comes with the program, or check the path."
-    raise InputError(
-        Problem(
-            str(model),
-            f"a model file, or a model of the program: {listed}",
-            remedy,
-            value=kind,
-            code="no-model",
-        )
+    raise refusal(
+        str(model), f"a model file, or a model of the program: {listed}", remedy, value=kind, code="no-model"
     )
 
 

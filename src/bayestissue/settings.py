@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refusal
 
 if TYPE_CHECKING:
     from pydantic import BaseModel
@@ -37,7 +37,7 @@ def read_text(path: Path, file: str) -> str:
     try:
         if path.exists() and not (path.is_file() and path.stat().st_size < _LARGEST):
             expected, kind = f"a file of settings below {_LARGEST / 1e6:g} MB", "a folder, a device or more"
-            raise InputError(Problem(file, expected, "Check the path.", value=kind, code="no-file"))
+            raise refusal(file, expected, "Check the path.", value=kind, code="no-file")
         return path.read_bytes().decode("utf-8-sig")
     except OSError as error:
         problem = Problem(
@@ -68,9 +68,7 @@ def parse_toml(text: str, file: str) -> dict[str, Any]:
         line = re.search(r"at line (\d+)", str(error))
         row = int(line[1]) if line else None
         remedy = "Mend the syntax; text stands in quotes, tables in [brackets]."
-        raise InputError(
-            Problem(file, "valid TOML", remedy, row=row, value=str(error), code="not-toml")
-        ) from None
+        raise refusal(file, "valid TOML", remedy, row=row, value=str(error), code="not-toml") from None
 
 
 def row_of(text: str, key: Sequence[str]) -> int | None:

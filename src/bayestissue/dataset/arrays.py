@@ -24,7 +24,7 @@ from bayestissue.dataset.recordings import Reading
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Gravity, Settings, SignalSettings, Zero, parse_settings
 from bayestissue.dataset.tables import Labels, Numbers
-from bayestissue.errors import InputError, Problem, all_of
+from bayestissue.errors import InputError, Problem, all_of, refusal
 
 # What messages call the tables; the checks count rows as a spreadsheet does, a caller's from 0.
 _LONG, _SINGLE = "traces (rows from 0)", "traces (samples from 0)"
@@ -175,9 +175,7 @@ def _texts(impacts: Any) -> tuple[list[str], list[list[str]]]:
         table = pd.DataFrame(impacts).drop(columns="trace", errors="ignore")
     except (TypeError, ValueError) as error:
         remedy = "Pass a pandas table, columns of equal length by name, or one dictionary per impact."
-        raise InputError(
-            Problem(IMPACTS, "a table of impacts", remedy, value=str(error), code="array-shape")
-        ) from None
+        raise refusal(IMPACTS, "a table of impacts", remedy, value=str(error), code="array-shape") from None
     columns = [[_text(value) for value in table.iloc[:, column]] for column in range(table.shape[1])]
     body = [list(record) for record in zip(*columns, strict=True)]
     return [str(name).strip() for name in table.columns], body
@@ -217,9 +215,7 @@ def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Sample
         labels = Labels(np.array([number[text] for text in texts], int)[codes], distinct)
         times, readings = (_numbers(traces[name], _LONG, name, None) for name in columns)
         if not len(codes):
-            raise InputError(
-                Problem(_LONG, "one row per sample", "Add the samples.", value="no rows", code="no-rows")
-            )
+            raise refusal(_LONG, "one row per sample", "Add the samples.", value="no rows", code="no-rows")
         return _Samples(_LONG, times, readings, labels, np.arange(len(codes)) + _FIRST_ROW)
     if isinstance(traces, Mapping):
         named = [(_text(name), trace) for name, trace in traces.items()]
@@ -228,8 +224,8 @@ def _samples(traces: Any, impacts: list[str], signal: SignalSettings) -> _Sample
     else:
         kind = f"{len(traces)} recordings" if isinstance(traces, Sequence) else type(traces).__name__
         remedy = "Pass a long table, recordings by impact, or one for each impact in their order."
-        raise InputError(
-            Problem(_SINGLE, f"recordings of {len(impacts)} impacts", remedy, value=kind, code="array-shape")
+        raise refusal(
+            _SINGLE, f"recordings of {len(impacts)} impacts", remedy, value=kind, code="array-shape"
         )
     return _joined(named, columns)
 
@@ -266,15 +262,13 @@ def _pair(trace: Any, impact: str, columns: tuple[str, str]) -> tuple[int, Numbe
         _numbers(part, _SINGLE, name, impact) for part, name in zip(trace, columns, strict=True)
     )
     if len(times.array) != len(readings.array):
-        raise InputError(
-            Problem(
-                _SINGLE,
-                "as many times as values",
-                "Pass the two arrays of one recording.",
-                value=f"{len(times.array)} times and {len(readings.array)} values",
-                impact=impact,
-                code="array-shape",
-            )
+        raise refusal(
+            _SINGLE,
+            "as many times as values",
+            "Pass the two arrays of one recording.",
+            value=f"{len(times.array)} times and {len(readings.array)} values",
+            impact=impact,
+            code="array-shape",
         )
     hidden = np.zeros(len(times.array), bool)
     for part in trace:
@@ -303,9 +297,7 @@ def _numbers(values: Any, label: str, column: str, impact: str | None) -> Number
     shape = f"an array of shape {np.shape(values)} of {getattr(values, 'dtype', type(values).__name__)}"
     expected = "one number for each sample, times counted in time_unit"
     remedy = "Pass a one-dimensional array of numbers."
-    raise InputError(
-        Problem(label, expected, remedy, column=column, value=shape, impact=impact, code="array-shape")
-    )
+    raise refusal(label, expected, remedy, column=column, value=shape, impact=impact, code="array-shape")
 
 
 def _end_to_end(parts: list[Numbers]) -> Numbers:

@@ -14,7 +14,7 @@ import pandas as pd
 from bayestissue.dataset.dialect import text_table
 from bayestissue.dataset.files import read_bytes
 from bayestissue.dataset.headers import RaggedRow, column_problems, ragged_problem
-from bayestissue.errors import InputError, Problem, has_control_characters
+from bayestissue.errors import InputError, Problem, has_control_characters, refusal
 
 FILE = "impacts.csv"
 # Columns of names, where "1,5" is no number.
@@ -62,15 +62,13 @@ def read_cells(
                 body.append(cells)
                 lines.append(above + reader.line_num)
     except csv.Error as error:
-        raise InputError(
-            Problem(
-                label,
-                "cells separated by one mark, and quotes that match",
-                "Mend the quotes in this row.",
-                above + reader.line_num,
-                value=str(error),
-                code="cells-in-a-row",
-            )
+        raise refusal(
+            label,
+            "cells separated by one mark, and quotes that match",
+            "Mend the quotes in this row.",
+            above + reader.line_num,
+            value=str(error),
+            code="cells-in-a-row",
         ) from None
     names = text.names
     # A spreadsheet writes empty columns where something once stood.

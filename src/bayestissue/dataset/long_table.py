@@ -11,7 +11,7 @@ from jaxtyping import Int
 from bayestissue.dataset.recordings import Reading, Samples, in_seconds, in_si
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import Labels, Numbers, read_table
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import Problem, refusal
 
 LONG_TABLES = ("traces.csv", "traces.csv.gz", "traces.xlsx", "traces.parquet")
 
@@ -95,14 +95,12 @@ def _the_one(folder: Path) -> Path:
     tables = find_long(folder)
     if len(tables) == 1:
         return tables[0]
-    raise InputError(
-        Problem(
-            tables[0].name if tables else LONG_TABLES[0],
-            "one table of all samples, or a column trace in impacts.csv that names a file per impact",
-            "Remove the others." if tables else f"Add one of {', '.join(LONG_TABLES)}.",
-            value=", ".join(path.name for path in tables) or "no table of samples",
-            code="which-recordings",
-        )
+    raise refusal(
+        tables[0].name if tables else LONG_TABLES[0],
+        "one table of all samples, or a column trace in impacts.csv that names a file per impact",
+        "Remove the others." if tables else f"Add one of {', '.join(LONG_TABLES)}.",
+        value=", ".join(path.name for path in tables) or "no table of samples",
+        code="which-recordings",
     )
 
 

@@ -18,7 +18,7 @@ from bayestissue.dataset.recordings import Reading, Recordings, Samples
 from bayestissue.dataset.settings import FILE as SETTINGS
 from bayestissue.dataset.settings import Settings, SignalSettings, read_settings
 from bayestissue.dataset.trace_files import read_files
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refusal
 from bayestissue.runtime import content_hash
 
 
@@ -36,14 +36,12 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
     """
     folder = Path(path)
     if not folder.is_dir():
-        raise InputError(
-            Problem(
-                str(path),
-                "a folder with dataset.toml, impacts.csv and the recordings",
-                "Check the path.",
-                value="a file" if folder.exists() else "no such folder",
-                code="no-dataset",
-            )
+        raise refusal(
+            str(path),
+            "a folder with dataset.toml, impacts.csv and the recordings",
+            "Check the path.",
+            value="a file" if folder.exists() else "no such folder",
+            code="no-dataset",
         )
     settings, table = _tables(folder)
     problems = list(table.problems)
@@ -68,7 +66,7 @@ def as_dataset(dataset: Dataset | str | Path) -> Dataset:
         expected = "a dataset's folder, or what bayestissue.dataset or bayestissue.read_dataset returns"
         remedy = "Make one with bayestissue.dataset(impacts, traces, quantity=..., unit=...)."
         kind = type(dataset).__name__
-        raise InputError(Problem("dataset", expected, remedy, value=kind, code="option-value"))
+        raise refusal("dataset", expected, remedy, value=kind, code="option-value")
     return dataset
 
 

@@ -16,7 +16,7 @@ from bayestissue.dataset.formats import FORMATS, Channel, Contents, UnfitError, 
 from bayestissue.dataset.plausible import MIN_SAMPLES
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.tables import TABLE_SUFFIXES, TEXT_SUFFIXES, column_names, read_numbers, read_table
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refusal
 
 REMEDY = "Correct the cell in column trace of impacts.csv, or put the file there."
 _TABLES = (*TABLE_SUFFIXES, *TEXT_SUFFIXES)
@@ -100,14 +100,12 @@ def long_enough(channels: Mapping[str, Channel]) -> list[str]:
 
 def _contents(path: Path, label: str) -> Contents:
     if (suffix := suffix_of(path)) not in FORMATS:
-        raise InputError(
-            Problem(
-                label,
-                f"a file ending in {', '.join((*SUFFIXES, *TEXT_SUFFIXES))}",
-                "Export the recording in one of these formats.",
-                value=path.name,
-                code="recorder-format",
-            )
+        raise refusal(
+            label,
+            f"a file ending in {', '.join((*SUFFIXES, *TEXT_SUFFIXES))}",
+            "Export the recording in one of these formats.",
+            value=path.name,
+            code="recorder-format",
         )
     data = read_bytes(path, label, REMEDY, share=FORMATS[suffix].share)
     try:
@@ -115,22 +113,18 @@ def _contents(path: Path, label: str) -> Contents:
             warnings.simplefilter("ignore")
             return FORMATS[suffix].read(data, label)
     except UnfitError as error:
-        raise InputError(
-            Problem(label, error.expected, error.remedy, value=error.value, code="recorder-file")
-        ) from None
+        raise refusal(label, error.expected, error.remedy, value=error.value, code="recorder-file") from None
     except InputError:
         raise
     except Exception as error:
         # Damaged bytes can fail anywhere in a decoder, with whatever that part of it raises.
         message = (str(error).splitlines() or [""])[0] or type(error).__name__
-        raise InputError(
-            Problem(
-                label,
-                f"a whole {suffix} file",
-                "Copy or export the recording anew.",
-                value=message,
-                code="damaged-file",
-            )
+        raise refusal(
+            label,
+            f"a whole {suffix} file",
+            "Copy or export the recording anew.",
+            value=message,
+            code="damaged-file",
         ) from error
 
 
@@ -172,26 +166,22 @@ def _pick(contents: Contents, label: str, signal: SignalSettings) -> Recording:
         raise InputError(problems)
     value, time = channels[name], channels.get(signal.time_column)
     if value.values.size < MIN_SAMPLES and (others := long_enough(channels)):
-        raise InputError(
-            Problem(
-                label,
-                f"a channel of a recording, of at least {MIN_SAMPLES} samples",
-                f"Name another one as signal.value_column in dataset.toml: {', '.join(others)}.",
-                column=name,
-                value=f"{value.values.size} samples",
-                code="no-channel",
-            )
+        raise refusal(
+            label,
+            f"a channel of a recording, of at least {MIN_SAMPLES} samples",
+            f"Name another one as signal.value_column in dataset.toml: {', '.join(others)}.",
+            column=name,
+            value=f"{value.values.size} samples",
+            code="no-channel",
         )
     if time is not None and time.values.size != value.values.size:
-        raise InputError(
-            Problem(
-                label,
-                f"as many samples as in channel {name!r} ({value.values.size})",
-                "Export both channels over the same span.",
-                column=signal.time_column,
-                value=time.values.size,
-                code="clock-and-channel",
-            )
+        raise refusal(
+            label,
+            f"as many samples as in channel {name!r} ({value.values.size})",
+            "Export both channels over the same span.",
+            column=signal.time_column,
+            value=time.values.size,
+            code="clock-and-channel",
         )
     return Recording(
         value.values,

@@ -16,7 +16,7 @@ from jaxtyping import Float64, Int
 from bayestissue.dataset.dialect import Dialect, Stated, TextTable, text_table
 from bayestissue.dataset.files import read_bytes, require_small
 from bayestissue.dataset.headers import RaggedRow, column_problems, ragged_problem
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refusal
 
 TABLE_SUFFIXES = (".csv", ".csv.gz", ".tsv", ".xlsx", ".parquet")
 # What else may be a table, or a note to the reader.
@@ -193,8 +193,8 @@ def _as_text(text: TextTable, label: str, types: dict[str, pa.DataType]) -> pa.T
         return _parse(text, label, types)
     except pa.ArrowInvalid as error:
         remedy = "Export the file anew."
-        raise InputError(
-            Problem(label, "a header and rows of cells", remedy, value=_words(error), code="cells-in-a-row")
+        raise refusal(
+            label, "a header and rows of cells", remedy, value=_words(error), code="cells-in-a-row"
         ) from error
 
 

@@ -14,7 +14,7 @@ from bayestissue.dataset.files import require_small
 from bayestissue.dataset.recorders import REMEDY, Recording, read_recording
 from bayestissue.dataset.recordings import Reading, Samples, in_seconds, in_si
 from bayestissue.dataset.settings import SignalSettings
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refusal
 
 
 def read_files(folder: Path, impacts: pd.DataFrame, rows: np.ndarray, signal: SignalSettings) -> Reading:
@@ -118,18 +118,14 @@ def _require_apart(
     """Refuse a recording, or a part of one, that an earlier impact has."""
     if any(windows.meet(index, neighbour) for neighbour in taken.get(path, ())):
         cropped = np.isfinite(windows.start[index]) or np.isfinite(windows.stop[index])
-        raise InputError(
-            Problem(
-                "impacts.csv",
-                f"a recording of its own for every impact, or a part of one between {' and '.join(COLUMNS)}",
-                "Correct one of the two rows.",
-                row,
-                "trace",
-                f"{name}, from {windows.start[index]:.6g} to {windows.stop[index]:.6g} s"
-                if cropped
-                else name,
-                code="impacts-and-recordings",
-            )
+        raise refusal(
+            "impacts.csv",
+            f"a recording of its own for every impact, or a part of one between {' and '.join(COLUMNS)}",
+            "Correct one of the two rows.",
+            row,
+            "trace",
+            (f"{name}, from {windows.start[index]:.6g} to {windows.stop[index]:.6g} s" if cropped else name),
+            code="impacts-and-recordings",
         )
 
 
@@ -147,16 +143,8 @@ def _inside(folder: Path, name: str, row: int) -> Path:
         expected = "a path inside the dataset's folder"
         remedy = "Put the recording into the folder and name it relative to dataset.toml."
     if expected:
-        raise InputError(
-            Problem(
-                "impacts.csv",
-                expected,
-                remedy,
-                row,
-                "trace",
-                name or "an empty cell",
-                code="which-recordings",
-            )
+        raise refusal(
+            "impacts.csv", expected, remedy, row, "trace", name or "an empty cell", code="which-recordings"
         )
     return path
 
@@ -168,13 +156,11 @@ def _time(recording: Recording, rate: float, file: str, signal: SignalSettings) 
         return recording.clock
     if np.isfinite(rate):
         return np.arange(recording.value.size) / rate
-    raise InputError(
-        Problem(
-            file,
-            f"a time column {signal.time_column!r}, or the impact's sampling_rate_hz in impacts.csv",
-            "Name the time column as signal.time_column in dataset.toml, or state the sampling rate.",
-            column=signal.time_column,
-            value="no times",
-            code="no-times",
-        )
+    raise refusal(
+        file,
+        f"a time column {signal.time_column!r}, or the impact's sampling_rate_hz in impacts.csv",
+        "Name the time column as signal.time_column in dataset.toml, or state the sampling rate.",
+        column=signal.time_column,
+        value="no times",
+        code="no-times",
     )

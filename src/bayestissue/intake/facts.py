@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from bayestissue.dataset.impact_cells import read_cells
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refusal
 from bayestissue.intake.folder import File, RecorderFolder
 from bayestissue.intake.names import Pattern, columns, fills, is_height
 
@@ -128,15 +128,13 @@ class _Table:
         """The facts of a file; by the number of the impact where the table has a column of that name."""
         mine = [(line, row) for line, row in self.rows if row[FILE] in _names(file)]
         if not mine:
-            raise InputError(
-                Problem(
-                    self.label,
-                    f"a row for {file.name}",
-                    "Add a row, or move the file out of the folder.",
-                    column=FILE,
-                    value="none",
-                    code="facts-of-recordings",
-                )
+            raise refusal(
+                self.label,
+                f"a row for {file.name}",
+                "Add a row, or move the file out of the folder.",
+                column=FILE,
+                value="none",
+                code="facts-of-recordings",
             )
         facts_of_number: dict[int | None, dict[str, str]] = {}
         for line, row in mine:
@@ -144,9 +142,7 @@ class _Table:
             if number in facts_of_number:
                 expected = f"one row for {file.name}" + (f", number {number}" if number else "")
                 remedy = "Remove one of the two, or tell several impacts apart by a column number (1, 2 ...)."
-                raise InputError(
-                    Problem(self.label, expected, remedy, line, FILE, row[FILE], code="facts-of-recordings")
-                )
+                raise refusal(self.label, expected, remedy, line, FILE, row[FILE], code="facts-of-recordings")
             facts_of_number[number] = {name: row[name] for name in self.facts if row[name]}
         return facts_of_number
 
@@ -167,10 +163,8 @@ class _Table:
             return None
         if not text.isdecimal() or int(text) < 1:
             expected = "the number of the impact in its recording, from 1 on"
-            raise InputError(
-                Problem(
-                    self.label, expected, "Correct the cell.", line, NUMBER, text, code="facts-of-recordings"
-                )
+            raise refusal(
+                self.label, expected, "Correct the cell.", line, NUMBER, text, code="facts-of-recordings"
             )
         return int(text)
 

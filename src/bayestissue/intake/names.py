@@ -11,7 +11,7 @@ from functools import partial
 from pathlib import PurePosixPath
 
 from bayestissue.dataset.model import STANDARD_GRAVITY
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refusal
 from bayestissue.intake.folder import File
 
 _PLAIN = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -147,25 +147,21 @@ class Pattern:
         # Where the shortest first field is the longest too, and so on for the next, there is one reading.
         shortest, longest = (re.fullmatch(self._expression(lazy), name) for lazy in ("?", ""))
         if shortest is None or longest is None:
-            raise InputError(
-                Problem(
-                    file,
-                    f'a name like "{self.text}"',
-                    f"Rename a copy of the file, correct {OPTION}, or move the file out of the folder.",
-                    value=name,
-                    code="file-names",
-                )
+            raise refusal(
+                file,
+                f'a name like "{self.text}"',
+                f"Rename a copy of the file, correct {OPTION}, or move the file out of the folder.",
+                value=name,
+                code="file-names",
             )
         if shortest.groupdict() != longest.groupdict():
             readings = (_words(reading.groupdict()) for reading in (shortest, longest))
-            raise InputError(
-                Problem(
-                    file,
-                    f'one way to read "{self.text}"',
-                    "Put other text between the fields, or give the facts as a table with --table.",
-                    value=" or ".join(readings),
-                    code="file-names",
-                )
+            raise refusal(
+                file,
+                f'one way to read "{self.text}"',
+                "Put other text between the fields, or give the facts as a table with --table.",
+                value=" or ".join(readings),
+                code="file-names",
             )
         return shortest.groupdict()
 

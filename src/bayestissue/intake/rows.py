@@ -15,7 +15,7 @@ from bayestissue.dataset.crop import COLUMNS as CROP
 from bayestissue.dataset.recordings import in_seconds
 from bayestissue.dataset.settings import SignalSettings
 from bayestissue.dataset.trace_files import read_one
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refusal
 from bayestissue.intake.choices import Choices
 from bayestissue.intake.facts import Cells, Facts
 from bayestissue.intake.folder import File, RecorderFolder
@@ -121,14 +121,12 @@ def _pieces(
     trace = oriented(file, signal, stated_rate(facts.of_file[file.name], choices))
     if bad := int(np.count_nonzero(~np.isfinite(trace.value))):
         remedy = "Correct the recording, or read a stretch of it with --crop."
-        raise InputError(
-            Problem(
-                file.name,
-                "finite numbers",
-                remedy,
-                value=f"no number at {bad} of {trace.value.size} samples",
-                code="not-a-number",
-            )
+        raise refusal(
+            file.name,
+            "finite numbers",
+            remedy,
+            value=f"no number at {bad} of {trace.value.size} samples",
+            code="not-a-number",
         )
     first, last = _ends(signal)
     stretches = [
@@ -140,14 +138,12 @@ def _pieces(
         expected = (
             f"{len(numbers)} impacts, as many as the table has rows" if numbers else "at least one impact"
         )
-        raise InputError(
-            Problem(
-                file.name,
-                expected,
-                "Change --threshold or --separation-s, or correct the table.",
-                value=f"{len(stretches)} impacts",
-                code="several-impacts",
-            )
+        raise refusal(
+            file.name,
+            expected,
+            "Change --threshold or --separation-s, or correct the table.",
+            value=f"{len(stretches)} impacts",
+            code="several-impacts",
         )
     common = facts.of_file[file.name]
     return [
@@ -189,9 +185,7 @@ def _require_one(file: File, facts: Facts) -> None:
     if len(numbers) > 1:
         remedy = "Add --several, so that the recording is cut apart."
         count = f"{len(numbers)} rows of the table"
-        raise InputError(
-            Problem(file.name, "one impact in the recording", remedy, value=count, code="several-impacts")
-        )
+        raise refusal(file.name, "one impact in the recording", remedy, value=count, code="several-impacts")
 
 
 def stated_rate(cells: Cells, choices: Choices) -> float:

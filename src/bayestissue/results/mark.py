@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 from bayestissue import runtime
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import refusal
 from bayestissue.outline import first_of
 
 MARK = ".bayestissue.json"
@@ -140,20 +140,16 @@ def require_place(out: Path, inputs: Sequence[str | Path | None] = ()) -> Path:
         resolved = Path(out).resolve()
         wrong = _wrong_place(resolved, inputs)
     except (OSError, RuntimeError, ValueError) as error:
-        raise InputError(
-            Problem(
-                str(out),
-                "a folder that can be made and written",
-                _ANOTHER,
-                value=str(error),
-                code="out-unwritable",
-            )
+        raise refusal(
+            str(out),
+            "a folder that can be made and written",
+            _ANOTHER,
+            value=str(error),
+            code="out-unwritable",
         ) from error
     if wrong is not None:
         value, expected, remedy = wrong
-        raise InputError(
-            Problem(f"--out {str(out)!r}", expected=expected, remedy=remedy, value=value, code="out-taken")
-        )
+        raise refusal(f"--out {str(out)!r}", expected=expected, remedy=remedy, value=value, code="out-taken")
     return resolved
 
 
@@ -165,14 +161,12 @@ def require_free(out: Path, *, overwrite: bool) -> None:
             anything that this program did not write.
     """
     if out.exists() and not out.is_dir():
-        raise InputError(
-            Problem(
-                str(out),
-                expected="a folder or a name not yet taken",
-                remedy=_ANOTHER,
-                value="a file",
-                code="out-taken",
-            )
+        raise refusal(
+            str(out),
+            expected="a folder or a name not yet taken",
+            remedy=_ANOTHER,
+            value="a file",
+            code="out-taken",
         )
     if not out.is_dir() or not any(out.iterdir()):
         return
@@ -181,25 +175,23 @@ def require_free(out: Path, *, overwrite: bool) -> None:
         remedy = (
             f"{_ANOTHER}" if others else "Choose another --out, or pass --overwrite to replace these results."
         )
-        raise InputError(
-            Problem(
-                str(out),
-                expected="an empty folder or a name not yet taken",
-                remedy=remedy,
-                value="a folder that is not empty",
-                code="out-taken",
-            )
+        raise refusal(
+            str(out),
+            expected="an empty folder or a name not yet taken",
+            remedy=remedy,
+            value="a folder that is not empty",
+            code="out-taken",
         )
     if others:
-        raise InputError(
-            Problem(
-                str(out),
-                expected="a folder that holds results of bayestissue and nothing else, which alone "
-                "--overwrite replaces",
-                remedy="Choose another --out, or move what is in it elsewhere.",
-                value=first_of(others, _NAMED),
-                code="out-taken",
-            )
+        raise refusal(
+            str(out),
+            expected=(
+                "a folder that holds results of bayestissue and nothing else, which alone "
+                "--overwrite replaces"
+            ),
+            remedy="Choose another --out, or move what is in it elsewhere.",
+            value=first_of(others, _NAMED),
+            code="out-taken",
         )
 
 

@@ -12,7 +12,7 @@ import pandas as pd
 from jaxtyping import Float
 
 from bayestissue.dataset.published import PublishedTables
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import InputError, Problem, refusal
 from bayestissue.thesis.reproduction import reproduce_published
 
 Severity = Literal["major", "minor", "note"]
@@ -178,7 +178,7 @@ def read_impacts(
             "Check the estimates that the table comes from.",
             f"{usable.sum()} of {len(rows)} rows",
         )
-        raise InputError(Problem(where, expected, remedy, value=count, code="published-table"))
+        raise refusal(where, expected, remedy, value=count, code="published-table")
     below = np.isfinite(rows[numbers]).all(axis=1) & (rows[["K", "C"]] <= 0).any(axis=1)
     rows, left_out = rows[usable].reset_index(drop=True), int((~usable).sum())
     if conditions is None:

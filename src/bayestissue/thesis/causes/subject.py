@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from bayestissue import runtime
-from bayestissue.errors import InputError, Problem
+from bayestissue.errors import refusal
 from bayestissue.inference.points.fit import Method
 from bayestissue.thesis.causes.design import Design, Recorder, published_design
 from bayestissue.thesis.causes.specification import CausesSpecification, Range
@@ -212,36 +212,30 @@ def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
 
 def _require_masses(dataset: Dataset, source: str) -> None:
     if dataset.quantity == "displacement":
-        raise InputError(
-            Problem(
-                source,
-                "recorded decelerations or accelerations",
-                "The causes are simulated as decelerations; a dataset of displacements can't be compared.",
-                column="signal.quantity",
-                value=dataset.quantity,
-                code="wrong-quantity",
-            )
+        raise refusal(
+            source,
+            "recorded decelerations or accelerations",
+            "The causes are simulated as decelerations; a dataset of displacements can't be compared.",
+            column="signal.quantity",
+            value=dataset.quantity,
+            code="wrong-quantity",
         )
     if dataset.gravity:
-        raise InputError(
-            Problem(
-                source,
-                "impacts across gravity, as the thesis's pendulum made them",
-                "The causes are simulated without gravity; a dataset of drops can't be compared.",
-                column="signal.gravity",
-                value=f"{dataset.gravity:g} m/s²",
-                code="wrong-quantity",
-            )
+        raise refusal(
+            source,
+            "impacts across gravity, as the thesis's pendulum made them",
+            "The causes are simulated without gravity; a dataset of drops can't be compared.",
+            column="signal.gravity",
+            value=f"{dataset.gravity:g} m/s²",
+            code="wrong-quantity",
         )
     masses = dataset.impacts.groupby("trial")["mass_kg"].mean().round(9).nunique()
     if masses < FEWEST_MASSES:
-        raise InputError(
-            Problem(
-                source,
-                f"conditions of at least {FEWEST_MASSES} masses",
-                "Where the mass does not vary there is no dependence on it to explain.",
-                column="mass_kg",
-                value=masses,
-                code="one-mass",
-            )
+        raise refusal(
+            source,
+            f"conditions of at least {FEWEST_MASSES} masses",
+            "Where the mass does not vary there is no dependence on it to explain.",
+            column="mass_kg",
+            value=masses,
+            code="one-mass",
         )
