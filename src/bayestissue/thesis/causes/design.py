@@ -86,14 +86,12 @@ class Observed:
     Attributes:
         trial_K, trial_C: [trial].
         K, C: [row], one per impact of the design that is ``in_rows``.
-        unit_known: whether K is known to be in N/m, so that its size can be compared.
     """
 
     trial_K: Float[np.ndarray, " trial"]
     trial_C: Float[np.ndarray, " trial"]
     K: Float[np.ndarray, " row"]
     C: Float[np.ndarray, " row"]
-    unit_known: bool
 
 
 def published_design(tables: PublishedTables) -> tuple[Design, Observed]:
@@ -121,6 +119,5 @@ def published_design(tables: PublishedTables) -> tuple[Design, Observed]:
         averages["C"].to_numpy(float),
         printed["K"].to_numpy(float),
         printed["C"].to_numpy(float),
-        unit_known=False,
     )
     return design, observed

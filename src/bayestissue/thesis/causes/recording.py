@@ -18,6 +18,7 @@ from bayestissue.elements.element import (
     rates_of_motion,
 )
 from bayestissue.elements.registry import element as named
+from bayestissue.elements.solver import cubic
 
 LONGEST = 4.0
 _UNHEARD_OF = 1e7
@@ -116,9 +117,8 @@ def _stepped(which: Element, p: dict[str, Array], mass: Array, velocity: Array, 
     (y0, y1), (k0, k1) = (
         [jnp.moveaxis(part[index + k, :, impact], -1, 0) for k in (0, 1)] for part in (y, slope)
     )
-    into, run = jnp.clip(time / step[:, None] - index, 0.0, 1.0), y1 - y0
-    bent = (1 - into) * (step[:, None] * k0 - run) - into * (step[:, None] * k1 - run)
-    return y0 + into * run + into * (1 - into) * bent
+    into = jnp.clip(time / step[:, None] - index, 0.0, 1.0)
+    return cubic((y0, y1), (k0, k1), into, step[:, None])
 
 
 @jax.jit

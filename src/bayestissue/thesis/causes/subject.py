@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
+from jaxtyping import Bool
 
 from bayestissue import runtime
 from bayestissue.errors import refusal
@@ -28,69 +29,6 @@ _REACH = 3.5
 _QUIET = 0.01
 
 
-@dataclass(frozen=True)
-class KnownRecorder:
-    """The recorder of a dataset, and the ranges that follow from it and from its estimates."""
-
-    recorder: Recorder
-    K_N_per_m: Range
-    noise: Range
-    offset: Range
-    gain: Range
-    velocity: Range
-
-    @classmethod
-    def from_dataset(
-        cls, dataset: Dataset, signal: Displacements, estimates: pd.DataFrame, method: Method
-    ) -> KnownRecorder:
-        """Read off a dataset, its displacements and its exact estimates.
-
-        The stated standard deviations of gain and velocity set their ranges; noise is known to a factor of
-        two from the quiet parts; K lies within a factor of three of the median exact estimate.
-        """
-        peak = float(np.median(signal.deceleration.max(axis=1)))
-        stiffness = float(np.nanmedian(estimates["K_N_per_m"]))
-        noise = max(float(np.median(signal.noise_sd)) / peak, 1e-6)
-        offset = max(dataset.uncertainty.offset_sd / peak, 1e-6)
-        velocity = max(
-            dataset.uncertainty.velocity_sd_m_s / float(np.median(dataset.impacts["velocity_m_s"])), 1e-6
-        )
-        gain = 2 * dataset.uncertainty.relative_gain_sd
-        longest = float(np.quantile(signal.time_to_peak, 0.9))
-        shortest = float(signal.dt.min())
-        return cls(
-            Recorder(
-                dt=signal.dt,
-                quiet=max(20, round(_QUIET / shortest)),
-                samples=int(np.ceil(_REACH * longest / shortest)),
-                method=method,
-            ),
-            K_N_per_m=Range(low=stiffness / _FOLD, high=stiffness * _FOLD, log=True),
-            noise=Range(low=noise / 2, high=noise * 2, log=True),
-            offset=Range(low=offset / 2, high=offset * 2, log=True),
-            gain=Range(low=1 - gain, high=1 + gain),
-            velocity=Range(low=velocity / 2, high=velocity * 2, log=True),
-        )
-
-    def informed(self, specification: CausesSpecification) -> CausesSpecification:
-        """The specification with these ranges, and without centring where the method doesn't centre."""
-        recording = specification.recording.model_copy(
-            update={
-                "noise_relative_to_peak": self.noise,
-                "offset_relative_to_peak_sd": self.offset,
-                "gain": self.gain,
-                "relative_velocity_sd": self.velocity,
-            }
-        )
-        causes = {
-            name: cause
-            for name, cause in specification.causes.items()
-            if cause.mechanism != "centring" or self.recorder.method == "dds"
-        }
-        tissue = specification.tissue.model_copy(update={"K_N_per_m": self.K_N_per_m})
-        return specification.model_copy(update={"tissue": tissue, "recording": recording, "causes": causes})
-
-
 FEWEST_MASSES = 3
 
 
@@ -105,7 +43,8 @@ class Subject:
         level_known: whether K is known to be in N/m.
         input_hash: of what was read.
         description: what the report says of it.
-        known: what a dataset tells of its recorder and tissue; None for published estimates.
+        recording: of a dataset, ranges of its measuring chain, by their keys in a specification.
+        stiffness: the same of K, N/m.
     """
 
     title: str
@@ -114,11 +53,21 @@ class Subject:
     level_known: bool
     input_hash: str
     description: dict[str, Any]
-    known: KnownRecorder | None = None
+    recording: Mapping[str, Range] = field(default_factory=dict)
+    stiffness: Range | None = None
 
     def applicable(self, specification: CausesSpecification) -> CausesSpecification:
-        """The specification with what is known of the recorder, and without causes that can't act here."""
-        return self.known.informed(specification) if self.known else specification
+        """The specification with these ranges, and without centring where the method doesn't centre."""
+        if self.setting.recorder is None:
+            return specification
+        causes = {
+            name: cause
+            for name, cause in specification.causes.items()
+            if cause.mechanism != "centring" or self.setting.recorder.method == "dds"
+        }
+        tissue = specification.tissue.model_copy(update={"K_N_per_m": self.stiffness})
+        recording = specification.recording.model_copy(update=self.recording)
+        return specification.model_copy(update={"tissue": tissue, "recording": recording, "causes": causes})
 
 
 def subject(target: str, *, method: Method, skip_bad: bool) -> Subject:
@@ -149,18 +98,25 @@ def published_subject() -> Subject:
         "published estimates",
         design,
         observed_statistics(observed, design),
-        observed.unit_known,
+        False,
         runtime.content_hash(tables.paths),
-        {
-            "name": "published",
-            "title": "the thesis's published estimates",
-            "impacts": len(design.mass),
-            "rows": int(design.in_rows.sum()),
-            "subjects": design.subjects,
-            "trials": design.trials,
-            "method": "dds",
-        },
+        _described("published", "the thesis's published estimates", design, design.in_rows, "dds"),
     )
+
+
+def _described(
+    name: str, title: str, design: Design, rows: Bool[np.ndarray, " impact"], method: Method
+) -> dict[str, Any]:
+    """What the report says of estimates, of which those in ``rows`` are usable."""
+    return {
+        "name": name,
+        "title": title,
+        "impacts": len(design.mass),
+        "rows": int(rows.sum()),
+        "subjects": design.subjects,
+        "trials": design.trials,
+        "method": method,
+    }
 
 
 def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
@@ -175,20 +131,18 @@ def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
     impacts = dataset.impacts
     _require_masses(dataset, source)
     tables = {}
-    for fit_method in {method, "exact"}:
+    for fit_method in dict.fromkeys((method, "exact")):
         signal = displacements(dataset, default_options(fit_method))
         tables[fit_method] = estimates_table(dataset, signal, fit_method)
-    table = tables[method]
-    known = KnownRecorder.from_dataset(dataset, signal, tables["exact"], method)
     design = Design(
         mass=impacts["mass_kg"].to_numpy(float),
         velocity=impacts["velocity_m_s"].to_numpy(float),
         subject=pd.factorize(impacts["subject"])[0],
         trial=pd.factorize(impacts["trial"])[0],
         in_rows=np.ones(len(impacts), bool),
-        recorder=known.recorder,
+        recorder=_recorder(signal, method),
     )
-    K, C = (table[name].to_numpy(float)[None] for name in ("K_N_per_m", "C_N_s_per_m"))
+    K, C = (tables[method][name].to_numpy(float)[None] for name in ("K_N_per_m", "C_N_s_per_m"))
     positive = (K > 0) & (C > 0)
     statistics = campaign_statistics(np.where(positive, K, np.nan), np.where(positive, C, np.nan), design)
     return Subject(
@@ -197,17 +151,38 @@ def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
         {name: float(value[0]) for name, value in statistics.items() if np.isfinite(value[0])},
         True,
         dataset.input_hash,
-        {
-            "name": dataset.name,
-            "title": f"the estimates of {dataset.name}",
-            "impacts": len(impacts),
-            "rows": int(positive.sum()),
-            "subjects": design.subjects,
-            "trials": design.trials,
-            "method": method,
-        },
-        known,
+        _described(dataset.name, f"the estimates of {dataset.name}", design, positive, method),
+        _recording(dataset, signal),
+        _around(float(np.nanmedian(tables["exact"]["K_N_per_m"])), _FOLD),
     )
+
+
+def _recorder(signal: Displacements, method: Method) -> Recorder:
+    shortest = float(signal.dt.min())
+    samples = int(np.ceil(_REACH * float(np.quantile(signal.time_to_peak, 0.9)) / shortest))
+    return Recorder(signal.dt, quiet=max(20, round(_QUIET / shortest)), samples=samples, method=method)
+
+
+def _recording(dataset: Dataset, signal: Displacements) -> dict[str, Range]:
+    """Ranges of the measuring chain, by the stated standard deviations of gain, zero and velocity.
+
+    Noise is known to a factor of two from the quiet parts.
+    """
+    stated, peak = dataset.uncertainty, float(np.median(signal.deceleration.max(axis=1)))
+    velocity = stated.velocity_sd_m_s / float(np.median(dataset.impacts["velocity_m_s"]))
+    gain = 2 * stated.relative_gain_sd
+    return {
+        "noise_relative_to_peak": _around(float(np.median(signal.noise_sd)) / peak),
+        "offset_relative_to_peak_sd": _around(stated.offset_sd / peak),
+        "gain": Range(low=1 - gain, high=1 + gain),
+        "relative_velocity_sd": _around(velocity),
+    }
+
+
+def _around(value: float, factor: float = 2.0) -> Range:
+    """From so many times less to so many times more, the logarithm uniform."""
+    value = max(value, 1e-6)
+    return Range(low=value / factor, high=value * factor, log=True)
 
 
 def _require_masses(dataset: Dataset, source: str) -> None:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any, cast
 
-import numpy as np
 from markupsafe import Markup
 
 from bayestissue.report.posterior import QUANTITIES, spread
@@ -155,24 +155,18 @@ def severity_tag(severity: str) -> Markup:
     return tag("note-level" if severity == "note" else severity, severity)
 
 
-def findings(run: PublishedRun) -> list[dict[str, str]]:
+def findings(run: PublishedRun) -> list[dict[str, Any]]:
     """Every finding of the audit, worst first: the columns of `audit.csv`, a tag and an anchor."""
+    lines = cast("list[dict[str, Any]]", run.audit.to_dict("records"))
     return [
-        {
-            "anchor": f"finding-{line.Index + 1}",
-            "tag": severity_tag(line.severity),
-            "where": line.where,
-            "what": line.what,
-            "published": line.published,
-            "implied": line.implied,
-            "explanation": line.explanation,
-        }
-        for line in lines(run.audit)
+        line | {"anchor": f"finding-{number}", "tag": severity_tag(line["severity"])}
+        for number, line in enumerate(lines, start=1)
     ]
 
 
-def findings_by_severity(run: PublishedRun) -> dict[str, list[dict[str, str]]]:
+def findings_by_severity(run: PublishedRun) -> dict[str, list[dict[str, Any]]]:
     """`findings` under "major", "minor" and "note"; a severity without findings is left out."""
-    all_findings, severity = findings(run), run.audit["severity"]
-    groups = {name: [all_findings[row] for row in np.flatnonzero(severity == name)] for name in _SEVERITIES}
+    groups: dict[str, list[dict[str, Any]]] = {name: [] for name in _SEVERITIES}
+    for finding in findings(run):
+        groups[finding["severity"]].append(finding)
     return {name: group for name, group in groups.items() if group}
