@@ -50,8 +50,9 @@ def shown_rows(table: pd.DataFrame) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Held:
-    """How many of ``impacts`` with a known truth have it inside their ``level`` interval."""
+    """How many of ``impacts`` with a known truth have it inside their ``level`` interval of a quantity."""
 
+    quantity: str
     level: int
     held: int
     impacts: int
@@ -64,6 +65,7 @@ def held_by_intervals(run: FitRun, quantity: str) -> list[Held]:
         return []
     return [
         Held(
+            quantity,
             level,
             int(table["truth"].between(table[f"eti{level}_low"], table[f"eti{level}_high"]).sum()),
             len(table),

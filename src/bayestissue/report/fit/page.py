@@ -31,7 +31,7 @@ from bayestissue.report.model_words import settings_table
 from bayestissue.report.page import render_page
 from bayestissue.report.posterior_figures import exponent_figure
 from bayestissue.report.style import style
-from bayestissue.report.tables import Row, Table, columns
+from bayestissue.report.tables import Row, Table, columns, table_of
 from bayestissue.report.wording import listed
 
 _CONTENTS = (
@@ -136,12 +136,12 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
 
 
 def _impacts(run: FitRun) -> dict[str, Any]:
-    held = {quantity: estimates.held_by_intervals(run, quantity) for quantity in posterior.QUANTITIES}
+    held = [row for quantity in posterior.QUANTITIES for row in estimates.held_by_intervals(run, quantity)]
     return {
         "simulated": run.truth is not None,
         "estimate_plots": [estimates_figure(run, quantity) for quantity in posterior.QUANTITIES],
         "estimates_table": estimates.estimates_table(run),
-        "held_table": tables.held_table(held),
+        "held_table": table_of(held, *tables.COVERAGE),
         "thinned": words.thinned(run),
     }
 

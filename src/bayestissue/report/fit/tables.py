@@ -2,16 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 import pandas as pd
 
 from bayestissue.hierarchy.formulas.group_terms import stem_of
-from bayestissue.report.fit.estimates import Held
 from bayestissue.report.fit.groupings import groupings, own_slopes
 from bayestissue.report.fit.run import FitRun
-from bayestissue.report.posterior import Quantity
 from bayestissue.report.tables import Field, Row, Table, columns, lines, table_of
 from bayestissue.report.wording import listed, number, percent, significant
 
@@ -147,15 +143,13 @@ def left_out_table(run: FitRun) -> Table:
     )
 
 
-def held_table(held: Mapping[Quantity, list[Held]]) -> Table:
-    """How many intervals hold the known truth."""
-    return table_of(
-        [(quantity, held_by) for quantity, intervals in held.items() for held_by in intervals],
-        Field("quantity", lambda row: row[0]),
-        Field("interval", lambda row: f"{row[1].level} %", "number"),
-        Field("hold the truth", lambda row: f"{row[1].held} of {row[1].impacts}", "number"),
-        Field("share", lambda row: percent(row[1].held / row[1].impacts), "number"),
-    )
+# Of how many intervals hold the truth: rows with quantity, level, held and impacts.
+COVERAGE = (
+    Field("quantity", lambda row: str(row.quantity)),
+    Field("interval", lambda row: f"{row.level:g} %", "number"),
+    Field("hold the truth", lambda row: f"{row.held} of {row.impacts}", "number"),
+    Field("share", lambda row: percent(row.held / row.impacts), "number"),
+)
 
 
 def population_names(run: FitRun) -> tuple[str, ...]:

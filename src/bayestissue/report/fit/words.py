@@ -13,10 +13,11 @@ from bayestissue.hierarchy.specification import SIDE_BY_SIDE
 from bayestissue.report.fit.depth import depth_words, has_common_depth
 from bayestissue.report.fit.predictions import OTHER_NOISE, STRUCTURED, Residuals, inside_band
 from bayestissue.report.fit.run import FitRun
+from bayestissue.report.fit.tables import COVERAGE
 from bayestissue.report.tables import Field, Table, lines, table_of
 from bayestissue.report.wording import listed, percent
 
-COVERAGE = files("bayestissue.report.fit").joinpath("coverage.csv")
+_MEASURED = files("bayestissue.report.fit").joinpath("coverage.csv")
 _LIKELIHOODS = {
     "arma": "Each impact's displacement x is an ARMA(2,1) with the natural frequency and damping ratio of a "
     "mass on a spring and damper; its moving-average coefficient θ₁ is free, and pooled between impacts.",
@@ -171,15 +172,12 @@ def coverage_table(run: FitRun) -> Table | None:
     """Coverage of this likelihood's intervals on simulated impacts; None where none was measured."""
     if has_discrepancy(run) or recorder_noise(run) != "white":
         return None
-    with COVERAGE.open(encoding="utf-8") as stream:
+    with _MEASURED.open(encoding="utf-8") as stream:
         coverage = pd.read_csv(stream)
     measured = lines(coverage[coverage["likelihood"] == run.likelihood])
     table = table_of(
         measured,
-        Field("quantity", lambda line: str(line.quantity)),
-        Field("interval", lambda line: f"{line.level:g} %", "number"),
-        Field("hold the truth", lambda line: f"{line.held} of {line.impacts}", "number"),
-        Field("share", lambda line: percent(line.held / line.impacts), "number"),
+        *COVERAGE,
         Field("measured by", lambda line: str(line.command), "words"),
         Field("state", lambda line: str(line.measured), "words"),
     )

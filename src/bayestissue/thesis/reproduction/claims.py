@@ -18,7 +18,6 @@ from bayestissue.thesis.reproduction.conditions import (
     Quantity,
     between_sum_of_squares,
     conditions,
-    covariate,
     factors,
     grand_mean,
     has_mass,
@@ -106,13 +105,12 @@ class Evidence:
         return conditions(self.published, self.quantity)
 
     @cached_property
-    def _variables(self) -> list[str]:
+    def _correlations(self) -> dict[str, float]:
+        """Correlations over all impacts with the variables of Table 5.12 that can be recomputed."""
         rows = self.published.correlations
-        return [
-            name
-            for name in rows.loc[rows["table"] == "5.12", "variable"]
-            if covariate(name, self.table) is not None
-        ]
+        names = rows.loc[rows["table"] == "5.12", "variable"]
+        recomputed = {name: correlation_of_impacts(name, self.table).value for name in names}
+        return {name: value for name, value in recomputed.items() if value is not None}
 
     @cached_property
     def _largest(self) -> Extreme:
@@ -183,16 +181,14 @@ class Evidence:
 
     def with_mass_among_highest(self) -> Recomputed:
         """How many variables of Table 5.12 lead the order of absolute correlations and have mass in them."""
-        order = sorted(
-            self._variables, key=lambda name: -abs(_value(correlation_of_impacts(name, self.table)))
-        )
+        order = sorted(self._correlations, key=lambda name: -abs(self._correlations[name]))
         leading = np.cumprod([has_mass(name) for name in order])
         return Recomputed(float(leading.sum()), note=f"of the {len(order)} that can be recomputed")
 
     def significantly_correlated(self) -> Recomputed:
         """How many variables of Table 5.12 correlate with the quantity over all impacts, p below `ALPHA`."""
         n = float(self.table["impacts"].sum())
-        p_values = [p_value(_value(correlation_of_impacts(name, self.table)), n) for name in self._variables]
+        p_values = [p_value(r, n) for r in self._correlations.values()]
         count = sum(p < ALPHA for p in p_values)
         return Recomputed(float(count), note=f"of the {len(p_values)} that can be recomputed, at {ALPHA}")
 
@@ -204,14 +200,6 @@ class Evidence:
         return Recomputed(
             float(len(entered)), note=f"without skin fold and muscle thickness; Table 5.17 enters {printed}"
         )
-
-    def correlation(self, name: str) -> Recomputed:
-        """`correlation_of_impacts` with the variable ``name``."""
-        return correlation_of_impacts(name, self.table)
-
-    def averaged_correlation(self, name: str) -> Recomputed:
-        """`correlation_of_averages` with the variable ``name``."""
-        return correlation_of_averages(name, self.table)
 
     def _extreme(self, extreme: Extreme) -> Recomputed:
         if extreme.decided:
@@ -301,10 +289,8 @@ def _recompute(claim: pd.Series, published: PublishedTables, evidence: dict[str,
     if statistic in _STATISTICS:
         return _STATISTICS[statistic](evidence[quantity])
     if matched := _CORRELATION.fullmatch(statistic):
-        correlation = (
-            evidence[quantity].averaged_correlation if matched["averaged"] else evidence[quantity].correlation
-        )
-        return correlation(matched["name"])
+        correlation = correlation_of_averages if matched["averaged"] else correlation_of_impacts
+        return correlation(matched["name"], evidence[quantity].table)
     return Recomputed(None, note="no rule recomputes this statistic")
 
 
