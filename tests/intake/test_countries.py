@@ -91,6 +91,11 @@ def test_a_workbook_of_facts_and_one_of_all_samples(tmp_path: Path) -> None:
     assert data.impacts["mass_kg"].tolist() == [float(row["mass_kg"].replace(",", ".")) for row in rows]
     impacts = pd.read_csv(out / "impacts.csv").drop(columns="trace")
     impacts.to_csv(out / "impacts.csv", index=False)
+    cells = [list(impacts), *impacts.to_numpy(object).tolist()]
+    xlsx(out / "impacts.xlsx", cells)
+    with pytest.raises(InputError, match=r'impacts\.xlsx: found "both"'):
+        bt.read_dataset(out)
+    (out / "impacts.csv").unlink()
     samples = [
         [impact, 1e3 * time, value]
         for impact, trace in zip(data.impacts["impact"], data.traces, strict=True)
@@ -99,6 +104,11 @@ def test_a_workbook_of_facts_and_one_of_all_samples(tmp_path: Path) -> None:
     xlsx(out / "traces.xlsx", [["impact", "Zeit", "Verzögerung"], *samples])
     for one, other in zip(data.traces, bt.read_dataset(out).traces, strict=True):
         np.testing.assert_array_equal(one.value, other.value)
+    pd.testing.assert_frame_equal(bt.read_dataset(out).impacts, data.impacts.drop(columns="trace"))
+    cells[2][cells[0].index("mass_kg")] = -0.5
+    xlsx(out / "impacts.xlsx", cells)
+    with pytest.raises(InputError, match=r"impacts\.xlsx, row 3, column mass_kg"):
+        bt.read_dataset(out)
 
 
 def test_columns_of_several_lengths(tmp_path: Path) -> None:

@@ -21,9 +21,11 @@ from bayestissue.dataset.trace_files import read_files
 from bayestissue.errors import InputError, Problem, refusal
 from bayestissue.runtime import content_hash
 
+WORKBOOK = "impacts.xlsx"
+
 
 def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
-    """Read a dataset folder: ``dataset.toml``, ``impacts.csv`` and the recordings.
+    """Read a dataset folder: ``dataset.toml``, ``impacts.csv`` (or ``.xlsx``) and the recordings.
 
     Args:
         path: the folder; ``docs/reference/dataset.md`` describes its layout.
@@ -43,13 +45,27 @@ def read_dataset(path: str | Path, *, skip_bad: bool = False) -> Dataset:
             value="a file" if folder.exists() else "no such folder",
             code="no-dataset",
         )
-    settings, table = _tables(folder)
+    impacts = _impacts_file(folder)
+    try:
+        data = _read(folder, impacts, skip_bad=skip_bad)
+    except InputError as error:
+        raise InputError(_named(error.problems, impacts)) from None
+    return replace(data, warnings=_named(data.warnings, impacts), left_out=_named(data.left_out, impacts))
+
+
+def _named(problems: Iterable[Problem], impacts: Path) -> tuple[Problem, ...]:
+    """What is wrong with impacts, by the name of the file that holds them."""
+    return tuple(replace(p, file=impacts.name) if p.file == IMPACTS else p for p in problems)
+
+
+def _read(folder: Path, impacts: Path, *, skip_bad: bool) -> Dataset:
+    settings, table = _tables(folder, impacts)
     problems = list(table.problems)
     if "trace" in table.table:
         reading = _files(folder, table, settings)
     else:
         reading = _long(folder, table, settings, problems)
-    hashed = content_hash([folder / SETTINGS, folder / IMPACTS, *reading.files])
+    hashed = content_hash([folder / SETTINGS, impacts, *reading.files])
     reading = replace(reading, problems=problems + reading.problems)
     return checked_dataset(settings, table, reading, skip_bad=skip_bad, folder=folder, input_hash=hashed)
 
@@ -143,7 +159,23 @@ def _falls_unsaid(signal: SignalSettings, columns: Iterable[str]) -> Iterator[Pr
         )
 
 
-def _tables(folder: Path) -> tuple[Settings, ImpactTable]:
+def _impacts_file(folder: Path) -> Path:
+    """The table of impacts: a workbook where there is no text.
+
+    Raises:
+        InputError: there are both.
+    """
+    text, workbook = folder / IMPACTS, folder / WORKBOOK
+    if not workbook.is_file():
+        return text
+    if text.is_file():
+        expected = f"{IMPACTS} or {WORKBOOK}"
+        remedy = "Take one of them out of the folder: nothing says which of them holds."
+        raise InputError(Problem(WORKBOOK, expected, remedy, value="both", code="which-impacts"))
+    return workbook
+
+
+def _tables(folder: Path, impacts: Path) -> tuple[Settings, ImpactTable]:
     problems: list[Problem] = []
     settings = table = None
     try:
@@ -152,7 +184,7 @@ def _tables(folder: Path) -> tuple[Settings, ImpactTable]:
         problems += error.problems
     needs_velocity = settings is not None and settings.signal.quantity != "displacement"
     try:
-        table = read_impacts(folder / IMPACTS, needs_velocity=needs_velocity)
+        table = read_impacts(impacts, needs_velocity=needs_velocity)
     except InputError as error:
         problems += error.problems
     if settings is None or table is None:

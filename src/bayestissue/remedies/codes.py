@@ -55,6 +55,7 @@ Code = Literal[
     "two-spellings",
     "crop",
     "which-recordings",
+    "which-impacts",
     "impacts-and-recordings",
     "array-shape",
     "none-left",
