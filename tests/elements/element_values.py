@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 from scipy.integrate import solve_ivp
 
 MASS = np.array([0.375, 0.7, 1.333])
@@ -15,6 +16,10 @@ VALUES: dict[str, dict[str, float]] = {
     "hunt_crossley": {"K": 3000.0, "C": 60.0},
     "wall": {"K": 1500.0, "C": 20.0, "thickness_m": 0.03},
 }
+
+# Two of them by default, one solved in closed form and one on a grid; all in the long suite.
+_BY_DEFAULT = ("standard_linear", "stiffening")
+NAMES = [name if name in _BY_DEFAULT else pytest.param(name, marks=pytest.mark.long) for name in VALUES]
 
 
 def hertz(x: float, v: float, diameter: float = 0.0318) -> float:

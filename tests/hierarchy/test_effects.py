@@ -16,19 +16,23 @@ from scipy.stats import multivariate_normal
 from bayestissue.hierarchy.gaussian.arrangement import expected_by_cell
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard
 
+# Small sites, nested and crossed levels, and a parameter without a formula of its own.
 CASES = [
+    ("people and trials", 3, 0.0, 1e-4),
+    ("people's sides", 2, 0.3, 1.0),
+    ("sessions across operators", 1, 0.0, 1.0),
+    ("the last parameter by people and trials", 2, 0.0, 1.0),
+]
+FURTHER = [
     ("no groups", 3, 0.0, 1.0),
     ("people", 1, 0.0, 1e3),
-    ("people and trials", 3, 0.0, 1e-4),
     ("people and trials", 2, 0.3, 1.0),
     ("one formula with people, one with trials", 1, 0.0, 1.0),
-    ("people's sides", 2, 0.3, 1.0),
     ("people's own mass exponents", 2, 0.0, 1.0),
-    ("sessions across operators", 1, 0.0, 1.0),
     ("trials of which one has no impact", 2, 0.0, 1.0),
-    ("the last parameter by people and trials", 2, 0.0, 1.0),
     ("the third parameter across the first's", 1, 0.3, 1.0),
 ]
+EVERY = [*CASES, *(pytest.param(case, marks=pytest.mark.long) for case in FURTHER)]
 
 
 class Case(NamedTuple):
@@ -42,7 +46,7 @@ class Case(NamedTuple):
     root: np.ndarray
 
 
-@pytest.fixture(scope="module", params=CASES, ids=lambda case: ", ".join(map(str, case)))
+@pytest.fixture(scope="module", params=EVERY, ids=lambda case: ", ".join(map(str, case)))
 def case(request: pytest.FixtureRequest) -> Case:
     name, repeats, shared, scale = request.param
     dense = Dense(name, repeats, shared=shared, scale=scale)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -37,6 +38,7 @@ class Differences(NamedTuple):
     theta1: Array
 
 
+@jax.jit
 def to_discrete(omega_n: ArrayLike, zeta: ArrayLike, dt: ArrayLike) -> tuple[Array, Array, Array]:
     """phi1 = 2 e^(-zeta omega_n dt) cos(omega_d dt), phi2 = -e^(-2 zeta omega_n dt), and theta1.
 
@@ -57,6 +59,7 @@ def to_discrete(omega_n: ArrayLike, zeta: ArrayLike, dt: ArrayLike) -> tuple[Arr
     return 2.0 - c1, -jnp.exp(-2 * decay) + jnp.zeros_like(c1), theta1
 
 
+@jax.jit
 def to_differences(omega_n: ArrayLike, zeta: ArrayLike, dt: ArrayLike) -> Differences:
     """The same as `to_discrete` in the well-conditioned c1 = 2 - phi1 and c2 = 1 - phi1 - phi2.
 
@@ -76,6 +79,7 @@ def to_differences(omega_n: ArrayLike, zeta: ArrayLike, dt: ArrayLike) -> Differ
     return Differences(c1, c2, _theta_from_ratio(_ratio(w, zeta)))
 
 
+@jax.jit
 def to_continuous(phi1: ArrayLike, phi2: ArrayLike, theta1: ArrayLike, dt: ArrayLike) -> tuple[Array, Array]:
     """omega_n = sqrt(a^2 + b^2) / dt and zeta = a / sqrt(a^2 + b^2), a = -ln(-phi2)/2 (section 2.11).
 
@@ -98,6 +102,7 @@ def to_continuous(phi1: ArrayLike, phi2: ArrayLike, theta1: ArrayLike, dt: Array
     return from_differences(2.0 - phi1, (1.0 - phi1) - phi2, theta1, dt)
 
 
+@jax.jit
 def from_differences(
     c1: ArrayLike, c2: ArrayLike, theta1: ArrayLike | None, dt: ArrayLike
 ) -> tuple[Array, Array]:
@@ -119,6 +124,7 @@ def from_differences(
     return w / dt, a / w
 
 
+@jax.jit
 def arccos_branch(phi1: ArrayLike, phi2: ArrayLike, theta1: ArrayLike) -> Array:
     """Which value of arccos the moving-average coefficient asks for: 0 is the main one, p in (0, pi).
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import jax
 import jax.numpy as jnp
 from jax import Array
 from jax.typing import ArrayLike
@@ -26,6 +27,7 @@ class Motion(NamedTuple):
     deceleration: Array
 
 
+@jax.jit
 def spring_damper(omega_n: ArrayLike, zeta: ArrayLike, mass: ArrayLike) -> tuple[Array, Array]:
     """K = M omega_n^2 and C = 2 zeta omega_n M (thesis, section 2.12). Arguments broadcast.
 
@@ -41,12 +43,14 @@ def spring_damper(omega_n: ArrayLike, zeta: ArrayLike, mass: ArrayLike) -> tuple
     return mass * omega_n**2, 2 * zeta * omega_n * mass
 
 
+@jax.jit
 def spring_damper_inverse(K: ArrayLike, C: ArrayLike, mass: ArrayLike) -> tuple[Array, Array]:
     """omega_n = sqrt(K / M) [rad/s] and zeta = C / (2 sqrt(K M)): the inverse of `spring_damper`."""
     K, mass = jnp.asarray(K, float), jnp.asarray(mass, float)
     return jnp.sqrt(K / mass), jnp.asarray(C, float) / (2 * jnp.sqrt(K * mass))
 
 
+@jax.jit
 def impact_motion(
     time: ArrayLike, omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike, gravity: ArrayLike = 0.0
 ) -> Motion:
@@ -76,6 +80,7 @@ def impact_motion(
     return Motion(x, v, 2 * zeta * omega_n * v + omega_n**2 * x)
 
 
+@jax.jit
 def time_to_peak(
     omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike = 1.0, gravity: ArrayLike = 0.0
 ) -> Array:
@@ -97,6 +102,7 @@ def time_to_peak(
     return jnp.where(peaks, 1 / (omega_n * ratio * sinc_root(arc_chord(2 * (1 - cosine)))), jnp.inf)
 
 
+@jax.jit
 def peak_displacement(
     omega_n: ArrayLike, zeta: ArrayLike, velocity: ArrayLike, gravity: ArrayLike = 0.0
 ) -> Array:

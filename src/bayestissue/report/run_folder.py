@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Collection, Container, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -152,15 +152,11 @@ def open_tree(path: Path, needed: Mapping[str, Sequence[str]], remedy: str = AGA
     """
     with _as_input_errors(path, remedy):
         tree = xr.open_datatree(path, engine="h5netcdf")
-        lacking = [
-            f"{group}/{name}" if name else group
-            for group, names in needed.items()
-            for name in names or ("",)
-            if group not in tree.children or (name and name not in tree[group].data_vars)
-        ]
-        if lacking:
+        try:
+            _require_parts({group: tree[group].data_vars for group in tree.children}, needed, path, remedy)
+        except InputError:
             tree.close()
-            raise InputError(wrong_in(path, f"the parts {', '.join(lacking)}", remedy, value="none of them"))
+            raise
         return tree
 
 
@@ -175,13 +171,35 @@ def read_groups(
 
     Of draws of single impacts, which are most of the file, those of ``of_impacts``; all unless it is given.
     """
-    with _as_input_errors(path, remedy), open_tree(path, needed, remedy) as tree:
-        groups = {group: tree[group].to_dataset() for group in needed}
+    import h5py
+
+    with _as_input_errors(path, remedy), ExitStack() as files:
+        with h5py.File(path) as file:
+            present = [group for group in needed if group in file]
+        # Not the others: opening a variable takes longer than reading it.
+        groups = {
+            group: files.enter_context(xr.open_dataset(path, group=group, engine="h5netcdf"))
+            for group in present
+        }
+        _require_parts(groups, needed, path, remedy)
         if of_impacts is not None:
             posterior = groups["posterior"]
             single = {name for name in posterior.data_vars if "impact" in posterior[name].dims}
             groups["posterior"] = posterior.drop_vars(single - set(of_impacts))
         return {name: data.load() for name, data in groups.items()}
+
+
+def _require_parts(
+    groups: Mapping[str, Container[Any]], needed: Mapping[str, Sequence[str]], path: Path, remedy: str
+) -> None:
+    lacking = [
+        f"{group}/{name}" if name else group
+        for group, names in needed.items()
+        for name in names or ("",)
+        if group not in groups or (name and name not in groups[group])
+    ]
+    if lacking:
+        raise InputError(wrong_in(path, f"the parts {', '.join(lacking)}", remedy, value="none of them"))
 
 
 @contextmanager
