@@ -68,8 +68,8 @@ def judged(recorded: Recorded) -> pd.DataFrame:
         One row per impact: ``flags``, what `check` refuses or warns of or `estimate` flags, joined by "; ";
         ``K_off`` and ``C_off``, how far the point estimates are from those of the same impact recorded with
         the same chain and noise and not spoilt, as fractions (infinite where there is none); ``off``, the
-        greater; ``no_answer``, whether the point fit came to none; ``noted``, whether a note says that contact
-        may have come earlier.
+        greater; ``no_answer``, whether the point fit came to none; ``noted``, whether a note says that
+        contact may have come earlier.
     """
     data = dataset(recorded.impacts, recorded.traces, recorded.quantity)
     whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)

@@ -35,6 +35,8 @@ from bayestissue.signal.traces import Column, Index, Mask, Rows
 _GAINS, _LEAVES = 0.03, 0.001
 # What the laws leave of the elements' own traces, over the peak.
 _MISFIT = 0.0007
+# So many times less left over explains a trace well enough.
+_BETTER = 4.0
 # Of the velocity at contact, where no more is declared.
 _VELOCITY = 0.003
 # Earlier contact by so many intervals, and by this share of the time to peak: less moves C by some 5 %.
@@ -132,10 +134,11 @@ def beginning(recorded: Recorded, signal: Displacements, chosen: Mask, uncertain
     contact, late, shifted, of_early = (np.min(squares, axis=0) for squares in zip(*accounts, strict=True))
     count = np.maximum((blocks.weight > 0).sum(axis=1) - _PARAMETERS, 1)
     freedom = recorded.freedom[rows]
-    unexplained = fdtrc(count, freedom, contact / count) < _LEAVES
+    unexplained = np.zeros(rows.size, bool)
     for square in (late, shifted):
         gain = np.maximum(contact - square, 0) / np.maximum(square / count, 1)
-        explains = fdtrc(count, freedom, square / count) > _LEAVES
+        # Between the moments and offsets tried a trace of little noise is explained roughly.
+        explains = (fdtrc(count, freedom, square / count) > _LEAVES) | (square < contact / _BETTER)
         unexplained |= explains & (fdtrc(1, np.minimum(count, freedom), gain) < _GAINS)
     missed[rows] = unexplained
     possible = np.where(~unexplained & (of_early < contact + _LIKELY), early, 0).max(axis=0)

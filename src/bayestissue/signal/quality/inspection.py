@@ -69,9 +69,9 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
 
     Each detector is a test with a false alarm rate of 0.001 (0.003 where laws are fitted) a sound recording,
     all samples and values that it tries taken together, and finds only what is large enough to change K or C
-    by some per cent. A recording that begins above zero may begin at contact: it is found where no impact
-    that begins there explains it, or an earlier one does so far better (3 % of sound ones), and is noted
-    where an earlier one explains it as well. What only says that no tissue makes such a trace is asked of
+    by some per cent. A recording that begins above zero may begin at contact: it is found where an impact
+    that began earlier, or an offset, explains it far better (1 % of sound ones), and is noted where an
+    earlier one explains it as well. What only says that no tissue makes such a trace is asked of
     impacts that no other detector names.
 
     Args:
