@@ -50,6 +50,8 @@ _OFFSETS = np.array([-0.3, -0.15, -0.05, -0.015, 0.015, 0.05, 0.15, 0.3])
 _ENDS = 0.3
 _BLOCKS = 64
 _ROUNDS, _STEPS = 3, 4
+# The step of a derivative by velocity or offset: one that changes no set of positive coefficients.
+_SMALL = 1e-4
 _PARAMETERS = 4
 # Chi squared of one degree of freedom: less speaks against no account.
 _LIKELY = 3.84
@@ -184,11 +186,11 @@ def _accounts(
     moments = np.concatenate([none + np.array([0, 0.5, 1])[:, None] * interval, early])
     since = np.concatenate([moments, 0 * offsets + middle, middle, middle])
     offset, faster = np.zeros_like(since), np.zeros_like(since)
-    offset[len(moments) : -2], offset[-1], faster[-2] = offsets, sd[1], sd[0]
+    offset[len(moments) : -2], offset[-1], faster[-2] = offsets, _SMALL, _SMALL
     residuals = _residuals(law, blocks, since, offset, faster)
     # Errors of velocity and offset as they are declared; and, with an offset, contact in the interval.
-    of_velocity = residuals[-2] - residuals[1]
-    of_offset = _without(residuals[-1] - residuals[1], of_velocity)
+    of_velocity = (residuals[-2] - residuals[1]) * (sd[0] / _SMALL)[:, None]
+    of_offset = _without((residuals[-1] - residuals[1]) * (sd[1] / _SMALL)[:, None], of_velocity)
     of_contact = _without(_without(residuals[2] - residuals[0], of_velocity), of_offset)
     residuals = _without(_without(residuals[:-2], of_velocity), of_offset)
     shifted = _without(residuals[len(moments) :], of_contact)
