@@ -2,12 +2,12 @@
 
     .venv/bin/python benchmarks/spoilt_impacts.py
 
-Sound impacts are those of `bayestissue.simulation.sound`: on all six elements, 1 to 10 kHz, noise of 0.1 to
+Sound impacts are those of `sound.py`: on all six elements, 1 to 10 kHz, noise of 0.1 to
 2 % of the peak, with and without a quiet part, ended after the peak or after the rebound; and the same, all
-cropped at contact. Each kind of `bayestissue.simulation.spoiling` spoils 200 of them. An impact is flagged
-where `check` refuses it or warns of it, or where `estimate` flags it; noted where `estimate` notes that
-contact may have come earlier. K or C is off where spoiling moves the point estimate by more than 5 % from
-that of the same impact recorded with the same chain and noise and not spoilt. The table goes to
+cropped at contact. Each kind of `spoiling.py` spoils 200 of them. An impact is flagged where `check` refuses
+it or warns of it, or where `estimate` flags it; noted where `estimate` notes that contact may have come
+earlier. K or C is off where spoiling moves the point estimate by more than 5 % from that of the same impact
+recorded with the same chain and noise and not spoilt. The table goes to
 spoilt_impacts.csv.
 """
 
@@ -19,12 +19,11 @@ from functools import partial
 from pathlib import Path
 
 import pandas as pd
+import sound
 from evidence import recorded
+from spoiling import KINDS, judged, sound_ones, spoilt_ones
 
 from bayestissue import runtime
-from bayestissue.simulation import sound
-from bayestissue.simulation.spoiling import KINDS
-from bayestissue.simulation.spoilt import judged, sound_ones, spoilt_ones
 
 TABLE = Path(__file__).with_suffix(".csv")
 SOUND, SPOILT = 1000, 200
