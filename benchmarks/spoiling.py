@@ -14,6 +14,7 @@ from bayestissue.dataset.model import Dataset, Quantity, Trace
 from bayestissue.dataset.recordings import Recordings, Samples
 from bayestissue.inference.points.notes import FAILED, NO_ANSWER
 from bayestissue.inference.single.estimates import estimate
+from bayestissue.signal.quality.kinds import EARLIER
 
 type Stage = Callable[[np.ndarray, np.ndarray], np.ndarray]
 type Spoiling = Callable[[Impact, Chain, np.random.Generator], Trace]
@@ -334,7 +335,8 @@ def judged(recorded: Recorded) -> pd.DataFrame:
         One row per impact: ``flags``, what `check` refuses or warns of or `estimate` flags, joined by "; ";
         ``K_off`` and ``C_off``, how far the point estimates are from those of the same impact recorded with
         the same chain and noise and not spoilt, as fractions (infinite where there is none); ``off``, the
-        greater; ``no_answer``, whether the point fit came to none.
+        greater; ``no_answer``, whether the point fit came to none; ``noted``, whether a note says that
+        contact may have come earlier.
     """
     data = dataset(recorded.impacts, recorded.traces, recorded.quantity)
     whole = _sound(recorded.impacts, recorded.chains, recorded.quantity)
@@ -347,7 +349,9 @@ def judged(recorded: Recorded) -> pd.DataFrame:
     said = table["flags"] + "; " + table["notes"]
     no_answer = [bool({*FAILED, NO_ANSWER} & set(text.split("; "))) for text in said]
     greater = np.maximum(off["K_off"], off["C_off"])
-    return pd.DataFrame({"flags": _said(data, table), **off, "off": greater, "no_answer": no_answer})
+    noted = table["notes"].str.contains(EARLIER.flag, regex=False)
+    flags = _said(data, table)
+    return pd.DataFrame({"flags": flags, **off, "off": greater, "no_answer": no_answer, "noted": noted})
 
 
 def _drawn(

@@ -4,10 +4,10 @@
 
 Sound impacts are those of `sound.py`: on all six elements, 1 to 10 kHz, noise of 0.1 to
 2 % of the peak, with and without a quiet part, ended after the peak or after the rebound; and the same, all
-cropped at contact. Each kind of
-`spoiling.py` spoils 200 of them. An impact is flagged where `check` refuses it or warns
-of it, or where `estimate` flags it. K or C is off where spoiling moves the point estimate by more than 5 %
-from that of the same impact recorded with the same chain and noise and not spoilt. The table goes to
+cropped at contact. Each kind of `spoiling.py` spoils 200 of them. An impact is flagged where `check` refuses
+it or warns of it, or where `estimate` flags it; noted where `estimate` notes that contact may have come
+earlier. K or C is off where spoiling moves the point estimate by more than 5 % from that of the same impact
+recorded with the same chain and noise and not spoilt. The table goes to
 spoilt_impacts.csv.
 """
 
@@ -40,6 +40,7 @@ def line(kind: str, found: pd.DataFrame) -> dict[str, object]:
         "no_answer": int(found["no_answer"].sum()),
         "off": int(off.sum()),
         "off_and_flagged": int((off & flagged).sum()),
+        "off_and_noted": int((off & ~flagged & found["noted"]).sum()),
         "K_off_median": float(found["K_off"].median()),
         "C_off_median": float(found["C_off"].median()),
         "commonest_flag": named.most_common(1)[0][0] if named else "",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -19,7 +20,7 @@ from bayestissue.outline import Outlined, Rows, short, span
 from bayestissue.report.recordings_pages import check_page, kinds, quality_table
 from bayestissue.signal import Displacements, displacements
 from bayestissue.signal.displacement import FEWEST_SAMPLES
-from bayestissue.signal.quality import inspect
+from bayestissue.signal.quality import Finding, inspect, raised
 from bayestissue.signal.quality.low_pass import suspected
 
 if TYPE_CHECKING:
@@ -38,12 +39,14 @@ class Check(Outlined):
         signal: what the default signal chain makes of its recordings.
         quality: one row per impact: see `bayestissue.report.recordings_pages.quality_table`.
         warnings: what looks odd: of reading, of the signal chain, and of the detectors of spoilt recordings.
+        findings: what those detectors found: see `bayestissue.signal.quality.inspect`.
     """
 
     dataset: Dataset
     signal: Displacements
     quality: pd.DataFrame
     warnings: tuple[Problem, ...]
+    findings: Sequence[Finding] = ()
 
     def _outline(self) -> tuple[str, Rows]:
         rows = [
@@ -77,7 +80,10 @@ class Check(Outlined):
         words = Coded("the mass never varies: these data have no mass exponent", "one-mass")
         masses = [words] if one_mass else []
         codes = few_valued_words(Recorded.of_rows(impacts, {}, 1.0).few_valued)
-        return [*masses, *codes, *said_once("; ".join(notes) for notes in self.signal.notes)]
+        noted = raised(self.findings, len(impacts), notes=True)
+        rows = zip(self.signal.notes, noted, strict=True)
+        said = said_once("; ".join([*chain, *spoilt]) for chain, spoilt in rows)
+        return [*masses, *codes, *said]
 
     @property
     def problems(self) -> pd.DataFrame:
@@ -102,11 +108,12 @@ def check(dataset: Dataset | str | Path) -> Check:
     """
     dataset = as_dataset(dataset)
     signal = displacements(dataset)
-    warnings = (*dataset.warnings, *_raised(dataset, signal))
-    return Check(dataset, signal, quality_table(dataset, signal, warnings), warnings)
+    findings = inspect(dataset)
+    warnings = (*dataset.warnings, *_raised(dataset, signal, findings))
+    return Check(dataset, signal, quality_table(dataset, signal, warnings), warnings, findings)
 
 
-def _raised(data: Dataset, signal: Displacements) -> list[Problem]:
+def _raised(data: Dataset, signal: Displacements, findings: Sequence[Finding]) -> list[Problem]:
     """What the signal chain and the detectors of spoilt recordings say: the flags of `estimate`."""
     names = data.impacts["impact"]
     usable = "a recording that the default signal chain can use"
@@ -117,8 +124,9 @@ def _raised(data: Dataset, signal: Displacements) -> list[Problem]:
     ]
     spoilt = [
         _of_recording(kind.expected, kind.advice, value=said, impact=impact, code=kind.flag.code)
-        for finding in inspect(data)
+        for finding in findings
         for kind in (finding.kind,)
+        if not kind.note
         for impact, said in zip(names, finding.said, strict=True)
         if said
     ]

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import pandas as pd
+
+from bayestissue.dataset.model import Uncertainty
 
 
 @dataclass
@@ -21,6 +23,7 @@ class Lab:
     quantity: str = "deceleration"
     recorder: None = None
     gravity: float = 0.0
+    uncertainty: Uncertainty = field(default_factory=Uncertainty)
 
 
 @dataclass

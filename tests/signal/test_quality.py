@@ -10,6 +10,7 @@ import pytest
 from impacts_bench import Impact, Lab, Recorded, record
 from scipy.stats import binom
 
+from bayestissue.dataset.model import Uncertainty
 from bayestissue.signal import SignalOptions
 from bayestissue.signal.quality import inspect, raised
 from bayestissue.signal.quality.recorded import Recorded as Seen
@@ -87,6 +88,49 @@ def test_a_recording_that_begins_after_contact_is_found(late):
     assert flags(lab) == [["begins above zero: after contact, or with an offset"]] * COUNT
     # Unless time 0 is said to be contact.
     assert flags(lab, SignalOptions(contact="time-zero")) == [[]] * COUNT
+
+
+def in_series(late: float, noise: float = 0.005, velocity: float = 1.5, tau: float = 0.02) -> Lab:
+    """Spring and damper in series, d = V w^2 e^(-t / 2 tau) sin(b t) / b, recorded from ``late`` on."""
+    omega = 67.0
+    b = np.sqrt(omega**2 - 1 / (4 * tau**2))
+    time = np.arange(int(0.95 * np.pi / b * 1e4) - round(late * 1e4)) * 1e-4
+    since = time + late + 0.3e-4
+    d = 1.5 * omega**2 * np.exp(-since / (2 * tau)) * np.sin(b * since) / b
+    random = np.random.default_rng(3)
+    traces = [Recorded(time, d + noise * d.max() * random.standard_normal(time.size)) for _ in range(COUNT)]
+    return replace(record([replace(TYPICAL, velocity=velocity)] * COUNT, 1e4), traces=traces)
+
+
+@pytest.mark.parametrize("late", [0.001, 0.002, 0.004])
+def test_a_recording_that_begins_after_contact_is_found_whatever_the_tissue(late):
+    """An oscillator that begins at contact explains none of these, and one that begins before none either."""
+    words = "begins above zero: after contact, or with an offset"
+    assert all(words in row for row in flags(in_series(late)))
+    assert flags(in_series(0.0)) == [[]] * COUNT
+
+
+def test_where_noise_hides_when_contact_was_a_note_says_so():
+    impacts = [replace(TYPICAL, zeta=0.5)] * COUNT
+    lab = record(impacts, 1e4, before=0.0, after=0.03, noise=0.02)
+    findings = inspect(lab)
+    assert raised(findings, COUNT) == [[]] * COUNT
+    noted = raised(findings, COUNT, notes=True).count(["contact may have come before the first sample"])
+    # Chance excludes the least of the earlier moments in one of twenty.
+    assert noted >= binom.ppf(1e-3, COUNT, 0.95)
+    assert raised(inspect(lab, SignalOptions(contact="time-zero")), COUNT, notes=True) == [[]] * COUNT
+    # Noise of a thousandth of the peak leaves no doubt.
+    clear = record(impacts, 1e4, before=0.0, after=0.03, noise=0.001)
+    assert raised(inspect(clear), COUNT, notes=True) == [[]] * COUNT
+
+
+def test_a_velocity_that_is_off_as_much_as_declared_is_no_late_beginning():
+    """By 2 %; sound recordings cropped at contact."""
+    lab = record([TYPICAL] * COUNT, 1e4, before=0.0, after=0.03, noise=0.005)
+    lab.impacts["velocity_m_s"] *= 1.02
+    assert all("begins above zero: after contact, or with an offset" in row for row in flags(lab))
+    declared = replace(lab, uncertainty=Uncertainty(velocity_sd_m_s=0.02 * TYPICAL.velocity))
+    assert flags(declared) == [[]] * COUNT
 
 
 def test_an_isolated_spike_before_contact_is_found_where_it_is():

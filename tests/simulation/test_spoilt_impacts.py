@@ -100,6 +100,12 @@ def test_a_spoilt_recording_is_called_by_its_name(spoilt, kind, flag):
     assert named >= binom.ppf(CHANCE, len(mine), 0.75)
 
 
+def test_late_recordings_that_move_K_or_C_are_flagged_or_noted(spoilt):
+    late = spoilt[spoilt["kind"].str.startswith("begins") & (spoilt["off"] > 0.05)]
+    silent = (late["flags"] == "") & ~late["noted"]
+    assert silent.sum() <= binom.ppf(1 - CHANCE, len(late), 0.05)
+
+
 def test_a_displacement_that_begins_deep_is_found_and_one_at_contact_is_not(pool):
     deep = judged(spoilt_ones(*DISPLACEMENT, pool, EACH))["flags"]
     assert deep.str.contains("contact came before the recording").sum() >= binom.ppf(CHANCE, EACH, 0.95)

@@ -37,6 +37,7 @@ def spoilt_impacts() -> Named:
             "of these flagged": (rows["off_and_flagged"] / rows["off"]).map(
                 lambda share: "" if np.isnan(share) else percent(share, 0)
             ),
+            "not flagged, but noted": rows["off_and_noted"],
             "K off, median": rows["K_off_median"].map(percent).where(rows["K_off_median"].notna()),
             "C off, median": rows["C_off_median"].map(percent).where(rows["C_off_median"].notna()),
             "commonest flag": rows["commonest_flag"],

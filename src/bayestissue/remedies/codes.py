@@ -85,6 +85,7 @@ Code = Literal[
     "zero-moved",
     "no-quiet-part",
     "starts-above-zero",
+    "contact-earlier",
     "starts-below-zero",
     "starts-deep",
     "slow-low-pass",

@@ -9,7 +9,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.model import Recorder
+from bayestissue.dataset.model import Recorder, Uncertainty
 from bayestissue.errors import Coded
 from bayestissue.signal.contact import Onset, find_onset
 from bayestissue.signal.filters import ahead_s, low_pass
@@ -61,6 +61,10 @@ class RecordedImpacts(Protocol):
     @property
     def gravity(self) -> float:
         """g, the part of gravity along the motion, m/s²: decelerations are force over mass."""
+
+    @property
+    def uncertainty(self) -> Uncertainty:
+        """Standard deviations of the measuring chain, as declared."""
 
 
 @dataclass(frozen=True)

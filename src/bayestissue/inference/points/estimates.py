@@ -204,9 +204,10 @@ def flagged(
     spoilt = raised(findings, len(another_peak))
     flags = [[*a, *b, *c] for a, b, c in zip(spoilt, signal.flags, _by_row(wrong), strict=True)]
     # No quiet part is found where hum or drift stand in it: that is named instead.
+    earlier = raised(findings, len(another_peak), notes=True)
     notes = [
-        [*(n for n in a if not {HUM.flag, DRIFT.flag} & set(named)), *b]
-        for a, b, named in zip(signal.notes, _by_row(noted), spoilt, strict=True)
+        [*(n for n in a if not {HUM.flag, DRIFT.flag} & set(named)), *b, *c]
+        for a, b, c, named in zip(signal.notes, earlier, _by_row(noted), spoilt, strict=True)
     ]
     return flags, notes
 

@@ -1,151 +1,271 @@
 """Whether a recording that begins above zero begins at contact, or after it, or with an offset.
 
-The force of a spring and damper jumps at contact, so that a sound recording cropped there begins at C V / M.
-With A(t) = int d and B(t) = int int d from the first sample on, in units of the time to peak and the
-velocity at contact, an impact recorded with an offset o obeys
+A recording from t after contact on has the motion x(t) = x₁ + v₁ t − ∬(d − g), v(t) = v₁ − ∫(d − g), where
+(x₁, v₁) is the state that (0, V) grows into under the tissue's own law until the first sample. Every law
+below is linear in coefficients of which none is negative: the force over mass
 
-    d - o = a (v - A + (o + g) t) + b (x + v t - B + (o + g) t^2 / 2),  a = C / M, b = K / M,
+    d = Σ c_j φ_j(x, v, ∫x, ∫d),  c_j ≥ 0,
 
-g being gravity along the motion and (x, v) the state that (0, 1) grows into over the time from contact to the
-first sample. Three accounts are held against each other: contact no more than a sampling interval before the
-first sample and no offset; contact longer before it; an offset. What another law than that of a spring and
-damper does to a trace may look like any of them: of a trace that neither of the last two explains it is asked
-whether any law of tissue does.
+is that of a damper beside a spring that stiffens, of a spring and damper in series, alone or beside a spring,
+or of Hertz's contact with losses. Contact is tried at moments until one sampling interval before the first
+sample, and at earlier ones; an offset at several sizes; between them the residuals are interpolated. Each
+account has the law that explains the trace best by it. What earlier contact or an offset gains over contact
+at the first sample is then an F test of one parameter.
+
+The velocity at contact is known as well as the dataset says, and to 0.3 % at the best: its error looks much
+like a late beginning.
 """
 
 from __future__ import annotations
+
+from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import fdtrc
 
+from bayestissue.dataset.model import Uncertainty
 from bayestissue.signal.displacement import Displacements
 from bayestissue.signal.integration import trapezoids
-from bayestissue.signal.quality import law
 from bayestissue.signal.quality.recorded import Recorded
-from bayestissue.signal.start import grown
-from bayestissue.signal.traces import Column, Mask
+from bayestissue.signal.traces import Column, Index, Mask, Rows
 
-# Of a sound recording, for either of the other two accounts to gain so much; and that one of these leaves
-# so much where it is right.
-_GAINS, _LEAVES = 0.01, 0.05
-# An account has lost contact by more than so many intervals, or has a larger offset over the peak: less
-# moves K by some 5 % at the most.
-_LATE, _OFFSET = 1.5, 0.015
+# Of a sound recording: for another account to gain so much, and for no law to leave so much.
+_GAINS, _LEAVES = 0.03, 0.001
+# What the laws leave of the elements' own traces, over the peak.
+_MISFIT = 0.0007
+# So many times less left over explains a trace well enough.
+_BETTER = 4.0
+# Of the velocity at contact, where no more is declared.
+_VELOCITY = 0.003
+# Earlier contact by so many intervals, and by this share of the time to peak: less moves C by some 5 %.
+_INTERVALS, _SHARE = 1.5, 0.015
 # Of the time to peak: what is looked back at the most.
 _LONGEST = 0.4
+_MOMENTS = 9
+# Offsets over the peak: less than the least moves K by some 5 % at the most.
+_OFFSETS = np.array([-0.3, -0.15, -0.05, -0.015, 0.015, 0.05, 0.15, 0.3])
 # After the peak the fit ends where the force has come down to this share of it: it may let go before 0.
 _ENDS = 0.3
-_ROUNDS = 20
-# Columns of an account: d, 1, t, A, B and t^2.
-type Products = Float[np.ndarray, "impact 6 6"]
-type Parameters = Float[np.ndarray, "impact 4"]
+_BLOCKS = 64
+_ROUNDS, _STEPS = 3, 4
+# The step of a derivative by velocity or offset: one that changes no set of positive coefficients.
+_SMALL = 1e-4
+_PARAMETERS = 4
+# Chi squared of one degree of freedom: less speaks against no account.
+_LIKELY = 3.84
+
+type State = Float[np.ndarray, "4 ..."]
+type Terms = Float[np.ndarray, "*row term"]
+type Law = Callable[[State], Terms]
+type Moments = Float[np.ndarray, "account impact"]
+type Residuals = Float[np.ndarray, "*account impact block"]
 
 
-def contact_missed(recorded: Recorded, signal: Displacements, chosen: Mask) -> Mask:
-    """Where a recording begins after contact or with an offset.
+class Beginning(NamedTuple):
+    """What a recording says of its beginning.
+
+    Attributes:
+        missed: [impact], whether contact came before the first sample, or there is an offset.
+        longest: [impact], how long before the first sample contact may have come, where this can't be told
+            from contact there, s; else 0.
+    """
+
+    missed: Mask
+    longest: Column
+
+
+class _Blocks(NamedTuple):
+    """Means over blocks of samples, [impact, block], in units of velocity and time to peak.
+
+    From the first sample on: t, d, its integral (``lost``), and the parts of velocity, displacement and the
+    integral of displacement that come of d and gravity; ``weight`` is 1 over the standard deviation of d, 0
+    where there is no block; ``fall`` [impact, 1] is gravity.
+    """
+
+    t: Rows
+    d: Rows
+    lost: Rows
+    v: Rows
+    x: Rows
+    x_integral: Rows
+    weight: Rows
+    fall: Rows
+
+
+def _stiffening(y: State) -> Terms:
+    x, v, *_ = y
+    depth = np.maximum(x, 0)
+    return np.stack([v, x, depth**2, depth**3, depth**8], axis=-1)
+
+
+def _in_series(y: State) -> Terms:
+    x, _, x_integral, lost = y
+    return np.stack([x, x_integral, -lost], axis=-1)
+
+
+def _hertz(y: State) -> Terms:
+    x, v, *_ = y
+    depth = np.maximum(x, 0) ** 1.5
+    return np.stack([depth, depth * v], axis=-1)
+
+
+_LAWS: tuple[Law, ...] = (_stiffening, _in_series, _hertz)
+
+
+def beginning(recorded: Recorded, signal: Displacements, chosen: Mask, uncertainty: Uncertainty) -> Beginning:
+    """What the recordings say of their beginnings.
 
     Args:
         recorded: the recordings.
         signal: what is made of them, over the rebound.
         chosen: which are asked: those that begin above zero.
+        uncertainty: of the velocity, of the recorder's gain, which is one of velocity to it, and of its zero.
     """
-    found, rows = np.zeros_like(chosen), np.flatnonzero(chosen)
+    missed, longest, rows = np.zeros_like(chosen), np.zeros(len(chosen)), np.flatnonzero(chosen)
     if not rows.size:
-        return found
-    d, dt, peak = signal.deceleration[rows], signal.dt[rows], recorded.peak[rows]
-    sd, freedom = recorded.sd[rows], recorded.freedom[rows]
-    time = np.arange(d.shape[1]) * dt[:, None]
-    used = np.arange(d.shape[1]) < signal.n_samples[rows, None]
-    behind = time > signal.time_to_peak[rows, None]
-    until_peak = used & ~behind
-    start = law.Start(dt, signal.x[rows, 0], signal.v[rows, 0], signal.gravity[rows])
-    used &= np.cumsum(behind & (d < _ENDS * peak[:, None]), axis=1) == 0
-    count, unit = used.sum(axis=1), signal.velocity[rows] / signal.time_to_peak[rows]
-    fall = signal.gravity[rows] / unit
-    products = _products(d / unit[:, None], used, dt / signal.time_to_peak[rows])
-    interval = dt / signal.time_to_peak[rows]
-    variance = sd**2 + (law.MISFIT * peak) ** 2
-
-    def least(most: Column, free: int) -> tuple[Parameters, Column]:
-        parameters, square = _fitted(products, fall, most, free)
-        return parameters, square * unit**2
-
-    contact = least(interval, 3)[1]
-    late, of_late = least(np.full_like(interval, _LONGEST), 3)
-    off, of_offset = least(interval, 4)
-    missed = late[:, 2] > _LATE * interval
-    shifted = np.abs(off[:, 3]) * unit > _OFFSET * peak
-    for square, large in ((of_late, missed), (of_offset, shifted)):
-        left = square / np.maximum(count - 3, 1)
-        gain = np.maximum(contact - square, 0) / np.maximum(left, variance)
-        explains = fdtrc(np.maximum(count - 3, 1), freedom, left / variance) > _LEAVES
-        found[rows] |= large & explains & (fdtrc(1, np.maximum(count - 3, 1), gain) < _GAINS)
-    samples = np.maximum(until_peak.sum(axis=1) - law.TERMS, 1)
-    best = law.best_left(d, until_peak, start, np.ones_like(d)) / samples
-    found[rows] |= fdtrc(samples, freedom, best / variance) < law.ALARMS / 2
-    return found
+        return Beginning(missed, longest)
+    blocks, unit = _blocks(recorded, signal, rows)
+    peak, interval = recorded.peak[rows] / unit, signal.dt[rows] / signal.time_to_peak[rows]
+    least = np.maximum(_INTERVALS * interval, _SHARE)
+    early = least + (np.maximum(_LONGEST, 2 * least) - least) * np.linspace(0, 1, _MOMENTS)[:, None] ** 2
+    velocity_sd = np.hypot(uncertainty.velocity_sd_m_s / signal.velocity[rows], uncertainty.relative_gain_sd)
+    sd = np.hypot(velocity_sd, _VELOCITY), uncertainty.offset_sd / unit
+    accounts = [_accounts(law, blocks, interval, early, _OFFSETS[:, None] * peak, sd) for law in _LAWS]
+    contact, late, shifted, of_early = (np.min(squares, axis=0) for squares in zip(*accounts, strict=True))
+    count = np.maximum((blocks.weight > 0).sum(axis=1) - _PARAMETERS, 1)
+    freedom = recorded.freedom[rows]
+    unexplained = np.zeros(rows.size, bool)
+    for square in (late, shifted):
+        gain = np.maximum(contact - square, 0) / np.maximum(square / count, 1)
+        # Between the moments and offsets tried a trace of little noise is explained roughly.
+        explains = (fdtrc(count, freedom, square / count) > _LEAVES) | (square < contact / _BETTER)
+        unexplained |= explains & (fdtrc(1, np.minimum(count, freedom), gain) < _GAINS)
+    missed[rows] = unexplained
+    possible = np.where(~unexplained & (of_early < contact + _LIKELY), early, 0).max(axis=0)
+    longest[rows] = possible * signal.time_to_peak[rows]
+    return Beginning(missed, longest)
 
 
-def _products(d: np.ndarray, used: np.ndarray, interval: Column) -> Products:
-    """Of the columns with each other over the samples used."""
-    step = interval[:, None]
-    first = trapezoids(d, step)
-    time = np.arange(d.shape[1]) * step
-    columns = np.stack([d, np.ones_like(d), time, first, trapezoids(first, step), time**2], axis=1)
-    columns = np.where(used[:, None], columns, 0.0)
-    return columns @ columns.swapaxes(1, 2)
+def _blocks(recorded: Recorded, signal: Displacements, rows: Index) -> tuple[_Blocks, Column]:
+    """The blocks of some impacts, and the unit of their decelerations, m/s²."""
+    d, dt, to_peak = signal.deceleration[rows], signal.dt[rows, None], signal.time_to_peak[rows, None]
+    velocity, peak = signal.velocity[rows, None], recorded.peak[rows, None]
+    sample = np.arange(d.shape[1])
+    time, unit = sample * dt, velocity / to_peak
+    over = np.cumsum((time > to_peak) & (d < _ENDS * peak), axis=1) > 0
+    count = ((sample < signal.n_samples[rows, None]) & ~over).sum(axis=1)
+    v, x = signal.v[rows], signal.x[rows]
+    x = (x - x[:, :1] - v[:, :1] * time) / (velocity * to_peak)
+    v, fall = (v - v[:, :1]) / velocity, signal.gravity[rows, None] / unit
+    t = time / to_peak
+    ends = np.minimum(np.arange(_BLOCKS + 1) * -(-count // _BLOCKS)[:, None], count[:, None])
+    size = np.diff(ends, axis=1)
+
+    def means(value: Rows) -> Rows:
+        sums = np.cumsum(np.where(sample < count[:, None], value, 0), axis=1)
+        sums = np.take_along_axis(np.pad(sums, ((0, 0), (1, 0))), ends, axis=1)
+        return np.diff(sums, axis=1) / np.maximum(size, 1)
+
+    sd = np.hypot(recorded.sd[rows, None] / np.sqrt(np.maximum(size, 1)), _MISFIT * peak) / unit
+    columns = (t, d / unit, fall * t - v, v, x, trapezoids(x, dt / to_peak))
+    t, d, lost, v, x, x_integral = (means(column) for column in columns)
+    weight = np.where(size > 0, 1 / sd, 0)
+    return _Blocks(t, d, lost, v, x, x_integral, weight, fall), unit[:, 0]
 
 
-def _weights(parameters: Parameters, fall: Column) -> Float[np.ndarray, "impact 6"]:
-    """What is left over by a, b, the time since contact and o, as weights of the columns."""
-    a, b, since, offset = parameters.T
-    x, v = grown(a, b, since, fall)
-    one, t = -offset - a * v - b * x, -b * v - a * (offset + fall)
-    return np.stack([np.ones_like(a), one, t, a, b, -b * (offset + fall) / 2], axis=1)
+def _accounts(
+    law: Law, blocks: _Blocks, interval: Column, early: Moments, offsets: Moments, sd: tuple[Column, Column]
+) -> tuple[Column, Column, Column, Moments]:
+    """Least sums of squares of one law's accounts: contact in the interval, earlier, an offset.
 
-
-def _fitted(products: Products, fall: Column, most: Column, free: int) -> tuple[Parameters, Column]:
-    """The first ``free`` parameters by least squares, and the sum of squares that they leave.
-
-    Contact lies up to ``most`` before the first sample. With strong damping the sum of squares may have more
-    than one hollow: the best of three beginnings is taken.
+    The last are those of each of the earlier moments. ``sd`` are standard deviations of velocity and offset.
     """
-    best, least = np.zeros((len(most), 4)), np.full(len(most), np.inf)
-    linear = np.stack([np.eye(6)[1] - np.eye(6)[3], np.eye(6)[2] - np.eye(6)[4]])
-    gram = linear @ products @ linear.T
-    ab = _solved(gram, (linear @ products[:, :, :1])[..., 0])
-    for share in (0.05, 0.4, 0.9):
-        tried = np.column_stack([ab, share * most, np.zeros_like(most)])
-        for _ in range(_ROUNDS):
-            tried = _stepped(products, fall, tried, list(range(free)))
-            tried[:, 2] = np.clip(tried[:, 2], 0, most)
-            # The others anew, with contact where it has to stay.
-            tried = _stepped(products, fall, tried, [0, 1, 3][: free - 1])
-        weights = _weights(tried, fall)
-        square = np.einsum("ik,ikl,il->i", weights, products, weights)
-        better = square < least
-        best, least = np.where(better[:, None], tried, best), np.where(better, square, least)
-    return best, least
+    middle, none = interval / 2 + 0 * early[:1], np.zeros((3, len(interval)))
+    moments = np.concatenate([none + np.array([0, 0.5, 1])[:, None] * interval, early])
+    since = np.concatenate([moments, 0 * offsets + middle, middle, middle])
+    offset, faster = np.zeros_like(since), np.zeros_like(since)
+    offset[len(moments) : -2], offset[-1], faster[-2] = offsets, _SMALL, _SMALL
+    residuals = _residuals(law, blocks, since, offset, faster)
+    # Errors of velocity and offset as they are declared; and, with an offset, contact in the interval.
+    of_velocity = (residuals[-2] - residuals[1]) * (sd[0] / _SMALL)[:, None]
+    of_offset = _without((residuals[-1] - residuals[1]) * (sd[1] / _SMALL)[:, None], of_velocity)
+    of_contact = _without(_without(residuals[2] - residuals[0], of_velocity), of_offset)
+    residuals = _without(_without(residuals[:-2], of_velocity), of_offset)
+    shifted = _without(residuals[len(moments) :], of_contact)
+    late = residuals[3 : len(moments)]
+    half = len(offsets) // 2
+    offset_least = np.minimum(_least(shifted[:half]), _least(shifted[half:]))
+    return _least(residuals[:3]), _least(late), offset_least, (late**2).sum(axis=-1)
 
 
-def _stepped(products: Products, fall: Column, parameters: Parameters, free: list[int]) -> Parameters:
-    """One step of Gauss and Newton along some of the parameters."""
-    # Complex steps: the weights are polynomials, and there is no difference that could cancel.
-    slopes = np.stack([_weights(parameters + 1e-30j * np.eye(4)[k], fall).imag / 1e-30 for k in free], axis=1)
-    toward = slopes @ products
-    change = _solved(
-        toward @ slopes.swapaxes(1, 2), -(toward @ _weights(parameters, fall)[..., None])[..., 0]
-    )
-    stepped = parameters.copy()
-    stepped[:, free] += np.nan_to_num(change)
-    return stepped
+def _residuals(law: Law, blocks: _Blocks, since: Moments, offset: Moments, faster: Moments) -> Residuals:
+    """What a law leaves, in standard deviations, contact ``since`` before the first sample.
+
+    The state at the first sample and the law's coefficients are found in turn.
+    """
+    t, d, lost, v, x, x_integral, weight, fall = blocks
+    o = offset[..., None]
+    d, lost, v = d - o, lost - o * t, v + o * t
+    x, x_integral = x + o * t**2 / 2, x_integral + o * t**3 / 6
+    first = np.maximum(d[..., 0], 0)
+    v1 = np.clip(1 - (first - fall[:, 0]) * since, 0.2, 1)
+    y = np.stack([since * (1 + v1) / 2, v1, since**2 / 2, first * since])
+    for _ in range(_ROUNDS):
+        x1, v1, x1_integral, lost1 = y[..., None]
+        path = x1_integral + x1 * t + v1 * t**2 / 2 + x_integral
+        terms = law(np.stack([x1 + v1 * t + x, v1 + v, path, lost1 + lost])) * weight[..., None]
+        coefficients = _not_negative(terms, d * weight)
+        y = _grown(law, coefficients, since, 1 + faster, fall[:, 0])
+    return d * weight - (terms @ coefficients[..., None])[..., 0]
 
 
-def _solved(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """The solution, columns of the matrix scaled and next to nothing added where they are alike."""
-    scale = np.sqrt(np.maximum(np.diagonal(matrix, axis1=1, axis2=2), 1e-300))
-    scaled = matrix / scale[:, :, None] / scale[:, None, :]
-    usable = np.isfinite(scaled).all(axis=(1, 2), keepdims=True)
-    scaled = np.where(usable, scaled, 0) + (1e-12 + ~usable) * np.eye(matrix.shape[1])
-    return np.linalg.solve(scaled, (right / scale)[..., None])[..., 0] / scale
+def _grown(law: Law, coefficients: Terms, since: Moments, velocity: Moments, fall: Column) -> State:
+    """(x, v, ∫x, ∫d) a time after contact, by Runge and Kutta's rule."""
+    zero = np.zeros_like(since)
+    y, step = np.stack([zero, velocity, zero, zero]), since / _STEPS
+
+    def rate(y: State) -> State:
+        d = (law(y) * coefficients).sum(axis=-1)
+        return np.stack([y[1], fall - d, y[0], d])
+
+    for _ in range(_STEPS):
+        first = rate(y)
+        second = rate(y + step / 2 * first)
+        third = rate(y + step / 2 * second)
+        y = y + step / 6 * (first + 2 * second + 2 * third + rate(y + step * third))
+    return np.clip(np.nan_to_num(y), -3, 3)
+
+
+def _not_negative(terms: Float[np.ndarray, "*row block term"], target: Residuals) -> Terms:
+    """Least squares by coefficients of which none is negative: the best of all subsets of terms."""
+    size = terms.shape[-1]
+    gram = terms.swapaxes(-1, -2) @ terms
+    moment = (target[..., None, :] @ terms)[..., 0, :]
+    scale = np.sqrt(np.maximum(np.diagonal(gram, axis1=-2, axis2=-1), 1e-300))
+    gram = np.nan_to_num(gram / scale[..., None] / scale[..., None, :])
+    moment = np.nan_to_num(moment / scale)
+    subsets = (np.arange(1, 2**size)[:, None] >> np.arange(size) & 1).astype(float)
+    # A term that is left out has a coefficient of 0.
+    of_subset = gram[..., None, :, :] * subsets[:, :, None] * subsets[:, None, :]
+    of_subset = of_subset + (1 - subsets)[:, :, None] * np.eye(size) + 1e-11 * np.eye(size)
+    tried = np.linalg.solve(of_subset, (moment[..., None, :] * subsets)[..., None])[..., 0]
+    gain = np.where((tried >= 0).all(axis=-1), (tried * moment[..., None, :]).sum(axis=-1), 0)
+    best = np.take_along_axis(tried, gain.argmax(axis=-1)[..., None, None], axis=-2)[..., 0, :]
+    return np.maximum(best, 0) / scale
+
+
+def _without(residuals: Residuals, change: Residuals) -> Residuals:
+    """(1 + u uᵀ)^(−1/2) r: the residuals less what an error may have made of them that changes them by u."""
+    square = (change**2).sum(axis=-1, keepdims=True)
+    share = (1 - 1 / np.sqrt(1 + square)) / np.maximum(square, 1e-300)
+    return residuals - share * (residuals * change).sum(axis=-1, keepdims=True) * change
+
+
+def _least(residuals: Residuals) -> Column:
+    """The least sum of squares on the straight lines from each account to the next."""
+    first, change = residuals[:-1], np.diff(residuals, axis=0)
+    square = np.maximum((change**2).sum(axis=-1), 1e-300)
+    share = np.clip(-(first * change).sum(axis=-1) / square, 0, 1)
+    return ((first + share[..., None] * change) ** 2).sum(axis=-1).min(axis=0)

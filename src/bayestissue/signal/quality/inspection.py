@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import pandas as pd
 
-from bayestissue.dataset.model import Recorder
+from bayestissue.dataset.model import Recorder, Uncertainty
 from bayestissue.errors import Coded
 from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements
 from bayestissue.signal.options import SignalOptions
@@ -20,6 +20,7 @@ from bayestissue.signal.quality.kinds import (
     COARSE,
     DEEP,
     DRIFT,
+    EARLIER,
     FALLS,
     FALLS_NOT,
     HUM,
@@ -36,6 +37,8 @@ from bayestissue.signal.traces import Column, Mask, Trace, stack
 
 # So many samples, and impacts, at a time: their laws' terms then take some hundred megabytes at most.
 _BLOCK, _MOST = 200_000, 256
+# Of the peak: a first sample above it is an offset or late where nothing else can be asked.
+_ABOVE = 0.04
 
 
 @dataclass(frozen=True)
@@ -58,6 +61,7 @@ class _Part:
     traces: Sequence[Trace]
     recorder: Recorder | None
     gravity: float
+    uncertainty: Uncertainty
 
 
 def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> list[Finding]:
@@ -66,7 +70,8 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     Each detector is a test with a false alarm rate of 0.001 (0.003 where laws are fitted) a sound recording,
     all samples and values that it tries taken together, and finds only what is large enough to change K or C
     by some per cent. A recording that begins above zero may begin at contact: it is found where an impact
-    that begins there does not explain it. What only says that no tissue makes such a trace is asked of
+    that began earlier, or an offset, explains it far better (1 % of sound ones), and is noted where an
+    earlier one explains it as well. What only says that no tissue makes such a trace is asked of
     impacts that no other detector names.
 
     Args:
@@ -85,7 +90,8 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     for begin in range(0, len(dataset.traces), size):
         rows = slice(begin, begin + size)
         impacts, traces = dataset.impacts.iloc[rows], dataset.traces[rows]
-        part = _Part(dataset.quantity, impacts, traces, dataset.recorder, dataset.gravity)
+        chain = dataset.recorder, dataset.gravity, dataset.uncertainty
+        part = _Part(dataset.quantity, impacts, traces, *chain)
         # A recording that is no impact at all may divide by nothing: what comes of that finds nothing.
         with np.errstate(all="ignore"):
             for kind, values in _inspected(part, options):
@@ -93,9 +99,10 @@ def inspect(dataset: RecordedImpacts, options: SignalOptions | None = None) -> l
     return [Finding(kind, values) for kind, values in joined.items() if any(values)]
 
 
-def raised(found: Sequence[Finding], count: int) -> list[list[Coded]]:
-    """The flags of each of ``count`` impacts."""
-    return [[finding.kind.flag for finding in found if finding.said[row]] for row in range(count)]
+def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> list[list[Coded]]:
+    """The flags of each of ``count`` impacts, or its notes."""
+    of_kind = [finding for finding in findings if finding.kind.note == notes]
+    return [[finding.kind.flag for finding in of_kind if finding.said[row]] for row in range(count)]
 
 
 def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list[str]]]:
@@ -108,18 +115,20 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list
         yield from _single_samples(recorded)
         # A displacement that passes 0 on its way shows its contact.
         early = np.arange(recorded.value.shape[1]) <= recorded.top[:, None]
-        deep = (start > 0) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
+        deep = (start > _ABOVE) & (np.where(early, recorded.value, np.inf).min(axis=1) > 0)
         yield DEEP, _words(deep, "{:.1%} of the peak at the first sample", start)
         return
     whole = {"window": "rebound", "filter": "none", "equilibrium": "rest"}
     signal = displacements(part, options.model_copy(update=whole))
     found = [*_single_samples(recorded), *_at_rest(recorded, signal.time_to_peak, part.gravity)]
-    above = start > 0
+    above, longest = start > _ABOVE, np.zeros_like(start)
     if part.recorder is None:
         # An impact's force may jump at contact; behind a low-pass it can't.
-        above = beginning.contact_missed(recorded, signal, above)
-    found.append((ABOVE, _words(above, "{:.1%} of the peak at the first sample", start)))
-    found.append((BELOW, _words(start < 0, "{:.1%} of the peak at the first sample", start)))
+        above, longest = beginning.beginning(recorded, signal, start > 0, part.uncertainty)
+    first = "{:.1%} of the peak at the first sample"
+    found.append((ABOVE, _words(above, first, start)))
+    found.append((BELOW, _words(start < -_ABOVE, first, start)))
+    yield EARLIER, _words(longest > 0, "up to {:.2g} ms before", 1e3 * longest)
     yield from ((kind, said) for kind, said in found if part.recorder is None or kind is not SLOW)
     # What a declared low-pass makes of a law is none.
     if part.recorder is not None:

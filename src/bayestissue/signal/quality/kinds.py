@@ -9,10 +9,11 @@ from bayestissue.remedies import entries
 
 
 class Kind(NamedTuple):
-    """One kind of finding: its flag, and what was expected."""
+    """One kind of finding: its flag, what was expected, and whether it is only noted, not flagged."""
 
     flag: Coded
     expected: str
+    note: bool = False
 
     @property
     def advice(self) -> str:
@@ -47,6 +48,11 @@ MOVED = Kind(
 ABOVE = Kind(
     Coded("begins above zero: after contact, or with an offset", "starts-above-zero"),
     "a recording that begins before contact",
+)
+EARLIER = Kind(
+    Coded("contact may have come before the first sample", "contact-earlier"),
+    "a recording that begins before contact",
+    note=True,
 )
 BELOW = Kind(
     Coded("begins below zero: an offset", "starts-below-zero"),

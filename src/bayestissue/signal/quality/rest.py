@@ -13,7 +13,7 @@ ALARMS = 1e-3
 FEWEST, FEWEST_OF_LINE = 12, 6
 _SLOW = 5
 # Below these fractions of the peak K and C change by less than some 5 %.
-WAVE, SHIFT, ABOVE = 0.007, 0.015, 0.04
+WAVE, SHIFT, FIRST = 0.007, 0.015, 0.01
 # Where chance gives less than this a rest after contact is taken for a force that fades.
 _FADES = 0.01
 _HUM_HZ = np.arange(20.0, 410.0, 5.0)
@@ -140,7 +140,7 @@ def starts_off_zero(recorded: Recorded) -> Column:
     """The first sample as a fraction of the peak, where no rest stands before it and noise is no reason."""
     first = recorded.value[:, 0]
     alone = recorded.before.sum(axis=1) < 5
-    found = alone & (np.abs(first) > 5 * recorded.sd) & (np.abs(first) > ABOVE * recorded.peak)
+    found = alone & (np.abs(first) > 5 * recorded.sd) & (np.abs(first) > FIRST * recorded.peak)
     return np.where(found, first / recorded.peak, 0.0)
 
 
