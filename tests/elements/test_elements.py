@@ -217,7 +217,9 @@ def test_derivatives_agree_with_differences(name: str) -> None:
             assert np.abs(slope[..., k] - difference).max() < tolerance * scale
 
 
-@pytest.mark.parametrize("name", ["kelvin_voigt", pytest.param("maxwell", marks=pytest.mark.long), "standard_linear"])
+@pytest.mark.parametrize(
+    "name", ["kelvin_voigt", pytest.param("maxwell", marks=pytest.mark.long), "standard_linear"]
+)
 def test_derivatives_are_finite_where_roots_repeat(name: str) -> None:
     """Kelvin-Voigt at zeta = 1, Maxwell at its own double root, and a standard linear solid beside them."""
     mass = np.array([0.7])
