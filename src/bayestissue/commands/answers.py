@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 def answer(
     run: Path,
-    of: Callable[[Run], pd.DataFrame],
+    table_of: Callable[[Run], pd.DataFrame],
     show: Callable[[pd.DataFrame], None],
     *,
     command: str,
@@ -33,7 +33,7 @@ def answer(
 
     Args:
         run: the run's folder.
-        of: makes the table.
+        table_of: makes the table.
         show: prints it.
         command: what the folder says wrote it.
         name: of the table: that of its file, of its page in `bayestissue.report.answers_page`, and its key in
@@ -46,17 +46,17 @@ def answer(
         as_json: print JSON instead.
 
     Raises:
-        InputError: ``run`` is no finished fit, ``of`` finds something wrong, or ``out`` is not free.
+        InputError: ``run`` is no finished fit, ``table_of`` finds something wrong, or ``out`` is not free.
     """
-    with results.claim_if(out, overwrite=overwrite, command=command, inputs=inputs) as place:
+    with results.claim_if(out, overwrite=overwrite, command=command, inputs=inputs) as target:
         runtime.configure()
         from bayestissue.commands.console import echo
         from bayestissue.finished import read_run
 
         finished = read_run(run)
-        table = of(finished)
-        if place is not None:
-            with place.folder() as folder:
+        table = table_of(finished)
+        if target is not None:
+            with target.folder() as folder:
                 from bayestissue.report import answers_page
 
                 results.write_table(table, folder / f"{name}.csv", excel)
@@ -66,5 +66,5 @@ def answer(
             echo(json.dumps({name: json.loads(table.to_json(orient="records"))}, ensure_ascii=False))
         elif not quiet:
             show(table)
-            if place is not None:
-                echo(f"wrote {place.path / f'{name}.csv'} and {place.path / 'report.html'}")
+            if target is not None:
+                echo(f"wrote {target.path / f'{name}.csv'} and {target.path / 'report.html'}")

@@ -105,5 +105,5 @@ def print_answers(table: pd.DataFrame) -> None:
 def _counts(table: pd.DataFrame) -> str:
     """How many draws the answers rest on."""
     posterior, prior = table["draws"].max(), table["prior_draws"].max()
-    besides = f", {int(prior)} of the prior" if prior > 0 else ""
-    return f"{int(posterior)} draws of the posterior{besides}" if posterior > 0 else ""
+    of_prior = f", {int(prior)} of the prior" if prior > 0 else ""
+    return f"{int(posterior)} draws of the posterior{of_prior}" if posterior > 0 else ""

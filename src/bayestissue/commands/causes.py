@@ -67,7 +67,7 @@ def run(
     """
     started, clock = datetime.now(UTC), time.perf_counter()
     inputs = (model,) if target == "published" else (Path(target), model)
-    with results.claim(out, overwrite=overwrite, command="causes", inputs=inputs) as place:
+    with results.claim(out, overwrite=overwrite, command="causes", inputs=inputs) as claimed:
         jobs = runtime.cores() if jobs is None else jobs
         runtime.configure(one_core=jobs == 1 and scheduler is None)
         import pandas as pd
@@ -90,24 +90,24 @@ def run(
         work = batches(what.setting, specification, seed)
         job = [what.input_hash, method, specification.model_dump_json(), seed, runtime.versions()]
         fingerprint = hashlib.sha256(json.dumps(job).encode()).hexdigest()
-        with Stages(quiet=quiet) as say, place.unfinished(fingerprint) as kept:
+        with Stages(quiet=quiet) as say, claimed.unfinished(fingerprint) as finished:
             tables = run_batches(
                 work,
                 jobs=jobs,
                 scheduler=scheduler,
-                folder=kept,
+                folder=finished,
                 progress=lambda done, total: say("simulating campaigns", done, total),
             )
             say("comparing the causes", 0, 1)
             simulated = pd.concat(tables, ignore_index=True)
             verdict = judge(simulated, what.observed, specification, level_known=what.level_known, seed=seed)
-            with place.folder() as folder:
+            with claimed.folder() as folder:
                 say("writing the results", 0, 1)
                 for name in _TABLES:
                     getattr(verdict, name).to_csv(folder / f"{name}.csv", index=False)
                 simulated.insert(1, "seed", seed)
                 simulated.to_parquet(folder / "campaigns.parquet", index=False)
-                about = {
+                record = {
                     "program": "bayestissue",
                     "command": "causes",
                     "kind": "causes",
@@ -122,12 +122,12 @@ def run(
                     "started": started.isoformat(timespec="seconds"),
                     "wall_time_s": round(time.perf_counter() - clock, 1),
                 }
-                results.write_json(about, folder / "run.json")
-        draw_page(place.path)
+                results.write_json(record, folder / "run.json")
+        draw_page(claimed.path)
         if as_json:
             echo(verdict.causes.to_json(orient="records", force_ascii=False))
         elif not quiet:
-            _print(verdict, what, place.path)
+            _print(verdict, what, claimed.path)
 
 
 def _by(jobs: int, scheduler: str | None) -> str:

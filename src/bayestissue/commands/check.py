@@ -34,66 +34,68 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Say what is wrong with a dataset: file, row, column, value, what was expected, how to mend it."""
-    with results.claim_if(out, overwrite=overwrite, command="check", inputs=(dataset,)) as place:
+    with results.claim_if(out, overwrite=overwrite, command="check", inputs=(dataset,)) as target:
         from bayestissue.checking import check
         from bayestissue.commands.console import echo
         from bayestissue.dataset import read_dataset
 
-        found = check(read_dataset(dataset, skip_bad=skip_bad))
-        if place is not None:
-            _write(place, found, excel)
+        checked = check(read_dataset(dataset, skip_bad=skip_bad))
+        if target is not None:
+            _write(target, checked, excel)
         if as_json:
-            echo(json.dumps(_plain(found), default=str, ensure_ascii=False))
+            echo(json.dumps(_plain(checked), default=str, ensure_ascii=False))
         elif not quiet:
-            _print(found)
-            if place is not None:
-                echo(f"wrote {place.path / 'check.html'}")
+            _print(checked)
+            if target is not None:
+                echo(f"wrote {target.path / 'check.html'}")
 
 
-def _plain(found: Check) -> dict[str, Any]:
-    data = found.dataset
+def _plain(checked: Check) -> dict[str, Any]:
+    data = checked.dataset
     return {
         "dataset": data.name,
-        "verdict": found.verdict,
+        "verdict": checked.verdict,
         "impacts": len(data.impacts),
         "input_hash": data.input_hash,
         "left_out": [problem.as_dict() for problem in data.left_out],
-        "warnings": [problem.as_dict() for problem in found.warnings],
-        "notes": found.notes,
-        "quality": json.loads(found.quality.to_json(orient="records")),
+        "warnings": [problem.as_dict() for problem in checked.warnings],
+        "notes": checked.notes,
+        "quality": json.loads(checked.quality.to_json(orient="records")),
     }
 
 
-def _print(found: Check) -> None:
+def _print(checked: Check) -> None:
     from rich.console import Console
     from rich.table import Table
 
     from bayestissue.commands.console import explained, plain, show
     from bayestissue.report.recordings_pages import kinds
 
-    data, warnings = found.dataset, found.warnings
+    data, warnings = checked.dataset, checked.warnings
     console = Console(highlight=False)
     table = Table(
-        title=plain(f"{data.name}: {found.verdict}"),
+        title=plain(f"{data.name}: {checked.verdict}"),
         show_header=False,
         title_justify="left",
     )
-    for name, words in _summary(found):
+    for name, words in _summary(checked):
         table.add_row(name, plain(words))
-    for words in found.notes:
+    for words in checked.notes:
         table.add_row("note", plain(words))
     show(table)
     for heading, problems in (("Left out", data.left_out), ("Warnings", warnings)):
         if problems:
             console.print(plain(f"{heading}:", style="bold"))
-            for some in kinds(problems):
-                more = f" The same in {_names(some[1:])}." if len(some) > 1 else ""
-                console.print(plain(f"  {some[0]}{more} [{some[0].code}]"), soft_wrap=True)
-    explained([*(each.code for each in (*data.left_out, *warnings)), *codes_in("; ".join(found.notes))])
+            for group in kinds(problems):
+                more = f" The same in {_names(group[1:])}." if len(group) > 1 else ""
+                console.print(plain(f"  {group[0]}{more} [{group[0].code}]"), soft_wrap=True)
+    explained(
+        [*(problem.code for problem in (*data.left_out, *warnings)), *codes_in("; ".join(checked.notes))]
+    )
 
 
-def _summary(found: Check) -> list[tuple[str, str]]:
-    data, quality, impacts = found.dataset, found.quality, found.dataset.impacts
+def _summary(checked: Check) -> list[tuple[str, str]]:
+    data, quality, impacts = checked.dataset, checked.quality, checked.dataset.impacts
     noise = quality["noise_to_peak"]
     return [
         (
@@ -102,7 +104,7 @@ def _summary(found: Check) -> list[tuple[str, str]]:
         ),
         ("recorded", data.quantity),
         *([("gravity along the motion", f"{data.gravity:.4g} m/s²")] if data.gravity else []),
-        *([("low-pass", str(data.recorder)), ("noise entered", _entry(found))] if data.recorder else []),
+        *([("low-pass", str(data.recorder)), ("noise entered", _entry(checked))] if data.recorder else []),
         ("samples per impact", _range(quality["n_samples"], "")),
         ("sampling rate", _range(quality["sampling_rate_hz"], " Hz")),
         ("mass", _range(impacts["mass_kg"], " kg")),
@@ -113,11 +115,11 @@ def _summary(found: Check) -> list[tuple[str, str]]:
     ]
 
 
-def _entry(found: Check) -> str:
+def _entry(checked: Check) -> str:
     """Where a recorder's noise entered, in words."""
     from bayestissue.signal.recorder_noise import white_share
 
-    white = white_share(found.dataset, found.signal)
+    white = white_share(checked.dataset, checked.signal)
     if white in {0.0, 1.0}:
         return f"{'behind' if white else 'before'} the low-pass"
     return f"before the low-pass, and {white:.0%} of it behind"
@@ -138,14 +140,14 @@ def _range(values: pd.Series, unit: str, digits: int = 6) -> str:
     return f"{ends[0]}{unit}" if low == high else f"{ends[0]} to {ends[1]}{unit}"
 
 
-def _write(place: results.Place, found: Check, excel: results.Excel | None) -> None:
+def _write(target: results.Place, checked: Check, excel: results.Excel | None) -> None:
     from bayestissue.report.writing import after_results
 
-    with place.folder() as staging:
-        results.write_table(found.quality, staging / "quality.csv", excel)
-        results.write_table(found.problems, staging / "problems.csv", excel)
+    with target.folder() as staging:
+        results.write_table(checked.quality, staging / "quality.csv", excel)
+        results.write_table(checked.problems, staging / "problems.csv", excel)
     with (
-        after_results(place.path, "the same command with --overwrite repeats it"),
-        results.whole_file(place.path / "check.html") as staging,
+        after_results(target.path, "the same command with --overwrite repeats it"),
+        results.whole_file(target.path / "check.html") as staging,
     ):
-        staging.write_text(found.page(), encoding="utf-8")
+        staging.write_text(checked.page(), encoding="utf-8")

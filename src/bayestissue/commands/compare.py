@@ -45,7 +45,7 @@ def run(
     """Which finished fit predicts best what it has not seen, and whether the fits agree on K and C."""
     started, clock = datetime.now(UTC), time.perf_counter()
     _require_distinct(runs)
-    with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as place:
+    with results.claim_if(out, overwrite=overwrite, command="compare", inputs=runs) as target:
         runtime.configure()
         from bayestissue.commands.compared import print_comparison
         from bayestissue.commands.console import echo
@@ -54,15 +54,15 @@ def run(
         from bayestissue.report import draw_page
 
         abouts = _abouts(runs)
-        found = _finished(runs, abouts)
-        comparison, posteriors = compare_runs(found), side_by_side(found)
-        of_weights = implied(found, comparison)
-        if place is not None:
-            with place.folder() as folder:
+        finished = _finished(runs, abouts)
+        comparison, posteriors = compare_runs(finished), side_by_side(finished)
+        of_weights = implied(finished, comparison)
+        if target is not None:
+            with target.folder() as folder:
                 results.write_table(comparison, folder / "comparison.csv", excel)
                 results.write_table(posteriors, folder / "posteriors.csv", excel)
                 results.write_table(of_weights, folder / "implied.csv", excel)
-                about = {
+                record = {
                     "program": "bayestissue",
                     "command": "compare",
                     "kind": "comparison",
@@ -70,30 +70,31 @@ def run(
                     "versions": runtime.versions(),
                     "input_hash": abouts[0]["input_hash"],
                     "runs": [
-                        _told(run, path, about) for run, path, about in zip(found, runs, abouts, strict=True)
+                        _run_record(run, path, record)
+                        for run, path, record in zip(finished, runs, abouts, strict=True)
                     ],
                     "started": started.isoformat(timespec="seconds"),
                     "wall_time_s": round(time.perf_counter() - clock, 1),
                 }
-                results.write_json(about, folder / "run.json")
-            draw_page(place.path)
+                results.write_json(record, folder / "run.json")
+            draw_page(target.path)
         if as_json:
             tables = {"comparison": comparison, "posteriors": posteriors, "implied": of_weights}
             plain = {name: json.loads(table.to_json(orient="records")) for name, table in tables.items()}
             echo(json.dumps(plain, ensure_ascii=False))
         elif not quiet:
             print_comparison(comparison, posteriors, of_weights)
-            if place is not None:
-                echo(f"wrote {place.path / 'report.html'}")
+            if target is not None:
+                echo(f"wrote {target.path / 'report.html'}")
 
 
-def _told(run: FinishedRun, path: Path, about: dict[str, Any]) -> dict[str, Any]:
-    kept = {key: about.get(key) for key in ("model", "seed", "started", "verdict")}
+def _run_record(run: FinishedRun, path: Path, record: dict[str, Any]) -> dict[str, Any]:
+    shared = {key: record.get(key) for key in ("model", "seed", "started", "verdict")}
     return {
         "name": run.name,
         "folder": str(path),
         "posterior_hash": runtime.content_hash([path / "posterior.nc"]),
-        **kept,
+        **shared,
     }
 
 
@@ -101,10 +102,10 @@ def _require_distinct(runs: list[Path]) -> None:
     if len(runs) < 2:
         named = ", ".join(map(str, runs)) or "none"
         raise InputError(_unfit("compare", "at least two folders", _AGAIN, value=named))
-    seen: dict[Path, Path] = {}
+    first: dict[Path, Path] = {}
     problems = []
     for path in runs:
-        earlier = seen.setdefault(path.resolve(), path)
+        earlier = first.setdefault(path.resolve(), path)
         if earlier is not path:
             another = f"another run than {earlier}"
             problems.append(_unfit(str(path), another, "Name each run once.", value="the same run"))
@@ -117,28 +118,28 @@ def _abouts(runs: list[Path]) -> list[dict[str, Any]]:
     from bayestissue.report.run_folder import not_a_fit, read_about, require_files, wrong_in
 
     def read(path: Path) -> dict[str, Any]:
-        about = read_about(path)
-        if about["kind"] != "fit":
-            raise InputError(not_a_fit(path, about, _AGAIN))
-        if lacking := [key for key in ("input_hash", "model") if not about.get(key)]:
+        record = read_about(path)
+        if record["kind"] != "fit":
+            raise InputError(not_a_fit(path, record, _AGAIN))
+        if lacking := [key for key in ("input_hash", "model") if not record.get(key)]:
             expected = "what every fit writes"
             raise InputError(wrong_in(path / "run.json", expected, _AGAIN, column=lacking[0]))
         require_files(path, ["posterior.nc"])
-        return about
+        return record
 
     first, *others = abouts = all_of(read, runs)
-    told = [f"{about['input_hash'][:16]}… (dataset “{about.get('dataset')}”)" for about in abouts]
+    hashes = [f"{record['input_hash'][:16]}… (dataset “{record.get('dataset')}”)" for record in abouts]
     if problems := [
         Problem(
             str(path / "run.json"),
-            f"{told[0]} as in {runs[0]}",
+            f"{hashes[0]} as in {runs[0]}",
             "Compare runs of the same recordings; fit the one dataset again with each model.",
             column="input_hash",
-            value=own,
+            value=hash_words,
             code="other-data",
         )
-        for path, about, own in zip(runs[1:], others, told[1:], strict=True)
-        if about["input_hash"] != first["input_hash"]
+        for path, record, hash_words in zip(runs[1:], others, hashes[1:], strict=True)
+        if record["input_hash"] != first["input_hash"]
     ]:
         raise InputError(problems)
     return abouts
@@ -151,10 +152,10 @@ def _finished(runs: list[Path], abouts: list[dict[str, Any]]) -> list[FinishedRu
     from bayestissue.report.run_folder import read_groups
 
     def read(run: tuple[str, Path, dict[str, Any]]) -> FinishedRun:
-        name, path, about = run
+        name, path, record = run
         remedy = "Fit again with this version."
         groups = read_groups(path / "posterior.nc", _GROUPS, remedy, of_impacts=_OF_IMPACTS)
-        return FinishedRun(name, about["model"], xr.DataTree.from_dict(groups))
+        return FinishedRun(name, record["model"], xr.DataTree.from_dict(groups))
 
     return all_of(read, zip(_names(runs), runs, abouts, strict=True))
 

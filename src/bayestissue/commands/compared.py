@@ -9,7 +9,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bayestissue.commands.console import explained, plain, show
-from bayestissue.inference.results.meanings import told
+from bayestissue.inference.results.meanings import heading_words
 from bayestissue.remedies import codes_in
 
 _DIGITS = {"elpd": 1, "elpd_difference": 1, "se_difference": 1, "weight": 2}
@@ -48,11 +48,13 @@ def _print_intervals(console: Console, title: str, table: pd.DataFrame, names: I
     """Each quantity with what its intervals are of, and under it a line for each of ``names``."""
     console.print(plain(f"{title}: median and 90 % interval", style="italic"))
     rows = table.assign(name=list(names))
-    for (variable, of, label, unit), own in rows.groupby(["variable", "of", "label", "unit"], sort=False):
-        heading = told(str(variable), str(of), str(label)) + ("" if unit == "1" else f" ({unit})")
+    for (variable, level, label, unit), shown in rows.groupby(
+        ["variable", "of", "label", "unit"], sort=False
+    ):
+        heading = heading_words(str(variable), str(level), str(label)) + ("" if unit == "1" else f" ({unit})")
         console.print(plain(heading), soft_wrap=True)
-        width = own["name"].str.len().max()
-        for row in own.to_dict("records"):
+        width = shown["name"].str.len().max()
+        for row in shown.to_dict("records"):
             median, low, high = (f"{row[name]:.4g}" for name in ("median", "eti90_low", "eti90_high"))
             console.print(plain(f"  {row['name']:{width}}  {median}, {low} to {high}"), soft_wrap=True)
 

@@ -62,7 +62,7 @@ def run(
 ) -> None:
     """K and C of every impact by itself, with 90 % intervals; --method dds is the thesis's own chain."""
     started, clock = datetime.now(UTC), perf_counter()
-    with claim(out, overwrite=overwrite, command="estimate", inputs=(dataset, model)) as place:
+    with claim(out, overwrite=overwrite, command="estimate", inputs=(dataset, model)) as target:
         configure()
         from bayestissue.commands.console import echo
         from bayestissue.dataset import read_dataset
@@ -83,7 +83,7 @@ def run(
         with on_cluster(scheduler):
             table = estimate(data, method=method, options=options)
             varied = _varied(data, method, choices) if choices else None
-        with place.folder() as staging:
+        with target.folder() as staging:
             write_table(table, staging / "estimates.csv", excel)
             if varied is not None:
                 write_table(varied, staging / "vary.csv", excel)
@@ -92,13 +92,13 @@ def run(
                 write_table(centring_table(), staging / "centring.csv", excel)
             if data.left_out:
                 write_table(_left_out(data), staging / "left_out.csv", excel)
-            about = _about(data, method, options, file, started, perf_counter() - clock)
-            write_json(about, staging / "run.json")
-        draw_page(place.path)
+            record = _about(data, method, options, file, started, perf_counter() - clock)
+            write_json(record, staging / "run.json")
+        draw_page(target.path)
         if as_json:
             echo(table.to_json(orient="records", force_ascii=False))
         elif not quiet:
-            _print(data, table, varied, place.path)
+            _print(data, table, varied, target.path)
 
 
 def _varied(data: Dataset, method: Method, choices: dict[str, tuple[SignalOptions, ...]]) -> pd.DataFrame:

@@ -75,7 +75,7 @@ def run(
     An interrupted fit goes on where it stopped when the same command is given again.
     """
     runtime.configure(one_core=True)
-    with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as place:
+    with results.claim(out, overwrite=overwrite, command="fit", inputs=(dataset, model)) as target:
         from bayestissue.commands.ask import print_answers
         from bayestissue.commands.console import Stages, echo, explained
         from bayestissue.dataset import read_dataset
@@ -95,21 +95,21 @@ def run(
             data = _without_short(data, specification, source)
         prepared = prepare(data, specification, source=source)
         require_answerable(prepared, specification, source)
-        told = [] if quiet else _say_what_is_told(prepared)
+        codes = [] if quiet else _say_what_is_told(prepared)
         job = _fingerprint(data, specification, seed)
         with Stages(quiet=quiet) as say:
-            with on_cluster(scheduler), place.unfinished(job) as kept:
-                fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=kept)
-                with place.folder() as folder:
+            with on_cluster(scheduler), target.unfinished(job) as finished:
+                fit = fit_prepared(data, specification, prepared, seed, say, checkpoints=finished)
+                with target.folder() as folder:
                     write_run(fit, folder, say, excel=excel)
             say("writing the report", 0, 1)
-            draw_page(place.path)
+            draw_page(target.path)
         if not quiet:
             if specification.questions:
                 print_answers(fit.questions)
             echo(f"{headline(fit.diagnostics)} {fit.verdict}")
-            explained([*told, *warned_codes(fit.diagnostics)])
-            echo(f"wrote {place.path / 'report.html'}")
+            explained([*codes, *warned_codes(fit.diagnostics)])
+            echo(f"wrote {target.path / 'report.html'}")
         if not fit.diagnostics["passed"]:
             raise typer.Exit(FAILED_DIAGNOSTICS)
 

@@ -214,18 +214,18 @@ def _facts(
     Raises:
         InputError: one has no name or no value, or a name stands there twice.
     """
-    found: dict[str, str] = {}
+    facts_by_name: dict[str, str] = {}
     problems = []
     for text in facts:
         name, equals, value = (part.strip() for part in text.partition("="))
-        if not (name and equals and value) or name in found:
+        if not (name and equals and value) or name in facts_by_name:
             expected = f"{form}, each name once"
             remedy = f"Write, say, {option} {example}."
             problems.append(Problem(option, expected, remedy, value=text, code="option-value"))
-        found[name] = value
+        facts_by_name[name] = value
     if problems:
         raise InputError(problems)
-    return found
+    return facts_by_name
 
 
 def _entries(texts: list[str], option: str, example: str) -> dict[str, Any]:
@@ -239,8 +239,8 @@ def _entries(texts: list[str], option: str, example: str) -> dict[str, Any]:
     Raises:
         InputError: one has no key or no value, or a key stands there twice.
     """
-    found = _facts(texts, option, "KEY=VALUE", example)
-    return {key: _value(text) for key, text in found.items()}
+    texts_by_key = _facts(texts, option, "KEY=VALUE", example)
+    return {key: _value(text) for key, text in texts_by_key.items()}
 
 
 def _uncertainty(texts: list[str]) -> dict[str, Any]:

@@ -36,7 +36,7 @@ def run(
 ) -> None:
     """Recompute, audit and re-analyse the thesis's published estimates, and write the report."""
     inputs = (model, published)
-    with results.claim(out, overwrite=overwrite, command="reproduce", inputs=inputs) as place:
+    with results.claim(out, overwrite=overwrite, command="reproduce", inputs=inputs) as target:
         runtime.configure()
         from bayestissue.commands.console import Stages, echo, explained
         from bayestissue.dataset.published import read_published
@@ -58,7 +58,7 @@ def run(
         observations = published_observations(tables)
         design = published_design(observations, specification, source=str(file))
         competing = competing_designs(observations, specification, str(file))
-        with Stages(quiet=quiet) as say, place.folder() as folder:
+        with Stages(quiet=quiet) as say, target.folder() as folder:
             say("recomputing what was published", 0, 1)
             _write(reproduce_published(tables), folder / "reproduction.csv")
             say("auditing the publication", 0, 1)
@@ -87,11 +87,11 @@ def run(
                 "verdict": {"passed": analysis.diagnostics["passed"], "words": words},
             }
             results.write_json(provenance, folder / "run.json")
-        draw_page(place.path)
+        draw_page(target.path)
         if not quiet:
             echo(words)
             explained(warned_codes(analysis.diagnostics))
-            echo(f"wrote {place.path / 'report.html'}")
+            echo(f"wrote {target.path / 'report.html'}")
         if not analysis.diagnostics["passed"]:
             raise typer.Exit(FAILED_DIAGNOSTICS)
 

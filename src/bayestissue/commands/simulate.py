@@ -24,7 +24,7 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Make a dataset whose truth is known: a design, a tissue, a measuring chain, and truth.csv beside it."""
-    with claim(out, overwrite=overwrite, command="simulate", inputs=(specification,)) as place:
+    with claim(out, overwrite=overwrite, command="simulate", inputs=(specification,)) as target:
         configure()
         from bayestissue.commands.console import echo
         from bayestissue.simulation import read_simulation, simulate, write_campaign
@@ -33,12 +33,12 @@ def run(
         if seed is not None:
             simulation = simulation.model_copy(update={"seed": seed})
         campaign = simulate(simulation)
-        with place.folder() as staging:
+        with target.folder() as staging:
             write_campaign(staging, campaign, simulation)
             _write_specification(staging / "truth.toml", specification, simulation.seed)
         if not quiet:
             impacts, samples = len(campaign.impacts), len(campaign.value)
-            echo(f"wrote {place.path}: {impacts} impacts, {samples} samples, seed {simulation.seed}")
+            echo(f"wrote {target.path}: {impacts} impacts, {samples} samples, seed {simulation.seed}")
 
 
 def _write_specification(path: Path, specification: Path, seed: int) -> None:

@@ -70,8 +70,8 @@ def comparables_of(
     leaves = jnp.minimum(path.leaves, path.duration)
     # In one go, since what follows the path is long to compile.
     states = path.at(jnp.concatenate([peak[:, None], leaves[:, None], points], axis=1))
-    x, v, *rest = states[..., 0]
-    s, end, last, fall = tuple(rest), states[0, :, 1], states[1, :, 1], falling(p)
+    x, v, *inner_states = states[..., 0]
+    s, end, last, fall = tuple(inner_states), states[0, :, 1], states[1, :, 1], falling(p)
     squares = (states[1, :, 2:] ** 2 @ jnp.asarray(_WEIGHTS)) * peak / 2
     spent = M * (V**2 - v**2) / 2 + M * fall * x - element.stored(x, v, s, p)
     return Comparables(

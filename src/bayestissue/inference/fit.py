@@ -125,8 +125,8 @@ def fit_traces(
         raise InputError(_refusal(words, route))
     say(f"sampling by the exact path, {route.why}", 0, 1)
     whitening = first or approximate(prepared, expansions=expansions, progress=done)
-    told = _with_estimate(say, route if automatic else None)
-    draws = exact_draws(prepared, whitening, settings, seed, progress=told, checkpoints=checkpoints)
+    progress = _with_estimate(say, route if automatic else None)
+    draws = exact_draws(prepared, whitening, settings, seed, progress=progress, checkpoints=checkpoints)
     # Scores ask for sites that stand for the traces; those of the chains only whiten.
     likelihood = LikelihoodApproximation(sites or whitening)
     return label(prepared, specification, whitening, draws, seed, say, likelihood, route)
@@ -150,16 +150,18 @@ def _with_estimate(say: Say, unasked: Route | None) -> Progress:
     """
     stage, began = ["first transitions of the exact path"], time.monotonic()
 
-    def told(done: int, total: int) -> None:
+    def report(done: int, total: int) -> None:
         if done and len(stage) == 1:
-            each = (time.monotonic() - began) / done
-            if unasked is not None and each * total > _LONGEST_UNASKED_S:
-                words = f"The exact path would take about {duration(each * total)}."
+            seconds = (time.monotonic() - began) / done
+            if unasked is not None and seconds * total > _LONGEST_UNASKED_S:
+                words = f"The exact path would take about {duration(seconds * total)}."
                 raise InputError(_refusal(words, unasked))
-            stage.append(f"exact path, {each:.2g} s a transition, about {duration(each * total)} in all")
+            stage.append(
+                f"exact path, {seconds:.2g} s a transition, about {duration(seconds * total)} in all"
+            )
         say(stage[-1], done, total)
 
-    return told
+    return report
 
 
 def label(
@@ -193,8 +195,8 @@ def label(
         name: coefficients(_variances(prepared, tree[name].dataset, recorded, budget), tree[name].dataset)
         for name in ("posterior", "prior")
     }
-    for name, found in repeatable.items():
-        tree[name] = xr.DataTree(tree[name].dataset.merge(as_variables(found)))
+    for name, measures in repeatable.items():
+        tree[name] = xr.DataTree(tree[name].dataset.merge(as_variables(measures)))
     posterior = tree["posterior"].dataset
     summary = summary_table(posterior)
     # Functions of standard deviations that are checked themselves.
@@ -239,10 +241,14 @@ def _form(prepared: Prepared, constrained: ConstrainedDraws, tree: xr.DataTree) 
     if constrained.kept_numbers is not None:
         rows = some_impacts(len(rows))
     middle = np.median(parameters[:, :, rows].astype(float), axis=(0, 1))
-    asked = some_of(prepared, rows)
-    p = noise_p(asked.model, asked.data, middle)
-    form = with_impacts(model_form(tree, "deceleration"), asked.impacts["impact"].astype(str).tolist(), p)
+    chosen = some_of(prepared, rows)
+    p = noise_p(chosen.model, chosen.data, middle)
+    form = with_impacts(model_form(tree, "deceleration"), chosen.impacts["impact"].astype(str).tolist(), p)
     if not prepared.model.discrepancy:
         return {"model_form": form}
-    found = described(tree)
-    return {"model_form": form | found | {"words": found["words"] if found["undescribed"] else form["words"]}}
+    undescribed = described(tree)
+    return {
+        "model_form": form
+        | undescribed
+        | {"words": undescribed["words"] if undescribed["undescribed"] else form["words"]}
+    }

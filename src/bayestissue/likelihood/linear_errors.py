@@ -76,10 +76,10 @@ def marginal_log_likelihood(
     solved = small.solve_lower(factor, right)
     explained = sum(value**2 for value in solved)
     scale = products.n_values * (LOG_2PI + 2 * log_sigma) + products.log_determinant
-    found = -(scale + products.gram[0][0] * precision - explained) / 2 - small.log_diagonal(factor)
+    log_density = -(scale + products.gram[0][0] * precision - explained) / 2 - small.log_diagonal(factor)
     if uniform is None:
-        return found
-    return found + jnp.where(uniform, _log_share(factor[-1][-1], solved[-1]), 0.0)
+        return log_density
+    return log_density + jnp.where(uniform, _log_share(factor[-1][-1], solved[-1]), 0.0)
 
 
 def _log_share(half: Array, centre: Array) -> Array:
@@ -114,8 +114,8 @@ def draw_errors(
     whole = [value + standard[..., a] for a, value in enumerate(mean)]
     if uniform is not None:
         half, centre = factor[-1][-1], mean[-1]
-        other = jax.random.fold_in(key, 1)
-        within = jax.random.truncated_normal(other, -half - centre, half - centre, centre.shape)
+        key_of_last = jax.random.fold_in(key, 1)
+        within = jax.random.truncated_normal(key_of_last, -half - centre, half - centre, centre.shape)
         whole[-1] = jnp.where(uniform, centre + within, whole[-1])
     return scales(error_sd, uniform) * jnp.stack(small.solve_upper(factor, whole), axis=-1)
 
@@ -128,12 +128,12 @@ def prior_errors(
 ) -> Float[Array, "*batch impact error"]:
     """Draws of the errors before any trace is seen, for batches of ``shape`` over the impacts' own axis."""
     number = error_sd.shape[-1]
-    found = error_sd * jax.random.normal(key, (*shape, number))
+    errors = error_sd * jax.random.normal(key, (*shape, number))
     if uniform is None:
-        return found
+        return errors
     even = jax.random.uniform(jax.random.fold_in(key, 1), shape, minval=-1.0, maxval=1.0)
-    last = jnp.where(uniform, _ROOT_3 * error_sd[:, -1] * even, found[..., -1])
-    return found.at[..., -1].set(last)
+    last = jnp.where(uniform, _ROOT_3 * error_sd[:, -1] * even, errors[..., -1])
+    return errors.at[..., -1].set(last)
 
 
 def scales(error_sd: Float[Array, "impact error"], uniform: Bool[Array, " impact"] | None) -> Array:

@@ -47,7 +47,7 @@ def sums_over_frequencies(terms: tuple[Array, ...]) -> tuple[Array, ...]:
 
 
 def _plus(a: tuple[Array, ...], b: tuple[Array, ...]) -> tuple[Array, ...]:
-    return tuple(one + other for one, other in zip(a, b, strict=True))
+    return tuple(x + y for x, y in zip(a, b, strict=True))
 
 
 @sums_over_frequencies.defjvp

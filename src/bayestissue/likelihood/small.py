@@ -73,10 +73,10 @@ def inverse(matrix: Matrix) -> list[list[Entry]]:
     return squared(inverse_factor(cholesky(matrix)))
 
 
-def normal_log_density(away: Vector, covariance: Matrix) -> Entry:
+def normal_log_density(deviation: Vector, covariance: Matrix) -> Entry:
     """Log density of normal vectors, so far from their mean."""
     factor = cholesky(covariance)
-    half = solve_lower(factor, away)
+    half = solve_lower(factor, deviation)
     return -(dot(half, half) + len(half) * LOG_2PI) / 2 - log_diagonal(factor)
 
 

@@ -85,13 +85,15 @@ def modes(recorder: Recorder) -> tuple[Complex[np.ndarray, " mode"], Complex[np.
     """
     _, poles, gain = _design(recorder, analog=True, output="zpk")
     # Alike but for rounding in pairs: the upper one, and those on the real axis.
-    own = poles[poles.imag >= -1e-9 * np.abs(poles)]
-    others = [poles[np.argsort(np.abs(poles - pole))[1:]] for pole in own]
-    weights = np.array([gain / np.prod(pole - rest) for pole, rest in zip(own, others, strict=True)])
-    weights = np.where(own.imag > 1e-9 * np.abs(own), 2.0, 1.0) * weights
+    upper = poles[poles.imag >= -1e-9 * np.abs(poles)]
+    others = [poles[np.argsort(np.abs(poles - pole))[1:]] for pole in upper]
+    weights = np.array(
+        [gain / np.prod(pole - others_of_pole) for pole, others_of_pole in zip(upper, others, strict=True)]
+    )
+    weights = np.where(upper.imag > 1e-9 * np.abs(upper), 2.0, 1.0) * weights
     if recorder.zero_phase:
-        weights = weights * gain / np.prod(-own[:, None] - poles, axis=1)
-    return own, weights
+        weights = weights * gain / np.prod(-upper[:, None] - poles, axis=1)
+    return upper, weights
 
 
 def autocorrelation(
@@ -111,24 +113,24 @@ def autocorrelation(
     """
     if recorder.digital:
         return _of_samples(recorder, np.abs(lag), dt)
-    own, weights = modes(replace(recorder, zero_phase=True))
+    upper, weights = modes(replace(recorder, zero_phase=True))
     time = dt * np.abs(lag)[..., None, None]
     if not recorder.zero_phase:
-        found = (weights * np.exp(own * time[..., 0])).sum(-1).real
-        return found / weights.sum().real
-    alone = np.abs(own.imag) <= 1e-9 * np.abs(own)
-    paired = own[~alone], weights[~alone] / 2
+        correlation = (weights * np.exp(upper * time[..., 0])).sum(-1).real
+        return correlation / weights.sum().real
+    alone = np.abs(upper.imag) <= 1e-9 * np.abs(upper)
+    paired = upper[~alone], weights[~alone] / 2
     poles, share = (
         np.concatenate([part[alone], pair, pair.conj()])
-        for part, pair in zip((own, weights), paired, strict=True)
+        for part, pair in zip((upper, weights), paired, strict=True)
     )
-    one, other = poles[:, None], poles
-    grown, grown_other = np.exp(one * time), np.exp(other * time)
-    alike = np.eye(len(poles), dtype=bool)
-    apart = np.where(alike, 1.0, one - other)
-    middle = np.where(alike, time * grown, (grown - grown_other) / apart)
-    parts = share[:, None] * share * (middle - (grown + grown_other) / (one + other))
-    at_zero = share[:, None] * share * (-2 / (one + other))
+    first, second = poles[:, None], poles
+    first_grown, second_grown = np.exp(first * time), np.exp(second * time)
+    diagonal = np.eye(len(poles), dtype=bool)
+    apart = np.where(diagonal, 1.0, first - second)
+    middle = np.where(diagonal, time * first_grown, (first_grown - second_grown) / apart)
+    parts = share[:, None] * share * (middle - (first_grown + second_grown) / (first + second))
+    at_zero = share[:, None] * share * (-2 / (first + second))
     return parts.sum((-2, -1)).real / at_zero.sum().real
 
 

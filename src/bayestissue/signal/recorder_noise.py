@@ -48,8 +48,8 @@ def white_share(dataset: RecordedImpacts, signal: Displacements) -> float:
     if sum(len(part) for part, _ in parts) < _FEWEST:
         return 0.0 if recorder.digital or recorder.zero_phase else 1.0
     same = cache(lambda length, dt: _own(recorder, length, dt))
-    found = sum(_profile(part, *same(len(part), dt)) for part, dt in parts)
-    share = float(_SHARES[int(np.argmax(found))])
+    log_likelihood = sum(_profile(part, *same(len(part), dt)) for part, dt in parts)
+    share = float(_SHARES[int(np.argmax(log_likelihood))])
     return 1.0 if share >= ALL_WHITE else share
 
 
@@ -61,15 +61,15 @@ def _quiet_parts(
     end = first - signal.reach_s - ahead_s(recorder, signal.dt)
     rows = np.flatnonzero(np.isfinite(signal.offset_sd))
     rows = rows[np.unique(np.linspace(0, max(len(rows) - 1, 0), min(len(rows), _ASKED)).astype(int))]
-    found = []
+    parts = []
     for row in rows:
         trace = dataset.traces[row]
         quiet = np.asarray(trace.value)[: np.searchsorted(trace.time_s, end[row])]
         length = next((length for length in _LENGTHS if length <= len(quiet)), 0)
         # What a recorder rounds to one number tells nothing.
         if length and np.ptp(quiet[-length:]) > 0:
-            found.append((quiet[-length:], float(f"{signal.dt[row]:.6g}")))
-    return found
+            parts.append((quiet[-length:], float(f"{signal.dt[row]:.6g}")))
+    return parts
 
 
 def _own(recorder: Recorder, length: int, dt: float) -> tuple[np.ndarray, np.ndarray]:
@@ -84,5 +84,5 @@ def _own(recorder: Recorder, length: int, dt: float) -> tuple[np.ndarray, np.nda
 def _profile(part: np.ndarray, values: np.ndarray, vectors: np.ndarray) -> Float[np.ndarray, " share"]:
     """Log likelihood at each of `_SHARES`, sigma at its best."""
     along = vectors.T @ part
-    each = _SHARES[:, None] + (1 - _SHARES[:, None]) * values
-    return -(len(along) * np.log((along**2 / each).mean(axis=1)) + np.log(each).sum(axis=1)) / 2
+    variance = _SHARES[:, None] + (1 - _SHARES[:, None]) * values
+    return -(len(along) * np.log((along**2 / variance).mean(axis=1)) + np.log(variance).sum(axis=1)) / 2

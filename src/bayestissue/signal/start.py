@@ -88,7 +88,7 @@ def find_start(
     used = inside & (np.arange(inside.shape[1]) <= stopped[:, None])
     duration = np.maximum(stopped, 1) * dt
     fall = gravity * duration / velocity
-    problem = _LeastSquares.of(
+    problem = _LeastSquares.from_recordings(
         deceleration, first_integral, second_integral, used, dt, velocity, duration, fall
     )
     low, high = least / duration, most / duration
@@ -136,7 +136,7 @@ class _LeastSquares:
     fall: Column
 
     @classmethod
-    def of(
+    def from_recordings(
         cls,
         d: Rows,
         first: Rows,
@@ -162,7 +162,7 @@ class _LeastSquares:
         three starts is taken.
         """
         tried = [self._descend(low + share * (high - low), low, high) for share in (0.1, 0.5, 0.9)]
-        left_over = np.stack([np.nan_to_num(self._residual(each), nan=np.inf) for each in tried])
+        left_over = np.stack([np.nan_to_num(self._residual(parameters), nan=np.inf) for parameters in tried])
         best = np.take_along_axis(np.stack(tried), left_over.argmin(axis=0)[None, :, None], axis=0)[0]
         _, covariance = self._step(best, free=3)
         variance = left_over.min(axis=0) / np.maximum(self.count - 3, 1)

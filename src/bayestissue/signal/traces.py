@@ -58,8 +58,8 @@ def stack(traces: Sequence[Trace]) -> Recordings:
 
 def last_where(condition: Mask) -> Index:
     """The last sample of each row at which the condition holds; -1 if there is none."""
-    found = condition.shape[1] - 1 - np.argmax(condition[:, ::-1], axis=1)
-    return np.where(condition.any(axis=1), found, -1)
+    last = condition.shape[1] - 1 - np.argmax(condition[:, ::-1], axis=1)
+    return np.where(condition.any(axis=1), last, -1)
 
 
 def first_where(condition: Mask, otherwise: Index) -> Index:

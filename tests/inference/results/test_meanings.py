@@ -8,7 +8,7 @@ import pytest
 import bayestissue
 from bayestissue.inference.comparing.runs import COMPARED
 from bayestissue.inference.results.labels import ATTRIBUTES
-from bayestissue.inference.results.meanings import meaning, told
+from bayestissue.inference.results.meanings import heading_words, meaning
 
 SOURCE = Path(bayestissue.__file__).parent
 # What people read: pages, tables, console and the README.
@@ -19,30 +19,30 @@ README = SOURCE.parents[1] / "README.md"
 @pytest.mark.parametrize("variable", COMPARED)
 def test_all_that_compare_shows_says_what_it_is_of(variable: str) -> None:
     assert meaning(variable).what
-    assert bool(meaning(variable).of) != variable.startswith("mass_exponent")
+    assert bool(meaning(variable).level) != variable.startswith("mass_exponent")
     assert "typical" not in variable or variable.endswith("_typical_person")
 
 
 def test_these_impacts_a_typical_and_a_new_person_are_three_things() -> None:
-    words = {meaning(f"K{of}").of for of in ("_secant_of_impacts", "_typical_person", "_new", "_subject")}
+    words = {meaning(f"K{of}").level for of in ("_secant_of_impacts", "_typical_person", "_new", "_subject")}
     assert len(words) == 4
-    assert "these impacts" in meaning("K_secant_of_impacts").of
-    assert "typical" not in meaning("K_secant_of_impacts").of
+    assert "these impacts" in meaning("K_secant_of_impacts").level
+    assert "typical" not in meaning("K_secant_of_impacts").level
 
 
 def test_one_person_is_neither_typical_nor_new() -> None:
     for variable in ("K_new", "C_trial", "K_typical_person"):
-        assert "this person" in meaning(variable, people=1).of
-        assert "typical" not in meaning(variable, people=1).of
+        assert "this person" in meaning(variable, people=1).level
+        assert "typical" not in meaning(variable, people=1).level
 
 
 def test_the_units_of_posterior_nc_say_the_same() -> None:
-    assert ATTRIBUTES["K_new"]["long_name"] == f"stiffness K of {meaning('K_new').of}"
+    assert ATTRIBUTES["K_new"]["long_name"] == f"stiffness K of {meaning('K_new').level}"
 
 
 def test_a_person_is_named() -> None:
-    assert told("K_subject", label="s3") == "K of person s3 at the reference mass"
-    assert told("C_equivalent_of_subject", label="s3") == (
+    assert heading_words("K_subject", label="s3") == "K of person s3 at the reference mass"
+    assert heading_words("C_equivalent_of_subject", label="s3") == (
         "equivalent C of person s3's own impacts (geometric mean)"
     )
 

@@ -90,7 +90,7 @@ def implied(runs: Sequence[FinishedRun], comparison: pd.DataFrame) -> pd.DataFra
                         scheme=str(scheme),
                         data=str(data),
                         variable=name,
-                        of=meaning(name).of,
+                        of=meaning(name).level,
                         unit=unit,
                         runs=sum(weight >= 0.01 for weight in weights.values()),
                     )

@@ -144,7 +144,7 @@ def _quantiles(run: FinishedRun) -> list[pd.DataFrame]:
         )
         labels = array["subject"].astype(str).to_numpy().tolist() if by_person else [""]
         unit = UNITS.get(name) or (ATTRIBUTES | element_attributes())[name]["unit"]
-        person = meaning(name, people=people).of
+        person = meaning(name, people=people).level
         table = pd.DataFrame(
             {"label": labels, "median": median, "eti90_low": low, "eti90_high": high, "variable": name}
         )

@@ -112,7 +112,7 @@ def _attributes() -> dict[str, dict[str, str]]:
     for q, unit in _UNITS.items():
         name = _NAMES[q]
         table |= {
-            variable: {"unit": unit, "long_name": f"{name} of {meaning(variable).of}"}
+            variable: {"unit": unit, "long_name": f"{name} of {meaning(variable).level}"}
             for variable in (q, *(f"{q}_{level}" for level in _OF))
         }
         table |= {
@@ -150,7 +150,7 @@ def design_attributes(design: Design) -> dict[str, dict[str, str]]:
         stem = stem_of(name)
         level_words = f"each {name} at the reference mass"
         if name in _ONE_COLUMN:
-            level_words = meaning(f"K_{name}").of
+            level_words = meaning(f"K_{name}").level
         for q, unit in units.items():
             table[f"{q}_{stem}"] = {"unit": unit, "long_name": f"{names[q]} of {level_words}"}
         what = f"log density of the traces of a {name}, the effects that it alone has integrated out"
@@ -219,7 +219,7 @@ def of_one_person(draws: xr.Dataset) -> None:
             if variable in draws:
                 words = draws[variable].attrs
                 over = words.get("averaged_over", "")
-                words["long_name"] = f"{_NAMES[q]} of {meaning(variable, people=1).of}" + (
+                words["long_name"] = f"{_NAMES[q]} of {meaning(variable, people=1).level}" + (
                     f", averaged over {over} with equal weight" if over else ""
                 )
 

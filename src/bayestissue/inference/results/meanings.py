@@ -64,13 +64,13 @@ def few_valued_words(columns: Mapping[str, Sequence[str]]) -> list[str]:
 
 
 class Meaning(NamedTuple):
-    """Of a variable: ``what`` it is, and what its interval is ``of``."""
+    """Of a variable: ``what`` it is, and what the ``level`` that its interval is of."""
 
     what: str
-    of: str
+    level: str
 
     def __str__(self) -> str:
-        return f"{self.what} of {self.of}" if self.of else self.what
+        return f"{self.what} of {self.level}" if self.level else self.what
 
 
 def meaning(variable: str, *, people: int = 2) -> Meaning:
@@ -83,19 +83,19 @@ def meaning(variable: str, *, people: int = 2) -> Meaning:
     return (_of_one_person if people == 1 else _of_several)[variable]
 
 
-def told(variable: str, of: str = "", label: str = "") -> str:
+def heading_words(variable: str, level: str = "", label: str = "") -> str:
     """A variable with what its interval is of, such as "K of person s3 at the reference mass".
 
     Args:
         variable: by its name; one that this table lacks keeps it.
-        of: as a table's own column has it; else as `meaning` has it.
+        level: as a table's own column has it; else as `meaning` has it.
         label: the name of the person, where it is one's.
     """
     known = _of_several.get(variable, Meaning(variable, ""))
-    found = Meaning(known.what, of or known.of)
+    words = Meaning(known.what, level or known.level)
     if not label:
-        return str(found)
-    return str(found._replace(of=found.of.replace("a person", f"person {label}", 1) or label))
+        return str(words)
+    return str(words._replace(level=words.level.replace("a person", f"person {label}", 1) or label))
 
 
 def _table(patterns: dict[str, str]) -> dict[str, Meaning]:

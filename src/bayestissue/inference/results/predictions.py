@@ -31,11 +31,14 @@ def predicted(prepared: Prepared, constrained: ConstrainedDraws, seed: int) -> d
     parameters = constrained.impacts["parameters"]
     if constrained.kept_numbers is not None:
         parameters = parameters[:, :, some_impacts(parameters.shape[2])].astype(float)
-    some = thinned({"u": parameters}, PREDICTIVE_DRAWS)["u"]
-    flat = some.reshape(-1, *some.shape[2:])
+    parameters_of_draws = thinned({"u": parameters}, PREDICTIVE_DRAWS)["u"]
+    flat = parameters_of_draws.reshape(-1, *parameters_of_draws.shape[2:])
     keys = jax.random.split(jax.random.fold_in(jax.random.PRNGKey(seed), 12), len(flat))
-    made = replicates(prepared.model, prepared.data, flat, keys)
-    return {name: rounded(v).reshape(*some.shape[:2], *v.shape[1:]) for name, v in made.items()}
+    replicated = replicates(prepared.model, prepared.data, flat, keys)
+    return {
+        name: rounded(v).reshape(*parameters_of_draws.shape[:2], *v.shape[1:])
+        for name, v in replicated.items()
+    }
 
 
 def rounded(
@@ -58,9 +61,9 @@ def replicates(
 
     That is the deceleration; of a likelihood of displacements these, and the decelerations that follow.
     """
-    made = trace_distribution(model, data, list(u.T)).replicate(key)
+    replicate = trace_distribution(model, data, list(u.T)).replicate(key)
     # Else the noise is made anew for every part of the row that is written: three times as long.
-    return jax.lax.optimization_barrier(made)
+    return jax.lax.optimization_barrier(replicate)
 
 
 @compiled_quickly()
@@ -78,8 +81,8 @@ def prior_draws(
         return_sites=[*model.hyperparameters, "locations", "log_K_and_C", *model.nuisance, *shared],
     )
     drawn = bare(key)
-    rest = [drawn.pop(name)[..., None] for name in model.nuisance]
-    u = jnp.concatenate([drawn.pop("log_K_and_C"), *rest], axis=-1)
+    nuisance = [drawn.pop(name)[..., None] for name in model.nuisance]
+    u = jnp.concatenate([drawn.pop("log_K_and_C"), *nuisance], axis=-1)
     if isinstance(data.record, ElementRecord):
         return drawn, u, {}
     at = physical(model, data, [u[..., a] for a in range(u.shape[-1])])

@@ -60,12 +60,14 @@ def posterior_tree(
         dimensions=dimensions(prepared.design, prepared.data.record.errors, _columns(prepared)),
         attributes=design_attributes(prepared.design) | _column_attributes(prepared),
     )
-    whole, kept = prepared, constrained.kept_numbers
-    every = put = partial(named, coordinates=_coordinates(whole, kept))
-    if kept is not None:
+    whole, kept_numbers = prepared, constrained.kept_numbers
+    of_all_impacts = of_impacts = partial(named, coordinates=_coordinates(whole, kept_numbers))
+    if kept_numbers is not None:
         prepared = some_of(prepared, some_impacts(len(prepared.impacts)))
-        put = partial(named, coordinates=_coordinates(prepared, kept))
-        every = partial(every, kept=frozenset({*PER_IMPACT, *EXPONENTS, *prepared.data.record.errors}))
+        of_impacts = partial(named, coordinates=_coordinates(prepared, kept_numbers))
+        of_all_impacts = partial(
+            of_all_impacts, kept=frozenset({*PER_IMPACT, *EXPONENTS, *prepared.data.record.errors})
+        )
     quantities = _quantities(whole, constrained.sites, constrained.impacts, rng)
     quantities |= mass_exponents_of_secants(whole, constrained, seed)
     # Effects that the formulas leave out are zero in ``sites``, where a spread's prior has no density.
@@ -74,15 +76,15 @@ def posterior_tree(
     )
     log_likelihood = constrained.log_likelihood
     groups = {
-        "posterior": every(quantities),
+        "posterior": of_all_impacts(quantities),
         "sample_stats": labelled_statistics(draws),
-        "log_likelihood": put({"trace": log_likelihood["trace"]}),
-        "log_likelihood_of_groups": put({k: v for k, v in log_likelihood.items() if k != "trace"}),
-        "log_prior": put({name: np.asarray(v) for name, v in priors.items()}),
-        "posterior_predictive": put(predicted(prepared, constrained, seed)),
-        "observed_data": put(_observed(prepared), sampled=False),
-        "constant_data": every(_constants(whole), sampled=False),
-        **_prior_groups(prepared, put, seed, rng),
+        "log_likelihood": of_impacts({"trace": log_likelihood["trace"]}),
+        "log_likelihood_of_groups": of_impacts({k: v for k, v in log_likelihood.items() if k != "trace"}),
+        "log_prior": of_impacts({name: np.asarray(v) for name, v in priors.items()}),
+        "posterior_predictive": of_impacts(predicted(prepared, constrained, seed)),
+        "observed_data": of_impacts(_observed(prepared), sampled=False),
+        "constant_data": of_all_impacts(_constants(whole), sampled=False),
+        **_prior_groups(prepared, of_impacts, seed, rng),
     }
     if len(whole.design.subjects) == 1:
         for name in ("posterior", "prior"):
@@ -90,10 +92,10 @@ def posterior_tree(
     return xr.DataTree.from_dict(groups)
 
 
-def _coordinates(prepared: Prepared, kept: np.ndarray | None) -> dict[str, Any]:
+def _coordinates(prepared: Prepared, kept_numbers: np.ndarray | None) -> dict[str, Any]:
     levels = prepared.design.levels()
     names = {"impact": prepared.impacts["impact"].astype(str).tolist(), **levels}
-    return names if kept is None else names | {"kept_draw": kept}
+    return names if kept_numbers is None else names | {"kept_draw": kept_numbers}
 
 
 def dimensions(
@@ -184,8 +186,8 @@ def _column_attributes(prepared: Prepared) -> dict[str, dict[str, str]]:
 def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Generator) -> dict[str, xr.Dataset]:
     model, data = prepared.model, prepared.data
     key = jax.random.fold_in(jax.random.PRNGKey(seed), 13)
-    made, u, ratios = jax.device_get(prior_draws(model, data, key))
-    drawn = {name: values[None] for name, values in made.items()}
+    prior_sites, u, ratios = jax.device_get(prior_draws(model, data, key))
+    drawn = {name: values[None] for name, values in prior_sites.items()}
     sites = named_sites(
         model.locations,
         prepared.design,
@@ -204,9 +206,9 @@ def _prior_groups(prepared: Prepared, put: Any, seed: int, rng: np.random.Genera
         "C": np.exp(u[None, ..., 1] + error),
         **{name: values[None] for name, values in ratios.items()},
     }
-    some = u[:PRIOR_PREDICTIVE_DRAWS]
-    seen = replicates(model, data, some, jax.random.split(key, len(some)))
+    predicted_from = u[:PRIOR_PREDICTIVE_DRAWS]
+    replicated = replicates(model, data, predicted_from, jax.random.split(key, len(predicted_from)))
     # A prior's wall may be thin enough to throw the impactor back faster than any number.
     with np.errstate(over="ignore"):
-        single = {name: v.astype(np.float32)[None] for name, v in seen.items()}
+        single = {name: v.astype(np.float32)[None] for name, v in replicated.items()}
     return {"prior": put(_quantities(prepared, sites, impacts, rng)), "prior_predictive": put(single)}

@@ -161,10 +161,10 @@ def _stationary(x1: Array, x2: Array, end: Array, parameters: tuple[Array, ...],
     c1, c2, theta1, sigma_a = parameters
     gamma0, drop = start_moments(c1, c2, theta1, sigma_a)
     corner = jnp.exp(log_determinant(theta1, count - 1) - log_determinant(theta1, count))
-    rest = 2 * drop - theta1**2 * sigma_a**2 * corner
-    determinant = gamma0 * rest - drop**2
+    step_variance = 2 * drop - theta1**2 * sigma_a**2 * corner
+    determinant = gamma0 * step_variance - drop**2
     stationary = (c2 > 0) & (c1 > c2) & (4 - 2 * c1 + c2 > 0) & (determinant > 0)
     safe = jnp.where(stationary, determinant, 1.0)
     step = x2 - x1 + theta1 * end
-    form = (rest * x1**2 + 2 * drop * x1 * step + gamma0 * step**2) / safe
+    form = (step_variance * x1**2 + 2 * drop * x1 * step + gamma0 * step**2) / safe
     return jnp.where(stationary, -(2 * LOG_2PI + jnp.log(safe) + form) / 2, -jnp.inf)

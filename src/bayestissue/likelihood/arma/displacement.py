@@ -288,20 +288,22 @@ class MeasuredDisplacement(dist.Distribution):
         c1, c2, sampled = to_differences(self.omega_n, self.zeta, self.record.dt)
         return c1, c2, sampled if self.theta1 is None else self.theta1
 
-    def rest(self) -> Array:
+    def equilibrium(self) -> Array:
         """x_e = g / omega_n^2, the mean of the process [m]."""
         return self.record.gravity / self.omega_n**2
 
     def products(self) -> Products:
         """See `displacement_products`."""
         c1, c2, theta1 = self.differences()
-        return displacement_products(self.record, c1, c2, theta1, c2 * self.rest())
+        return displacement_products(self.record, c1, c2, theta1, c2 * self.equilibrium())
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors integrated out."""
         if value is self.record.x:
             c1, c2, theta1 = self.differences()
-            return recorded_log_likelihood(c1, c2, theta1, self.log_sigma, c2 * self.rest(), self.record)
+            return recorded_log_likelihood(
+                c1, c2, theta1, self.log_sigma, c2 * self.equilibrium(), self.record
+            )
         return marginal_log_likelihood(self._filtered(value), self.log_sigma, self.record.error_sd)
 
     def draw_errors(self, key: Array) -> Float[Array, "impact 3"]:
@@ -316,7 +318,7 @@ class MeasuredDisplacement(dist.Distribution):
         errors = record.error_sd * jax.random.normal(key_of_errors, (*sample_shape, *self.batch_shape, 3))
         time = record.first_time[:, None] + jnp.arange(record.x.shape[1]) * record.dt[:, None]
         e0, e1, e2 = (errors[..., i, None] for i in range(3))
-        added = e0 + e1 * time + e2 * time**2 / 2 + self.rest()[:, None]
+        added = e0 + e1 * time + e2 * time**2 / 2 + self.equilibrium()[:, None]
         first = record.x[:, :2] - added[..., :2]
         shape = (*sample_shape, *self.batch_shape)
         clean = ARMA21(
@@ -354,7 +356,7 @@ class MeasuredDisplacement(dist.Distribution):
         series = jnp.stack(jnp.broadcast_arrays(value, jnp.ones_like(time), time, time**2 / 2))
         slope = jnp.diff(series, axis=-1)
         w = jnp.diff(slope, axis=-1) + c1[:, None] * slope[..., :-1] + c2[:, None] * series[..., :-2]
-        w = w.at[0].add(-(c2 * self.rest())[:, None])
+        w = w.at[0].add(-(c2 * self.equilibrium())[:, None])
         valid = jnp.broadcast_to(valid, w.shape)
         errors, spreads = innovations(jnp.where(valid, w, 0.0), jnp.broadcast_to(theta1, w.shape[:-1]), valid)
         return Products(gram(tuple(errors), 1 / spreads[0]), jnp.log(spreads[0]).sum(-1), count)

@@ -90,7 +90,8 @@ class ARMA21(Distribution):
             sigma_a: standard deviation of the shocks [m].
             **options: as for the class.
         """
-        return cls(*to_differences(omega_n, zeta, dt), sigma_a, **options)
+        c1, c2, theta1 = to_differences(omega_n, zeta, dt)
+        return cls(c1, c2, theta1, sigma_a, **options)
 
     def log_prob(self, value: Float[Array, "*batch sample"]) -> Array:
         """The exact log density of each impact, see `bayestissue.likelihood.log_likelihood`."""
@@ -117,8 +118,8 @@ class ARMA21(Distribution):
             after = now + slope - self.c1 * slope - self.c2 * before + w
             return (now, after, shock), after
 
-        _, rest = jax.lax.scan(step, (x1, x2, shocks[2]), shocks[3:])
-        x = jnp.moveaxis(jnp.concatenate([x1[None], x2[None], rest]), 0, -1)
+        _, later = jax.lax.scan(step, (x1, x2, shocks[2]), shocks[3:])
+        x = jnp.moveaxis(jnp.concatenate([x1[None], x2[None], later]), 0, -1)
         return jnp.where(jnp.arange(width) < self.n_samples[..., None], x, 0.0)
 
     def _first_two(self, shocks: Array) -> tuple[Array, Array]:

@@ -50,13 +50,13 @@ def colour_of(
     """
     white = max(white, _LEAST_WHITE)
     roots = []
-    for each in correlations:
-        values, vectors = np.linalg.eigh((1 - white) * toeplitz(each(np.arange(rows))))
+    for correlation in correlations:
+        values, vectors = np.linalg.eigh((1 - white) * toeplitz(correlation(np.arange(rows))))
         counts = values > _LEFT_OUT * white
         roots.append((vectors[:, counts] * np.sqrt(values[counts])).T)
     most = max(len(root) for root in roots)
     filled = [np.pad(root, ((0, most - len(root)), (0, 0))) for root in roots]
-    stride = max(_stride(white, each) for each in correlations)
+    stride = max(_stride(white, correlation) for correlation in correlations)
     return Colour(jnp.asarray(white), jnp.asarray(np.stack(filled)), jnp.zeros(stride))
 
 
@@ -114,7 +114,7 @@ def drawn(
     standard: Float[Array, "*batch impact sample"],
 ) -> Float[Array, "*batch impact sample"]:
     """Noise over sigma; ``standard`` are standard normals for its white part."""
-    root = _root(colour._replace(every=jnp.zeros(1)), rate, jnp.ones(standard.shape[-2:], bool))
+    root = _root(colour._replace(stride_marks=jnp.zeros(1)), rate, jnp.ones(standard.shape[-2:], bool))
     modes = jax.random.normal(key, (*standard.shape[:-1], root.shape[1]))
     return jnp.sqrt(colour.white) * standard + jnp.einsum("...im,imr->...ir", modes, root)
 
@@ -133,10 +133,10 @@ def innovations(
     """
     root = _on_rows(colour, left.shape[1])
     shape = colour.white * jnp.eye(left.shape[1]) + jnp.einsum("amr,ams->ars", root, root)
-    found = jax.scipy.linalg.solve_triangular(
+    whitened = jax.scipy.linalg.solve_triangular(
         jnp.linalg.cholesky(shape), jnp.broadcast_to(left.T, (len(root), *left.T.shape)), lower=True
     )
-    return jnp.take_along_axis(found, rate[None, None], axis=0)[0].T
+    return jnp.take_along_axis(whitened, rate[None, None], axis=0)[0].T
 
 
 def _root(

@@ -53,8 +53,8 @@ def middles(record: ElementRecord) -> Float[Array, "cell impact"]:
     """
     cells, width = shape(record)
     if record.low_pass is not None:
-        place = jnp.arange(cells) + record.low_pass.phase[:, None] - record.low_pass.lead
-        return place.reshape(-1, 1) * record.dt
+        interval = jnp.arange(cells) + record.low_pass.phase[:, None] - record.low_pass.lead
+        return interval.reshape(-1, 1) * record.dt
     return (jnp.arange(cells)[:, None] + 0.5) * width * record.dt
 
 
@@ -64,7 +64,7 @@ def error_sd(record: ElementRecord, whole: Float[Array, "impact 4"]) -> Float[Ar
 
 
 def products(
-    found: Response,
+    response: Response,
     value: Float[Array, "impact sample"],
     record: ElementRecord,
     *,
@@ -73,47 +73,54 @@ def products(
     """As of `bayestissue.likelihood.linear_errors`, each [cell, impact]; noise is white.
 
     Args:
-        found: the response from contact on.
+        response: from contact on.
         value: the traces.
         record: what was recorded.
         linear: whether the response is in proportion to the velocity.
     """
-    return _of_phases(found, record, lambda each: _of_one_phase(each, value, record, linear=linear))
+    return _of_phases(
+        response, record, lambda phase_response: _of_one_phase(phase_response, value, record, linear=linear)
+    )
 
 
 def _of_phases(
-    found: Response, record: ElementRecord, products_of: Callable[[Response], Products]
+    response: Response, record: ElementRecord, products_of: Callable[[Response], Products]
 ) -> Products:
     """The products by contact at each phase of a sampling interval, one after another along the cells."""
     if record.low_pass is None:
-        return products_of(found)
+        return products_of(response)
     finer = record.low_pass.phase.shape[0]
-    each = [products_of(Response(*(part[:, phase::finer] for part in found))) for phase in range(finer)]
+    by_phase = [
+        products_of(Response(*(part[:, phase::finer] for part in response))) for phase in range(finer)
+    ]
     cells = (shape(record)[0], len(record.dt))
     gram = jax.tree.map(
         lambda *parts: jnp.concatenate([jnp.broadcast_to(part, cells) for part in parts]),
-        *(own.gram for own in each),
+        *(products.gram for products in by_phase),
     )
-    return each[0]._replace(gram=gram)
+    return by_phase[0]._replace(gram=gram)
 
 
 def _of_one_phase(
-    found: Response, value: Float[Array, "impact sample"], record: ElementRecord, *, linear: bool
+    response: Response, value: Float[Array, "impact sample"], record: ElementRecord, *, linear: bool
 ) -> Products:
     slides = _Slides(record)
     window = jnp.where(record.inside(), value, 0.0)
     whole = slides.whole(window)
-    parts = [found.d, -found.jerk] if linear else [found.d, -found.jerk, found.by_velocity]
-    seen, own, levels = slides.sums(whole, parts)
+    parts = [response.d, -response.jerk] if linear else [response.d, -response.jerk, response.by_velocity]
+    with_data, among_columns, levels = slides.sums(whole, parts)
     count = record.n_samples + 0.0
-    residual = [each - own[a][0] for a, each in enumerate(seen)]
+    residual = [product - among_columns[a][0] for a, product in enumerate(with_data)]
     # Of residual, gain, contact, velocity; the offset has none before the first sample.
-    lower = [[(whole**2).sum(-1) - seen[0] - residual[0]]]
-    lower += [[residual[a], *own[a]] for a in range(len(parts))]
+    lower = [[(whole**2).sum(-1) - with_data[0] - residual[0]]]
+    lower += [[residual[a], *among_columns[a]] for a in range(len(parts))]
     offset = [window.sum(-1) - levels[0], *levels]
     if linear:
         velocity = record.velocity
-        row = [*(entry / velocity for entry in (residual[0], own[0][0], own[1][0])), own[0][0] / velocity**2]
+        row = [
+            *(entry / velocity for entry in (residual[0], among_columns[0][0], among_columns[1][0])),
+            among_columns[0][0] / velocity**2,
+        ]
         lower.append(row)
         offset.append(levels[0] / velocity)
     order = (0, 3, 1, None, 2)
@@ -152,26 +159,28 @@ def _early(record: ElementRecord) -> Float[Array, "impact sample"]:
 
 
 def products_in_columns(
-    found: Response,
+    response: Response,
     value: Float[Array, "impact sample"],
     record: ElementRecord,
     products_of: Callable[[tuple[Array, ...]], Products],
 ) -> Products:
     """The same where noise is not white, by ``products_of`` residual and columns of each cell."""
 
-    def of_one_phase(found: Response) -> Products:
+    def of_one_phase(response: Response) -> Products:
         inside, samples = record.inside(), record.d.shape[1]
-        made = []
+        by_cell = []
         for shift in _Slides(record).shifts:
-            here = Response(*(jnp.where(inside, part[:, shift : shift + samples], 0.0) for part in found))
-            made.append(products_of((jnp.where(inside, value - here.d, 0.0), *columns(here, record))))
-        return made[0]._replace(gram=jax.tree.map(lambda *cells: jnp.stack(cells), *(m.gram for m in made)))
+            here = Response(*(jnp.where(inside, part[:, shift : shift + samples], 0.0) for part in response))
+            by_cell.append(products_of((jnp.where(inside, value - here.d, 0.0), *columns(here, record))))
+        return by_cell[0]._replace(
+            gram=jax.tree.map(lambda *cells: jnp.stack(cells), *(products.gram for products in by_cell))
+        )
 
-    return _of_phases(found, record, of_one_phase)
+    return _of_phases(response, record, of_one_phase)
 
 
 def products_of_all_rows(
-    found: Response,
+    response: Response,
     value: Float[Array, "impact sample"],
     record: ElementRecord,
     products_of: Callable[[Array, list[Array]], Products],
@@ -182,28 +191,28 @@ def products_of_all_rows(
 
     ``products_of`` is given where there is a sample, and the rows whose products it shall return.
     """
-    every = 1 if record.colour is None else record.colour.stride
+    stride = 1 if record.colour is None else record.colour.stride
 
-    def of_one_phase(found: Response) -> Products:
+    def of_one_phase(response: Response) -> Products:
         slides = _Slides(record)
-        y = slides.whole(jnp.where(record.inside(), value, 0.0))[:, ::every]
-        inside = slides.recorded()[:, ::every]
-        parts = [found.d, -found.jerk] if linear else [found.d, -found.jerk, found.by_velocity]
-        d, late, *quicker = (jnp.where(inside, slides.slid_rows(part, every), 0.0) for part in parts)
+        y = slides.whole(jnp.where(record.inside(), value, 0.0))[:, ::stride]
+        inside = slides.recorded()[:, ::stride]
+        parts = [response.d, -response.jerk] if linear else [response.d, -response.jerk, response.by_velocity]
+        d, late, *quicker = (jnp.where(inside, slides.slid_rows(part, stride), 0.0) for part in parts)
         plain = products_of(inside, [y, d, jnp.where(inside, 1.0, 0.0), late, *quicker])
         # Residual, velocity, gain, offset and contact time out of these.
         velocity = {1: 1 / record.velocity} if linear else {4: 1.0}
         mixed: list[dict[int, Any]] = [{0: 1.0, 1: -1.0}, velocity, {1: 1.0}, {2: 1.0}, {3: 1.0}]
         gram = tuple(
             tuple(
-                sum(a * b * plain.gram[i][j] for i, a in one.items() for j, b in other.items())
-                for other in mixed
+                sum(a * b * plain.gram[i][j] for i, a in first.items() for j, b in second.items())
+                for second in mixed
             )
-            for one in mixed
+            for first in mixed
         )
         return plain._replace(gram=gram)
 
-    return _of_phases(found, record, of_one_phase)
+    return _of_phases(response, record, of_one_phase)
 
 
 class _Slides:
@@ -215,12 +224,12 @@ class _Slides:
         self._record, self._reach = record, cells * width
         self._number = self._reach + record.d.shape[1]
         self._within = jnp.arange(self._number) < record.n_samples[:, None]
-        place = jnp.arange(self._reach)
-        self._after = record.n_samples[:, None] + place
+        offset = jnp.arange(self._reach)
+        self._after = record.n_samples[:, None] + offset
         shift = jnp.asarray(self.shifts)[:, None, None]
-        self._enters = place < shift
+        self._enters = offset < shift
         before = 0 if record.n_before is None else record.n_before[:, None]
-        self._leaves = place < shift - before
+        self._leaves = offset < shift - before
 
     def whole(self, window: Float[Array, "impact sample"]) -> Array:
         """The samples before the first and those of the window as `against` takes them."""
@@ -234,10 +243,10 @@ class _Slides:
         early = jnp.broadcast_to(early, (len(record.dt), self._reach))
         return jnp.concatenate([early, record.inside()], axis=-1)
 
-    def slid_rows(self, part: Float[Array, "impact sample"], every: int) -> Float[Array, "cell impact row"]:
+    def slid_rows(self, part: Float[Array, "impact sample"], stride: int) -> Float[Array, "cell impact row"]:
         """A response as `whole` has it in every so many samples, by contact in each cell."""
         longer = jnp.pad(part, ((0, 0), (self._reach, 0)))
-        return jnp.stack([longer[:, shift : shift + self._number : every] for shift in self.shifts])
+        return jnp.stack([longer[:, shift : shift + self._number : stride] for shift in self.shifts])
 
     def sums(
         self, samples: Array, parts: Sequence[Array]
@@ -249,26 +258,26 @@ class _Slides:
         width = -(-self._number // FILLED) * FILLED
         # What slides along would otherwise be filled up anew in each sum.
         longer = jax.lax.optimization_barrier(_filled_up(samples, width + self._reach))
-        seen = [_in_blocks(longer[:, self._reach - shift :][:, :width]) for shift in self.shifts]
+        shifted = [_in_blocks(longer[:, self._reach - shift :][:, :width]) for shift in self.shifts]
         inside, *rows = (_in_blocks(_filled_up(x, width)) for x in (self._within + 0.0, *parts))
         pairs = [(a, b) for a in range(len(parts)) for b in range(a + 1)]
         within = [inside * row for row in rows]
-        terms = [each * row for row in rows for each in seen]
+        terms = [window * row for row in rows for window in shifted]
         terms += [within[a] * rows[b] for a, b in pairs]
-        found = sums_over_frequencies((*terms, *within))
-        number = len(seen)
-        against = [jnp.stack(found[a * number : (a + 1) * number]) for a in range(len(parts))]
-        rest = found[len(parts) * number :]
-        own = {
+        totals = sums_over_frequencies((*terms, *within))
+        number = len(shifted)
+        against = [jnp.stack(totals[a * number : (a + 1) * number]) for a in range(len(parts))]
+        remaining = totals[len(parts) * number :]
+        among_columns = {
             (a, b): self._slid(middle, parts[a], parts[b], self._leaves)
-            for (a, b), middle in zip(pairs, rest, strict=False)
+            for (a, b), middle in zip(pairs, remaining, strict=False)
         }
         ones = jnp.ones_like(parts[0])
         levels = [
             self._slid(middle, part, ones, self._enters)
-            for part, middle in zip(parts, rest[len(pairs) :], strict=True)
+            for part, middle in zip(parts, remaining[len(pairs) :], strict=True)
         ]
-        return against, [[own[a, b] for b in range(a + 1)] for a in range(len(parts))], levels
+        return against, [[among_columns[a, b] for b in range(a + 1)] for a in range(len(parts))], levels
 
     def _slid(self, middle: Array, a: Array, b: Array, leaves: Array) -> Array:
         """The sum of a times b where the response begins later, from that at once."""

@@ -277,7 +277,7 @@ class MeasuredDeceleration(dist.Distribution):
         """The impacts at the recorded velocities."""
         record = self.record
         parameters = (self.omega_n, self.zeta, record.velocity, record.gravity)
-        return impact_motion(record.time(), *(each[:, None] for each in parameters))
+        return impact_motion(record.time(), *(parameter[:, None] for parameter in parameters))
 
     def _columns(self) -> tuple[Array, tuple[Array, ...], Array]:
         record, inside, time = self.record, self.record.inside(), self.record.time()

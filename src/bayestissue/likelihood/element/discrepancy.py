@@ -43,19 +43,19 @@ def modes(
         sum n_samples, so that s is the root of delta's mean square.
     """
     count = np.asarray(n_samples)[:, None]
-    place = np.arange(width)
-    time = np.where(place < count, 2 * place / (count - 1) - 1, 0.0)
+    index = np.arange(width)
+    time = np.where(index < count, 2 * index / (count - 1) - 1, 0.0)
     nodes = np.polynomial.chebyshev.chebpts1(_NODES)
     to_values = np.polynomial.chebyshev.chebvander(time, _NODES - 1)
     through = to_values @ np.linalg.inv(np.polynomial.chebyshev.chebvander(nodes, _NODES - 1))
-    through = np.where((place < count)[..., None], through, 0.0)
+    through = np.where((index < count)[..., None], through, 0.0)
     # Chebyshev's times go from -1 to 1.
     kernel = np.exp(-((nodes[:, None] - nodes) ** 2) / (2 * (2 * LENGTH) ** 2))
     frame, triangle = np.linalg.qr(through)
     values, vectors = np.linalg.eigh(triangle @ kernel @ triangle.swapaxes(1, 2))
     values, vectors = values[:, : -MODES - 1 : -1], vectors[:, :, : -MODES - 1 : -1]
     basis = np.moveaxis(frame @ vectors, -1, 0)
-    return np.where(place < count, basis, 0.0), values * count / values.sum(1, keepdims=True)
+    return np.where(index < count, basis, 0.0), values * count / values.sum(1, keepdims=True)
 
 
 def ratios(
@@ -71,7 +71,7 @@ def with_discrepancy(
     plain: Products,
     along: Sequence[Array],
     ratio: Float[Array, "mode *cell impact"],
-    own: small.Matrix | None = None,
+    modes_gram: small.Matrix | None = None,
 ) -> Products:
     """The products under T^-1 from those without the discrepancy.
 
@@ -83,19 +83,19 @@ def with_discrepancy(
         plain: products of the parts under the noise alone.
         along: B of each, [mode, ..., impact].
         ratio: see `ratios`.
-        own: U' N^-1 U as rows of entries; the modes are orthonormal unless given.
+        modes_gram: U' N^-1 U as rows of entries; the modes are orthonormal unless given.
     """
-    if own is not None:
-        factor, half = _system(ratio, own)
+    if modes_gram is not None:
+        factor, half = _system(ratio, modes_gram)
         solved = [jnp.stack(small.solve_lower(factor, list(_alike(half, part) * part))) for part in along]
         entries = tuple(
             tuple(entry - (solved[a] * solved[b]).sum(0) for b, entry in enumerate(row))
             for a, row in enumerate(plain.gram)
         )
         return Products(entries, plain.log_determinant + 2 * small.log_diagonal(factor), plain.n_values)
-    kept = ratio / (1 + ratio)
+    shrinkage = ratio / (1 + ratio)
     entries = tuple(
-        tuple(entry - (kept * along[a] * along[b]).sum(0) for b, entry in enumerate(row))
+        tuple(entry - (shrinkage * along[a] * along[b]).sum(0) for b, entry in enumerate(row))
         for a, row in enumerate(plain.gram)
     )
     return Products(entries, plain.log_determinant + jnp.log1p(ratio).sum(0), plain.n_values)
@@ -112,9 +112,9 @@ def draw_given(
 
     c_j is normal with mean r_j / (1 + r_j) U_j' left and variance sigma^2 r_j / (1 + r_j).
     """
-    kept = ratio / (1 + ratio)
+    shrinkage = ratio / (1 + ratio)
     standard = jax.random.normal(key, ratio.shape)
-    weights = kept * (basis * left).sum(-1) + jnp.exp(log_sigma) * jnp.sqrt(kept) * standard
+    weights = shrinkage * (basis * left).sum(-1) + jnp.exp(log_sigma) * jnp.sqrt(shrinkage) * standard
     return (weights[..., None] * basis).sum(0)
 
 
@@ -124,24 +124,24 @@ def draw_along(
     basis: Float[Array, "mode impact sample"],
     log_sigma: Float[Array, " impact"],
     ratio: Float[Array, "mode impact"],
-    own: small.Matrix,
+    modes_gram: small.Matrix,
 ) -> Float[Array, "impact sample"]:
     """The same where noise is not white: normal with mean S M^-1 S along and covariance sigma^2 S M^-1 S.
 
-    M, ``along`` and ``own`` as of `with_discrepancy`.
+    M, ``along`` and ``modes_gram`` as of `with_discrepancy`.
     """
-    factor, half = _system(ratio, own)
+    factor, half = _system(ratio, modes_gram)
     standard = jnp.exp(log_sigma) * jax.random.normal(key, ratio.shape)
     solved = jnp.stack(small.solve_lower(factor, list(half * along))) + standard
     weights = half * jnp.stack(small.solve_upper(factor, list(solved)))
     return (weights[..., None] * basis).sum(0)
 
 
-def _system(ratio: Array, own: small.Matrix) -> tuple[list[list[Array]], Array]:
+def _system(ratio: Array, modes_gram: small.Matrix) -> tuple[list[list[Array]], Array]:
     """The factor of 1 + S U' N^-1 U S, and S."""
     half = jnp.sqrt(ratio)
     size = range(len(half))
-    matrix = [[half[i] * half[j] * own[i][j] + (1.0 if i == j else 0.0) for j in size] for i in size]
+    matrix = [[half[i] * half[j] * modes_gram[i][j] + (1.0 if i == j else 0.0) for j in size] for i in size]
     return small.cholesky(matrix), half
 
 

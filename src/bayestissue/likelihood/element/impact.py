@@ -57,19 +57,19 @@ class _Noise(NamedTuple):
 
 
 def _products(
-    element: Element, found: Response, noise: _Noise, value: Array, record: ElementRecord
+    element: Element, predicted: Response, noise: _Noise, value: Array, record: ElementRecord
 ) -> Products:
     of_columns = partial(_products_of_columns, noise, record)
     if record.colour is not None and record.before is not None:
-        asked = partial(_products_in_colour, noise, record)
+        in_colour = partial(_products_in_colour, noise, record)
         linear = in_proportion(element, record)
-        return contact_cells.products_of_all_rows(found, value, record, asked, linear=linear)
+        return contact_cells.products_of_all_rows(predicted, value, record, in_colour, linear=linear)
     if record.before is None:
-        residual = jnp.where(record.inside(), value - found.d, 0.0)
-        return of_columns((residual, *columns(found, record)))
+        residual = jnp.where(record.inside(), value - predicted.d, 0.0)
+        return of_columns((residual, *columns(predicted, record)))
     if _white(noise):
-        return contact_cells.products(found, value, record, linear=in_proportion(element, record))
-    return contact_cells.products_in_columns(found, value, record, of_columns)
+        return contact_cells.products(predicted, value, record, linear=in_proportion(element, record))
+    return contact_cells.products_in_columns(predicted, value, record, of_columns)
 
 
 def _white(noise: _Noise) -> bool:
@@ -83,31 +83,32 @@ def _products_in_colour(
     """Of rows of the samples that coloured noise is asked at: those of the window, and some before it."""
     assert record.colour is not None  # noqa: S101 - for the type checker
     assert record.rate is not None  # noqa: S101 - for the type checker
-    every, modes = record.colour.stride, []
+    stride, modes = record.colour.stride, []
     if noise.log_discrepancy is not None and record.basis is not None:
         reach = 0 if record.before is None else math.prod(contact_cells.shape(record))
-        modes = list(jnp.pad(record.basis, ((0, 0), (0, 0), (reach, 0)))[:, :, ::every])
-    found = coloured.products(record.colour, record.rate, inside, [*parts, *modes])
+        modes = list(jnp.pad(record.basis, ((0, 0), (0, 0), (reach, 0)))[:, :, ::stride])
+    products = coloured.products(record.colour, record.rate, inside, [*parts, *modes])
     if noise.log_discrepancy is None or record.share is None or not modes:
-        return found
+        return products
     number = len(parts)
-    plain = found._replace(gram=tuple(row[:number] for row in found.gram[:number]))
+    plain = products._replace(gram=tuple(row[:number] for row in products.gram[:number]))
     # Not all parts have cells.
-    shape = jnp.broadcast_shapes(*(row[number].shape for row in found.gram[:number]))
+    shape = jnp.broadcast_shapes(*(row[number].shape for row in products.gram[:number]))
     along = [
-        jnp.stack([jnp.broadcast_to(entry, shape) for entry in row[number:]]) for row in found.gram[:number]
+        jnp.stack([jnp.broadcast_to(entry, shape) for entry in row[number:]])
+        for row in products.gram[:number]
     ]
     ratio = discrepancy.ratios(noise.log_sigma, noise.log_discrepancy, record.share)
-    own = [row[number:] for row in found.gram[number:]]
-    return discrepancy.with_discrepancy(plain, along, ratio, own)
+    modes_gram = [row[number:] for row in products.gram[number:]]
+    return discrepancy.with_discrepancy(plain, along, ratio, modes_gram)
 
 
 def _products_of_columns(noise: _Noise, record: ElementRecord, parts: tuple[Array, ...]) -> Products:
     """Of residual and error columns at one moment of contact."""
     if record.colour is not None:
-        every = record.colour.stride
-        inside = record.inside()[:, ::every]
-        return _products_in_colour(noise, record, inside, [part[:, ::every] for part in parts])
+        stride = record.colour.stride
+        inside = record.inside()[:, ::stride]
+        return _products_in_colour(noise, record, inside, [part[:, ::stride] for part in parts])
     count = record.n_samples + 0.0
     if noise.atanh_correlation is not None:
         a = noise.atanh_correlation
@@ -121,9 +122,9 @@ def _products_of_columns(noise: _Noise, record: ElementRecord, parts: tuple[Arra
 
 
 def _log_density(
-    element: Element, found: Response, noise: _Noise, value: Array, record: ElementRecord
+    element: Element, predicted: Response, noise: _Noise, value: Array, record: ElementRecord
 ) -> Array:
-    products = _products(element, found, noise, value, record)
+    products = _products(element, predicted, noise, value, record)
     density = marginal_log_likelihood(products, noise.log_sigma, _error_sd(noise, record), record.uniform)
     if record.before is not None:
         density = jax.nn.logsumexp(density, axis=0) + jnp.log(contact_cells.cell_width(record))
@@ -132,14 +133,14 @@ def _log_density(
     # Parameters far from anything seen may send a response beyond all bounds, where the products' digits are
     # lost and a density would be anything.
     greatest = _GREATEST * jnp.abs(record.d).max(-1)
-    return jnp.where(jnp.abs(found.d).max(-1) <= greatest, density, -jnp.inf)
+    return jnp.where(jnp.abs(predicted.d).max(-1) <= greatest, density, -jnp.inf)
 
 
 def _error_sd(noise: _Noise, record: ElementRecord) -> Array:
-    own = record.error_sd if record.before is None else contact_cells.error_sd(record, record.error_sd)
+    error_sd = record.error_sd if record.before is None else contact_cells.error_sd(record, record.error_sd)
     if noise.atanh_correlation is None or record.quiet is None:
-        return own
-    return autoregressive.offset_sd(own, record.quiet, noise.atanh_correlation, OFFSET)
+        return error_sd
+    return autoregressive.offset_sd(error_sd, record.quiet, noise.atanh_correlation, OFFSET)
 
 
 def _of_cell(cell: Array, shape: tuple[int, ...], values: Array) -> Array:
@@ -170,9 +171,9 @@ def element_log_likelihood(
         atanh_correlation: artanh of the noise's correlation from sample to sample; white unless given, and
             not beside a discrepancy.
     """
-    found = response(element, parameters, record)
+    predicted = response(element, parameters, record)
     noise = _Noise(log_sigma, log_discrepancy, atanh_correlation)
-    return _log_density(element, found, noise, record.d, record)
+    return _log_density(element, predicted, noise, record.d, record)
 
 
 @element_log_likelihood.defjvp
@@ -184,10 +185,10 @@ def _element_jvp(element: Element, primals: Any, tangents: Any) -> tuple[Array, 
     def along(tangent: Array) -> tuple[Response, Response]:
         return jax.jvp(lambda p: response(element, p, record), (parameters,), (tangent,))
 
-    found, changes = jax.vmap(along, out_axes=(None, 0))(basis)
+    predicted, changes = jax.vmap(along, out_axes=(None, 0))(basis)
     value, pull_back = jax.vjp(
         lambda f, noise: _log_density(element, f, noise, record.d, record),
-        found,
+        predicted,
         _Noise(log_sigma, log_discrepancy, atanh_correlation),
     )
     by_response, by_noise = pull_back(jnp.ones_like(value))
@@ -232,10 +233,10 @@ class MeasuredImpact(dist.Distribution):
         """See `response`."""
         return response(self.element, self.parameters, self.record)
 
-    def products(self, found: Response | None = None) -> Products:
+    def products(self, predicted: Response | None = None) -> Products:
         """Products of the residual and the errors' columns; ``found`` is `response`, if it is at hand."""
-        found = self.response() if found is None else found
-        return _products(self.element, found, self._noise(), self.record.d, self.record)
+        predicted = self.response() if predicted is None else predicted
+        return _products(self.element, predicted, self._noise(), self.record.d, self.record)
 
     def log_prob(self, value: Float[Array, "impact sample"]) -> Float[Array, " impact"]:
         """Log density of each impact's trace, its errors and its discrepancy integrated out."""
@@ -246,12 +247,12 @@ class MeasuredImpact(dist.Distribution):
             )
         return _log_density(self.element, self.response(), self._noise(), value, self.record)
 
-    def draw_errors(self, key: Array, found: Response | None = None) -> Float[Array, "impact 4"]:
+    def draw_errors(self, key: Array, predicted: Response | None = None) -> Float[Array, "impact 4"]:
         """The chain's errors given the recorded traces: velocity, gain, offset, contact time (later).
 
         ``found`` is `response`, if it is at hand.
         """
-        products, record = self.products(found), self.record
+        products, record = self.products(predicted), self.record
         error_sd = _error_sd(self._noise(), record)
         if record.before is None:
             return draw_errors(key, products, self.log_sigma, error_sd, record.uniform)
@@ -273,11 +274,11 @@ class MeasuredImpact(dist.Distribution):
 
     def as_drawn(self, contact_error: Float[Array, " impact"]) -> MeasuredImpact:
         """The same with contact where such an error puts it, and known."""
-        record, own = self.record, self._noise()
+        record, noise = self.record, self._noise()
         least = 0.0 if record.low_pass is None else -record.low_pass.lead * record.dt
         known = record.at_contact(jnp.maximum(record.first_time - contact_error, least))
         known = known._replace(error_sd=known.error_sd.at[:, CONTACT].set(0.0))
-        return MeasuredImpact(self.element, self.parameters, own.log_sigma, known, *own[1:])
+        return MeasuredImpact(self.element, self.parameters, noise.log_sigma, known, *noise[1:])
 
     def with_contact_found(self, key: Array) -> MeasuredImpact:
         """The same with contact known: where the trace has it, if the record leaves it to be found."""
@@ -286,21 +287,23 @@ class MeasuredImpact(dist.Distribution):
         return self.as_drawn(self.draw_errors(jax.random.fold_in(key, 3))[:, CONTACT])
 
     def draw_discrepancy(
-        self, key: Array, errors: Float[Array, "impact 4"], found: Response | None = None
+        self, key: Array, errors: Float[Array, "impact 4"], predicted: Response | None = None
     ) -> Float[Array, "impact sample"]:
         """The discrepancy given the recorded traces and the chain's errors [m/s^2]; ``found`` as above."""
         record = self.record
         if self.log_discrepancy is None or record.basis is None or record.share is None:
             return jnp.zeros_like(record.d)
-        found = self.response() if found is None else found
-        left = self.residuals(errors, found)
+        predicted = self.response() if predicted is None else predicted
+        left = self.residuals(errors, predicted)
         ratio = discrepancy.ratios(self.log_sigma, self.log_discrepancy, record.share)
         if record.colour is None or record.rate is None:
             return discrepancy.draw_given(key, left, record.basis, self.log_sigma, ratio)
-        every = record.colour.stride
-        asked = [part[:, ::every] for part in (left, *record.basis)]
-        own = coloured.products(record.colour, record.rate, record.inside()[:, ::every], asked).gram
-        along, modes = jnp.stack(own[0][1:]), [row[1:] for row in own[1:]]
+        stride = record.colour.stride
+        in_colour = [part[:, ::stride] for part in (left, *record.basis)]
+        products_gram = coloured.products(
+            record.colour, record.rate, record.inside()[:, ::stride], in_colour
+        ).gram
+        along, modes = jnp.stack(products_gram[0][1:]), [row[1:] for row in products_gram[1:]]
         return discrepancy.draw_along(key, along, record.basis, self.log_sigma, ratio, modes)
 
     def innovations(
@@ -315,17 +318,17 @@ class MeasuredImpact(dist.Distribution):
             return autoregressive.whitened(left, self.atanh_correlation, record.inside()), record.n_samples
         if record.colour is None or record.rate is None:
             return left, record.n_samples
-        every = record.colour.stride
-        inside = record.inside()[:, ::every]
-        left = coloured.innovations(record.colour, record.rate, left[:, ::every])
+        stride = record.colour.stride
+        inside = record.inside()[:, ::stride]
+        left = coloured.innovations(record.colour, record.rate, left[:, ::stride])
         return jnp.where(inside, left, 0.0), inside.sum(-1)
 
     def residuals(
-        self, errors: Float[Array, "impact 4"], found: Response | None = None
+        self, errors: Float[Array, "impact 4"], predicted: Response | None = None
     ) -> Float[Array, "impact sample"]:
         """What these errors and the impact leave of the recorded traces [m/s^2]; contact is known."""
-        found, record = self.response() if found is None else found, self.record
-        return jnp.where(record.inside(), record.d - found.d - _added(errors, found, record), 0.0)
+        predicted, record = self.response() if predicted is None else predicted, self.record
+        return jnp.where(record.inside(), record.d - predicted.d - _added(errors, predicted, record), 0.0)
 
     def sample(self, key: Array, sample_shape: tuple[int, ...] = ()) -> Array:
         """Draw traces: the impact, its discrepancy, the chain's errors and noise.
@@ -337,18 +340,20 @@ class MeasuredImpact(dist.Distribution):
             return self.with_contact_found(key).sample(key, sample_shape)
         key_of_noise, key_of_errors = jax.random.split(key)
         shape, record = (*sample_shape, *self.batch_shape), self.record
-        found, delta = self.response(), jnp.zeros((*shape, *self.event_shape))
+        predicted, delta = self.response(), jnp.zeros((*shape, *self.event_shape))
         if self.log_discrepancy is not None and record.basis is not None and record.share is not None:
-            own = jax.random.fold_in(key, 2)
-            delta = discrepancy.draw_prior(own, shape, record.basis, self.log_discrepancy, record.share)
+            key_of_delta = jax.random.fold_in(key, 2)
+            delta = discrepancy.draw_prior(
+                key_of_delta, shape, record.basis, self.log_discrepancy, record.share
+            )
         errors = prior_errors(key_of_errors, shape, _error_sd(self._noise(), record), record.uniform)
         noise = jax.random.normal(key_of_noise, (*shape, *self.event_shape))
         if record.colour is not None and record.rate is not None:
             noise = coloured.drawn(record.colour, record.rate, jax.random.fold_in(key, 4), noise)
         elif self.atanh_correlation is not None:
             noise = autoregressive.correlated(noise, self.atanh_correlation)
-        added = _added(errors, found, record) + jnp.exp(self.log_sigma)[:, None] * noise
-        return jnp.where(record.inside(), found.d + delta + added, 0.0)
+        added = _added(errors, predicted, record) + jnp.exp(self.log_sigma)[:, None] * noise
+        return jnp.where(record.inside(), predicted.d + delta + added, 0.0)
 
     def replicate(self, key: Array) -> dict[str, Float[Array, "impact sample"]]:
         """A replicate of every trace, the deceleration [m/s^2] with its discrepancy; NaN past its end."""
@@ -360,8 +365,8 @@ class MeasuredImpact(dist.Distribution):
 
 
 def _added(
-    errors: Float[Array, "*batch impact 4"], found: Response, record: ElementRecord
+    errors: Float[Array, "*batch impact 4"], predicted: Response, record: ElementRecord
 ) -> Float[Array, "*batch impact sample"]:
     """What the chain's errors add to the traces."""
-    each = enumerate(columns(found, record))
-    return jnp.asarray(sum(errors[..., i, None] * column for i, column in each))
+    numbered = enumerate(columns(predicted, record))
+    return jnp.asarray(sum(errors[..., i, None] * column for i, column in numbered))

@@ -99,14 +99,17 @@ def _once(parts: Response) -> Response:
     return Response(*(jax.lax.optimization_barrier(part) for part in parts))
 
 
-def _after(one: Response, other: Response, p: Array, q: Array) -> Response:
+def _after(first: Response, second: Response, p: Array, q: Array) -> Response:
     """The response at the sum of two times: products of the states, and of their derivatives by q."""
-    from_rest = other.v + p * other.x
-    bend = other.time * other.x / 2 - p / 2 * other.w
-    bend_of_one = one.time * one.x / 2 - p / 2 * one.w
+    from_rest = second.v + p * second.x
+    second_bend = second.time * second.x / 2 - p / 2 * second.w
+    first_bend = first.time * first.x / 2 - p / 2 * first.w
     return Response(
-        one.x * from_rest + one.v * other.x,
-        one.v * other.v - q * one.x * other.x,
-        one.w * from_rest + one.x * (bend + p * other.w) + bend_of_one * other.x + one.v * other.w,
-        one.time + other.time,
+        first.x * from_rest + first.v * second.x,
+        first.v * second.v - q * first.x * second.x,
+        first.w * from_rest
+        + first.x * (second_bend + p * second.w)
+        + first_bend * second.x
+        + first.v * second.w,
+        first.time + second.time,
     )

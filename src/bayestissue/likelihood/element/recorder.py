@@ -58,17 +58,17 @@ class Colour(NamedTuple):
     Attributes:
         white: f, above 0.
         root: B', for each sampling rate, on all samples.
-        every: how many samples lie from one that is asked to the next is the length of this.
+        stride_marks: how many samples lie from one that is asked to the next is the length of this.
     """
 
     white: Float[Array, ""]
     root: Float[Array, "rate mode row"]
-    every: Float[Array, " every"]
+    stride_marks: Float[Array, " stride"]
 
     @property
     def stride(self) -> int:
         """How many samples lie from one that is asked to the next."""
-        return self.every.shape[0]
+        return self.stride_marks.shape[0]
 
 
 class Flow(NamedTuple):
@@ -121,8 +121,8 @@ def low_passed(
     whole = _passed(low_pass, early.backwards(), back[..., 0])[..., -1:]
     before = weight * whole * jnp.exp(-pole * since)
     before_slope = -pole * before
-    both = ((before, y), (before_slope, slope))
-    first, second = (jnp.concatenate([part.sum(0).real, rest], axis=1) for part, rest in both)
+    pairs = ((before, y), (before_slope, slope))
+    first, second = (jnp.concatenate([part.sum(0).real, later_part], axis=1) for part, later_part in pairs)
     return first, second
 
 
@@ -131,8 +131,10 @@ def _passed(low_pass: LowPass, flow: Flow, start: Complex[Array, "mode impact"])
     step = low_pass.pole[:, None] * flow.dt
     change = flow.dt[:, None] * flow.jerk
     parts = (flow.d[:, :-1], flow.d[:, 1:], change[:, :-1], change[:, 1:])
-    each = _integrals(step)
-    added = flow.dt[:, None] * sum(own[..., None] * part for own, part in zip(each, parts, strict=True))
+    integrals = _integrals(step)
+    added = flow.dt[:, None] * sum(
+        integral[..., None] * part for integral, part in zip(integrals, parts, strict=True)
+    )
     return _accumulated(jnp.exp(step), jnp.concatenate([start[..., None], added], axis=-1))
 
 

@@ -75,10 +75,10 @@ class ElementRecord(NamedTuple):
 
         Without the modes there is no discrepancy.
         """
-        given = {name: jax.tree.map(jnp.asarray, part) for name, part in named.items()}
-        every: Any = [jnp.asarray(array) for array in arrays]
-        made = cls(*every, **given)
-        return made._replace(d=jnp.where(made.inside(), made.d, 0.0))
+        named_values = {name: jax.tree.map(jnp.asarray, part) for name, part in named.items()}
+        values: Any = [jnp.asarray(array) for array in arrays]
+        record = cls(*values, **named_values)
+        return record._replace(d=jnp.where(record.inside(), record.d, 0.0))
 
     @property
     def traces(self) -> Float[Array, "impact sample"]:
@@ -99,8 +99,8 @@ class ElementRecord(NamedTuple):
         self, traces: Float[np.ndarray, "impact sample"], n_samples: Int[np.ndarray, " impact"]
     ) -> ElementRecord:
         """The record of other traces, or of fewer of their samples."""
-        other = self._replace(n_samples=jnp.asarray(n_samples))
-        return other._replace(d=jnp.where(other.inside(), jnp.asarray(traces), 0.0))
+        record = self._replace(n_samples=jnp.asarray(n_samples))
+        return record._replace(d=jnp.where(record.inside(), jnp.asarray(traces), 0.0))
 
     def with_normal_errors(self) -> ElementRecord:
         """The same, every error of the measuring chain taken as normal with its standard deviation.
@@ -169,14 +169,14 @@ def motion(
         record = record._replace(first_time=first)
     p = {name: value[:, None] for name, value in _named(element, parameters, record).items()}
     y = _states(element, parameters, velocity, record)
-    found = Motion(y[0], y[1], deceleration_of(element, p, record.mass[:, None], y))
+    after_contact = Motion(y[0], y[1], deceleration_of(element, p, record.mass[:, None], y))
     if late is None:
-        return found
+        return after_contact
     # In flight until contact.
-    place = jnp.arange(record.d.shape[1]) - late[:, None]
-    x, v, d = (jnp.take_along_axis(part, jnp.maximum(place, 0), axis=1) for part in found)
-    since = jnp.minimum(record.first_time[:, None] + place * record.dt[:, None], 0.0)
-    flies, speed = place < 0, velocity[:, None]
+    index = jnp.arange(record.d.shape[1]) - late[:, None]
+    x, v, d = (jnp.take_along_axis(part, jnp.maximum(index, 0), axis=1) for part in after_contact)
+    since = jnp.minimum(record.first_time[:, None] + index * record.dt[:, None], 0.0)
+    flies, speed = index < 0, velocity[:, None]
     fall = 0.0 if record.gravity is None else record.gravity[:, None]
     here = speed * since + fall * since**2 / 2
     return Motion(
@@ -277,11 +277,11 @@ def _recorded(
     if record.before is not None:
         return d, slope
     if ahead:
-        place = jnp.arange(count) + ahead - finer * late[:, None]
-        d, slope = (jnp.take_along_axis(part, jnp.maximum(place, 0), axis=1) for part in (d, slope))
+        index = jnp.arange(count) + ahead - finer * late[:, None]
+        d, slope = (jnp.take_along_axis(part, jnp.maximum(index, 0), axis=1) for part in (d, slope))
     return d[:, ::finer], slope[:, ::finer]
 
 
-def columns(found: Response, record: ElementRecord) -> tuple[Array, Array, Array, Array]:
+def columns(response: Response, record: ElementRecord) -> tuple[Array, Array, Array, Array]:
     """What a unit of each error adds: of velocity, gain, offset and contact time, each [impact, sample]."""
-    return found.by_velocity, found.d, jnp.where(record.inside(), 1.0, 0.0), -found.jerk
+    return response.by_velocity, response.d, jnp.where(record.inside(), 1.0, 0.0), -response.jerk

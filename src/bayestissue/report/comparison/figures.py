@@ -9,7 +9,7 @@ import pandas as pd
 from markupsafe import Markup
 from matplotlib.axes import Axes
 
-from bayestissue.inference.results.meanings import told
+from bayestissue.inference.results.meanings import heading_words
 from bayestissue.report.page import figure
 from bayestissue.report.posterior_figures import NAMES
 from bayestissue.report.style import MUTED, PALETTE, POSTERIOR, REFERENCE, log_ticks, new_figure, shown, style
@@ -74,13 +74,13 @@ def side_by_side_figure(
                 axes.set_xscale("log")
                 log_ticks(axes.xaxis, rows[["eti90_low", "eti90_high"]].to_numpy().ravel())
             unit = "no unit" if exponent else UNITS[quantity]
-            axes.set_xlabel(f"{told(variable, rows['of'].iloc[0])} ({unit})")
+            axes.set_xlabel(f"{heading_words(variable, rows['of'].iloc[0])} ({unit})")
         handles, labels = panels[-1, 0].get_legend_handles_labels()
         fig.legend(handles, labels, loc="outside upper left", ncols=3)
         return figure(
             fig,
             f"{NAMES[quantity]} by run: "
-            f"{'; '.join(told(variable, rows['of'].iloc[0]) for variable, rows in parts)}; "
+            f"{'; '.join(heading_words(variable, rows['of'].iloc[0]) for variable, rows in parts)}; "
             "posterior median and 90 % interval, a colour and a mark for each run.",
         )
 

@@ -9,7 +9,7 @@ from typing import Any
 import pandas as pd
 
 from bayestissue.errors import InputError
-from bayestissue.inference.results.meanings import meaning, told
+from bayestissue.inference.results.meanings import heading_words, meaning
 from bayestissue.remedies import codes_in
 from bayestissue.report.comparison.figures import MOST_PEOPLE, comparison_figure, side_by_side_figure
 from bayestissue.report.model_words import settings_table
@@ -29,7 +29,7 @@ def same_element(runs: list[dict[str, Any]]) -> bool:
 
 def quantity(row: Mapping[Any, Any]) -> str:
     """What a row of `posteriors.csv` or `implied.csv` has the interval of."""
-    return told(row["variable"], row["of"], row["label"])
+    return heading_words(row["variable"], row["of"], row["label"])
 
 
 def what_is_left_out(scheme: str) -> str:
@@ -53,8 +53,8 @@ def weighted_words(implied: pd.DataFrame) -> list[str]:
         kind = what_is_left_out(str(scheme))
         if parts:
             sentences.append(
-                f"Of {meaning(OF_IMPACTS['K']).of}, weighted by how well each {kind} is predicted{several}: "
-                f"{listed(parts)}."
+                f"Of {meaning(OF_IMPACTS['K']).level}, weighted by how well each {kind} is predicted"
+                f"{several}: {listed(parts)}."
             )
     return sentences
 

@@ -46,10 +46,10 @@ def another(signal: Displacements, used: Mask, sd: Column, freedom: Column) -> M
     change = tried(signal) - signal.gravity
     peak = np.where(used, signal.deceleration, 0).max(axis=1)
     variance = sd**2 + (law.MISFIT * peak) ** 2
-    declared, other = (_left(signal, used, variance, each) for each in (np.zeros_like(change), change))
+    declared, changed = (_left(signal, used, variance, added) for added in (np.zeros_like(change), change))
     count = np.maximum(used.sum(axis=1) - 2, 1)
-    well = fdtrc(count, freedom, other / count) > _WELL
-    return (used.sum(axis=1) >= _FEWEST) & well & (declared - other > _GAIN)
+    well = fdtrc(count, freedom, changed / count) > _WELL
+    return (used.sum(axis=1) >= _FEWEST) & well & (declared - changed > _GAIN)
 
 
 def _left(signal: Displacements, used: Mask, variance: Column, change: Column) -> Column:
@@ -64,8 +64,8 @@ def _left(signal: Displacements, used: Mask, variance: Column, change: Column) -
     target = signal.deceleration / np.sqrt(variance)[:, None]
     terms = terms / np.sqrt(variance)[:, None, None]
     weights = _solved(terms, target, used, np.array([0.0, 0.0, 1.0, 1.0]))
-    rest = np.where(used, target - np.einsum("isk,ik->is", terms, weights), 0.0)
-    return (rest**2).sum(axis=1) + (weights[:, 2:] ** 2).sum(axis=1)
+    residual = np.where(used, target - np.einsum("isk,ik->is", terms, weights), 0.0)
+    return (residual**2).sum(axis=1) + (weights[:, 2:] ** 2).sum(axis=1)
 
 
 def _solved(terms: law.Law, target: Rows, used: Mask, precision: np.ndarray) -> np.ndarray:

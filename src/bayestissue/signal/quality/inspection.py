@@ -13,7 +13,7 @@ from bayestissue.dataset.model import Recorder, Uncertainty
 from bayestissue.errors import Coded
 from bayestissue.signal.displacement import Displacements, RecordedImpacts, displacements
 from bayestissue.signal.options import SignalOptions
-from bayestissue.signal.quality import beginning, gravity, law, rest, samples
+from bayestissue.signal.quality import beginning, gravity, law, quiet, samples
 from bayestissue.signal.quality.kinds import (
     ABOVE,
     BELOW,
@@ -108,9 +108,9 @@ def raised(findings: Sequence[Finding], count: int, *, notes: bool = False) -> l
 def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list[str]]]:
     sign = -1.0 if part.quantity == "acceleration" else 1.0
     recordings = stack(part.traces)
-    recorded = Recorded.of(replace(recordings, value=sign * recordings.value))
+    recorded = Recorded.from_recordings(replace(recordings, value=sign * recordings.value))
     known = options.contact == "time-zero"
-    start = np.where(known, 0, rest.starts_off_zero(recorded))
+    start = np.where(known, 0, quiet.starts_off_zero(recorded))
     if part.quantity == "displacement":
         yield from _single_samples(recorded)
         # A displacement that passes 0 on its way shows its contact.
@@ -120,38 +120,40 @@ def _inspected(part: _Part, options: SignalOptions) -> Iterator[tuple[Kind, list
         return
     whole = {"window": "rebound", "filter": "none", "equilibrium": "rest"}
     signal = displacements(part, options.model_copy(update=whole))
-    found = [*_single_samples(recorded), *_at_rest(recorded, signal.time_to_peak, part.gravity)]
+    findings = [*_single_samples(recorded), *_at_rest(recorded, signal.time_to_peak, part.gravity)]
     above, longest = start > _ABOVE, np.zeros_like(start)
     if part.recorder is None:
         # An impact's force may jump at contact; behind a low-pass it can't.
         above, longest = beginning.beginning(recorded, signal, start > 0, part.uncertainty)
     first = "{:.1%} of the peak at the first sample"
-    found.append((ABOVE, _words(above, first, start)))
-    found.append((BELOW, _words(start < -_ABOVE, first, start)))
+    findings.append((ABOVE, _words(above, first, start)))
+    findings.append((BELOW, _words(start < -_ABOVE, first, start)))
     yield EARLIER, _words(longest > 0, "up to {:.2g} ms before", 1e3 * longest)
-    yield from ((kind, said) for kind, said in found if part.recorder is None or kind is not SLOW)
+    yield from ((kind, said) for kind, said in findings if part.recorder is None or kind is not SLOW)
     # What a declared low-pass makes of a law is none.
     if part.recorder is not None:
         return
     used = np.arange(signal.x.shape[1]) < signal.n_samples[:, None]
-    other = gravity.another(signal, used, recorded.sd, recorded.freedom)
+    other_gravity = gravity.another(signal, used, recorded.sd, recorded.freedom)
     words = "a trace that gravity of {:.3g} m/s² explains far better"
-    yield FALLS_NOT if part.gravity else FALLS, _words(other, words, gravity.tried(signal))
-    named = np.array([[bool(value) for value in values] for _, values in found]).any(axis=0) | other
+    yield FALLS_NOT if part.gravity else FALLS, _words(other_gravity, words, gravity.tried(signal))
+    named = (
+        np.array([[bool(value) for value in values] for _, values in findings]).any(axis=0) | other_gravity
+    )
     yield from _laws(recorded, signal, used & ~named[:, None])
 
 
 def _single_samples(recorded: Recorded) -> Iterator[tuple[Kind, list[str]]]:
-    place, repeated, levels = samples.spikes(recorded), samples.standing(recorded), samples.levels(recorded)
-    yield SPIKE, _words(place >= 0, "one at sample {}", place + 1)
+    sample, repeated, levels = samples.spikes(recorded), samples.standing(recorded), samples.levels(recorded)
+    yield SPIKE, _words(sample >= 0, "one at sample {}", sample + 1)
     yield STANDING, _words(repeated > 0, "{} such samples", repeated)
     yield COARSE, _words(np.isfinite(levels), "{:.3g} steps", levels)
 
 
 def _at_rest(recorded: Recorded, to_peak: Column, along: float) -> Iterator[tuple[Kind, list[str]]]:
-    uneven = rest.uneven(recorded, to_peak)
-    frequency, moved = rest.hum(recorded, uneven), rest.moved_zero(recorded, along)
-    slow = rest.slow_noise(recorded, to_peak)
+    uneven = quiet.uneven(recorded, to_peak)
+    frequency, moved = quiet.hum(recorded, uneven), quiet.moved_zero(recorded, along)
+    slow = quiet.slow_noise(recorded, to_peak)
     yield HUM, _words(np.isfinite(frequency), "a wave of {:.0f} Hz", frequency)
     yield DRIFT, _words(uneven & np.isnan(frequency), "a signal that is not level", moved)
     yield MOVED, _words((moved != 0) & ~uneven, "a difference of {:.1%} of the peak", moved)
@@ -168,5 +170,5 @@ def _laws(recorded: Recorded, signal: Displacements, used: Mask) -> Iterator[tup
     yield NO_LAW, _words(odd, "structure beyond noise in what every law leaves over", limit)
 
 
-def _words(found: Mask, words: str, values: np.ndarray) -> list[str]:
-    return [words.format(value) if here else "" for here, value in zip(found, values.tolist(), strict=True)]
+def _words(raised: Mask, words: str, values: np.ndarray) -> list[str]:
+    return [words.format(value) if here else "" for here, value in zip(raised, values.tolist(), strict=True)]

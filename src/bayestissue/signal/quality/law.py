@@ -87,12 +87,12 @@ def no_law(d: Rows, used: Mask, start: Start, sd: Column, freedom: Column, peak:
     law = any_law(*motion(d, start), used)
     samples = used.sum(axis=1)
     count = np.maximum(samples - law.shape[-1], 1)
-    rest = left_over(law, d, used)
+    residual = left_over(law, d, used)
     variance = sd**2 + (MISFIT * peak) ** 2
-    wide = fdtrc(count, freedom, (rest**2).sum(axis=1) / count / variance) < ALARMS / 2
+    wide = fdtrc(count, freedom, (residual**2).sum(axis=1) / count / variance) < ALARMS / 2
     # A step's own share, at the sample where it is greatest; less is left of a step than itself.
-    sums, place = np.cumsum(rest[:, ::-1], axis=1)[:, ::-1], np.arange(d.shape[1])
-    after = np.maximum(samples[:, None] - place, 1)
+    sums, index = np.cumsum(residual[:, ::-1], axis=1)[:, ::-1], np.arange(d.shape[1])
+    after = np.maximum(samples[:, None] - index, 1)
     share = sums**2 / (after * (1 - after / np.maximum(samples, 1)[:, None]) + 1)
     step = fdtrc(1, freedom, np.where(used, share, 0).max(axis=1) / variance) < ALARMS / 2 / np.maximum(
         samples, 1
@@ -111,14 +111,14 @@ def saturation(d: Rows, used: Mask, start: Start, sd: Column) -> Column:
         L as a multiple of the greatest recorded value; 0 where it leaves more than noise over, so that a
         limit is nearer to what happened than any law is, but not it.
     """
-    found = np.full(len(d), np.nan)
+    limit = np.full(len(d), np.nan)
     peak, count = np.where(used, d, 0).max(axis=1), used.sum(axis=1)
     plain = best_left(d, used, start, np.ones_like(d))
     floor = (sd**2 + (MISFIT * peak) ** 2) * np.maximum(count - TERMS, 1)
     # A further parameter can't gain much where the laws leave noise alone.
     rows = np.flatnonzero((count >= 12) & (plain > 0.8 * floor) & (peak > 0))
     if not rows.size:
-        return found
+        return limit
     d, used, peak = (values[rows] for values in (d, used, peak))
     start = Start(*(column[rows] for column in start))
     plain, count, floor = plain[rows], count[rows], floor[rows]
@@ -131,8 +131,8 @@ def saturation(d: Rows, used: Mask, start: Start, sd: Column) -> Column:
     freedom = np.maximum(count - TERMS - 1, 1)
     gain = (plain - best) / np.maximum(best, floor) * freedom
     sure = fdtrc(1, freedom, gain) < ALARMS
-    found[rows[sure]] = np.where(best < _WELL * floor, limits, 0.0)[sure]
-    return found
+    limit[rows[sure]] = np.where(best < _WELL * floor, limits, 0.0)[sure]
+    return limit
 
 
 def best_left(d: Rows, used: Mask, start: Start, weight: Rows) -> Column:

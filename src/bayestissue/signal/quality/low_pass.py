@@ -67,10 +67,10 @@ def suspected(signal: Displacements) -> Suspected:
     freedom = np.maximum(0.3 * signal.n_samples, 1)
     count = np.maximum(signal.n_samples - 4, 1)
     odd = fdtrc(count, freedom, plain / count / variance) < ALARMS
-    found = np.full((len(peak), 3), np.nan)
+    columns = np.full((len(peak), 3), np.nan)
     for row in np.flatnonzero(odd & (signal.n_samples >= 12) & (signal.n_before >= 4)):
-        found[row] = _asked(signal, int(row), plain[row], variance[row], freedom[row])
-    return Suspected(*found.T)
+        columns[row] = _asked(signal, int(row), plain[row], variance[row], freedom[row])
+    return Suspected(*columns.T)
 
 
 def _asked(
@@ -92,10 +92,10 @@ def _asked(
         step, ramp = answers(Recorder(corner), time - moments[:, None])
         gained = velocity * step + gravity * ramp, velocity * ramp + gravity * trapezoids(ramp, dt)
         terms = np.stack([gained[0] - lost, gained[1] - twice])
-        squares, each = _fitted(terms, y)
-        place = int(np.argmin(squares))
-        if squares[place] < best[0]:
-            best = (float(squares[place]), float(corner), each[:, place])
+        squares, coefficients = _fitted(terms, y)
+        column = int(np.argmin(squares))
+        if squares[column] < best[0]:
+            best = (float(squares[column]), float(corner), coefficients[:, column])
     square, corner, (a, b) = best
     # The law was fitted from the first sample in contact on.
     number = len(y) - 4
@@ -130,8 +130,8 @@ def _without(signal: Displacements, row: int, a: float, b: float) -> tuple[float
 
     begin = signal.bracket_s[row]
     low, high = [-np.inf, -np.inf, begin - reach], [np.inf, np.inf, begin + reach]
-    found = least_squares(left, [np.log(a), np.log(b), begin], bounds=(low, high), x_scale=[1, 1, reach])
-    return float(np.exp(found.x[0])), float(np.exp(found.x[1]))
+    solution = least_squares(left, [np.log(a), np.log(b), begin], bounds=(low, high), x_scale=[1, 1, reach])
+    return float(np.exp(solution.x[0])), float(np.exp(solution.x[1]))
 
 
 def _fitted(

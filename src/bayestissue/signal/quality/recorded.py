@@ -58,22 +58,22 @@ class Recorded:
         return np.maximum(_WORTH * self.inside.sum(axis=1), 1)
 
     @property
-    def rest(self) -> Mask:
+    def quiet(self) -> Mask:
         """Both rests."""
         return self.before | self.after
 
     @classmethod
-    def of(cls, recordings: Recordings) -> Recorded:
+    def from_recordings(cls, recordings: Recordings) -> Recorded:
         """Find pulse and rests by a running median, whatever the noise and whatever stands beside it."""
         value, inside = recordings.value, recordings.inside
         smooth = np.where(inside, _running_median(value, recordings.n), -np.inf)
         top = np.argmax(smooth, axis=1)
-        place = np.arange(value.shape[1])
+        index = np.arange(value.shape[1])
         level = _quiet_level(value, smooth, top)
         peak = at(smooth, top) - level
         low = smooth <= (level + _LOW * peak)[:, None]
-        rises = last_where(low & (place < top[:, None]))
-        falls = first_where(low & (place > top[:, None]), recordings.n)
+        rises = last_where(low & (index < top[:, None]))
+        falls = first_where(low & (index > top[:, None]), recordings.n)
         foot = rises - np.ceil(_FOOT * (top - rises)).astype(int) - 2
         tail = falls + np.ceil(_TAIL * (falls - top)).astype(int) + 2
         step = _step(value, inside)
@@ -86,20 +86,20 @@ class Recorded:
             top,
             np.maximum(sd, 1e-6 * np.abs(peak) + 1e-300),
             step,
-            inside & (place <= foot[:, None]),
-            inside & (place >= tail[:, None]),
+            inside & (index <= foot[:, None]),
+            inside & (index >= tail[:, None]),
         )
 
 
 def _quiet_level(value: Rows, smooth: Rows, top: Index) -> Column:
     # Twice: the level at rest tells where the rest ends.
     level = np.zeros(len(value))
-    place = np.arange(value.shape[1])
+    index = np.arange(value.shape[1])
     for _ in range(2):
         half = level + 0.5 * (at(smooth, top) - level)
-        rises = last_where((smooth <= half[:, None]) & (place < top[:, None]))
+        rises = last_where((smooth <= half[:, None]) & (index < top[:, None]))
         end = rises - (top - rises) - 2
-        early = np.where(place <= end[:, None], value, np.nan)
+        early = np.where(index <= end[:, None], value, np.nan)
         known = end >= 4
         early[~known] = 0.0
         level = np.where(known, np.nanmedian(early, axis=1), 0.0)
@@ -108,9 +108,9 @@ def _quiet_level(value: Rows, smooth: Rows, top: Index) -> Column:
 
 def _running_median(value: Rows, n: Index) -> Rows:
     half = _MEDIAN // 2
-    place = np.clip(np.arange(value.shape[1]) + np.arange(-half, half + 1)[:, None], 0, None)
+    index = np.clip(np.arange(value.shape[1]) + np.arange(-half, half + 1)[:, None], 0, None)
     return np.median(
-        [np.take_along_axis(value, np.minimum(row, n[:, None] - 1), axis=1) for row in place], axis=0
+        [np.take_along_axis(value, np.minimum(row, n[:, None] - 1), axis=1) for row in index], axis=0
     )
 
 

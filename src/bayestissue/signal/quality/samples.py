@@ -24,7 +24,7 @@ def spikes(recorded: Recorded) -> Index:
     misses it too, which a pulse of few samples does not.
     """
     value, width = recorded.value, recorded.value.shape[1]
-    best, place = np.zeros(len(value)), np.full(len(value), -1)
+    best, spike = np.zeros(len(value)), np.full(len(value), -1)
     for wide in range(1, _WIDEST + 1):
         window = 2 * _SIDE + wide
         if width < window:
@@ -33,25 +33,25 @@ def spikes(recorded: Recorded) -> Index:
         middle = (window - 1) / 2
         t = offsets - middle
         left, right = _predicting(t[:_SIDE], 1), _predicting(t[_SIDE:], 1)
-        both = _predicting(t, 3)
+        either_side = _predicting(t, 3)
         views = np.lib.stride_tricks.sliding_window_view(value, window, axis=1)
         at_spike = views[..., _SIDE : _SIDE + wide].mean(axis=-1)
         misses = [
             at_spike - views[..., :_SIDE] @ left,
             at_spike - views[..., _SIDE + wide :] @ right,
-            at_spike - views[..., offsets] @ both,
+            at_spike - views[..., offsets] @ either_side,
         ]
         same = (np.sign(misses[0]) == np.sign(misses[1])) & (np.sign(misses[0]) == np.sign(misses[2]))
         least = np.where(same, np.min(np.abs(misses), axis=0), 0.0)
         chance = -ndtri(_ALARMS / 2 / _WIDEST / np.maximum(recorded.inside.sum(axis=1), 1))
-        error = recorded.sd * np.sqrt(1 / wide + max(float(w @ w) for w in (left, right, both)))
+        error = recorded.sd * np.sqrt(1 / wide + max(float(w @ w) for w in (left, right, either_side)))
         limit = np.maximum(chance * error, _HIGH * recorded.peak)
         least = np.where(recorded.inside[:, window - 1 :], least, 0.0)
         highest = least.max(axis=1)
         here = np.argmax(least, axis=1) + _SIDE
         better = (highest > limit) & (highest > best)
-        best, place = np.where(better, highest, best), np.where(better, here, place)
-    return place
+        best, spike = np.where(better, highest, best), np.where(better, here, spike)
+    return spike
 
 
 def _predicting(t: np.ndarray, degree: int) -> np.ndarray:
@@ -89,8 +89,8 @@ def _longest(condition: Mask) -> Index:
 
 def levels(recorded: Recorded) -> Column:
     """The recorder's steps in the peak, where there are fewer than 20; NaN elsewhere."""
-    found = recorded.peak / recorded.step
-    return np.where(found < _LEVELS, found, np.nan)
+    count = recorded.peak / recorded.step
+    return np.where(count < _LEVELS, count, np.nan)
 
 
 __all__ = ["Rows", "levels", "spikes", "standing"]

@@ -22,13 +22,13 @@ _HUM_HZ = np.arange(20.0, 410.0, 5.0)
 _PASSES = 10.0
 
 
-def segment(recorded: Recorded, rest: Mask) -> tuple[Rows, Index]:
+def segment(recorded: Recorded, quiet: Mask) -> tuple[Rows, Index]:
     """The samples of one rest from the left, 0 past its end, and how many there are."""
-    count, first = rest.sum(axis=1), np.argmax(rest, axis=1)
-    place = np.arange(max(int(count.max(initial=1)), 1))
-    index = np.minimum(first[:, None] + place, recorded.value.shape[1] - 1)
-    values = np.take_along_axis(recorded.value, index, axis=1)
-    return np.where(place < count[:, None], values, 0.0), count
+    count, first = quiet.sum(axis=1), np.argmax(quiet, axis=1)
+    index = np.arange(max(int(count.max(initial=1)), 1))
+    column = np.minimum(first[:, None] + index, recorded.value.shape[1] - 1)
+    values = np.take_along_axis(recorded.value, column, axis=1)
+    return np.where(index < count[:, None], values, 0.0), count
 
 
 def wave(values: Rows, count: Index) -> tuple[Column, Column]:
@@ -37,14 +37,14 @@ def wave(values: Rows, count: Index) -> tuple[Column, Column]:
     The cosine transform of white noise is white: the mean square of its five slowest terms, the mean left
     out, over that of all others has the F distribution.
     """
-    m, place = np.maximum(count, 1)[:, None], np.arange(values.shape[1])
-    inside = place < count[:, None]
-    away = np.where(inside, values - values.sum(axis=1, keepdims=True) / m, 0.0)
-    total = (away**2).sum(axis=1)
+    m, index = np.maximum(count, 1)[:, None], np.arange(values.shape[1])
+    inside = index < count[:, None]
+    deviation = np.where(inside, values - values.sum(axis=1, keepdims=True) / m, 0.0)
+    total = (deviation**2).sum(axis=1)
     slow = np.zeros(len(values))
     for k in range(1, _SLOW + 1):
-        cosine = np.where(inside, np.cos(np.pi * k * (place + 0.5) / m), 0.0)
-        slow += (away * cosine).sum(axis=1) ** 2 * 2 / m[:, 0]
+        cosine = np.where(inside, np.cos(np.pi * k * (index + 0.5) / m), 0.0)
+        slow += (deviation * cosine).sum(axis=1) ** 2 * 2 / m[:, 0]
     freedom = np.maximum(count - 1 - _SLOW, 1)
     ratio = slow / _SLOW / np.maximum((total - slow) / freedom, 1e-12 * total + 1e-300)
     return np.sqrt(slow / m[:, 0]), np.where(count >= FEWEST, fdtrc(_SLOW, freedom, ratio), 1.0)
@@ -55,17 +55,17 @@ def slope(values: Rows, count: Index, sd: Column) -> tuple[Column, Column]:
 
     Student's t with the scatter about the line, which is taken no smaller than the recorder's noise ``sd``.
     """
-    m, place = np.maximum(count, 3)[:, None], np.arange(values.shape[1])
-    inside = place < count[:, None]
-    time = np.where(inside, place - (m - 1) / 2, 0.0)
+    m, index = np.maximum(count, 3)[:, None], np.arange(values.shape[1])
+    inside = index < count[:, None]
+    time = np.where(inside, index - (m - 1) / 2, 0.0)
     square = (m * (m**2 - 1) / 12)[:, 0]
-    found = (values * time).sum(axis=1) / square
+    rate = (values * time).sum(axis=1) / square
     mean = values.sum(axis=1, keepdims=True) / m
-    away = np.where(inside, values - mean - found[:, None] * time, 0.0)
+    residual = np.where(inside, values - mean - rate[:, None] * time, 0.0)
     freedom = m[:, 0] - 2
-    scatter = np.maximum(np.sqrt((away**2).sum(axis=1) / freedom), sd)
-    p = 2 * stdtr(freedom, -np.abs(found) * np.sqrt(square) / scatter)
-    return found, np.where(count >= FEWEST_OF_LINE, p, 1.0)
+    scatter = np.maximum(np.sqrt((residual**2).sum(axis=1) / freedom), sd)
+    p = 2 * stdtr(freedom, -np.abs(rate) * np.sqrt(square) / scatter)
+    return rate, np.where(count >= FEWEST_OF_LINE, p, 1.0)
 
 
 def uneven(recorded: Recorded, to_peak: Column) -> Mask:
@@ -76,14 +76,14 @@ def uneven(recorded: Recorded, to_peak: Column) -> Mask:
     """
     values, count = segment(recorded, recorded.before)
     size, p = wave(values, count)
-    found = (p < ALARMS / 2) & (size > WAVE * recorded.peak)
+    wavy = (p < ALARMS / 2) & (size > WAVE * recorded.peak)
     rate, p = slope(values, count, recorded.sd)
-    return found | (p < ALARMS / 2) & (np.abs(rate) * to_peak / recorded.dt > SHIFT * recorded.peak)
+    return wavy | (p < ALARMS / 2) & (np.abs(rate) * to_peak / recorded.dt > SHIFT * recorded.peak)
 
 
-def level(recorded: Recorded, rest: Mask) -> Mask:
+def level(recorded: Recorded, quiet: Mask) -> Mask:
     """Whether neither a wave nor a line is found in a rest: what fades has not yet come to rest."""
-    values, count = segment(recorded, rest)
+    values, count = segment(recorded, quiet)
     return (wave(values, count)[1] > _FADES) & (slope(values, count, recorded.sd)[1] > _FADES)
 
 
@@ -91,26 +91,26 @@ def hum(recorded: Recorded, chosen: Mask) -> Column:
     """The frequency of a sine through both rests, Hz, where it leaves less than a line does; else NaN."""
     frequency = np.full(len(recorded.dt), np.nan)
     for which in np.flatnonzero(chosen):
-        place = np.flatnonzero(recorded.rest[which])
-        time, values = place * recorded.dt[which], recorded.value[which, place]
+        index = np.flatnonzero(recorded.quiet[which])
+        time, values = index * recorded.dt[which], recorded.value[which, index]
         line = _left_over(values, time)
         left = [_left_over(values, np.cos(w := 2 * np.pi * f * time), np.sin(w)) for f in _HUM_HZ]
-        if min(left) < 0.5 * line and place.size > 2 * FEWEST:
+        if min(left) < 0.5 * line and index.size > 2 * FEWEST:
             frequency[which] = _HUM_HZ[int(np.argmin(left))]
     return frequency
 
 
 def _left_over(values: np.ndarray, *columns: np.ndarray) -> float:
     design = np.column_stack([np.ones_like(values), *columns])
-    away = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
-    return float(away @ away)
+    residual = values - design @ np.linalg.lstsq(design, values, rcond=None)[0]
+    return float(residual @ residual)
 
 
-def mean_at(recorded: Recorded, rest: Mask) -> tuple[Column, Column]:
+def mean_at(recorded: Recorded, quiet: Mask) -> tuple[Column, Column]:
     """Mean of one rest and its standard error; NaN where it has fewer than five samples."""
-    count = rest.sum(axis=1)
-    mean = np.where(rest, recorded.value, 0).sum(axis=1) / np.maximum(count, 1)
-    spread = np.where(rest, recorded.value - mean[:, None], 0)
+    count = quiet.sum(axis=1)
+    mean = np.where(quiet, recorded.value, 0).sum(axis=1) / np.maximum(count, 1)
+    spread = np.where(quiet, recorded.value - mean[:, None], 0)
     sd = np.maximum(np.sqrt((spread**2).sum(axis=1) / np.maximum(count - 1, 1)), recorded.sd)
     known = count >= 5
     return np.where(known, mean, np.nan), sd / np.sqrt(np.maximum(count, 1))
@@ -124,24 +124,24 @@ def moved_zero(recorded: Recorded, gravity: float) -> Column:
     earlier, its_error = mean_at(recorded, recorded.before)
     later, error = mean_at(recorded, recorded.after)
     known = np.isfinite(earlier)
-    away = later - np.where(known, earlier, 0)
-    away = np.where(np.abs(away - gravity) < np.abs(away), away - gravity, away)
+    change = later - np.where(known, earlier, 0)
+    change = np.where(np.abs(change - gravity) < np.abs(change), change - gravity, change)
     error = np.hypot(error, np.where(known, its_error, recorded.sd))
     with np.errstate(invalid="ignore"):
-        found = (
+        moved = (
             level(recorded, recorded.after)
-            & (np.abs(away) > 5 * error)
-            & (np.abs(away) > SHIFT * recorded.peak)
+            & (np.abs(change) > 5 * error)
+            & (np.abs(change) > SHIFT * recorded.peak)
         )
-    return np.where(found, away / recorded.peak, 0.0)
+    return np.where(moved, change / recorded.peak, 0.0)
 
 
 def starts_off_zero(recorded: Recorded) -> Column:
     """The first sample as a fraction of the peak, where no rest stands before it and noise is no reason."""
     first = recorded.value[:, 0]
     alone = recorded.before.sum(axis=1) < 5
-    found = alone & (np.abs(first) > 5 * recorded.sd) & (np.abs(first) > FIRST * recorded.peak)
-    return np.where(found, first / recorded.peak, 0.0)
+    off_zero = alone & (np.abs(first) > 5 * recorded.sd) & (np.abs(first) > FIRST * recorded.peak)
+    return np.where(off_zero, first / recorded.peak, 0.0)
 
 
 def slow_noise(recorded: Recorded, to_peak: Column) -> Column:
@@ -151,23 +151,23 @@ def slow_noise(recorded: Recorded, to_peak: Column) -> Column:
     has slowed it is 2 pi f dt times its own, f its root mean square frequency.
     """
     frequency = np.full(len(recorded.dt), np.nan)
-    for rest in (recorded.before, recorded.after):
-        values, count = segment(recorded, rest)
+    for quiet in (recorded.before, recorded.after):
+        values, count = segment(recorded, quiet)
         m = np.maximum(count, 2)
         inside = np.arange(values.shape[1]) < count[:, None]
-        away = np.where(inside, values - values.sum(axis=1, keepdims=True) / m[:, None], 0.0)
-        steps = np.where(inside[:, 1:], np.diff(away, axis=1), 0.0)
-        square, change = (away**2).sum(axis=1) / (m - 1), (steps**2).sum(axis=1) / (m - 1)
+        deviation = np.where(inside, values - values.sum(axis=1, keepdims=True) / m[:, None], 0.0)
+        steps = np.where(inside[:, 1:], np.diff(deviation, axis=1), 0.0)
+        square, change = (deviation**2).sum(axis=1) / (m - 1), (steps**2).sum(axis=1) / (m - 1)
         # Rounding adds a twelfth of a squared step to every sample, and a sixth to every difference.
         change = np.maximum(change - np.where(np.isfinite(recorded.step), recorded.step, 0) ** 2 / 6, 0)
         with np.errstate(invalid="ignore", divide="ignore"):
-            found = np.sqrt(change / square) / (2 * np.pi * recorded.dt)
+            corner = np.sqrt(change / square) / (2 * np.pi * recorded.dt)
             # Von Neumann's ratio of white noise is 2, with a standard deviation of 2 / m^(1/2).
             slow = (change / square < 2 - 2 * 4 / np.sqrt(m)) & (square > recorded.step**2)
         slow &= (
             (count >= 2 * FEWEST)
-            & (level(recorded, rest) | (rest is recorded.before))
-            & (found * to_peak < _PASSES)
+            & (level(recorded, quiet) | (quiet is recorded.before))
+            & (corner * to_peak < _PASSES)
         )
-        frequency = np.where(slow & ~(frequency < found), found, frequency)
+        frequency = np.where(slow & ~(frequency < corner), corner, frequency)
     return frequency
