@@ -202,8 +202,8 @@ def _alone(run: CausesRun) -> str:
     named = listed([f"“{row['title']}” (p {_relation(row)})" for row in left])
     ending = "; every other misses" if len(left) < len(run.causes) else ""
     if any(row["verdict"] == "possible" for row in left):
-        some = f"{ending} some" if ending else ""
-        return f"Acting alone {named} can have made all {count} numbers compared{some}."
+        misses = f"{ending} some" if ending else ""
+        return f"Acting alone {named} can have made all {count} numbers compared{misses}."
     return (
         f"Acting alone even {named} would rarely make all {count} numbers compared at once"
         f"{', and every other more rarely than once in a hundred times' if ending else ''}."
