@@ -35,6 +35,7 @@ print("format", read.values.tolist(), read.clock.tolist())
 
 import pandas as pd
 from bayestissue.commands import explain
+from bayestissue.dataset.model import Uncertainty
 from bayestissue.signal.quality import inspect
 time = np.arange(400) / 1e4
 pulse = 0.5 * np.exp(-(((time - 0.02) / 0.004) ** 2)) + np.random.default_rng(0).normal(0, 1e-3, time.size)
@@ -44,6 +45,7 @@ data = SimpleNamespace(
     traces=[SimpleNamespace(time_s=time, value=pulse)],
     recorder=None,
     gravity=0.0,
+    uncertainty=Uncertainty(),
 )
 found = {each.kind.flag: each for each in inspect(data)}
 print("check", found["a peak below 1 m/s²"].said, found["a peak below 1 m/s²"].kind.flag.code)
