@@ -45,7 +45,7 @@ class Problem:
         return f"{', '.join(location)}: {value}{expectation}"
 
     def as_dict(self) -> dict[str, object]:
-        """The same as plain values, for ``--json`` and for tables."""
+        """The problem as plain values, for ``--json`` and for tables."""
         plain = asdict(self)
         del plain["files_read"]
         return plain

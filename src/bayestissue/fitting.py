@@ -392,7 +392,7 @@ def fit_prepared(
 
 
 def _without_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
-    """The same fit without a discrepancy, which would take up what the measuring chain does to a trace."""
+    """The prepared fit without a discrepancy, which would take up what the measuring chain does."""
     if not prepared.model.discrepancy:
         return prepared
     plain = specification.model_copy(update={"discrepancy": "none"})
@@ -411,7 +411,7 @@ def _contradiction(chain: Callable[[], dict[str, Any]]) -> str:
 
 
 def _with_chain(analysis: TraceAnalysis, chain: dict[str, Any]) -> TraceAnalysis:
-    """The same with what the traces say of their measuring chain in its diagnostics."""
+    """The analysis with what the traces say of their measuring chain in its diagnostics."""
     diagnostics = dict(analysis.diagnostics)
     if chain and "model_form" in diagnostics:
         diagnostics["model_form"] = model_form.with_chain(diagnostics["model_form"], chain)
@@ -515,7 +515,7 @@ def provenance(fit: Fit) -> dict[str, Any]:
 
 
 def _kept_of_impacts(fit: Fit) -> dict[str, Any]:
-    """Of many impacts: how many draws of a single one there are, and what drew the population."""
+    """How many draws of a single impact are kept of many, and by which sampler the population was drawn."""
     sizes = fit.posterior["posterior"].sizes
     if "kept_draw" not in sizes:
         return {}
@@ -527,7 +527,7 @@ def _kept_of_impacts(fit: Fit) -> dict[str, Any]:
 
 
 def _discrepancy(fit: Fit) -> dict[str, Any]:
-    """Of a fit with a discrepancy: its rms as a fraction of the peak, and why the program added it."""
+    """The discrepancy's rms as a fraction of the peak, and why the program added it; empty without one."""
     if not fit.prepared.model.discrepancy:
         return {}
     discrepancy = {"rms_of_peak": float(fit.posterior["posterior"].dataset["discrepancy"].median())}
@@ -537,7 +537,7 @@ def _discrepancy(fit: Fit) -> dict[str, Any]:
 
 
 def _medians(quantity: xr.DataArray) -> np.ndarray:
-    """Of every impact, over all its draws."""
+    """The median of every impact over all its draws."""
     return quantity.median([name for name in quantity.dims if name != "impact"]).to_numpy()
 
 

@@ -29,7 +29,7 @@ class Outlined:
         return "\n".join([printable(title), *lines])
 
     def _repr_html_(self) -> str:
-        """The same as a table, every text of the user's escaped."""
+        """The outline as an HTML table, every text of the user's escaped."""
         title, rows = self._outline()
         cells = "".join(
             f'<tr><th style="text-align:left">{escape(name)}</th>'

@@ -142,7 +142,7 @@ def _in_the_callers_words() -> Iterator[None]:
 
 
 def _in_words(problem: Problem) -> Problem:
-    """The same of the caller's tables and arguments, not of the files and keys of a folder."""
+    """The problem in the words of the caller: tables and arguments instead of files and keys."""
     texts = {"expected": problem.expected, "remedy": problem.remedy, "column": problem.column or ""}
     for pattern, words in _WORDS:
         texts = {key: pattern.sub(words, text) for key, text in texts.items()}
@@ -164,7 +164,7 @@ def _python(value: Any) -> Any:
 
 
 def _plain(value: Any) -> Any:
-    """The same, whole numbers as any other."""
+    """The value as Python's, whole numbers as floats."""
     value = _python(value)
     return float(value) if isinstance(value, int) and not isinstance(value, bool) else value
 

@@ -17,7 +17,7 @@ COLUMNS = ("crop_start_s", "crop_stop_s")
 
 @dataclass(frozen=True, eq=False)
 class Windows:
-    """From when to when each impact is read, both ends included, on the recorder's clock.
+    """The times between which each impact is read, both included, on the recorder's clock.
 
     Attributes:
         start: s; minus infinity where the recording is read from its beginning.

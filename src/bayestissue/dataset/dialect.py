@@ -168,7 +168,7 @@ class _Lines:
 
     @property
     def share(self) -> float:
-        """Of the lines, those that have as many cells as most; 0 where these have one."""
+        """The share of lines with as many cells as most lines have; 0 where that is one cell."""
         usual = sum(len(record.cells) == self.width for record in self.records)
         return usual / len(self.records) if self.width > 1 else 0.0
 

@@ -92,7 +92,7 @@ def cells_of(
     row: int = 1,
     delimiter: str = ",",
 ) -> tuple[pd.DataFrame, np.ndarray]:
-    """The same of records that were read already.
+    """The cells of records that were read already.
 
     Args:
         names: of the columns.

@@ -93,7 +93,7 @@ def wanted(*, needs_velocity: bool) -> list[str]:
 
 
 def impact_table(cells: pd.DataFrame, rows: np.ndarray, *, needs_velocity: bool) -> ImpactTable:
-    """The same of cells, as `read_cells` returns them; without ``trial`` masses and velocities name it."""
+    """The table of impacts from cells of `read_cells`; without ``trial`` masses and velocities name it."""
     if "trial" not in cells:
         cells = cells.assign(trial=_conditions(cells))
     problems = [*_name_problems(cells, rows), *control_characters(cells, rows)]

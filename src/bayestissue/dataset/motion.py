@@ -17,7 +17,7 @@ _BEGINS = 0.1
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Of each recording, in SI units.
+    """How far, how fast and which way each recording goes, in SI units.
 
     Attributes:
         low, high: the least and greatest recorded value.

@@ -149,7 +149,7 @@ class Recordings:
         )
 
     def without(self, problems: list[Problem]) -> Recordings:
-        """Those of the impacts that none of the problems concerns."""
+        """The recordings of impacts that none of the problems concerns."""
         bad = {problem.impact for problem in problems}
         keep = np.array([name not in bad for name in self.name], dtype=bool)
         return replace(

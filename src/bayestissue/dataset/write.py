@@ -59,7 +59,7 @@ def write_dataset(
 
 
 def write_whole(data: Dataset, path: Path, *, overwrite: bool) -> Path:
-    """See `Dataset.write`."""
+    """Write a dataset's folder whole: see `Dataset.write`."""
     free_text = {name: getattr(data, name) for name in ("name", "description", "licence", "source")}
     unit = "m" if data.quantity == "displacement" else "m/s^2"
     settings = {name: text for name, text in free_text.items() if text} | {

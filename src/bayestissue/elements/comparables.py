@@ -63,7 +63,7 @@ def comparables(
 def comparables_of(
     element: Element, p: dict[str, Array], mass: Float[Array, " impact"], velocity: Float[Array, " impact"]
 ) -> Comparables:
-    """The same, compiled, for parameters that are complete: see `bayestissue.elements.element.complete`."""
+    """`comparables` of complete parameters, compiled: see `bayestissue.elements.element.complete`."""
     path, M, V = Path.solved(element, p, mass, velocity), mass, velocity
     peak = jnp.minimum(path.time_to_peak, path.duration)
     points = (jnp.asarray(_POINTS) + 1) / 2 * peak[:, None]

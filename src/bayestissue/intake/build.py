@@ -178,7 +178,7 @@ def _as_met(problem: Problem) -> Problem:
 def _hinted(
     problem: Problem, files: dict[str, File], signal: SignalSettings, facts: Facts, choices: Choices
 ) -> Problem:
-    """The same with a way out, where the recording seems to hold several impacts."""
+    """The problem with a further remedy where the recording seems to hold several impacts."""
     file = files.get(problem.impact or "")
     if file is None or problem.file != file.name:
         return problem

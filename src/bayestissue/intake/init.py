@@ -46,7 +46,7 @@ class Intake:
     guess: str | None = None
 
     def answered(self, question: Question, text: str) -> Intake:
-        """The same with one question answered.
+        """The intake with one question answered.
 
         Raises:
             InputError: the answer contradicts what names or a table say.

@@ -246,7 +246,7 @@ def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
 
 
 def _pieces(columns: Sequence[Sequence[str]]) -> list[str]:
-    """Of each part of the names the text of a pattern that stands for it."""
+    """The text of a pattern for each part of the names."""
     pieces: list[str | None] = [_by_its_look(set(texts)) for texts in columns]
     taken = {name for piece in pieces if piece for name in re.findall(r"\{(\w+)\}", piece)}
     for position, texts in enumerate(columns):

@@ -203,6 +203,6 @@ def oriented(file: File, signal: SignalSettings, rate: float) -> Trace:
 
 
 def _ends(signal: SignalSettings) -> tuple[float, float]:
-    """From when to when recordings are read, s."""
+    """The times from which and to which recordings are read, s."""
     start, stop = in_seconds(np.array(signal.crop or [-np.inf, np.inf]), signal)
     return float(start), float(stop)

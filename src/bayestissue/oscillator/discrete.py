@@ -61,7 +61,7 @@ def to_discrete(omega_n: ArrayLike, zeta: ArrayLike, dt: ArrayLike) -> tuple[Arr
 
 @jax.jit
 def to_differences(omega_n: ArrayLike, zeta: ArrayLike, dt: ArrayLike) -> Differences:
-    """The same as `to_discrete` in the well-conditioned c1 = 2 - phi1 and c2 = 1 - phi1 - phi2.
+    """`to_discrete` in the well-conditioned c1 = 2 - phi1 and c2 = 1 - phi1 - phi2.
 
     c1 = -2 expm1(-a) + e^(-a) 4 sin^2(b/2), c2 = expm1(-a)^2 + e^(-a) 4 sin^2(b/2) with
     a = zeta omega_n dt and b = omega_d dt; well above critical damping c1 and c2 are the sum and the
@@ -106,7 +106,7 @@ def to_continuous(phi1: ArrayLike, phi2: ArrayLike, theta1: ArrayLike, dt: Array
 def from_differences(
     c1: ArrayLike, c2: ArrayLike, theta1: ArrayLike | None, dt: ArrayLike
 ) -> tuple[Array, Array]:
-    """The same as `to_continuous` from c1 = 2 - phi1 and c2 = 1 - phi1 - phi2.
+    """`to_continuous` from c1 = 2 - phi1 and c2 = 1 - phi1 - phi2.
 
     Without theta1 (None) the main value of arccos is taken. It is the right one whenever the oscillator
     turns by less than half a period from sample to sample.

@@ -183,7 +183,7 @@ def _check_panel(ax: Any, index: int, *, dataset: Dataset, signal: Displacements
 
 
 def kinds(problems: Sequence[Problem]) -> list[list[Problem]]:
-    """The same slip in many impacts, or in the files of many, as one entry: of one column and remedy."""
+    """Problems grouped by code, column and remedy: one slip in many impacts or files is one entry."""
     groups: dict[tuple[object, ...], list[Problem]] = {}
     for problem in problems:
         groups.setdefault((problem.code, problem.column, problem.remedy), []).append(problem)

@@ -87,7 +87,7 @@ def wrong_in(
 
 
 def not_a_fit(folder: Path, record: Mapping[str, Any], remedy: str) -> Problem:
-    """That a folder is of another kind of run than a fit."""
+    """The problem of a folder that holds another kind of run than a fit."""
     path, kind = folder / "run.json", record["kind"]
     return wrong_in(path, '"fit"', remedy, code="not-a-fit", column="kind", value=kind)
 

@@ -60,7 +60,7 @@ class Campaign:
         return pd.DataFrame({"impact": names, "time_s": self.time, "value": self.value})
 
     def dataset(self, name: str) -> Dataset:
-        """The same as if it had been written and read again, without a folder or a hash."""
+        """The campaign as a dataset, as if it had been written and read, without a folder or a hash."""
         ends = np.cumsum(self.n_samples)[:-1]
         pairs = zip(np.split(self.time, ends), np.split(self.value, ends), strict=True)
         return Dataset(

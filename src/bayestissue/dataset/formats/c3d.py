@@ -193,7 +193,7 @@ def _numbers(
 
 
 def _texts(parameters: Parameters, name: str, count: int, group: str = "ANALOG") -> list[str]:
-    """Those of a channel each; beyond 255 they go on under the name with a 2, a 3 and so on."""
+    """The texts of a parameter, one a channel; beyond 255 they go on under the name with a 2, a 3 ..."""
     parts = [name, *(f"{name}{number}" for number in range(2, 10))]
     texts = [text for part in parts for text in _strings(parameters.get((group, part)))]
     return [*texts, *[""] * count][:count]

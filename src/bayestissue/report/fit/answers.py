@@ -46,7 +46,7 @@ def person_words(run: FitRun) -> dict[str, str]:
 
 
 def the_only_impact(run: FitRun) -> list[dict[str, str]]:
-    """Of a single impact its K and C, value and interval as text; empty where there are several."""
+    """K and C of a single impact, value and interval as text; empty where there are several."""
     if len(run.impacts) > 1:
         return []
     ends = ["median", "eti90_low", "eti90_high"]
@@ -63,7 +63,7 @@ def averaged_over(run: FitRun, variable: str) -> str:
 
 
 def averaged_sentence(run: FitRun) -> str:
-    """That what is said of a typical or new person is an average, and of each category what it is of."""
+    """A sentence on what a typical or new person is averaged over, with K and C by category."""
     over = averaged_over(run, "K_new")
     if not over:
         return ""

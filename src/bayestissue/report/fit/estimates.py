@@ -37,7 +37,7 @@ def side_by_side(run: FitRun, quantity: str) -> pd.DataFrame:
 
 
 def _true_column(run: FitRun, quantity: str) -> str:
-    """Of another element's tissue, what spring and damper side by side can be right about."""
+    """The column of the truth; of another element's tissue the secant stiffness or equivalent damping."""
     same = run.record.get("model", {}).get("element", SIDE_BY_SIDE) == SIDE_BY_SIDE
     comparable = COMPARABLE[quantity]
     return comparable if same and run.truth is not None and comparable in run.truth else COLUMN[quantity]
@@ -115,7 +115,7 @@ def apparent_exponent(run: FitRun, quantity: str) -> ApparentExponent | None:
 
 
 def no_interval(run: FitRun) -> list[bool]:
-    """Of each impact: whether no element describes its trace, so that its interval is none."""
+    """Whether no element describes the trace of each impact, so that it has no interval."""
     form = run.diagnostics.get("model_form", {})
     alone = set(form.get("undescribed_impacts", []))
     return [run.undescribed or name in alone for name in run.impacts]

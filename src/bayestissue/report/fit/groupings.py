@@ -33,13 +33,13 @@ class OwnSlope(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Of each level's own coefficient in the posterior."""
+        """The name of each level's own coefficient in the posterior."""
         what = f"effect_of_{self.covariate}" if self.covariate else "mass_exponent"
         return f"{stem_of(self.grouping)}_{what}_{self.quantity}"
 
     @property
     def shared(self) -> str:
-        """Of the population's."""
+        """The name of the population's coefficient."""
         what = f"effect_of_{self.covariate}" if self.covariate else "mass_exponent"
         return f"{what}_{self.quantity}"
 

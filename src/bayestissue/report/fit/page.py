@@ -83,7 +83,7 @@ def fit_page(folder: Path, record: dict[str, Any]) -> str:
 
 
 def _codes(run: FitRun) -> list[Code]:
-    """Of what the first screen warns of, the verdict's first."""
+    """The codes of the first screen's warnings, the verdict's first."""
     said = [*_of_the_formula(run), *[ONE_IMPACT] * (len(run.impacts) == 1)]
     return [*warned_codes(run.diagnostics), *codes_in(" ".join(said))]
 

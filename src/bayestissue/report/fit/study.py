@@ -34,14 +34,14 @@ from bayestissue.report.wording import (
 _MANY_FOLD = 3.0
 
 
-def values_of(run: FitRun, quantity: str) -> pd.DataFrame:
-    """Of each impact the value by every method, [impact, method]."""
+def method_values(run: FitRun, quantity: str) -> pd.DataFrame:
+    """The value of every impact by every method, [impact, method]."""
     return side_by_side(run, quantity).rename(columns={"median": "posterior"})[list(METHODS)]
 
 
 def agreement_table(run: FitRun) -> Table:
     """The ratio of each method to each other with its limits of agreement."""
-    ratios = agreement({quantity: values_of(run, quantity) for quantity in QUANTITIES})
+    ratios = agreement({quantity: method_values(run, quantity) for quantity in QUANTITIES})
     return table_of(
         lines(ratios),
         Field("quantity", lambda line: line.quantity),
@@ -59,7 +59,7 @@ def _limits(line: Any) -> str:
 
 def agreement_figure(run: FitRun, quantity: str) -> Markup:
     """Each pair of methods: their ratio over their geometric mean, both on log scales."""
-    table = values_of(run, quantity)
+    table = method_values(run, quantity)
     limits = {(row.method, row.against): row for row in lines(agreement({quantity: table}))}
     with style():
         fig, panels = new_figure((10.4, 3.3), 1, 3)
@@ -323,7 +323,7 @@ def _changes(cells: dict[tuple[str, str, str, str], dict[Any, Any]], q: str) -> 
 
 
 def another_day(run: FitRun) -> str:
-    """That repeats of one session say nothing of another day, where no group of the formula is a session."""
+    """The warning that repeats of one session say nothing of another day; empty where it does not apply."""
     if run.reliability is None or run.reliability.empty or any(map(_is_session, groupings(run))):
         return ""
     return Coded(

@@ -142,7 +142,7 @@ def kinetic_energy(impacts: Impacts) -> Iterator[Finding]:
 
 
 def _pattern(velocity: pd.Series, implied: pd.Series) -> str:
-    """In words: which velocities would make the columns agree."""
+    """Which velocities would make the columns agree, in words."""
     by_level = implied.groupby(velocity).agg(["mean", "min", "max"])
     steady = ((by_level["max"] - by_level["min"]) < 0.01 * by_level["mean"]).all()
     words = "; ".join(f"{level:g} read {row['mean']:.3f}" for level, row in by_level.iterrows())

@@ -71,7 +71,7 @@ def campaign_statistics(K: Batch, C: Batch, design: Design) -> dict[str, Float[n
 
 
 def observed_statistics(observed: Observed, design: Design) -> dict[str, float]:
-    """The same statistics of what was observed."""
+    """The statistics of the observed estimates, by name."""
     trial_K, trial_C, K, C = (
         part[None] for part in (observed.trial_K, observed.trial_C, observed.K, observed.C)
     )

@@ -180,7 +180,7 @@ def _recording(dataset: Dataset, signal: Displacements) -> dict[str, Range]:
 
 
 def _around(value: float, factor: float = 2.0) -> Range:
-    """From so many times less to so many times more, the logarithm uniform."""
+    """The range from ``value`` / ``factor`` to ``value`` ``factor``, the logarithm uniform."""
     value = max(value, 1e-6)
     return Range(low=value / factor, high=value * factor, log=True)
 

@@ -94,7 +94,7 @@ def moments_of_people(
     scale_tril: Float[Array, "*batch 2 2"],
     n: int,
 ) -> tuple[Float[Array, "*batch 4"], Float[Array, "*batch 4"], Float[Array, "*batch 2"]]:
-    """The same of n pairs of which only ``mean`` and variance (``scatter``) of the log means are given.
+    """The moments of `average_moments` from ``mean`` and variance (``scatter``) of n pairs' log means.
 
     With the spread of the logs about their common mean, s² = variance + ``scatter``, both moments follow from
     a table over s that is simulated once for each n. The event's m_K and m_C are normal about ``mean`` and an

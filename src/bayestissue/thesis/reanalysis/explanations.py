@@ -96,7 +96,7 @@ def log_predictive_density(
 def _log_evidence_ratios(
     model: EstimatesModel, data: EstimatesData, chains: Chains, seed: int
 ) -> Float[np.ndarray, " draw"]:
-    """Of every draw of the hyperparameters: evidence of ``data`` over that by which the chains drew.
+    """Log ratio of the evidence of ``data`` to that by which the chains drew, for every draw.
 
     The lost tables' factors over their sites are averaged over the effects that ``data`` say: one draw each.
     Over the chains' draws the mean, over that of their own ``log_ratio``, is the ratio of the evidences.

@@ -117,7 +117,7 @@ def estimates_data(
 
 
 def without(data: EstimatesData, rows: Bool[np.ndarray, " impact"]) -> EstimatesData:
-    """The same with some rows held out; they stay in place and say nothing."""
+    """The data with some rows held out: these stay in place and do not enter the density."""
     return data._replace(included=np.where(rows, 0.0, data.included))
 
 
@@ -148,7 +148,7 @@ def _rows(data: EstimatesData, covariances: Covariances, scatter: Float[Array, "
 
 
 def population(model: EstimatesModel, sites: dict[str, Array]) -> Covariances:
-    """See `covariances_of`; a published mass is taken as exact."""
+    """Covariances of the population by `covariances_of`, published masses taken as exact."""
     return covariances_of(model.locations, sites, 0.0, ())
 
 

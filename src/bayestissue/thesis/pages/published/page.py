@@ -155,7 +155,7 @@ def published_page(folder: Path, record: dict[str, Any]) -> str:
 
 
 def _further_codes(run: PublishedRun) -> list[Code]:
-    """Of what sections below the first screen warn of."""
+    """The codes of the warnings in sections below the first screen."""
     failed = any(row.mark for row in tables.checks_table(run).rows)
     said = "; ".join([posterior.prior_remark(run.sensitivity), *run.comparison["warning"]])
     return [*(("predictive-check",) if failed else ()), *codes_in(said)]
