@@ -142,6 +142,7 @@ def lab(folder: Path, masses: tuple[float, ...], exponent: float) -> Path:
     return folder
 
 
+@pytest.mark.long
 def test_a_dataset_of_tense_muscles_is_attributed_to_them(tmp_path: Path, monkeypatch, capsys) -> None:
     data = lab(tmp_path / "lab", (0.4, 0.7, 1.0, 1.3, 1.6), exponent=0.8)
     out = tmp_path / "run"

@@ -76,9 +76,14 @@ def test_conditional_run_shows_what_centring_does(dataset: Path, tmp_path: Path,
     assert (pd.read_csv(out / "estimates.csv")["K_N_per_m"] > 6000).all()
 
 
-def test_varies_a_signal_choice(dataset: Path, tmp_path: Path, monkeypatch, capsys) -> None:
+# Every window has a length of its own, for which more is compiled by the default method.
+@pytest.mark.parametrize("options", [("--method", "exact"), pytest.param((), marks=pytest.mark.long)])
+def test_varies_a_signal_choice(
+    dataset: Path, tmp_path: Path, monkeypatch, capsys, options: tuple[str, ...]
+) -> None:
     out = tmp_path / "run"
-    code = bayestissue(monkeypatch, "estimate", dataset, "--out", out, "--vary", "window", "--vary", "filter")
+    vary = "--vary", "window", "--vary", "filter"
+    code = bayestissue(monkeypatch, "estimate", dataset, "--out", out, *options, *vary)
     assert code == 0
     assert "K and C against each choice" in capsys.readouterr().out
     varied = pd.read_csv(out / "vary.csv", dtype={"value": str}).set_index(["choice", "value"])

@@ -98,6 +98,7 @@ def one_impact(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     return fitted(tmp_path_factory.mktemp("one"), 1, [("only", 0.7, 1.5)], "a2")
 
 
+@pytest.mark.long
 def test_one_impact_is_fitted_without_what_it_cannot_tell(one_impact: tuple[Path, str]) -> None:
     run, said = one_impact
     assert about(run)["model"]["formula"] == {"K": "1", "C": "1"}
@@ -109,6 +110,7 @@ def test_one_impact_is_fitted_without_what_it_cannot_tell(one_impact: tuple[Path
         assert "One impact tells nothing of how impacts differ" in text
 
 
+@pytest.mark.long
 def test_of_one_impact_its_own_k_is_the_answer_and_near_the_truth(one_impact: tuple[Path, str]) -> None:
     run, _ = one_impact
     truth = pd.read_csv(run / "truth.csv").iloc[0]
@@ -127,6 +129,7 @@ def test_of_one_impact_its_own_k_is_the_answer_and_near_the_truth(one_impact: tu
     assert "This impact, 90 % interval in grey" in text
 
 
+@pytest.mark.long
 def test_a_run_of_one_impact_can_be_compared_and_reported_anew(one_impact: tuple[Path, str]) -> None:
     run, _ = one_impact
     with undrawn_figures():

@@ -161,7 +161,7 @@ RELAXED = {
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@settings(max_examples=30, **RELAXED)
+@settings(max_examples=10, **RELAXED)
 @given(slips=st.lists(SLIPS, min_size=1, max_size=3))
 def test_damaged_bytes(kind: str, sound: dict[str, Path], slips: list) -> None:
     layout, file, judge = KINDS[kind]

@@ -28,6 +28,8 @@ VALUES = {
     "standard_linear": {"K": 2000.0, "C": 30.0, "arm_ratio": 2.0},
     "hunt_crossley": {"K": 3000.0, "C": 60.0},
 }
+# One that jumps at contact and one that does not by default; all in the long suite.
+NAMES = ["maxwell", pytest.param("standard_linear", marks=pytest.mark.long), "hunt_crossley"]
 
 
 def simulated(name: str, lead: np.ndarray, reach: int, sigma: float = SIGMA) -> np.ndarray:
@@ -179,7 +181,7 @@ def test_slopes_are_those_of_differences() -> None:
         assert slope[place] == pytest.approx((ends[0] - ends[1]) / (2 * h), abs=1e-3, rel=1e-5)
 
 
-@pytest.mark.parametrize("name", VALUES)
+@pytest.mark.parametrize("name", NAMES)
 def test_contact_is_found_where_it_was(name: str) -> None:
     """Nearly without noise the moment is told to a hundredth of a sampling interval or so."""
     given = measured(name, 1, sigma=1e-3)
@@ -235,7 +237,7 @@ def test_replicates_have_contact_where_the_trace_has_it() -> None:
     assert np.abs(np.where(inside, made - expected, 0.0)).max() < tolerance
 
 
-@pytest.mark.parametrize("name", VALUES)
+@pytest.mark.parametrize("name", NAMES)
 def test_no_noise_is_small_enough_to_explain_everything(name: str) -> None:
     """Early samples that hold part of the impact must not make a vanishing noise likely."""
     given = measured(name, 3, lead=8.0)

@@ -52,6 +52,10 @@ def compiled(name: str) -> Callable[[jax.Array, ElementRecord], jax.Array]:
     return log_prob
 
 
+# One solved in closed form and one on a grid; all in the long suite.
+BY_DEFAULT = ("standard_linear", "hunt_crossley")
+
+
 def logs_of(name: str) -> jax.Array:
     return jnp.concatenate([jnp.log(parameters(name)), LOG_SIGMA[None]])
 
@@ -59,8 +63,12 @@ def logs_of(name: str) -> jax.Array:
 @pytest.mark.parametrize(
     ("name", "gravity"),
     [
-        *((name, 0.0) for name in element_names()),
-        *((name, 9.80665) for name in ("standard_linear", "hunt_crossley")),
+        *((name, gravity) for name in BY_DEFAULT for gravity in (0.0, 9.80665)),
+        *(
+            pytest.param(name, 0.0, marks=pytest.mark.long)
+            for name in element_names()
+            if name not in BY_DEFAULT
+        ),
     ],
 )
 def test_density_is_that_of_the_whole_covariance(name: str, gravity: float) -> None:
@@ -104,10 +112,7 @@ def test_kelvin_voigt_has_the_density_of_the_closed_form(gravity: float) -> None
 @pytest.mark.parametrize(
     "name",
     # What is each element's own of a slope is tested with the elements: here one of either kind is enough.
-    [
-        name if name in ("standard_linear", "hunt_crossley") else pytest.param(name, marks=pytest.mark.long)
-        for name in element_names()
-    ],
+    [name if name in BY_DEFAULT else pytest.param(name, marks=pytest.mark.long) for name in element_names()],
 )
 def test_slopes_agree_with_differences_and_with_the_path_through_any_value(name: str) -> None:
     traces, logs = record(name, uniform=True), logs_of(name)

@@ -8,6 +8,8 @@ import jupytext
 import pytest
 from nbclient import NotebookClient
 
+# A whole fit of ninety impacts; the suite's default has those of the command and of the tutorial.
+pytestmark = pytest.mark.long
 NOTEBOOK = Path(__file__).resolve().parents[2] / "notebooks" / "traces.py"
 
 

@@ -7,19 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from bayestissue import oscillator
-
-# As they are used: within what is compiled.
-arccos_branch, autocovariance_a2, from_differences, to_continuous, to_differences, to_discrete = map(
-    jax.jit,
-    (
-        oscillator.arccos_branch,
-        oscillator.autocovariance_a2,
-        oscillator.from_differences,
-        oscillator.to_continuous,
-        oscillator.to_differences,
-        oscillator.to_discrete,
-    ),
+from bayestissue.oscillator import (
+    arccos_branch,
+    autocovariance_a2,
+    from_differences,
+    to_continuous,
+    to_differences,
+    to_discrete,
 )
 
 RADIANS_PER_SAMPLE = st.floats(-4, 0.4).map(lambda exponent: 10.0**exponent)

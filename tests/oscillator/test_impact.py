@@ -8,18 +8,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from bayestissue import oscillator
-
-# As they are used: within what is compiled.
-impact_motion, peak_displacement, spring_damper, spring_damper_inverse, time_to_peak = map(
-    jax.jit,
-    (
-        oscillator.impact_motion,
-        oscillator.peak_displacement,
-        oscillator.spring_damper,
-        oscillator.spring_damper_inverse,
-        oscillator.time_to_peak,
-    ),
+from bayestissue.oscillator import (
+    impact_motion,
+    peak_displacement,
+    spring_damper,
+    spring_damper_inverse,
+    time_to_peak,
 )
 
 ZETAS = [0.0, 0.02, 0.4, 0.9999, 1.0, 1.0001, 1.7, 10.0]

@@ -6,18 +6,13 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
-from bayestissue import oscillator
-from bayestissue.oscillator import green_a2, green_arma21_implicit
-
-# As they are used: within what is compiled.
-autocovariance_a2, autocovariance_arma21, green_arma21, to_discrete = map(
-    jax.jit,
-    (
-        oscillator.autocovariance_a2,
-        oscillator.autocovariance_arma21,
-        oscillator.green_arma21,
-        oscillator.to_discrete,
-    ),
+from bayestissue.oscillator import (
+    autocovariance_a2,
+    autocovariance_arma21,
+    green_a2,
+    green_arma21,
+    green_arma21_implicit,
+    to_discrete,
 )
 
 ZETAS = [0.02, 0.4, 0.9999, 1.0, 1.0001, 1.7, 4.0]

@@ -118,8 +118,8 @@ def assemble(
         record,
         jax.device_put(columns),
         jax.device_put(effects.mean),
-        jnp.log(jnp.asarray(signal.mass)),
-        jnp.log(jnp.asarray(peak)),
+        jax.device_put(np.log(signal.mass)),
+        jax.device_put(np.log(peak)),
     )
     return Prepared(model, data, design, signal, dataset.impacts)
 

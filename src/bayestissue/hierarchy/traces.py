@@ -155,6 +155,7 @@ class Physical(NamedTuple):
     log_sigma: Array
 
 
+@jax.jit
 def physical(model: TraceModel, data: TraceData, u: list[Array]) -> Physical:
     """omega_n = sqrt(K / M), zeta = C / (2 omega_n M), theta1 and the noise.
 

@@ -11,6 +11,7 @@ from bayestissue.oscillator.discrete import from_differences
 from bayestissue.oscillator.entire import damped_pair
 
 
+@jax.jit
 def green_a2(time: ArrayLike, omega_n: ArrayLike, zeta: ArrayLike) -> Array:
     """G(t) = (e^(mu_1 t) - e^(mu_2 t)) / (mu_1 - mu_2), the A(2)'s answer to a unit impulse (eq. 20).
 
@@ -29,6 +30,7 @@ def green_a2(time: ArrayLike, omega_n: ArrayLike, zeta: ArrayLike) -> Array:
     return time * damped_pair(omega_n * time, zeta)[1]
 
 
+@jax.jit
 def autocovariance_a2(lag: ArrayLike, omega_n: ArrayLike, zeta: ArrayLike, sigma_z: ArrayLike = 1.0) -> Array:
     """gamma(s) = gamma(0) e^(-zeta omega_n s) (cos omega_d s + zeta omega_n sin(omega_d s) / omega_d).
 
@@ -66,6 +68,7 @@ def green_arma21_implicit(phi1: ArrayLike, phi2: ArrayLike, theta1: ArrayLike, c
     return jnp.moveaxis(values, 0, -1)
 
 
+@jax.jit
 def green_arma21(j: ArrayLike, phi1: ArrayLike, phi2: ArrayLike, theta1: ArrayLike) -> Array:
     """G_j = g_1 lambda_1^j + g_2 lambda_2^j, the explicit method (eq. 9), also at equal roots.
 
@@ -84,6 +87,7 @@ def green_arma21(j: ArrayLike, phi1: ArrayLike, phi2: ArrayLike, theta1: ArrayLi
     return _unit(j, w, zeta) - theta1 * _unit(j - 1, w, zeta)
 
 
+@jax.jit
 def autocovariance_arma21(
     lag: ArrayLike, phi1: ArrayLike, phi2: ArrayLike, theta1: ArrayLike, sigma_a: ArrayLike = 1.0
 ) -> Array:

@@ -188,6 +188,7 @@ def test_the_exact_path_leaves_out_what_was_added(
     assert_allclose(slope[number:], z_u[number:])
 
 
+@pytest.mark.long
 def test_another_dataset_of_about_that_size_compiles_nothing(
     dataset: Dataset, specification: ModelSpecification, tmp_path
 ) -> None:

@@ -137,7 +137,14 @@ def dozen() -> Dataset:
     return campaign.dataset("dozen")
 
 
-@pytest.mark.parametrize("model", [*("arma", "a2", "impact"), *element_names()])
+# Two of them by default; all in the long suite.
+MODELS = [
+    model if model in {"arma", "stiffening"} else pytest.param(model, marks=pytest.mark.long)
+    for model in ("arma", "a2", "impact", *element_names())
+]
+
+
+@pytest.mark.parametrize("model", MODELS)
 def test_few_at_a_time_have_the_sites_of_all_together(
     dozen: Dataset, monkeypatch: pytest.MonkeyPatch, model: str
 ) -> None:

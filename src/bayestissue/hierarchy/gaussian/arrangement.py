@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, NamedTuple
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import Array
@@ -68,6 +69,7 @@ def expected(
     return expected_by_cell(design, b)[..., design.cell]
 
 
+@jax.jit
 def expected_by_cell(
     design: PopulationDesign, b: Float[Array, "*draw location"]
 ) -> Float[Array, "parameter *draw entry"]:
