@@ -29,7 +29,7 @@ from bayestissue.signal.traces import (
     noise_sd,
     stack,
 )
-from bayestissue.signal.window import Stop, samples_in, zero_velocity
+from bayestissue.signal.window import Stop, samples_in, still_pushed, zero_velocity
 
 # Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
 _BLOCK = 1_000_000
@@ -199,7 +199,8 @@ def _integrated(
     time = np.arange(d.shape[1]) * dt[:, None]
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * time - second
-    stop = zero_velocity(slows, v, x, inside, dt)
+    pushed = inside & still_pushed(d, inside, onset.noise_sd)
+    stop = zero_velocity(slows, v, x, inside, pushed, dt, velocity)
     notes = {NO_OFFSET: options.remove_offset & ~onset.quiet}
     flags = {
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
