@@ -135,26 +135,27 @@ def test_a_trace_of_another_law_is_flagged():
 
 
 def test_what_the_recording_does_not_tell_is_empty_and_flagged(monkeypatch):
-    """An interval over two decades is no estimate, and neither is the point that a search began at."""
+    """An interval over a decade is no estimate, and neither is the point that a search began at."""
     data = made(4, {"noise_relative_to_peak": 0.005}).dataset("untold")
     real = single_estimates.single_posteriors
 
     def spoilt(prepared):
         found = real(prepared)
-        wide = found.C._replace(high=np.where(np.arange(4) == 1, 200 * found.C.low, found.C.high))
-        lost = found.K._replace(high=np.where(np.arange(4) == 2, 200 * found.K.low, found.K.high))
+        wide = found.C._replace(high=np.where(np.arange(4) == 1, 11 * found.C.low, found.C.high))
+        lost = found.K._replace(high=np.where(np.arange(4) == 2, 11 * found.K.low, found.K.high))
         return found._replace(C=wide, K=lost, moved=np.arange(4) != 3)
 
     assert real(single_estimates.some_of(prepared(data), np.arange(4))).moved.all()
     monkeypatch.setattr(single_estimates, "single_posteriors", spoilt)
     table = bt.estimate(data)
     of_K = ["K_N_per_m", "K_low_N_per_m", "K_high_N_per_m", "K_se_N_per_m", "omega_n_rad_s"]
-    of_C = ["C_N_s_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m", "C_se_N_s_per_m", "zeta"]
+    of_C = ["C_N_s_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m", "C_se_N_s_per_m"]
     assert table[of_K].isna().all(axis=1).tolist() == [False, False, True, True]
-    assert table[of_C].isna().all(axis=1).tolist() == [False, True, True, True]
+    assert table[of_C].isna().all(axis=1).tolist() == [False, True, False, True]
+    assert table[of_C].notna().all(axis=1).tolist() == [True, False, True, False]
+    assert table["zeta"].notna().tolist() == [True, False, False, False]
     assert table[of_K].notna().all(axis=1).tolist() == [True, True, False, False]
-    neither = f"{K_UNTOLD}; {C_UNTOLD}"
-    assert table["flags"].tolist() == ["", C_UNTOLD, neither, neither]
+    assert table["flags"].tolist() == ["", C_UNTOLD, K_UNTOLD, f"{K_UNTOLD}; {C_UNTOLD}"]
 
 
 def test_without_noise_there_are_medians_and_no_intervals():
