@@ -34,8 +34,8 @@ _DOUBTFUL_S = 1e-3
 # contact as the bracket says, and twice that level as long after as before; one that rises as x^(3/2) passes
 # the first in three fifths of the time to the second.
 _REACH, _RISES = 4, 2.5
-# Times the noise's share of the peak, squared: how many samples a mean has. Five of its standard deviations are
-# then a sixth of the peak.
+# Times the noise's share of the peak, squared: how many samples a mean has. Five of its standard deviations
+# are then a sixth of the peak.
 _BLUR = 30.0
 # Recorded numbers are rounded; below this fraction of the peak a difference means nothing.
 _ROUNDING = 1e-6
@@ -66,7 +66,7 @@ class Onset:
 
 
 def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
-    """See `_onset`; where noise is large beside the peak, in means over so many samples as leave little of it.
+    """See `_onset`; where noise is large beside the peak, in means of so many samples as leave little of it.
 
     Contact is then known to within the mean's width only.
     """
@@ -146,7 +146,18 @@ def _onset(recordings: Recordings, options: SignalOptions, noise: Column) -> Ons
     later = (first - shown) * recordings.dt - least
     tolerance = np.maximum(_DOUBTFUL_S, 5 * recordings.dt)
     doubtful = (least == most) & ((later > tolerance) | (later < -earliest - tolerance))
-    return Onset(first, least, most, offset, sd, quiet, np.where(quiet, end - ahead, 0), doubtful, reach, np.zeros_like(quiet))
+    return Onset(
+        first,
+        least,
+        most,
+        offset,
+        sd,
+        quiet,
+        np.where(quiet, end - ahead, 0),
+        doubtful,
+        reach,
+        np.zeros_like(quiet),
+    )
 
 
 def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:

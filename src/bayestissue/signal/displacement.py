@@ -98,7 +98,7 @@ class Displacements:
         n_before: [impact], how many of these there are.
         reach_s: [impact], for how long before the first sample a force that rises from 0 may have acted
             without showing, s; 0 where contact was given.
-        blurred: [impact], where noise hides a jump of the force too, so that contact lies in ``bracket_s`` only.
+        blurred: [impact], where noise hides a jump of the force too: contact was looked for in means.
         flags: per impact, what is wrong with it.
         notes: per impact, what is not wrong, but should be known.
     """
@@ -230,7 +230,9 @@ class _Before:
 def _before(recordings: Recordings, onset: Onset, offset: Column) -> _Before:
     place = onset.first[:, None] - BEFORE + np.arange(BEFORE)
     value = np.take_along_axis(recordings.value, np.maximum(place, 0), axis=1) - offset[:, None]
-    return _Before(np.where(place >= 0, value, 0.0), np.minimum(onset.first, BEFORE), onset.reach, onset.blurred)
+    return _Before(
+        np.where(place >= 0, value, 0.0), np.minimum(onset.first, BEFORE), onset.reach, onset.blurred
+    )
 
 
 def _recorded(
@@ -257,7 +259,8 @@ def _recorded(
     start = Start(since_contact, sd, since_contact, sd, np.zeros(len(sd), bool), x[:, 0], v[:, 0])
     return _windowed(
         part, x, v, d, stop, flags, {}, mass, velocity, gravity, start, at_contact, np.full_like(sd, np.nan),
-        noise, _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd), sd < 0), options,
+        noise, _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd), sd < 0),
+        options,
     )  # fmt: skip
 
 

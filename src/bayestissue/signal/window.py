@@ -9,8 +9,8 @@ import numpy as np
 from bayestissue.signal.options import Window
 from bayestissue.signal.traces import Column, Index, Mask, Rows, at, first_where, last_where
 
-# Noise standard deviations of a force that is clear of it, and the share of the velocity at contact below which
-# a mass that nothing pushes any more has stopped.
+# Noise standard deviations of a force that is clear of it, and the share of the velocity at contact below
+# which a mass that nothing pushes any more has stopped.
 _CLEAR, _STOPPED = 5.0, 0.05
 
 

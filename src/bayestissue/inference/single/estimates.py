@@ -69,7 +69,8 @@ def estimate(
         dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it, or its folder.
         method: "impact" for the posterior of each impact under the likelihood of its own deceleration, the
             errors of its measuring chain integrated out, and weak priors (those of ``models/impact.toml`` on
-            the intercepts and the noise, and one of the damping ratio): medians and intervals that hold. "exact" for maximum likelihood of
+            the intercepts and the noise, and one of the damping ratio): medians and intervals that hold.
+            "exact" for maximum likelihood of
             an ARMA(2,1) about the rest position; "dds" for the thesis's conditional least squares about the
             sample mean. `method_for` unless given.
         options: how the displacement is made from the recording; `default_options` unless given.

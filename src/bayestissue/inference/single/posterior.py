@@ -1,8 +1,8 @@
 """The posterior of each impact's parameters given its own trace alone, under weak priors.
 
-p(u | trace) is in proportion to p(trace | u) N(u; m, D^-1), u being log K, log C and the log of the noise;
-the errors of the measuring chain are integrated out of the likelihood. Importance sampling: points of a
-multivariate t about the Gaussian site times the prior, whose tails are heavier than the posterior's, weighted
+p(u | trace) is in proportion to p(trace | u) N(u; m, D^-1) and a prior of the damping ratio, u being log K,
+log C and the log of the noise; the errors of the measuring chain are integrated out of the likelihood.
+Importance sampling: points of a multivariate t about the Gaussian site times the prior, whose tails are heavier than the posterior's, weighted
 by the posterior over their own density, the greatest weights smoothed (Vehtari et al. 2024). Points fill
 the space evenly (Sobol's sequence) and are the same of every impact, so that what is found of one depends on
 no other.
@@ -47,7 +47,7 @@ _TAILS = 5.0
 _ROUNDS = 4
 # Of log K or log C: a search that ends nearer to its start has not begun.
 _MOVES = 1e-9
-# A table of a skewed posterior: its cells, and how far behind the prior's mean it ends, in standard deviations.
+# Cells of a skewed posterior's table, and standard deviations by which it goes beyond the prior's mean.
 _CELLS, _REACH = 512, 4.0
 # Of the points' dimensions, after those of the parameters: the t's common scale and the error of the mass.
 _BESIDES = 2
@@ -176,7 +176,9 @@ def _corrected(
             u, log_density = _skewed(prior, sites, even, log_mass)
         else:
             u, log_density = mean + np.einsum("iab,pb->pia", root, z), _log_t(z)[:, None]
-        log_weight = log_likelihoods(model, data, u) + prior.log_density(u) + _of_damping(u, log_mass) - log_density
+        log_weight = (
+            log_likelihoods(model, data, u) + prior.log_density(u) + _of_damping(u, log_mass) - log_density
+        )
         smoothed = [pareto_smoothed(column) for column in log_weight.T]
         weight = np.exp(np.stack([own for own, _ in smoothed], axis=1))
         found = u, weight, np.array([k for _, k in smoothed])
@@ -197,7 +199,11 @@ def _corrected(
 def _of_damping(
     u: Float[np.ndarray, "*point impact parameter"], log_mass: Float[np.ndarray, "*#impact"]
 ) -> Float[np.ndarray, "*point impact"]:
-    """Log of 1 / (1 + 4 zeta^2) times 2 zeta / (1 + 2 zeta), 2 zeta being C / (K M)^1/2."""
+    """Log prior 1 / (1 + 4 zeta^2) times 2 zeta / (1 + 2 zeta), 2 zeta being C / (K M)^1/2.
+
+    A trace is linear in K where damping is strong, and in C where it is light. A prior level in their
+    logarithms there puts most of itself where K, or C, is next to 0; this one is level in K, or C, themselves.
+    """
     twice = u[..., 1] - (u[..., 0] + log_mass) / 2
     return -np.logaddexp(0.0, 2 * twice) - np.logaddexp(0.0, -twice)
 
@@ -209,7 +215,7 @@ def _skewed(
 
     A trace that hardly tells K is linear in K itself: its log likelihood is then quadratic in
     r = K / K_m - 1, K_m being where the site is, and level where K tends to 0, which the prior alone bounds.
-    The site's slope g and precision P in log K are g and P + g in r. The parameters besides are normal given r,
+    The site's slope g and precision P in log K are g and P + g in r. The other parameters are normal given r,
     and integrated out for the density of log K, which is tabulated; a part of it is flattened, for its tails.
     """
     rows, size = np.arange(len(sites.centre)), sites.centre.shape[1]

@@ -19,8 +19,8 @@ MISFIT = 0.0015
 TERMS = 4
 # A limit that explains the trace leaves at most so many times the noise's sum of squares.
 _WELL = 4.0
-# Of the peak: more noise bends a sensor's limit so much that sound traces look cut off (1 of 300 at 0.03, 72 of
-# 300 at 0.05).
+# Of the peak: more noise bends a sensor's limit so much that sound traces look cut off (1 of 300 at 0.03, 72
+# of 300 at 0.05).
 _LITTLE_NOISE = 0.03
 # The sensor's limits tried, as multiples of the greatest recorded value.
 LIMITS = (1.02, 1.05, 1.1, 1.2, 1.35, 1.6, 2.0)
