@@ -2,8 +2,8 @@
 
 p(u | trace) is in proportion to p(trace | u) N(u; m, D^-1) and a prior of the damping ratio, u being log K,
 log C and the log of the noise; the errors of the measuring chain are integrated out of the likelihood.
-Importance sampling: points of a multivariate t about the Gaussian site times the prior, whose tails are heavier than the posterior's, weighted
-by the posterior over their own density, the greatest weights smoothed (Vehtari et al. 2024). Points fill
+Importance sampling: points of a multivariate t about the Gaussian site times the prior, whose tails are
+heavier than the posterior's, weighted by the posterior over their own density, the greatest weights smoothed (Vehtari et al. 2024). Points fill
 the space evenly (Sobol's sequence) and are the same of every impact, so that what is found of one depends on
 no other.
 """
@@ -202,7 +202,7 @@ def _of_damping(
     """Log prior 1 / (1 + 4 zeta^2) times 2 zeta / (1 + 2 zeta), 2 zeta being C / (K M)^1/2.
 
     A trace is linear in K where damping is strong, and in C where it is light. A prior level in their
-    logarithms there puts most of itself where K, or C, is next to 0; this one is level in K, or C, themselves.
+    logarithms there puts most of itself where K, or C, is next to 0; this one is level in K, or C.
     """
     twice = u[..., 1] - (u[..., 0] + log_mass) / 2
     return -np.logaddexp(0.0, 2 * twice) - np.logaddexp(0.0, -twice)
