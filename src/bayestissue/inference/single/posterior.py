@@ -3,9 +3,9 @@
 p(u | trace) is in proportion to p(trace | u) N(u; m, D^-1) and a prior of the damping ratio, u being log K,
 log C and the log of the noise; the errors of the measuring chain are integrated out of the likelihood.
 Importance sampling: points of a multivariate t about the Gaussian site times the prior, whose tails are
-heavier than the posterior's, weighted by the posterior over their own density, the greatest weights smoothed (Vehtari et al. 2024). Points fill
-the space evenly (Sobol's sequence) and are the same of every impact, so that what is found of one depends on
-no other.
+heavier than the posterior's, weighted by the posterior over their own density, the greatest weights
+smoothed (Vehtari et al. 2024). Points fill the space evenly (Sobol's sequence) and are the same of every
+impact, so that what is found of one depends on no other.
 """
 
 from __future__ import annotations
