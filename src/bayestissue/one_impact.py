@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+_NO_ESTIMATE = "no estimate"
 _ENDS = ("K_low_N_per_m", "K_high_N_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m")
 
 
@@ -66,7 +67,8 @@ class Impact(Outlined):
 
     def _outline(self) -> tuple[str, Rows]:
         rows = [*self._answers()]
-        rows.append(("damping ratio", f"{self.row['zeta']:.3g}"))
+        zeta = self.row["zeta"]
+        rows.append(("damping ratio", f"{zeta:.3g}" if np.isfinite(zeta) else _NO_ESTIMATE))
         rows += [("flag", flag) for flag in self.flags] or [("flags", "none")]
         rows += [("note", note) for note in self.notes]
         rows.append(("more in", ".K_interval, .C_interval, .flags, .row, .plot()"))
@@ -176,7 +178,7 @@ def impact(
 
 def _in_words(value: float, interval: tuple[float, float], unit: str) -> str:
     if not np.isfinite(value):
-        return "no estimate"
+        return _NO_ESTIMATE
     if not np.isfinite(interval).all():
         return f"{value:.4g} {unit}, no interval"
     return f"{value:.4g} {unit} (90 %: {interval[0]:.4g} to {interval[1]:.4g})"

@@ -119,3 +119,22 @@ def test_a_force_that_rises_from_zero_may_have_begun_well_before_it_shows():
         lost.append(contact / dt)
     assert np.median(lost) > 5
     assert (displacements(lab, SignalOptions(contact="time-zero")).reach_s == 0).all()
+
+
+@pytest.mark.parametrize("zeta", [2.5, 3.0, 4.0])
+def test_contact_on_a_strong_damper_is_where_its_spring_pushes(zeta):
+    """A spring that pulls, and contact elsewhere in the interval, explain the trace as well."""
+    lab = record([Impact(60.0, zeta)] * 40, 5e3, before=0.01, after=0.01, phase=PHASES, noise=1e-4)
+    made = displacements(lab)
+    # Six of its standard errors, which are 0.03 of an interval at the most.
+    assert np.abs(made.contact_time_s * 5e3).max() < 0.2
+    assert not any(made.flags)
+
+
+def test_great_noise_leaves_contact_in_its_bracket():
+    lab = record([Impact(60.0, 0.4)] * 40, 5e3, before=0.02, phase=PHASES, noise=0.2)
+    made = displacements(lab)
+    assert made.blurred.all()
+    late = made.contact_time_s + made.first_sample_s
+    assert ((late >= 0) & (late <= 2 * made.bracket_s)).mean() > 0.95
+    assert (2 * made.bracket_s <= BEFORE * made.dt).all()

@@ -208,3 +208,13 @@ def test_heel_strikes_get_windows_of_some_tens_of_milliseconds(heel_strikes):
     assert (made.n_samples >= 8).all()
     assert np.abs(made.contact_time_s).max() < 0.005
     assert np.median(made.noise_sd) < 1e-4
+
+
+def test_a_window_ends_with_the_force_where_noise_keeps_the_velocity_above_zero():
+    """A mass on a strong damper comes back with less velocity than is lost in the noise."""
+    lab = record([Impact(60.0, 4.0)] * 40, 5e3, before=0.02, after=0.05, noise=1e-3, phase=0.5)
+    made = displacements(lab)
+    last = made.first_sample_s + (made.n_samples - 1) * made.dt
+    # The force ends at twice the time to zero velocity.
+    assert (last < 2 * Impact(60.0, 4.0).time_to_peak).all()
+    assert not any("velocity does not reach zero" in flags for flags in made.flags)

@@ -68,6 +68,8 @@ def coverage_point() -> Named:
         shown[f"{q} standard error"] = lines[f"{q}_se"].map(lambda off: percent(off, 2))
         by_impact = lines[f"{q}_held_by_impact"]
         shown[f"{q} held by `impact`"] = by_impact.map(percent).where(by_impact.notna())
+    unflagged = lines["unflagged_by_impact"]
+    shown["unflagged by `impact`"] = unflagged.map(percent).where(unflagged.notna())
     yield "table", block(table(shown), "coverage_point")
     recorded = lines[lines["K_held_by_impact"].notna()]
     for name, ending in (("impact_range", "_held_by_impact"), ("exact_range", "_held")):

@@ -220,6 +220,7 @@ def _record(
         start = (signal.n_samples, signal.bracket_s, signal.dt)
         plain = specification.discrepancy != "always" and specification.noise == "white"
         # Of an impact along gravity an error of the gain is not one of the velocity.
+        plain &= not signal.blurred.any()
         plain &= not (dataset.gravity and chain.relative_gain_sd)
         if specification.element != SIDE_BY_SIDE or not plain or dataset.recorder is not None:
             return _element_record(dataset, specification, signal, offset_sd)
@@ -285,6 +286,9 @@ def _element_record(
         and (signal.reach_s > 0).all()
     ):
         reach = min(int(np.ceil((signal.reach_s / signal.dt).max())), BEFORE)
+    elif specification.discrepancy != "always" and signal.blurred.any():
+        # Noise hides the jump: contact is anywhere between two moments, too far apart to be linear in.
+        reach = min(int(np.ceil((2 * signal.bracket_s / signal.dt).max())), BEFORE)
     else:
         reach = 0
     if reach:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -34,6 +34,9 @@ _DOUBTFUL_S = 1e-3
 # contact as the bracket says, and twice that level as long after as before; one that rises as x^(3/2) passes
 # the first in three fifths of the time to the second.
 _REACH, _RISES = 4, 2.5
+# Times the noise's share of the peak, squared: how many samples a mean has. Five of its standard deviations
+# are then a sixth of the peak.
+_BLUR = 30.0
 # Recorded numbers are rounded; below this fraction of the peak a difference means nothing.
 _ROUNDING = 1e-6
 
@@ -59,9 +62,46 @@ class Onset:
     quiet_samples: Index
     doubtful: Mask
     reach: Column
+    blurred: Mask
 
 
 def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
+    """See `_onset`; where noise is large beside the peak, in means of so many samples as leave little of it.
+
+    Contact is then known to within the mean's width only.
+    """
+    sd = noise_sd(recordings)
+    peak = np.maximum(np.where(recordings.inside, recordings.value, 0.0).max(axis=1), 0.0)
+    share = np.minimum(sd, peak) / np.where(peak > 0, peak, 1.0)
+    width = np.minimum((_BLUR * share) ** 2, recordings.n / 8)
+    half = np.maximum(np.ceil((width - 1) / 2), 0).astype(int)
+    if options.contact != "automatic" or not half.any():
+        return _onset(recordings, options, sd)
+    root = np.sqrt(2 * half + 1)
+    found = _onset(replace(recordings, value=_means(recordings, half)), options, sd / root)
+    first = np.minimum(found.first + half, recordings.n - 1)
+    margin = 2 * half * recordings.dt
+    return replace(
+        found,
+        first=first,
+        most=found.most + margin,
+        reach=found.reach + margin,
+        noise_sd=found.noise_sd * root,
+        blurred=half > 0,
+    )
+
+
+def _means(recordings: Recordings, half: Index) -> np.ndarray:
+    """The mean of each sample and ``half`` of them on either side, of fewer at a recording's ends."""
+    sums = np.pad(np.cumsum(np.where(recordings.inside, recordings.value, 0.0), axis=1), ((0, 0), (1, 0)))
+    place = np.arange(recordings.value.shape[1])
+    low = np.maximum(place - half[:, None], 0)
+    high = np.minimum(place + half[:, None] + 1, recordings.n[:, None])
+    rows = np.take_along_axis(sums, high, axis=1) - np.take_along_axis(sums, low, axis=1)
+    return np.where(recordings.inside, rows / np.maximum(high - low, 1), recordings.value)
+
+
+def _onset(recordings: Recordings, options: SignalOptions, noise: Column) -> Onset:
     """Contact in recorded decelerations (m/s², positive while the impactor slows), all impacts at once.
 
     automatic: the baseline is the mean of the quiet part, or 0 where the recording has none. Going back
@@ -79,7 +119,7 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     def last_below(level: Column) -> Index:
         return last_where((deceleration <= level[:, None]) & until_peak)
 
-    sd = np.maximum(noise_sd(recordings), _ROUNDING * np.abs(peak))
+    sd = np.maximum(noise, _ROUNDING * np.abs(peak))
     baseline = _first_baseline(recordings, peak, last_below)
     first = last_below(baseline + _CERTAIN * sd) + 1
     ahead = np.ceil(recordings.ahead_s / recordings.dt).astype(int)
@@ -106,7 +146,18 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     later = (first - shown) * recordings.dt - least
     tolerance = np.maximum(_DOUBTFUL_S, 5 * recordings.dt)
     doubtful = (least == most) & ((later > tolerance) | (later < -earliest - tolerance))
-    return Onset(first, least, most, offset, sd, quiet, np.where(quiet, end - ahead, 0), doubtful, reach)
+    return Onset(
+        first,
+        least,
+        most,
+        offset,
+        sd,
+        quiet,
+        np.where(quiet, end - ahead, 0),
+        doubtful,
+        reach,
+        np.zeros_like(quiet),
+    )
 
 
 def from_time_zero(recordings: Recordings) -> tuple[Index, Column]:

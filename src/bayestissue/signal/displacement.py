@@ -29,7 +29,7 @@ from bayestissue.signal.traces import (
     noise_sd,
     stack,
 )
-from bayestissue.signal.window import Stop, samples_in, zero_velocity
+from bayestissue.signal.window import Stop, samples_in, still_pushed, zero_velocity
 
 # Arrays of about this many samples at a time stay in a processor's cache and bound the memory in use.
 _BLOCK = 1_000_000
@@ -98,6 +98,7 @@ class Displacements:
         n_before: [impact], how many of these there are.
         reach_s: [impact], for how long before the first sample a force that rises from 0 may have acted
             without showing, s; 0 where contact was given.
+        blurred: [impact], where noise hides a jump of the force too: contact was looked for in means.
         flags: per impact, what is wrong with it.
         notes: per impact, what is not wrong, but should be known.
     """
@@ -125,6 +126,7 @@ class Displacements:
     before: Rows
     n_before: Index
     reach_s: Column
+    blurred: Mask
     flags: list[list[Coded]]
     notes: list[list[Coded]]
 
@@ -199,7 +201,9 @@ def _integrated(
     time = np.arange(d.shape[1]) * dt[:, None]
     v = start.v[:, None] - first
     x = start.x[:, None] + start.v[:, None] * time - second
-    stop = zero_velocity(slows, v, x, inside, dt)
+    # The last sample clear of great noise is one that the noise has lifted.
+    pushed = inside & (still_pushed(d, inside, onset.noise_sd) | onset.blurred[:, None])
+    stop = zero_velocity(slows, v, x, inside, pushed, dt, velocity)
     notes = {NO_OFFSET: options.remove_offset & ~onset.quiet}
     flags = {
         Coded("velocity does not reach zero", "no-zero-velocity"): ~stop.reached,
@@ -220,12 +224,15 @@ class _Before:
     value: Rows
     n: Index
     reach: Column
+    blurred: Mask
 
 
 def _before(recordings: Recordings, onset: Onset, offset: Column) -> _Before:
     place = onset.first[:, None] - BEFORE + np.arange(BEFORE)
     value = np.take_along_axis(recordings.value, np.maximum(place, 0), axis=1) - offset[:, None]
-    return _Before(np.where(place >= 0, value, 0.0), np.minimum(onset.first, BEFORE), onset.reach)
+    return _Before(
+        np.where(place >= 0, value, 0.0), np.minimum(onset.first, BEFORE), onset.reach, onset.blurred
+    )
 
 
 def _recorded(
@@ -252,7 +259,8 @@ def _recorded(
     start = Start(since_contact, sd, since_contact, sd, np.zeros(len(sd), bool), x[:, 0], v[:, 0])
     return _windowed(
         part, x, v, d, stop, flags, {}, mass, velocity, gravity, start, at_contact, np.full_like(sd, np.nan),
-        noise, _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd)), options,
+        noise, _Before(np.zeros((len(sd), BEFORE)), np.zeros(len(sd), int), np.zeros_like(sd), sd < 0),
+        options,
     )  # fmt: skip
 
 
@@ -307,6 +315,7 @@ def _windowed(
         before=before.value,
         n_before=before.n,
         reach_s=before.reach,
+        blurred=before.blurred,
         flags=_raised(flags, len(n)),
         notes=_raised(notes, len(n)),
     )

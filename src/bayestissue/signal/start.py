@@ -24,6 +24,7 @@ from bayestissue.signal.traces import Column, Mask, Rows, first_where
 _ORDER = 12
 _GRID = 65
 _CUT = 0.9
+_SAME = 1 + 1e-6
 
 
 @dataclass(frozen=True)
@@ -158,14 +159,21 @@ class _LeastSquares:
     def fit(self, low: Column, high: Column) -> tuple[np.ndarray, Column, Column]:
         """(a, b), δ and the standard error of δ, δ free within twice the bracket around it.
 
-        With few samples and strong damping the sum of squares may have more than one hollow: the best of
-        three starts is taken.
+        With strong damping the sum of squares may have a second hollow as deep, where the spring pulls or
+        contact is out of the bracket: of three descents the best is taken that is neither, δ moved into the
+        bracket.
         """
         tried = [self._descend(low + share * (high - low), low, high) for share in (0.1, 0.5, 0.9)]
-        left_over = np.stack([np.nan_to_num(self._residual(parameters), nan=np.inf) for parameters in tried])
-        best = np.take_along_axis(np.stack(tried), left_over.argmin(axis=0)[None, :, None], axis=0)[0]
+        within = [self._within(parameters, low, high) for parameters in tried]
+        whole = np.square(self.target).sum(axis=1)
+        left_over = np.stack(
+            [np.nan_to_num(self._residual(own) + whole * (own[:, 1] < 0), nan=np.inf) for own in within]
+        )
+        # The first of those that came to the same, or rounding would choose.
+        least = (left_over <= _SAME * left_over.min(axis=0)).argmax(axis=0)
+        best = np.take_along_axis(np.stack(tried), least[None, :, None], axis=0)[0]
         _, covariance = self._step(best, free=3)
-        variance = left_over.min(axis=0) / np.maximum(self.count - 3, 1)
+        variance = self._residual(best) / np.maximum(self.count - 3, 1)
         return best[:, :2], best[:, 2], np.sqrt(variance * covariance[:, 2, 2])
 
     def _descend(self, delta: Column, low: Column, high: Column) -> np.ndarray:
@@ -176,6 +184,10 @@ class _LeastSquares:
             parameters = parameters + self._step(parameters, free=3)[0]
             parameters[:, 2] = np.clip(parameters[:, 2], low - reach, high + reach)
         return parameters
+
+    def _within(self, parameters: np.ndarray, low: Column, high: Column) -> np.ndarray:
+        delta = np.clip(parameters[:, 2], low, high)
+        return np.column_stack([self.fit_given(parameters[:, :2], delta), delta])
 
     def _residual(self, parameters: np.ndarray) -> Column:
         fitted = (_coefficients(parameters, self.fall)[:, None, :] @ self.basis)[:, 0]

@@ -7,14 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from bayestissue.signal.options import Window
-from bayestissue.signal.traces import Column, Index, Mask, Rows, at, first_where
+from bayestissue.signal.traces import Column, Index, Mask, Rows, at, first_where, last_where
+
+# Noise standard deviations of a force that is clear of it, and the share of the velocity at contact below
+# which a mass that nothing pushes any more has stopped.
+_CLEAR, _STOPPED = 5.0, 0.05
 
 
 @dataclass(frozen=True)
 class Stop:
     """Zero velocity: the first sample at or past it, its time since the first sample (s), and x there (m).
 
-    Where the velocity never reaches zero, ``reached`` is false and the last sample stands in.
+    Where the velocity does not reach zero before the tissue stops pushing, the last sample until then stands
+    in; ``reached`` is false unless hardly any velocity is left there.
     """
 
     index: Index
@@ -23,11 +28,34 @@ class Stop:
     reached: Mask
 
 
-def zero_velocity(deceleration: Rows, v: Rows, x: Rows, inside: Mask, dt: Column) -> Stop:
-    """Zero velocity by the cubic that has the velocities and decelerations of the samples on either side."""
-    last = inside.sum(axis=1) - 1
-    passed = (v <= 0) & inside
+def still_pushed(deceleration: Rows, inside: Mask, noise_sd: Column) -> Mask:
+    """The samples up to the last one with a force clear of the noise; all of them where there is none."""
+    clear = (deceleration > _CLEAR * noise_sd[:, None]) & inside
+    last = np.where(clear.any(axis=1), last_where(clear), inside.shape[1])
+    return np.arange(inside.shape[1]) <= last[:, None]
+
+
+def zero_velocity(
+    deceleration: Rows, v: Rows, x: Rows, inside: Mask, pushed: Mask, dt: Column, velocity: Column
+) -> Stop:
+    """Zero velocity by the cubic that has the velocities and decelerations of the samples on either side.
+
+    A mass that a strong damper stops comes back so slowly that errors of a thousandth of the velocity at
+    contact may leave it above zero for good. What comes after the force is no motion on the tissue.
+
+    Args:
+        deceleration: [impact, sample], that changes the velocity, m/s².
+        v: [impact, sample], m/s.
+        x: [impact, sample], m.
+        inside: [impact, sample], where there is a sample.
+        pushed: [impact, sample], where the tissue still pushes or will again.
+        dt: [impact], s.
+        velocity: [impact], at contact, m/s.
+    """
+    last = pushed.sum(axis=1) - 1
+    passed = (v <= 0) & pushed
     index = first_where(passed, last)
+    left = (last < inside.sum(axis=1) - 1) & (at(v, last) < _STOPPED * velocity)
     reached = passed.any(axis=1)
     before = np.maximum(index - 1, 0)
     v0, v1 = at(v, before), at(v, index)
@@ -42,7 +70,7 @@ def zero_velocity(deceleration: Rows, v: Rows, x: Rows, inside: Mask, dt: Column
     s = np.where(reached & (index > 0), s, index - before)
     travelled = (v0 * s + m0 * s**2 / 2 + p * s**3 / 3 + q * s**4 / 4) * dt
     x_stop = np.where(reached, at(x, before) + travelled, at(x, last))
-    return Stop(index, (before + s) * dt, x_stop, reached)
+    return Stop(index, (before + s) * dt, x_stop, reached | left)
 
 
 def samples_in(

@@ -65,6 +65,8 @@ def test_medians_and_intervals_are_those_of_direct_integration(noise):
     axes = [np.linspace(m - r, m + r, 41).ravel() for m, r in zip(middle, reach, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 1, 3)
     log_prior = sum(-(((grid[:, 0, a] - p.mean) / p.sd) ** 2) / 2 for a, p in enumerate(own))
+    twice_zeta = np.exp(grid[:, 0, 1] - (grid[:, 0, 0] + np.asarray(case.data.log_mass)) / 2)
+    log_prior = log_prior + np.log(1 / (1 + twice_zeta**2) * twice_zeta / (1 + twice_zeta))
     density = (log_likelihoods(case.model, case.data, grid)[:, 0] + log_prior).reshape(41, 41, 41)
     weight = np.exp(density - density.max())
     for place, name in enumerate(("K", "C")):
@@ -135,26 +137,27 @@ def test_a_trace_of_another_law_is_flagged():
 
 
 def test_what_the_recording_does_not_tell_is_empty_and_flagged(monkeypatch):
-    """An interval over two decades is no estimate, and neither is the point that a search began at."""
+    """An interval over a decade is no estimate, and neither is the point that a search began at."""
     data = made(4, {"noise_relative_to_peak": 0.005}).dataset("untold")
     real = single_estimates.single_posteriors
 
     def spoilt(prepared):
         found = real(prepared)
-        wide = found.C._replace(high=np.where(np.arange(4) == 1, 200 * found.C.low, found.C.high))
-        lost = found.K._replace(high=np.where(np.arange(4) == 2, 200 * found.K.low, found.K.high))
+        wide = found.C._replace(high=np.where(np.arange(4) == 1, 11 * found.C.low, found.C.high))
+        lost = found.K._replace(high=np.where(np.arange(4) == 2, 11 * found.K.low, found.K.high))
         return found._replace(C=wide, K=lost, moved=np.arange(4) != 3)
 
     assert real(single_estimates.some_of(prepared(data), np.arange(4))).moved.all()
     monkeypatch.setattr(single_estimates, "single_posteriors", spoilt)
     table = bt.estimate(data)
     of_K = ["K_N_per_m", "K_low_N_per_m", "K_high_N_per_m", "K_se_N_per_m", "omega_n_rad_s"]
-    of_C = ["C_N_s_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m", "C_se_N_s_per_m", "zeta"]
+    of_C = ["C_N_s_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m", "C_se_N_s_per_m"]
     assert table[of_K].isna().all(axis=1).tolist() == [False, False, True, True]
-    assert table[of_C].isna().all(axis=1).tolist() == [False, True, True, True]
+    assert table[of_C].isna().all(axis=1).tolist() == [False, True, False, True]
+    assert table[of_C].notna().all(axis=1).tolist() == [True, False, True, False]
+    assert table["zeta"].notna().tolist() == [True, False, False, False]
     assert table[of_K].notna().all(axis=1).tolist() == [True, True, False, False]
-    neither = f"{K_UNTOLD}; {C_UNTOLD}"
-    assert table["flags"].tolist() == ["", C_UNTOLD, neither, neither]
+    assert table["flags"].tolist() == ["", C_UNTOLD, K_UNTOLD, f"{K_UNTOLD}; {C_UNTOLD}"]
 
 
 def test_without_noise_there_are_medians_and_no_intervals():
@@ -233,3 +236,28 @@ def test_intervals_hold_where_noise_went_through_the_filter(recorder: dict):
         # Three binomial standard errors; with the noise taken for white a quarter holds.
         assert abs(held.mean() - 0.9) < 3 * (0.9 * 0.1 / len(table)) ** 0.5, name
     assert (table["flags"] != "").mean() < 0.05
+
+
+def test_intervals_hold_where_a_strong_damper_hides_the_spring():
+    """At a damping ratio of 4 the likelihood has no peak in log K: its interval was missed in 56 %."""
+    damping = {"C_N_s_per_m": 8 * (3000 * 0.7) ** 0.5, "sd_impact_K": 0.0, "sd_impact_C": 0.0}
+    chain = {"noise_sd_m_s2": 0.3, "sampling_rate_hz": 5000}
+    campaign = made(200, chain, **damping)
+    posteriors = single_posteriors(prepared(campaign.dataset("damped")))
+    for name, unit in UNITS.items():
+        true, found = campaign.truth[f"{name}_{unit}"].to_numpy(), getattr(posteriors, name)
+        held = (found.low <= true) & (true <= found.high)
+        # Three binomial standard errors.
+        assert abs(held.mean() - 0.9) < 3 * (0.9 * 0.1 / len(held)) ** 0.5, name
+    assert (posteriors.pareto_k < k_threshold(POINTS)).mean() > 0.95
+
+
+@pytest.mark.long
+def test_intervals_hold_under_noise_of_a_fifth_of_the_peak():
+    campaign = made(100, {"noise_relative_to_peak": 0.2, "sampling_rate_hz": 2000})
+    posteriors = single_posteriors(prepared(campaign.dataset("noisy")))
+    for name, unit in UNITS.items():
+        true, found = campaign.truth[f"{name}_{unit}"].to_numpy(), getattr(posteriors, name)
+        held = (found.low <= true) & (true <= found.high)
+        # Three binomial standard errors.
+        assert abs(held.mean() - 0.9) < 3 * (0.9 * 0.1 / len(held)) ** 0.5, name

@@ -41,7 +41,7 @@ _METHODS = ("impact", "exact", "dds")
 # Of the peak: below it the likelihood's own approximations, to first order in the moment of contact, count.
 _LEAST_NOISE = 1e-5
 # An interval whose ends are this many times apart leaves the order of magnitude open.
-_DECADES = 100.0
+_DECADE = 10.0
 
 
 def method_for(dataset: Dataset, options: SignalOptions | None = None) -> Method:
@@ -69,7 +69,8 @@ def estimate(
         dataset: as `bayestissue.read_dataset` or `bayestissue.dataset` returns it, or its folder.
         method: "impact" for the posterior of each impact under the likelihood of its own deceleration, the
             errors of its measuring chain integrated out, and weak priors (those of ``models/impact.toml`` on
-            the intercepts and the noise): medians and intervals that hold. "exact" for maximum likelihood of
+            the intercepts and the noise, and one of the damping ratio): medians and intervals that hold.
+            "exact" for maximum likelihood of
             an ARMA(2,1) about the rest position; "dds" for the thesis's conditional least squares about the
             sample mean. `method_for` unless given.
         options: how the displacement is made from the recording; `default_options` unless given.
@@ -82,7 +83,7 @@ def estimate(
         posterior medians, omega_n, zeta, phi1, phi2 and theta1 those of an oscillator of this K and C, errors
         posterior standard deviations, and ``sigma_a`` is empty: the noise is the recorder's, in
         ``noise_sd_m_s2``, and no shock drives the impact; ``pareto_k`` is of the importance weights. K, or C,
-        is empty and flagged where its interval spans more than a factor of 100, or nothing was found. By the
+        is empty and flagged where its interval spans more than a factor of 10, or nothing was found. By the
         others intervals are from the trace and the relative standard deviation of the mass alone, and hold
         when the noise is what an ARMA(2,1) assumes.
 
@@ -171,20 +172,21 @@ def by_impact(
 
 
 def _untold(found: SinglePosteriors, noiseless: np.ndarray) -> dict[str, np.ndarray]:
-    """Where the recording does not tell K, or C: its interval spans decades, or nothing was found at all."""
+    """Where the recording does not tell K, or C: its interval spans a decade, or nothing was found at all."""
     with np.errstate(all="ignore"):
-        wide = {name: ~(each.high < _DECADES * each.low) for name, each in (("K", found.K), ("C", found.C))}
-    nothing = (~found.moved | wide["K"]) & ~noiseless
-    return {"K": nothing, "C": nothing | wide["C"] & ~noiseless}
+        wide = {name: ~(each.high < _DECADE * each.low) for name, each in (("K", found.K), ("C", found.C))}
+    return {name: (~found.moved | here) & ~noiseless for name, here in wide.items()}
 
 
 def _told(fit: PointFit, untold: dict[str, np.ndarray]) -> PointFit:
-    """The same without what the recordings do not tell; K needs no C, all else needs both."""
-    of_K = {"K", "K_signed", "K_se", "omega_n", "omega_n_se"}
+    """The same without what the recordings do not tell; all but K, omega_n and C needs both K and C."""
     kept = {"log_likelihood", "whiteness_p", "branch", "noiseless", "theta1_at_limit"}
+    needs = dict.fromkeys(("K", "K_signed", "K_se", "omega_n", "omega_n_se"), untold["K"])
+    needs |= dict.fromkeys(("C", "C_signed", "C_se"), untold["C"])
+    both = untold["K"] | untold["C"]
     return PointFit(
         *(
-            column if name in kept else np.where(untold["K" if name in of_K else "C"], np.nan, column)
+            column if name in kept else np.where(needs.get(name, both), np.nan, column)
             for name, column in zip(fit._fields, fit, strict=True)
         )
     )

@@ -1,11 +1,11 @@
 """The posterior of each impact's parameters given its own trace alone, under weak priors.
 
-p(u | trace) is in proportion to p(trace | u) N(u; m, D^-1), u being log K, log C and the log of the noise;
-the errors of the measuring chain are integrated out of the likelihood. Importance sampling: points of a
-multivariate t about the Gaussian site times the prior, whose tails are heavier than the posterior's, weighted
-by the posterior over their own density, the greatest weights smoothed (Vehtari et al. 2024). Points fill
-the space evenly (Sobol's sequence) and are the same of every impact, so that what is found of one depends on
-no other.
+p(u | trace) is in proportion to p(trace | u) N(u; m, D^-1) and a prior of the damping ratio, u being log K,
+log C and the log of the noise; the errors of the measuring chain are integrated out of the likelihood.
+Importance sampling: points of a multivariate t about the Gaussian site times the prior, whose tails are
+heavier than the posterior's, weighted by the posterior over their own density, the greatest weights
+smoothed (Vehtari et al. 2024). Points fill the space evenly (Sobol's sequence) and are the same of every
+impact, so that what is found of one depends on no other.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array
 from jaxtyping import Bool, Float
+from scipy.special import ndtr, softmax
 from scipy.stats import chi2, norm, qmc
 
 from bayestissue.hierarchy.gaussian.impacts import Sites
@@ -46,6 +47,8 @@ _TAILS = 5.0
 _ROUNDS = 4
 # Of log K or log C: a search that ends nearer to its start has not begun.
 _MOVES = 1e-9
+# Cells of a skewed posterior's table, and standard deviations by which it goes beyond the prior's mean.
+_CELLS, _REACH = 512, 4.0
 # Of the points' dimensions, after those of the parameters: the t's common scale and the error of the mass.
 _BESIDES = 2
 
@@ -120,8 +123,8 @@ def _of_block(
 ) -> SinglePosteriors:
     prior = ConditionalPrior(np.broadcast_to(prior.mean, start.shape), prior.precision).of_each()
     sites = laplace_sites(model, with_normal_errors(data), start, prior)
-    z, mass_error = _standard(start.shape[1])
-    u, weight, pareto_k = _corrected(model, data, prior, sites, z)
+    even, mass_error = _standard(start.shape[1])
+    u, weight, pareto_k = _corrected(model, data, prior, sites, even)
     # A trace shows omega_n and zeta alone: of the mass, to which K and C are in proportion, it says nothing.
     by_mass = np.exp(model.log_mass_sd * mass_error)[:, None]
     seen = physical(model, data, list(np.moveaxis(u, -1, 0)))
@@ -155,21 +158,27 @@ def _corrected(
     data: TraceData,
     prior: ConditionalPrior,
     sites: Sites,
-    z: Float[np.ndarray, "point parameter"],
+    even: _Even,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points of each impact's posterior, their weights, which sum to 1, and Pareto k.
 
-    Where the weights can't be trusted, the posterior being skewed, proposals with the mean and covariance of
-    the weighted points follow (adaptive importance sampling); of an impact the best of them are kept.
+    Where the weights can't be trusted, the posterior being skewed, `_skewed` proposals follow, and then some
+    with the mean and covariance of the weighted points (adaptive importance sampling); of an impact the best
+    of them are kept.
     """
+    z, log_mass = even.normal * even.scale[:, None], np.asarray(data.log_mass)
     size, given = z.shape[1], normals(sites, prior)
     mean = given.at(np.zeros((len(sites.centre), size)))
     root = np.stack([given.at(np.broadcast_to(axis, mean.shape)) - mean for axis in np.eye(size)], axis=-1)
-    log_density = -(_TAILS + size) / 2 * np.log1p(np.square(z).sum(1) / _TAILS)
     best = np.empty((len(z), *mean.shape)), np.empty((len(z), len(mean))), np.full(len(mean), np.inf)
-    for _ in range(_ROUNDS):
-        u = mean + np.einsum("iab,pb->pia", root, z)
-        log_weight = log_likelihoods(model, data, u) + prior.log_density(u) - log_density[:, None]
+    for turn in range(_ROUNDS):
+        if turn == 1:
+            u, log_density = _skewed(prior, sites, even, log_mass)
+        else:
+            u, log_density = mean + np.einsum("iab,pb->pia", root, z), _log_t(z)[:, None]
+        log_weight = (
+            log_likelihoods(model, data, u) + prior.log_density(u) + _of_damping(u, log_mass) - log_density
+        )
         smoothed = [pareto_smoothed(column) for column in log_weight.T]
         weight = np.exp(np.stack([own for own, _ in smoothed], axis=1))
         found = u, weight, np.array([k for _, k in smoothed])
@@ -187,6 +196,75 @@ def _corrected(
     return best
 
 
+def _of_damping(
+    u: Float[np.ndarray, "*point impact parameter"], log_mass: Float[np.ndarray, "*#impact"]
+) -> Float[np.ndarray, "*point impact"]:
+    """Log prior 1 / (1 + 4 zeta^2) times 2 zeta / (1 + 2 zeta), 2 zeta being C / (K M)^1/2.
+
+    A trace is linear in K where damping is strong, and in C where it is light. A prior level in their
+    logarithms there puts most of itself where K, or C, is next to 0; this one is level in K, or C.
+    """
+    twice = u[..., 1] - (u[..., 0] + log_mass) / 2
+    return -np.logaddexp(0.0, 2 * twice) - np.logaddexp(0.0, -twice)
+
+
+def _skewed(
+    prior: ConditionalPrior, sites: Sites, even: _Even, log_mass: Float[np.ndarray, " impact"]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points of a proposal for a posterior that is skewed along log K, or log C, and their log density.
+
+    A trace that hardly tells K is linear in K itself: its log likelihood is then quadratic in
+    r = K / K_m - 1, K_m being where the site is, and level where K tends to 0, which the prior alone bounds.
+    The site's slope g and precision P in log K are g and P + g in r. The other parameters are normal given r,
+    and integrated out for the density of log K, which is tabulated; a part of it is flattened, for its tails.
+    """
+    rows, size = np.arange(len(sites.centre)), sites.centre.shape[1]
+    precision = sites.precision + prior.precision
+    weak = np.diagonal(np.linalg.inv(precision), axis1=1, axis2=2)[:, :2].argmax(1)
+    rest = np.stack([1 - weak, *np.broadcast_to(np.arange(2, size)[:, None], (size - 2, len(rows)))], axis=1)
+    pull = sites.slope - np.matvec(prior.precision, sites.centre - prior.mean)
+    others = np.linalg.inv(precision[rows[:, None, None], rest[:, :, None], rest[:, None]])
+    cross, of_rest = sites.precision[rows[:, None], weak[:, None], rest], pull[rows[:, None], rest]
+    toward, shift = np.matvec(others, cross), np.matvec(others, of_rest)
+    slope = sites.slope[rows, weak] - np.vecdot(cross, shift)
+    bend = sites.precision[rows, weak, weak] - np.vecdot(cross, toward)
+    centre, mean = sites.centre[rows, weak], prior.mean[rows, weak]
+    sd = prior.precision[rows, weak, weak] ** -0.5
+    unit = 1 / np.sqrt(bend + sd**-2.0)
+    reach = np.arcsinh((np.abs(centre - mean) + _REACH * sd) / unit)
+    ends = unit[:, None] * np.sinh(reach[:, None] * np.linspace(-1, 1, _CELLS + 1))
+    middle, width = (ends[:, 1:] + ends[:, :-1]) / 2, np.diff(ends)
+    r = np.expm1(middle)
+    bent = np.maximum(bend + slope, 0.0)
+    table = (slope[:, None] - bent[:, None] * r / 2) * r
+    table -= np.square((centre - mean)[:, None] + middle) / (2 * np.square(sd)[:, None])
+    along = np.repeat(sites.centre[:, None], _CELLS, axis=1)
+    along[rows, :, weak] += middle
+    table += _of_damping(along, log_mass[:, None])
+    mass = sum(
+        part * softmax(power * table + np.log(width), axis=1) for part, power in ((0.8, 1.0), (0.2, 0.25))
+    )
+    below = np.pad(np.cumsum(mass, axis=1), ((0, 0), (1, 0)))
+    uniform = ndtr(even.normal[:, 0])
+    away = np.stack([np.interp(uniform, *pair) for pair in zip(below, ends, strict=True)], axis=1)
+    cell = np.stack([np.searchsorted(row, own) for row, own in zip(ends, away.T, strict=True)], axis=1)
+    cell = np.clip(cell - 1, 0, _CELLS - 1)
+    log_density = np.log((mass / width)[rows, cell])
+    t = even.normal[:, 1:] * even.scale[:, None]
+    root = np.linalg.cholesky(others)
+    u = np.empty((*away.shape, size))
+    u[:, rows, weak] = centre + away
+    u[:, rows[:, None], rest] = (
+        sites.centre[rows[:, None], rest] + shift - toward * np.expm1(away)[..., None]
+    ) + np.einsum("iab,pb->pia", root, t)
+    return u, log_density + _log_t(t)[:, None]
+
+
+def _log_t(z: Float[np.ndarray, "point parameter"]) -> Float[np.ndarray, " point"]:
+    """Log density of a standard multivariate t, up to a constant."""
+    return -(_TAILS + z.shape[1]) / 2 * np.log1p(np.square(z).sum(1) / _TAILS)
+
+
 def _along(chosen: np.ndarray, array: np.ndarray) -> np.ndarray:
     """Truth values of impacts, laid along the axis that ``array`` has of these."""
     return chosen if array.ndim == 1 else chosen.reshape(1, -1, *[1] * (array.ndim - 2))
@@ -198,11 +276,18 @@ def _root(covariance: Float[np.ndarray, "impact parameter parameter"]) -> np.nda
     return axes * np.sqrt(np.maximum(values, 1e-300))[:, None]
 
 
-def _standard(size: int) -> tuple[Float[np.ndarray, "point parameter"], Float[np.ndarray, " point"]]:
-    """Points of a standard multivariate t, and standard normals for the error of the mass."""
+class _Even(NamedTuple):
+    """Standard normals, and the scales that make a multivariate t of them."""
+
+    normal: Float[np.ndarray, "point parameter"]
+    scale: Float[np.ndarray, " point"]
+
+
+def _standard(size: int) -> tuple[_Even, Float[np.ndarray, " point"]]:
+    """Points that fill the space evenly, and standard normals for the error of the mass."""
     even = np.clip(qmc.Sobol(size + _BESIDES, seed=20).random(POINTS), 1e-9, 1 - 1e-9)
     scale = np.sqrt(_TAILS / chi2.ppf(even[:, size], _TAILS))
-    return norm.ppf(even[:, :size]) * scale[:, None], norm.ppf(even[:, size + 1])
+    return _Even(norm.ppf(even[:, :size]), scale), norm.ppf(even[:, size + 1])
 
 
 def _marginal(
