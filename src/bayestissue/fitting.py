@@ -374,7 +374,7 @@ def fit_prepared(
     form = outcome if isinstance(outcome, dict) else outcome.diagnostics.get("model_form", {})
     if isinstance(outcome, dict) or (specification.may_add_discrepancy and form.get("structured", False)):
         prepared = with_discrepancy(dataset, specification, prepared)
-        analysis = _again(prepared, specification, seed, say, checkpoints, contradicted)
+        analysis = _second_fit(prepared, specification, seed, say, checkpoints, contradicted)
         form_of_both = {"model_form": model_form.with_discrepancy(form, analysis.tree)}
         form_of_both["model_form"] |= {
             "impacts": analysis.diagnostics.get("model_form", {}).get("impacts", {})
@@ -438,7 +438,7 @@ def point_estimates(
     return tables
 
 
-def _again(
+def _second_fit(
     prepared: Prepared,
     specification: ModelSpecification,
     seed: int,

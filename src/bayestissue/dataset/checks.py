@@ -84,7 +84,7 @@ def check_recordings(recordings: Recordings) -> Findings:
 
 
 def _numbers(recordings: Recordings) -> list[Problem]:
-    return [*_not_numbers(recordings), *_few(recordings)]
+    return [*_not_numbers(recordings), *_too_few_samples(recordings)]
 
 
 def _times(recordings: Recordings) -> list[Problem]:
@@ -115,7 +115,7 @@ def _not_numbers(recordings: Recordings) -> Iterator[Problem]:
             )
 
 
-def _few(recordings: Recordings) -> Iterator[Problem]:
+def _too_few_samples(recordings: Recordings) -> Iterator[Problem]:
     samples = recordings.samples
     for which in np.flatnonzero(samples.count < MIN_SAMPLES):
         yield recordings.problem(

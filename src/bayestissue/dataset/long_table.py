@@ -82,11 +82,12 @@ def long_reading(
         rows[order],
         signal.time_column,
         signal.value_column,
-        _moved({**times.text, **readings.text}, order, codes.size),
+        _reordered_text({**times.text, **readings.text}, order, codes.size),
     )
     return Reading(
         samples,
-        _strangers(label, labels, codes, rows) + _absent(label, impacts, position, count),
+        _unknown_impacts(label, labels, codes, rows)
+        + _impacts_without_samples(label, impacts, position, count),
         [],
     )
 
@@ -110,7 +111,7 @@ def _order(codes: np.ndarray) -> np.ndarray | slice:
     return np.argsort(codes, kind="stable")[np.count_nonzero(codes < 0) :]
 
 
-def _moved(text: dict[int, str], order: np.ndarray | slice, rows: int) -> dict[int, str]:
+def _reordered_text(text: dict[int, str], order: np.ndarray | slice, rows: int) -> dict[int, str]:
     if not text:
         return {}
     where = np.arange(rows)[order]
@@ -118,7 +119,7 @@ def _moved(text: dict[int, str], order: np.ndarray | slice, rows: int) -> dict[i
     return {int(site): text[int(where[site])] for site in sites}
 
 
-def _strangers(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -> list[Problem]:
+def _unknown_impacts(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -> list[Problem]:
     strange = np.flatnonzero(codes < 0)
     names, first = np.unique(labels.codes[strange], return_index=True)
     return [
@@ -136,7 +137,9 @@ def _strangers(file: str, labels: Labels, codes: np.ndarray, rows: np.ndarray) -
     ]
 
 
-def _absent(file: str, impacts: list[str], position: dict[str, int], count: np.ndarray) -> list[Problem]:
+def _impacts_without_samples(
+    file: str, impacts: list[str], position: dict[str, int], count: np.ndarray
+) -> list[Problem]:
     return [
         Problem(
             file,

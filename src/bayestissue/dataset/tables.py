@@ -103,7 +103,7 @@ def read_table(
     data = read_bytes(path, label, remedy)
     if path.suffix != ".parquet":
         text = text_table(data, label, wanted=[*labels, *numbers], stated=stated)
-        return _of_text(text, label, numbers, labels)
+        return _parse_text(text, label, numbers, labels)
     table = _parquet(data, label, numbers, labels)
     if unfit := [name for name in numbers if not _numeric(table[name].type)]:
         raise InputError(
@@ -143,7 +143,7 @@ def read_numbers(path: Path, label: str, *, remedy: str, stated: Stated | None =
         table = read_table(path, label, numbers=names, remedy=remedy)
     else:
         text = text_table(read_bytes(path, label, remedy), label, stated=stated)
-        table = _of_text(text, label, [name for name in text.names if name], ())
+        table = _parse_text(text, label, [name for name in text.names if name], ())
     return replace(
         table,
         numbers={name: column for name, column in table.numbers.items() if _holds_numbers(column)},
@@ -156,7 +156,7 @@ def _holds_numbers(column: Numbers) -> bool:
     return numbers > 0 and numbers >= sum(bool(text.strip()) for text in column.text.values())
 
 
-def _of_text(text: TextTable, label: str, numbers: Sequence[str], labels: Sequence[str]) -> Columns:
+def _parse_text(text: TextTable, label: str, numbers: Sequence[str], labels: Sequence[str]) -> Columns:
     wanted = [*labels, *numbers]
     if problems := column_problems(label, text.names, wanted, text.dialect.header_row):
         raise InputError(problems)
@@ -194,7 +194,7 @@ def _as_text(text: TextTable, label: str, types: dict[str, pa.DataType]) -> pa.T
     except pa.ArrowInvalid as error:
         remedy = "Export the file anew."
         raise refusal(
-            label, "a header and rows of cells", remedy, value=_words(error), code="cells-in-a-row"
+            label, "a header and rows of cells", remedy, value=_error_words(error), code="cells-in-a-row"
         ) from error
 
 
@@ -274,7 +274,7 @@ def _damaged(label: str, error: Exception) -> InputError:
             label,
             "a whole Parquet file",
             "Copy or export the file anew.",
-            value=_words(error),
+            value=_error_words(error),
             code="damaged-file",
         )
     )
@@ -311,7 +311,7 @@ def _read_size(metadata: pq.FileMetaData, wanted: list[str]) -> int:
     return max(pages, 8 * metadata.num_rows * len(wanted))
 
 
-def _words(error: Exception) -> str:
+def _error_words(error: Exception) -> str:
     return (str(error).splitlines() or [type(error).__name__])[0]
 
 

@@ -98,9 +98,11 @@ def build(
     except InputError as error:
         by_trace = {f"{RECORDINGS}/{file.name}": file for file in recordings.files}
         by_impact = {row["impact"]: by_trace[row["trace"]] for row in rows}
-        wrong = [_as_met(problem) for problem in error.problems]
+        wrong = [_in_terms_of_init(problem) for problem in error.problems]
         problems += (
-            wrong if cutting else [_hinted(problem, by_impact, signal, facts, choices) for problem in wrong]
+            wrong
+            if cutting
+            else [_with_hint(problem, by_impact, signal, facts, choices) for problem in wrong]
         )
     if not problems:
         return Built(dataset, (), _notes(dataset, cutting))
@@ -133,13 +135,13 @@ def _signal(settings: dict[str, Any], problems: list[Problem]) -> SignalSettings
         return parse_settings(settings).signal
     except InputError as error:
         options = [
-            replace(p, file="init", column=_OPTIONS.get(column := p.column or "", _of_recorder(column)))
+            replace(p, file="init", column=_OPTIONS.get(column := p.column or "", _recorder_option(column)))
             for p in error.problems
         ]
         raise InputError([*problems, *options]) from None
 
 
-def _of_recorder(key: str) -> str | None:
+def _recorder_option(key: str) -> str | None:
     """An entry of the table ``[recorder]`` as the option that gives it; others as they are."""
     table, _, name = key.partition(".")
     return f"--recorder {name}".strip() if table == "recorder" else key or None
@@ -161,7 +163,7 @@ def _write(
             shutil.copyfile(file.path, copy)
 
 
-def _as_met(problem: Problem) -> Problem:
+def _in_terms_of_init(problem: Problem) -> Problem:
     """A problem of the dataset in the words of who has not seen it yet: their files, their options."""
     inside = f"{RECORDINGS}/"
     for key, option in _OPTIONS.items():
@@ -175,7 +177,7 @@ def _as_met(problem: Problem) -> Problem:
     return problem
 
 
-def _hinted(
+def _with_hint(
     problem: Problem, files: dict[str, File], signal: SignalSettings, facts: Facts, choices: Choices
 ) -> Problem:
     """The problem with a further remedy where the recording seems to hold several impacts."""

@@ -62,7 +62,7 @@ def gather(
     of_file: dict[str, Cells] = {}
     of_number: dict[tuple[str, int], Cells] = {}
     if rows:
-        problems += rows.strangers(recordings.files)
+        problems += rows.unmatched_rows(recordings.files)
     for file in recordings.files:
         try:
             from_name = names.read(file.name, file.suffix) if names else {}
@@ -126,7 +126,7 @@ class _Table:
 
     def cells_of(self, file: File) -> dict[int | None, dict[str, str]]:
         """The facts of a file; by the number of the impact where the table has a column of that name."""
-        mine = [(line, row) for line, row in self.rows if row[FILE] in _names(file)]
+        mine = [(line, row) for line, row in self.rows if row[FILE] in _possible_names(file)]
         if not mine:
             raise refusal(
                 self.label,
@@ -146,10 +146,10 @@ class _Table:
             facts_of_number[number] = {name: row[name] for name in self.facts if row[name]}
         return facts_of_number
 
-    def strangers(self, files: tuple[File, ...]) -> Iterator[Problem]:
+    def unmatched_rows(self, files: tuple[File, ...]) -> Iterator[Problem]:
         """Rows that belong to no file, and to more than one."""
         for line, row in self.rows:
-            named = [file.name for file in files if row[FILE] in _names(file)]
+            named = [file.name for file in files if row[FILE] in _possible_names(file)]
             if len(named) != 1:
                 expected = "the name of one recording in the folder, with its folders where names repeat"
                 value = f"{row[FILE]}: {', '.join(named) or 'no such file'}"
@@ -169,7 +169,7 @@ class _Table:
         return int(text)
 
 
-def _names(file: File) -> set[str]:
+def _possible_names(file: File) -> set[str]:
     """The ways in which a table may call a file."""
     bare = file.name[: -len(file.suffix)]
     return {file.name, bare, PurePosixPath(file.name).name, PurePosixPath(bare).name}

@@ -54,7 +54,7 @@ class Intake:
         choices = question.answer(self.choices, text)
         if "{" in text and question.option == "--set subject=":
             choices = replace(self.choices, pattern=text)
-        return replace(_understood(self.recordings, choices), guess=self.guess)
+        return replace(_intake_from(self.recordings, choices), guess=self.guess)
 
     def design(self) -> list[str]:
         """How names are read, and of each fact its values with the number of recordings, in lines."""
@@ -129,10 +129,10 @@ def prepare(folder: str | Path, choices: Choices) -> Intake:
     guess = None
     if choices.pattern is None and choices.table is None and "subject" not in choices.shared:
         guess = guessed(recordings.files, choices.shared)
-    return replace(_understood(recordings, replace(choices, pattern=guess or choices.pattern)), guess=guess)
+    return replace(_intake_from(recordings, replace(choices, pattern=guess or choices.pattern)), guess=guess)
 
 
-def _understood(recordings: RecorderFolder, choices: Choices) -> Intake:
+def _intake_from(recordings: RecorderFolder, choices: Choices) -> Intake:
     facts = gather(recordings, pattern=choices.pattern, table=choices.table, shared=choices.shared)
     choices, questions = settle(choices, recordings, facts.columns)
     return Intake(recordings, choices, facts, tuple(questions))
@@ -179,7 +179,10 @@ def write(
                 skip_bad=skip_bad,
             )
             page = init_page(
-                built.dataset, understood=_words(intake, cutting), left_out=built.left_out, notes=built.notes
+                built.dataset,
+                understood=_summary(intake, cutting),
+                left_out=built.left_out,
+                notes=built.notes,
             )
             (staging / PAGE).write_text(page, encoding="utf-8")
         return replace(built, dataset=replace(built.dataset, folder=target.path))
@@ -291,7 +294,7 @@ def init_dataset(
     return read_dataset(out)
 
 
-def _words(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
+def _summary(intake: Intake, cutting: Cutting | None) -> list[tuple[str, str]]:
     """What was understood, as pairs of a heading and words."""
     choices, candidates = intake.choices, intake.recordings.candidates()
     scaled = f", times {choices.scale:g}" if choices.scale != 1 else ""

@@ -247,7 +247,7 @@ def guessed(files: Sequence[File], known: Collection[str] = ()) -> str | None:
 
 def _pieces(columns: Sequence[Sequence[str]]) -> list[str]:
     """The text of a pattern for each part of the names."""
-    pieces: list[str | None] = [_by_its_look(set(texts)) for texts in columns]
+    pieces: list[str | None] = [_recognised(set(texts)) for texts in columns]
     taken = {name for piece in pieces if piece for name in re.findall(r"\{(\w+)\}", piece)}
     for position, texts in enumerate(columns):
         if pieces[position] is None and "subject" not in taken:
@@ -267,7 +267,7 @@ def _others() -> list[str]:
     return ["group", *(f"group_{number}" for number in range(2, 20))]
 
 
-def _by_its_look(texts: set[str]) -> str | None:
+def _recognised(texts: set[str]) -> str | None:
     """What a part is, where that shows; None of one that a person may be."""
     numbered = [_NUMBERED.fullmatch(text) for text in texts]
     frames = {(match["before"], match["after"]) for match in numbered if match}

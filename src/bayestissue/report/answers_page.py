@@ -160,14 +160,14 @@ def _intervals(predictions: pd.DataFrame, name: str) -> Markup | None:
 
 def _table(predictions: pd.DataFrame) -> Table:
     rows = [
-        Row((str(number), _given(row), *(_cell(row, name) for name in PREDICTED)))
+        Row((str(number), _covariate_cell(row), *(_cell(row, name) for name in PREDICTED)))
         for number, row in enumerate(predictions.to_dict("records"), start=1)
     ]
     titles = [f"{word}, {unit}" for word, unit, _ in PREDICTED.values()]
     return Table(columns("row", "given", *titles, number=("row", *titles), words=("given",)), rows)
 
 
-def _given(row: Mapping[Any, Any]) -> Markup:
+def _covariate_cell(row: Mapping[Any, Any]) -> Markup:
     """What was given, and under it what is new and what is to be known of it."""
     said = [f"new {row['new']}"] * bool(row["new"]) + [row["note"]] * bool(row["note"])
     return Markup('{}<br><span class="muted">{}</span>').format(covariate_words(row), "; ".join(said))

@@ -144,12 +144,12 @@ def _level(table: pd.DataFrame, name: str) -> dict[str, str]:
         "unit": unit,
         "median": significant(median),
         "range": interval(low, high),
-        "sure": _sure(table, column),
+        "sure": _relative_half_width(table, column),
         "missing": str(len(table) - len(values)) if len(values) < len(table) else "",
     }
 
 
-def _sure(table: pd.DataFrame, column: str) -> str:
+def _relative_half_width(table: pd.DataFrame, column: str) -> str:
     """Half of a single impact's interval, as a share of it, in the median impact; of posteriors alone."""
     if not _by_posterior(table):
         return ""

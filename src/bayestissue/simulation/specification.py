@@ -171,7 +171,7 @@ class Tissue(_Table):
         return groups | {term_of_slope(key): pair for key, pair in self.sd_slope.items()}
 
     @model_validator(mode="after")
-    def _of_the_element(self) -> Self:
+    def _check_element(self) -> Self:
         from bayestissue.elements import element, element_names
 
         if self.element not in element_names():

@@ -268,8 +268,8 @@ def comparison_table(comparison: pd.DataFrame) -> Table:
         Field(
             "off the best", lambda row: _with_error(row["elpd_difference"], row["se_difference"]), "number"
         ),
-        Field("effective parameters", lambda row: _given(row["p_effective"], 1), "number"),
-        Field("weight", lambda row: _given(row["weight"], 2), "number"),
+        Field("effective parameters", lambda row: _number_or_empty(row["p_effective"], 1), "number"),
+        Field("weight", lambda row: _number_or_empty(row["weight"], 2), "number"),
         Field("warning", lambda row: row["warning"], "words"),
     )
 
@@ -278,7 +278,7 @@ def _with_error(value: float, error: float) -> str:
     return "" if pd.isna(value) else f"{number(value, 1)} ± {number(error, 1)}"
 
 
-def _given(value: float, decimals: int) -> str:
+def _number_or_empty(value: float, decimals: int) -> str:
     return "" if pd.isna(value) else number(value, decimals)
 
 

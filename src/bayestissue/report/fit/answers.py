@@ -105,10 +105,10 @@ def method_sentence(run: FitRun) -> str:
 
 def mass_conclusion(run: FitRun) -> str:
     """Whether K and C depend on the mass, and whether people differ in it where the model asks."""
-    return f"{_of_typical(run)} {differing_words(run)}".strip()
+    return f"{_typical_conclusion(run)} {differing_words(run)}".strip()
 
 
-def _of_typical(run: FitRun) -> str:
+def _typical_conclusion(run: FitRun) -> str:
     """Whether K and C of a typical person depend on it, by the probabilities of the hypotheses."""
     if not mass_varies(run):
         return "The mass of the impactor never varies here, so nothing can be said of its part."

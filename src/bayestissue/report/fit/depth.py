@@ -65,11 +65,11 @@ def depth_sentence(run: FitRun) -> Markup:
         "Here K is force over depth at {}, which every impact reaches{}. At each impact's own greatest depth "
         "K ∝ M<sup>{}</sup> ({})."
     ).format(depth_words(run), _IF if run.record.get("discrepancy") else "", deepest.value, deepest.range)
-    return (sentence + " " + _meaning(run, common, deepest)).strip()
+    return (sentence + " " + _explanation(run, common, deepest)).strip()
 
 
-def _meaning(run: FitRun, common: Spread, deepest: Spread) -> Markup:
-    where = _where(run, deepest)
+def _explanation(run: FitRun, common: Spread, deepest: Spread) -> Markup:
+    where = _direction(run, deepest)
     if deepest.holds(0) or not where:
         return Markup()
     if not common.holds(0):
@@ -81,7 +81,7 @@ def _meaning(run: FitRun, common: Spread, deepest: Spread) -> Markup:
     return Markup(said)  # noqa: S704 - words of this module alone
 
 
-def _where(run: FitRun, deepest: Spread) -> str:
+def _direction(run: FitRun, deepest: Spread) -> str:
     """Where heavier impactors go, if that is what makes the exponent; else empty."""
     depth = np.nanmax(run.groups["observed_data"]["displacement"].to_numpy(), axis=1)
     log_mass = np.log(run.constant("mass_kg"))

@@ -84,11 +84,11 @@ def fit_page(folder: Path, record: dict[str, Any]) -> str:
 
 def _codes(run: FitRun) -> list[Code]:
     """The codes of the first screen's warnings, the verdict's first."""
-    said = [*_of_the_formula(run), *[ONE_IMPACT] * (len(run.impacts) == 1)]
+    said = [*_formula_remarks(run), *[ONE_IMPACT] * (len(run.impacts) == 1)]
     return [*warned_codes(run.diagnostics), *codes_in(" ".join(said))]
 
 
-def _of_the_formula(run: FitRun) -> list[str]:
+def _formula_remarks(run: FitRun) -> list[str]:
     """What the formulas leave out, of what they might be of: terms and columns."""
     record = run.record
     return [
@@ -116,7 +116,7 @@ def _first_screen(run: FitRun) -> dict[str, Any]:
         "one_impact": ONE_IMPACT,
         "of": answers.person_words(run),
         "terms_left_out": left_out_words(run.record.get("terms_left_out", [])),
-        "formula_words": list(filter(None, _of_the_formula(run))),
+        "formula_words": list(filter(None, _formula_remarks(run))),
         "averaged": answers.averaged_sentence(run),
         "people_averaged": answers.averaged_over(run, "K_subject"),
         "method": answers.method_sentence(run),

@@ -52,7 +52,7 @@ def sources_table(run: FitRun) -> Table | None:
     columns_shown = [(level, q) for level in levels for q in _QUANTITIES if (_ALL, level, q) in cells]
     titles = [f"{q}, {levels[level]}" for level, q in columns_shown]
     present = set(sources["source"])
-    names = _names(sources)
+    names = _source_names(sources)
     rows = [
         Row((words, *(_cell(cells.get((name, *column))) for column in columns_shown)))
         for name, words in names.items()
@@ -60,11 +60,13 @@ def sources_table(run: FitRun) -> Table | None:
     ]
     if "element" not in present:
         rows.append(Row((_NAMES["element"], *("taken as true" for _ in columns_shown))))
-    rows.append(Row(("all together", *(_half(cells[(_ALL, *column)]["sd"]) for column in columns_shown))))
+    rows.append(
+        Row(("all together", *(_half_width(cells[(_ALL, *column)]["sd"]) for column in columns_shown)))
+    )
     return Table(columns("source", *titles, number=titles), rows)
 
 
-def _names(sources: pd.DataFrame) -> dict[str, str]:
+def _source_names(sources: pd.DataFrame) -> dict[str, str]:
     """The sources in the order of the page, further group terms as the model file has them before priors."""
     last = ("priors",)
     known = {*_NAMES, _ALL, _DRAWN, _WINDOW, _BY_NOISE}
@@ -87,10 +89,10 @@ def _cell(row: Mapping[Any, Any] | None) -> str:
     if row is None:
         return ""
     share = percent(max(row["share"], 0.0))
-    return share if row["share"] < _LEAST else f"{share} ({_half(row['sd'])})"
+    return share if row["share"] < _LEAST else f"{share} ({_half_width(row['sd'])})"
 
 
-def _half(sd: float) -> str:
+def _half_width(sd: float) -> str:
     return relative(math.expm1(_HALF * sd))
 
 
@@ -100,7 +102,8 @@ def sources_words(run: FitRun) -> list[str]:
         return []
     levels = _levels(run)
     said = [
-        f"Of the 90 % interval of a {words}: {'; '.join(_most(sources, level, q) for q in _QUANTITIES)}."
+        f"Of the 90 % interval of a {words}: "
+        f"{'; '.join(_largest_sources(sources, level, q) for q in _QUANTITIES)}."
         for level, words in (("impact", "recorded impact"), ("new person", levels.get("new person")))
         if words
     ]
@@ -108,11 +111,11 @@ def sources_words(run: FitRun) -> list[str]:
         said.append(
             "The element is taken as true: no part of these intervals stands for another law of the tissue."
         )
-    return [*said, _window_words(sources), *_doubt(sources, levels)]
+    return [*said, _window_words(sources), *_approximation_remarks(sources, levels)]
 
 
-def _most(sources: pd.DataFrame, level: str, quantity: str) -> str:
-    names = _names(sources)
+def _largest_sources(sources: pd.DataFrame, level: str, quantity: str) -> str:
+    names = _source_names(sources)
     chosen = sources[
         (sources["level"] == level) & (sources["quantity"] == quantity) & sources["source"].isin(names)
     ]
@@ -137,7 +140,7 @@ def _window_words(sources: pd.DataFrame) -> str:
     )
 
 
-def _doubt(sources: pd.DataFrame, levels: Mapping[str, str]) -> list[str]:
+def _approximation_remarks(sources: pd.DataFrame, levels: Mapping[str, str]) -> list[str]:
     drawn = sources[(sources["source"] == _DRAWN) & sources["level"].isin(levels)]
     off = drawn[~drawn["share"].between(*_NEAR)]
     doubtful = [

@@ -127,9 +127,9 @@ def saturation(d: Rows, used: Mask, start: Start, sd: Column) -> Column:
     plain, count, floor = plain[rows], count[rows], floor[rows]
     limits, best = np.ones(rows.size), plain.copy()
     for factor in LIMITS:
-        limit = (factor * peak)[:, None]
-        z = np.clip(d / limit, -0.99, 0.99)
-        square = best_left(np.arctanh(z) * limit, used, start, 1 - z**2)
+        scale = (factor * peak)[:, None]
+        z = np.clip(d / scale, -0.99, 0.99)
+        square = best_left(np.arctanh(z) * scale, used, start, 1 - z**2)
         limits, best = np.where(square < best, factor, limits), np.minimum(best, square)
     freedom = np.maximum(count - TERMS - 1, 1)
     gain = (plain - best) / np.maximum(best, floor) * freedom

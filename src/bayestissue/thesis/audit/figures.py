@@ -41,8 +41,8 @@ def figures_that_do_not_follow(publication: Publication) -> Iterator[Finding]:
             row.published,
             implied,
             f"The figure for {row.quantity} in {table_words(row.table)} is {row.published}; recomputed from "
-            f"the rows and averages it is {implied}, so the print is {_off(row.printed, row.value)}"
-            f"{_hint(row.note)}.",
+            f"the rows and averages it is {implied}, so the print is "
+            f"{_difference_words(row.printed, row.value)}{_hint(row.note)}.",
             "note" if abs(row.printed - row.value) < _SMALL * abs(row.value) else None,
         )
 
@@ -183,7 +183,7 @@ def table_words(table: str) -> str:
     return table if table.startswith("section") else f"Table {table}"
 
 
-def _off(printed: float, value: float) -> str:
+def _difference_words(printed: float, value: float) -> str:
     if value and not 0.5 < printed / value < 2:
         return f"{printed / value:.3g} times that"
     return f"{abs(printed - value):.3g} off" + (f" ({abs(printed / value - 1):.2%})" if value else "")

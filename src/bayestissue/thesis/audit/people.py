@@ -172,7 +172,7 @@ def rows_that_stand_twice(impacts: Impacts) -> Iterator[Finding]:
     keys = ["trial", "K", "C"]
     again = impacts.rows[impacts.rows.duplicated(keys, keep=False)]
     for (trial, stiffness, damping), rows in again.groupby(keys):
-        people = _names(rows)
+        people = _subject_names(rows)
         chance = _chance_of_a_pair(impacts, "K", trial) * _chance_of_a_pair(impacts, "C", trial)
         likely = comb(int((impacts.rows["trial"] == trial).sum()), 2) * chance
         yield Finding(
@@ -181,8 +181,8 @@ def rows_that_stand_twice(impacts: Impacts) -> Iterator[Finding]:
             f"K = {stiffness:g}, C = {damping:g} for each",
             f"chance of such a pair {likely:.1g}" if likely else "no chance",
             f"Subjects {people} of trial {trial} have the same K and the same C to the last digit. Among the "
-            f"people of that trial such a pair would come about by chance {_how_often(likely)}; one row is "
-            f"probably a copy of the other.",
+            f"people of that trial such a pair would come about by chance "
+            f"{_frequency_words(likely)}; one row is probably a copy of the other.",
         )
 
 
@@ -200,7 +200,7 @@ def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Finding]:
         likely = comb(int(sizes[trial]), 2) * _chance_of_a_pair(impacts, "K", trial)
         if likely > 0.1 or rows["C"].duplicated(keep=False).all():
             continue
-        people = _names(rows)
+        people = _subject_names(rows)
         values = " and ".join(f"{value:g}" for value in rows["C"])
         yield Finding(
             impacts.where,
@@ -208,7 +208,7 @@ def stiffness_that_stands_twice(impacts: Impacts) -> Iterator[Finding]:
             f"K = {stiffness:g} for each",
             f"chance of such a pair {likely:.1g}",
             f"Subjects {people} of trial {trial} share K = {stiffness:g} to the last digit while their "
-            f"C is {values}; in this trial two equal K's come about {_how_often(likely)}.",
+            f"C is {values}; in this trial two equal K's come about {_frequency_words(likely)}.",
         )
 
 
@@ -246,9 +246,9 @@ def _chance_of_a_pair(impacts: Impacts, quantity: str, trial: object) -> float:
     return float(min(1, 10.0**-impacts.digits * stats.norm.pdf(0) / (np.sqrt(2) * scatter)))
 
 
-def _how_often(likely: float) -> str:
+def _frequency_words(likely: float) -> str:
     return f"once in {float(f'{1 / likely:.1e}'):,.0f} such trials" if likely > 1e-6 else "practically never"
 
 
-def _names(rows: pd.DataFrame) -> str:
+def _subject_names(rows: pd.DataFrame) -> str:
     return " and ".join(str(subject) for subject in rows["subject"])

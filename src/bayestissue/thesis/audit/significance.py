@@ -86,7 +86,7 @@ def highest_correlations(publication: Publication) -> Iterator[Finding]:
     claims = publication.tables.claims
     for claim in named_rows(claims[claims["statistic"] == "highest correlations with mass as a component"]):
         count = int(claim.value)
-        for table, rows in _tables_of(publication, claim.quantity):
+        for table, rows in _correlation_tables(publication, claim.quantity):
             top = rows.abs().sort_values(ascending=False).head(count)
             without = [name for name in top.index if not has_mass(name)]
             if not without:
@@ -210,7 +210,7 @@ def _recomputed(publication: Publication, quantity: Quantity) -> pd.DataFrame:
     return frame.loc[r.abs().sort_values(ascending=False).index]
 
 
-def _tables_of(publication: Publication, quantity: Quantity) -> Iterator[tuple[str, pd.Series]]:
+def _correlation_tables(publication: Publication, quantity: Quantity) -> Iterator[tuple[str, pd.Series]]:
     printed = publication.tables.correlations.query("quantity == @quantity")
     for table, rows in printed.groupby("table", sort=False):
         yield f"Table {table}", rows.drop_duplicates("variable").set_index("variable")["correlation"]

@@ -100,11 +100,11 @@ def published_subject() -> Subject:
         observed_statistics(observed, design),
         False,
         runtime.content_hash(tables.paths),
-        _described("published", "the thesis's published estimates", design, design.in_rows, "dds"),
+        _description("published", "the thesis's published estimates", design, design.in_rows, "dds"),
     )
 
 
-def _described(
+def _description(
     name: str, title: str, design: Design, rows: Bool[np.ndarray, " impact"], method: Method
 ) -> dict[str, Any]:
     """What the report says of estimates, of which those in ``rows`` are usable."""
@@ -151,9 +151,9 @@ def dataset_subject(dataset: Dataset, method: Method, source: str) -> Subject:
         {name: float(value[0]) for name, value in statistics.items() if np.isfinite(value[0])},
         True,
         dataset.input_hash,
-        _described(dataset.name, f"the estimates of {dataset.name}", design, positive, method),
+        _description(dataset.name, f"the estimates of {dataset.name}", design, positive, method),
         _recording(dataset, signal),
-        _around(float(np.nanmedian(tables["exact"]["K_N_per_m"])), _FOLD),
+        _log_range(float(np.nanmedian(tables["exact"]["K_N_per_m"])), _FOLD),
     )
 
 
@@ -172,14 +172,14 @@ def _recording(dataset: Dataset, signal: Displacements) -> dict[str, Range]:
     velocity = stated.velocity_sd_m_s / float(np.median(dataset.impacts["velocity_m_s"]))
     gain = 2 * stated.relative_gain_sd
     return {
-        "noise_relative_to_peak": _around(float(np.median(signal.noise_sd)) / peak),
-        "offset_relative_to_peak_sd": _around(stated.offset_sd / peak),
+        "noise_relative_to_peak": _log_range(float(np.median(signal.noise_sd)) / peak),
+        "offset_relative_to_peak_sd": _log_range(stated.offset_sd / peak),
         "gain": Range(low=1 - gain, high=1 + gain),
-        "relative_velocity_sd": _around(velocity),
+        "relative_velocity_sd": _log_range(velocity),
     }
 
 
-def _around(value: float, factor: float = 2.0) -> Range:
+def _log_range(value: float, factor: float = 2.0) -> Range:
     """The range from ``value`` / ``factor`` to ``value`` ``factor``, the logarithm uniform."""
     value = max(value, 1e-6)
     return Range(low=value / factor, high=value * factor, log=True)

@@ -142,7 +142,7 @@ def standing(run: CausesRun) -> list[Row]:
 def answer(run: CausesRun) -> list[str]:
     """The whole answer, a sentence each: what was found, where its cause lies, and how sure that is."""
     rows = run.causes.sort_values("probability", ascending=False).to_dict("records")
-    sentences = [_question(run), *_lead(run, rows[0]), _alone(run)]
+    sentences = [_question(run), *_method_or_tissue(run, rows[0]), _single_causes(run)]
     tissue = run.causes[~run.in_method]
     if not _fixed_tissue(run, rows[0]) and len(tissue) and (tissue["verdict"] == "refuted").all():
         best = max(tissue.to_dict("records"), key=lambda row: row["probability"])
@@ -164,7 +164,7 @@ def _question(run: CausesRun) -> str:
     return f"In {run.record['subject']['title']} {exponents_words}."
 
 
-def _lead(run: CausesRun, best: Row) -> list[str]:
+def _method_or_tissue(run: CausesRun, best: Row) -> list[str]:
     """Method or tissue, and the likeliest cause."""
     if fixed := _fixed_tissue(run, best):
         return [
@@ -195,7 +195,7 @@ def _fixed_tissue(run: CausesRun, best: Row) -> Row | None:
     return None
 
 
-def _alone(run: CausesRun) -> str:
+def _single_causes(run: CausesRun) -> str:
     left, count = standing(run), len(run.compared)
     if not left:
         return f"But none of them, acting alone, makes all {count} numbers compared (every p below 0.01)."
