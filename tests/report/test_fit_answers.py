@@ -178,7 +178,7 @@ def test_theta1_at_its_edge_is_counted_and_impact_toml_named(run, arma):
 def test_coverage_is_shown_once_it_was_measured(run, tmp_path, monkeypatch):
     path = tmp_path / "coverage.csv"
     path.write_text("likelihood,quantity,level,held,impacts,command,measured\n", encoding="utf-8")
-    monkeypatch.setattr(words, "COVERAGE", path)
+    monkeypatch.setattr(words, "_MEASURED", path)
     assert words.coverage_table(run) is None
     with path.open("a", encoding="utf-8") as stream:
         stream.write("a2,K,90,1500,2000,a command,on an earlier version\narma,K,90,1,2,another,\n")

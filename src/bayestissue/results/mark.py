@@ -97,10 +97,9 @@ def _entries(folder: Path, written: frozenset[str]) -> Iterator[str]:
             if not _LITTER.fullmatch(name):
                 yield name
         elif name in parents:
-            inner = frozenset(
-                path.removeprefix(f"{name}/") for path in written if path.startswith(f"{name}/")
-            )
-            yield from (f"{name}/{path}" for path in _entries(path, inner))
+            start = f"{name}/"
+            inner = frozenset(file.removeprefix(start) for file in written if file.startswith(start))
+            yield from (f"{start}{entry}" for entry in _entries(path, inner))
         else:
             yield f"{name}/"
 
