@@ -15,7 +15,8 @@ from threadpoolctl import threadpool_info, threadpool_limits
 
 import bayestissue as bt
 from bayestissue import fitting
-from bayestissue.fitting import TABLES, Fit, resolve, write_run
+from bayestissue.finished import TABLES, write_run
+from bayestissue.fitting import finished_fit, resolve
 from bayestissue.hierarchy.specification import Sampler, read_specification
 from bayestissue.hierarchy.trace_data import prepare
 from bayestissue.inference.fit import TraceAnalysis
@@ -41,11 +42,11 @@ def fitted(dataset, tmp_path_factory):
     folder = make_fit_run(tmp_path_factory.mktemp("made") / "run")
     with xr.open_datatree(folder / "posterior.nc", engine="h5netcdf") as stored:
         tree = stored.load()
-    tables = {name: pd.read_csv(folder / f"{name}.csv", keep_default_na=False) for name in TABLES}
+    tables = {name: bt.read_run(folder).table(name) for name in TABLES}
     diagnostics = json.loads((folder / "diagnostics.json").read_text())
     diagnostics["worst"] = {name: {"value": v} for name, v in WORST.items()}
     specification = read_specification(shared("models", "a2.toml"))
-    return Fit(
+    return finished_fit(
         dataset,
         specification,
         prepare(dataset, specification, source="a2"),
@@ -84,7 +85,7 @@ def test_a_fit_hands_out_comparisons_reliability_and_agreement(fitted, tmp_path)
 
 
 def test_it_is_shown_in_a_few_lines(fitted):
-    evil = replace(fitted, dataset=replace(fitted.dataset, name="<b>\x1b[2J" + "long" * 100))
+    evil = replace(fitted, about=fitted.about | {"dataset": "<b>\x1b[2J" + "long" * 100})
     told, page = repr(evil), evil._repr_html_()
     assert told.startswith("Fit by the model a2\n  impacts")
     assert len(told.splitlines()) == 7
@@ -118,6 +119,29 @@ def test_its_report_is_the_folder_of_a_finished_run(fitted, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["page.html", "run"]
     with pytest.raises(bt.InputError, match="overwrite=True"):
         fitted.report(alone)
+
+
+def test_a_run_that_is_read_back_is_the_fit_that_was_made(fitted, tmp_path):
+    fitted.report(tmp_path / "run")
+    again = bt.read_run(tmp_path / "run")
+    assert type(again) is type(fitted) is bt.Fit is bt.Run
+    for name in (*TABLES, "agreement", "questions"):
+        made, read = getattr(fitted, name, None), getattr(again, name, None)
+        if isinstance(made, pd.DataFrame):
+            pd.testing.assert_frame_equal(read, made, check_dtype=False, check_exact=False, rtol=1e-12)
+    for name in ("seed", "started", "wall_time_s", "verdict", "diagnostics", "about"):
+        assert getattr(again, name) == getattr(fitted, name), name
+    for method, table in fitted.point_estimates.items():
+        assert again.point_estimates[method]["K_N_per_m"].tolist() == table["K_N_per_m"].tolist()
+    assert again.specification.formula == fitted.specification.formula.model_copy(
+        update=fitted.about["model"]["formula"]
+    )
+    xr.testing.assert_equal(again.posterior["posterior"].dataset, fitted.posterior["posterior"].dataset)
+    assert repr(again) == repr(fitted)
+    assert again.ask("K_new > 0")["posterior"].tolist() == fitted.ask("K_new > 0")["posterior"].tolist()
+    # Its report is written anew, and a copy of the run.
+    copied = again.report(tmp_path / "copy")
+    assert copied.read_bytes() == (tmp_path / "run" / "report.html").read_bytes()
 
 
 def test_what_the_caller_set_up_is_as_it_was(dataset):
@@ -213,7 +237,7 @@ def test_structured_residuals_ask_for_a_second_fit(
     # The chain is asked without a discrepancy, and speaks first.
     assert asked == [False]
     assert "WARNING: The zero is off." in found.verdict
-    about = fitting.provenance(found)["verdict"]
+    about = found.about["verdict"]
     assert about["warned"]
     assert "contradict the measuring chain" in about["headline"]
     impact = found.diagnostics["measuring_chain"]["impacts"][0]
@@ -228,13 +252,13 @@ def test_structured_residuals_ask_for_a_second_fit(
         assert "WARNING" in found.verdict
         assert "5 % of the peak" in found.verdict
         assert found.prepared.model.discrepancy
-        about = fitting.provenance(found)["discrepancy"]
+        about = found.about["discrepancy"]
         assert about == {"rms_of_peak": pytest.approx(0.05), "score_without": 9.0}
     else:
         assert seen == [(False, tmp_path)]
         assert said == ["summarising each trace"]
         assert (told["score"], told["structured"]) == (form["score"], form["structured"])
-        assert "discrepancy" not in fitting.provenance(found)
+        assert "discrepancy" not in found.about
 
 
 @pytest.mark.long

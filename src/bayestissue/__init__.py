@@ -18,7 +18,7 @@ _PUBLIC: dict[str, str] = {
     "read_dataset": "bayestissue.dataset",
     "init_dataset": "bayestissue.intake",
     "Check": "bayestissue.checking",
-    "Fit": "bayestissue.fitting",
+    "Fit": "bayestissue.finished",
     "Impact": "bayestissue.one_impact",
     "InputError": "bayestissue.errors",
     "Problem": "bayestissue.errors",

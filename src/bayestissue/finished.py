@@ -1,56 +1,269 @@
-"""A finished run read back from its folder, to ask it more."""
+"""A finished fit, just made or read back from its folder: one object, and the files of a run."""
 
 from __future__ import annotations
 
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
-from functools import cached_property
+from datetime import datetime
+from functools import cache, cached_property, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import pandas as pd
 import xarray as xr
 
-from bayestissue.answering import Answering
-from bayestissue.errors import InputError
+from bayestissue import results, runtime
+from bayestissue.errors import InputError, refusal
+from bayestissue.hierarchy.specification import ModelSpecification, specification_of
 from bayestissue.inference.answers.finished import GROUPS, Finished
-from bayestissue.outline import Rows, short
-from bayestissue.report.run_folder import not_a_fit, open_tree, read_about, require_files
+from bayestissue.inference.samplers.diagnostics import verdict_in_words
+from bayestissue.outline import Outlined, Rows, short, span
+from bayestissue.report.run_folder import not_a_fit, open_tree, read_about, read_json, require_files
 
+if TYPE_CHECKING:
+    from bayestissue.dataset import Dataset
+    from bayestissue.hierarchy.trace_data import Prepared
+    from bayestissue.inference.fit import Say, TraceAnalysis
+
+TABLES = (
+    *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
+    *("contrasts", "people", "reliability"),
+)
+METHODS = ("exact", "dds")
+_FURTHER = ("questions", "agreement", *(f"estimates_{method}" for method in METHODS))
+# Columns of text, also where all of it looks like numbers, or where there is none.
+_NAMES = [
+    *("impact", "subject", "trial", "variable", "label", "unit", "note", "notes", "flags", "warning"),
+    *("factor", "level", "person", "against", "quantity", "method", "measure", "form", "varies", "source"),
+    *("question", "name", "hypothesis", "diagnosis", "scheme"),
+]
 _AGAIN = "Give the folder of a finished run of `bayestissue fit`."
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Run(Answering):
-    """A finished run of `bayestissue fit`.
+class Fit(Outlined):
+    """A finished fit, with all that a run folder tells of it.
 
     Attributes:
-        folder: where it lies.
         about: the content of ``run.json``.
-        posterior: the ArviZ DataTree of ``posterior.nc``, whose draws are read from the file as they are
-            needed.
+        posterior: the ArviZ DataTree with all groups of ``posterior.nc``: draws, predictions, densities,
+            data. Of a run that was read back they are read from the file as they are needed.
+        diagnostics: whether the sampler did its work (``passed``), and each check: ``diagnostics.json``.
+            Besides, what is in doubt whatever the sampler did: ``measuring_chain`` (see
+            `bayestissue.inference.checking.measuring_chain.judge`) and ``model_form``.
+        table: a table of the folder by its name, such as "summary"; a KeyError where there is none.
+        folder: of the run that was read back, or of the dataset that was fitted; None where it has none.
+        dataset: what was fitted; None of a run that was read back, which has no recordings.
+        prepared: the model and its data, likewise.
     """
 
-    folder: Path
     about: dict[str, Any]
     posterior: xr.DataTree
+    diagnostics: dict[str, Any]
+    table: Callable[[str], pd.DataFrame]
+    folder: Path | None = None
+    dataset: Dataset | None = None
+    prepared: Prepared | None = None
 
     def _outline(self) -> tuple[str, Rows]:
-        rows = [
-            ("dataset", short(str(self.about.get("dataset", "")))),
-            ("model", short(str(self.about["model"].get("name", "")))),
-            ("more in", ".ask(question), .predict(table), .posterior, .about"),
+        posterior = self.posterior["posterior"].dataset
+        chains, draws = (posterior.sizes[name] for name in ("chain", "draw"))
+        medians = [
+            (f"{name} of the impacts", f"posterior medians {span(_medians(posterior[name]), unit)}")
+            for name, unit in (("K", "N/m"), ("C", "N s/m"))
         ]
-        return f"Finished run {short(str(self.folder))}", rows
+        rows = [
+            ("impacts", f"{posterior.sizes['impact']} of {short(str(self.about.get('dataset', '')))}"),
+            *medians,
+            ("draws", f"{chains} chains of {draws}, seed {self.seed}, {self.wall_time_s:.0f} s"),
+            ("diagnostics", short(self.verdict, 160)),
+            ("more in", ".summary, .posterior, .diagnostics, .ask(question), .predict(table), .report(path)"),
+        ]
+        return f"Fit by the model {short(str(self.about['model'].get('name', '')))}", rows
+
+    @property
+    def seed(self) -> int:
+        """Of all draws."""
+        return int(self.about["seed"])
+
+    @property
+    def started(self) -> datetime:
+        """When sampling began."""
+        return datetime.fromisoformat(self.about["started"])
+
+    @property
+    def wall_time_s(self) -> float:
+        """How long the fit took, s."""
+        return float(self.about["wall_time_s"])
 
     @cached_property
-    def finished(self) -> Finished:  # noqa: D102 - as declared above
+    def specification(self) -> ModelSpecification:
+        """The model file, its formulas as they were evaluated."""
+        return specification_of(self.about["model"], "run.json")
+
+    @property
+    def point_estimates(self) -> dict[str, pd.DataFrame]:
+        """Of every impact by the methods "exact" and "dds", as `estimate` has them."""
+        return {method: self.table(f"estimates_{method}") for method in METHODS}
+
+    @property
+    def questions(self) -> pd.DataFrame:
+        """Answers to the questions of the model file: ``questions.csv``; those without one say why."""
+        try:
+            return self.table("questions")
+        except KeyError:
+            from bayestissue.inference.answers.questions import COLUMNS
+
+            return pd.DataFrame(columns=COLUMNS)
+
+    @property
+    def summary(self) -> pd.DataFrame:
+        """Mean, median, intervals, R-hat and effective sample sizes of every quantity: ``summary.csv``.
+
+        ``note`` says where an interval is none: see `bayestissue.inference.samplers.diagnostics.noted`.
+        """
+        return self.table("summary")
+
+    @property
+    def contrasts(self) -> pd.DataFrame:
+        """Ratios of K and C between the levels of categories and groups: ``contrasts.csv``.
+
+        See `bayestissue.inference.answers.contrasts`.
+        """
+        return self.table("contrasts")
+
+    @property
+    def people(self) -> pd.DataFrame:
+        """Each person against each other, with the probability of being stiffer: ``people.csv``.
+
+        See `bayestissue.inference.answers.people`.
+        """
+        return self.table("people")
+
+    @property
+    def reliability(self) -> pd.DataFrame:
+        """Intraclass correlations, error of measurement, detectable change, repeats: ``reliability.csv``.
+
+        See `bayestissue.inference.answers.reliability`; the draws are in the group posterior.
+        """
+        return self.table("reliability")
+
+    @property
+    def analysis(self) -> TraceAnalysis:
+        """All tables of the fit itself, as `bayestissue.inference.fit.fit_traces` returns them."""
+        from bayestissue.inference.fit import TraceAnalysis
+
+        tables = {name: self.table(name) for name in TABLES}
+        return TraceAnalysis(tree=self.posterior, diagnostics=self.diagnostics, **tables)
+
+    @property
+    def agreement(self) -> pd.DataFrame:
+        """Ratios of the thesis's method, the exact point fit and the posterior: ``agreement.csv``.
+
+        See `bayestissue.inference.answers.agreement`.
+        """
+        return self.table("agreement")
+
+    @property
+    def verdict(self) -> str:
+        """The diagnostics in a sentence, and in others what the model or its data leave in doubt."""
+        return verdict_in_words(self.diagnostics)
+
+    @cached_property
+    def finished(self) -> Finished:
+        """The fit as questions and predictions need it."""
         return Finished.from_tree(self.posterior, self.about["model"])
 
+    def ask(self, *questions: str) -> pd.DataFrame:
+        """Answers to questions, as `bayestissue ask` and ``bayestissue ask --help`` have them.
 
-def read_run(path: str | Path) -> Run:
+        Args:
+            questions: such as ``"K[subject=s01] / K[subject=s02] > 1.1"``, a claim, or ``"K[mass_kg=1.2]"``.
+
+        Returns:
+            A row for each: see `bayestissue.inference.answers.questions.ask`.
+
+        Raises:
+            InputError: some can't be read, or ask for what this fit does not have: all that is wrong at once.
+        """
+        from bayestissue.inference.answers.questions import ask, numbered
+
+        return ask(self.finished, numbered(questions))
+
+    def predict(self, table: str | Path | pd.DataFrame) -> pd.DataFrame:
+        """K, C, greatest depth and force, and time to peak of new impacts, with 90 % intervals.
+
+        Args:
+            table: a CSV file or a pandas table: a row for each new impact, with any of the columns of
+                ``impacts.csv``. Numbers and categories not given are at the reference; a person, condition or
+                other level that is not given, or was not measured, is a new one of its population.
+
+        Returns:
+            A row for each: see `bayestissue.inference.answers.predictions.predict`.
+
+        Raises:
+            InputError: the table is wrong: all that is, by row, column and value.
+        """
+        from bayestissue.inference.answers.predictions import predict
+        from bayestissue.inference.answers.table import read_conditions
+
+        return runtime.in_float64(predict)(self.finished, read_conditions(table, self.finished.recorded))
+
+    def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
+        """Write the run's folder as `bayestissue fit` does, report and all; or only the page.
+
+        Args:
+            path: a folder that is new or empty, or a file name that ends in ``.html``.
+            overwrite: replace what is there.
+
+        Returns:
+            The path of the page.
+
+        Raises:
+            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
+            PartialResultError: the results are written, but not the page, or not where they were to go.
+        """
+        path = Path(path)
+        if path.suffix == ".html":
+            return self._page(path, overwrite)
+        from bayestissue.report import draw_page
+
+        with results.claim(path, overwrite=overwrite, command="fit", inputs=(self.folder,)) as target:
+            with target.folder() as folder:
+                write_run(self, folder)
+            return draw_page(target.path)
+
+    def _page(self, path: Path, overwrite: bool) -> Path:
+        if path.exists() and not overwrite:
+            raise refusal(
+                str(path),
+                "a name not yet taken",
+                "Choose another, or pass overwrite=True.",
+                code="out-taken",
+            )
+        from bayestissue.report import write_report
+
+        with results.scratch() as folder, results.whole_file(path) as staging:
+            write_run(self, folder)
+            shutil.copyfile(write_report(folder), staging)
+        return path
+
+
+# What a run that was read back was called.
+Run = Fit
+
+
+def read_run(path: str | Path) -> Fit:
     """Read a finished fit back from its folder.
 
     Args:
         path: the folder that `bayestissue fit` or `bayestissue.Fit.report` wrote.
+
+    Returns:
+        What `bayestissue.fit` returned, but for ``dataset`` and ``prepared``, which hold the recordings.
 
     Raises:
         InputError: it is not such a folder, or its files are damaged.
@@ -59,7 +272,48 @@ def read_run(path: str | Path) -> Run:
     about = read_about(folder)
     if about["kind"] != "fit" or not isinstance(about.get("model"), dict):
         raise InputError(not_a_fit(folder, about, _AGAIN))
-    require_files(folder, ["posterior.nc"])
+    require_files(folder, ["posterior.nc", "diagnostics.json"])
     # An earlier version wrote no draws of the prior.
     needed = {name: () for name in GROUPS if name != "prior"}
-    return Run(folder, about, open_tree(folder / "posterior.nc", needed, _AGAIN))
+    tree = open_tree(folder / "posterior.nc", needed, _AGAIN)
+    return Fit(about, tree, read_json(folder / "diagnostics.json"), cache(partial(_stored, folder)), folder)
+
+
+def _stored(folder: Path, name: str) -> pd.DataFrame:
+    """A table of a run, the columns of numbers as such.
+
+    Raises:
+        KeyError: the run has none of this name.
+    """
+    if not (folder / f"{name}.csv").is_file():
+        raise KeyError(name)
+    table = results.read_table(folder / f"{name}.csv")
+    for column in table.columns.difference(_NAMES):
+        numbers = pd.to_numeric(table[column], errors="coerce")
+        if (numbers.notna() | table[column].str.lower().isin(["", "nan"])).all():
+            table[column] = numbers
+    return table
+
+
+def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.Excel | None = None) -> None:
+    """Write every file of a finished run into ``folder``, but for the page that is drawn of them.
+
+    Tables are written as `results.write_table` does with ``excel``.
+    """
+    if say is not None:
+        say("writing the results", 0, 1)
+    results.write_tree(fit.posterior, folder / "posterior.nc")
+    for name in (*TABLES, *_FURTHER):
+        # Few model files have questions, and runs of earlier versions fewer tables.
+        with suppress(KeyError):
+            results.write_table(fit.table(name), folder / f"{name}.csv", excel)
+    # A simulated dataset knows the truth; the report draws it in.
+    if fit.folder is not None and (truth := fit.folder / "truth.csv").is_file():
+        shutil.copyfile(truth, folder / "truth.csv")
+    results.write_json(fit.diagnostics, folder / "diagnostics.json")
+    results.write_json(fit.about, folder / "run.json")
+
+
+def _medians(quantity: xr.DataArray) -> np.ndarray:
+    """Of every impact, over all its draws."""
+    return quantity.median([name for name in quantity.dims if name != "impact"]).to_numpy()

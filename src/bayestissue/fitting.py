@@ -1,15 +1,14 @@
-"""A fit of recorded traces as one object, and as the files of a finished run."""
+"""The fit of recorded traces, from a dataset and a model to what a run folder holds."""
 
 from __future__ import annotations
 
 import os
-import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from datetime import UTC, datetime
-from functools import cache, cached_property, partial
+from functools import cache, partial
 from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
@@ -18,21 +17,19 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from bayestissue import resources, results, runtime
-from bayestissue.answering import Answering
+from bayestissue import resources, runtime
 from bayestissue.errors import refusal
+from bayestissue.finished import TABLES, Fit
 from bayestissue.hierarchy.gaussian.impacts import Sites
 from bayestissue.hierarchy.specification import Formulas, ModelSpecification, specification_of
 from bayestissue.hierarchy.trace_data import KINDS, Prepared, assemble, prepare, with_discrepancy
 from bayestissue.inference.answers.agreement import agreement
-from bayestissue.inference.answers.finished import Finished
 from bayestissue.inference.checking import model_form
 from bayestissue.inference.checking.measuring_chain import judge
 from bayestissue.inference.fit import Say, TraceAnalysis, fit_traces
 from bayestissue.inference.points.notes import flagged_recordings
 from bayestissue.inference.posterior.approximate import expanded
 from bayestissue.inference.samplers.diagnostics import headline, noted, verdict_in_words, warnings
-from bayestissue.outline import Rows, short, span
 from bayestissue.settings import parse_toml, read_text
 
 if TYPE_CHECKING:
@@ -42,165 +39,6 @@ if TYPE_CHECKING:
 type Model = str | Path | Mapping[str, Any] | ModelSpecification
 # With so many impacts to look for spoilt recordings takes as long as the fit.
 _MANY = 5000
-TABLES = (
-    *("summary", "hypotheses", "cross_validation", "sensitivity", "interval_sources"),
-    *("contrasts", "people", "reliability"),
-)
-
-
-@dataclass(frozen=True, repr=False)
-class Fit(Answering):
-    """A finished fit, with all that a run folder tells of it.
-
-    Attributes:
-        dataset: what was fitted.
-        specification: the model file.
-        prepared: the model and its data.
-        analysis: every result, labelled.
-        point_estimates: of every impact by the methods "exact" and "dds", as `estimate` has them.
-        seed: of all draws.
-        started: when sampling began.
-        wall_time_s: how long the fit took, s.
-    """
-
-    dataset: Dataset
-    specification: ModelSpecification
-    prepared: Prepared
-    analysis: TraceAnalysis
-    point_estimates: dict[str, pd.DataFrame]
-    seed: int
-    started: datetime
-    wall_time_s: float
-
-    def _outline(self) -> tuple[str, Rows]:
-        posterior = self.posterior["posterior"].dataset
-        chains, draws = (posterior.sizes[name] for name in ("chain", "draw"))
-        medians = [
-            (f"{name} of the impacts", f"posterior medians {span(_medians(posterior[name]), unit)}")
-            for name, unit in (("K", "N/m"), ("C", "N s/m"))
-        ]
-        rows = [
-            ("impacts", f"{len(self.dataset.impacts)} of {short(self.dataset.name)}"),
-            *medians,
-            ("draws", f"{chains} chains of {draws}, seed {self.seed}, {self.wall_time_s:.0f} s"),
-            ("diagnostics", short(self.verdict, 160)),
-            ("more in", ".summary, .posterior, .diagnostics, .ask(question), .predict(table), .report(path)"),
-        ]
-        return f"Fit by the model {short(self.specification.name)}", rows
-
-    @cached_property
-    def questions(self) -> pd.DataFrame:
-        """Answers to the questions of the model file: ``questions.csv``; those without one say why."""
-        from bayestissue.inference.answers.questions import ask_what_can_be, of_model
-
-        return ask_what_can_be(self.finished, of_model(self.specification.questions, "model"))
-
-    @property
-    def posterior(self) -> xr.DataTree:
-        """The ArviZ DataTree with all groups of ``posterior.nc``: draws, predictions, densities, data."""
-        return self.analysis.tree
-
-    @property
-    def summary(self) -> pd.DataFrame:
-        """Mean, median, intervals, R-hat and effective sample sizes of every quantity: ``summary.csv``.
-
-        ``note`` says where an interval is none: see `bayestissue.inference.samplers.diagnostics.noted`.
-        """
-        return self.analysis.summary
-
-    @property
-    def contrasts(self) -> pd.DataFrame:
-        """Ratios of K and C between the levels of categories and groups: ``contrasts.csv``.
-
-        See `bayestissue.inference.answers.contrasts`.
-        """
-        return self.analysis.contrasts
-
-    @property
-    def people(self) -> pd.DataFrame:
-        """Each person against each other, with the probability of being stiffer: ``people.csv``.
-
-        See `bayestissue.inference.answers.people`.
-        """
-        return self.analysis.people
-
-    @property
-    def reliability(self) -> pd.DataFrame:
-        """Intraclass correlations, error of measurement, detectable change, repeats: ``reliability.csv``.
-
-        See `bayestissue.inference.answers.reliability`; the draws are in the group posterior.
-        """
-        return self.analysis.reliability
-
-    @property
-    def agreement(self) -> pd.DataFrame:
-        """Ratios of the thesis's method, the exact point fit and the posterior: ``agreement.csv``.
-
-        See `bayestissue.inference.answers.agreement`.
-        """
-        values = {}
-        for quantity, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
-            by_method = {
-                name: table.set_index("impact")[column] for name, table in self.point_estimates.items()
-            }
-            median = self.summary[self.summary["variable"] == quantity].set_index("label")["median"]
-            values[quantity] = pd.DataFrame(by_method | {"posterior": median})
-        return agreement(values)
-
-    @property
-    def diagnostics(self) -> dict[str, Any]:
-        """Whether the sampler did its work (``passed``), and each check: ``diagnostics.json``.
-
-        Besides, what is in doubt whatever the sampler did: ``measuring_chain`` (see
-        `bayestissue.inference.checking.measuring_chain.judge`) and ``model_form``.
-        """
-        return self.analysis.diagnostics
-
-    @property
-    def verdict(self) -> str:
-        """The diagnostics in a sentence, and in others what the model or its data leave in doubt."""
-        return verdict_in_words(self.diagnostics)
-
-    @cached_property
-    def finished(self) -> Finished:  # noqa: D102 - as declared above
-        model = self.specification.model_dump(mode="json") | self.prepared.design.resolved()
-        return Finished.from_tree(self.posterior, model)
-
-    def report(self, path: str | Path, *, overwrite: bool = False) -> Path:
-        """Write the run's folder as `bayestissue fit` does, report and all; or only the page.
-
-        Args:
-            path: a folder that is new or empty, or a file name that ends in ``.html``.
-            overwrite: replace what is there.
-
-        Returns:
-            The path of the page.
-
-        Raises:
-            InputError: ``path`` is taken and ``overwrite`` is false, or holds what no command wrote.
-            PartialResultError: the results are written, but not the page, or not where they were to go.
-        """
-        path = Path(path)
-        if path.suffix == ".html":
-            return self._page(path, overwrite)
-        from bayestissue.report import draw_page
-
-        with results.claim(path, overwrite=overwrite, command="fit", inputs=(self.dataset.folder,)) as target:
-            with target.folder() as folder:
-                write_run(self, folder)
-            return draw_page(target.path)
-
-    def _page(self, path: Path, overwrite: bool) -> Path:
-        if path.exists() and not overwrite:
-            raise refusal(
-                str(path), "a name not yet taken", "Choose another, or pass overwrite=True.", code="out-taken"
-            )
-        from bayestissue.report import write_report
-
-        with results.scratch() as folder, results.whole_file(path) as staging:
-            write_run(self, folder)
-            shutil.copyfile(write_report(folder), staging)
-        return path
 
 
 def fit(
@@ -388,7 +226,40 @@ def fit_prepared(
     if flagged := flagged_recordings(*(points["exact"][name].tolist() for name in ("impact", "flags"))):
         analysis = replace(analysis, diagnostics=analysis.diagnostics | {"recordings": flagged})
     wall_time_s = time.perf_counter() - clock
-    return Fit(dataset, specification, prepared, analysis, points, seed, started, wall_time_s)
+    return finished_fit(dataset, specification, prepared, analysis, points, seed, started, wall_time_s)
+
+
+def finished_fit(
+    dataset: Dataset,
+    specification: ModelSpecification,
+    prepared: Prepared,
+    analysis: TraceAnalysis,
+    points: dict[str, pd.DataFrame],
+    seed: int,
+    started: datetime,
+    wall_time_s: float,
+) -> Fit:
+    """A fit of all that its run folder holds; ``points`` are the tables of `point_estimates`."""
+    own = {name: getattr(analysis, name) for name in TABLES}
+    own |= {f"estimates_{method}": table for method, table in points.items()}
+    own["agreement"] = _agreement(points, analysis.summary)
+    about = _provenance(dataset, specification, prepared, analysis, seed)
+    about |= {"started": started.isoformat(timespec="seconds"), "wall_time_s": round(wall_time_s, 1)}
+    made = Fit(about, analysis.tree, analysis.diagnostics, own.__getitem__, dataset.folder, dataset, prepared)
+    if specification.questions:
+        from bayestissue.inference.answers.questions import ask_what_can_be, of_model
+
+        own["questions"] = ask_what_can_be(made.finished, of_model(specification.questions, "model"))
+    return made
+
+
+def _agreement(points: dict[str, pd.DataFrame], summary: pd.DataFrame) -> pd.DataFrame:
+    values = {}
+    for quantity, column in (("K", "K_N_per_m"), ("C", "C_N_s_per_m")):
+        each = {name: table.set_index("impact")[column] for name, table in points.items()}
+        median = summary[summary["variable"] == quantity].set_index("label")["median"]
+        values[quantity] = pd.DataFrame(each | {"posterior": median})
+    return agreement(values)
 
 
 def _without_discrepancy(dataset: Dataset, specification: ModelSpecification, prepared: Prepared) -> Prepared:
@@ -459,32 +330,15 @@ def _second_fit(
     return analysis
 
 
-def write_run(fit: Fit, folder: Path, say: Say | None = None, *, excel: results.Excel | None = None) -> None:
-    """Write every file of a finished run into ``folder``, but for the page that is drawn of them.
-
-    Tables are written as `results.write_table` does with ``excel``.
-    """
-    say = say or _silent
-    say("writing the results", 0, 1)
-    results.write_tree(fit.analysis.tree, folder / "posterior.nc")
-    for name in TABLES:
-        results.write_table(getattr(fit.analysis, name), folder / f"{name}.csv", excel)
-    if fit.specification.questions:
-        results.write_table(fit.questions, folder / "questions.csv", excel)
-    results.write_table(fit.agreement, folder / "agreement.csv", excel)
-    for method, table in fit.point_estimates.items():
-        results.write_table(table, folder / f"estimates_{method}.csv", excel)
-    # A simulated dataset knows the truth; the report draws it in.
-    home = fit.dataset.folder
-    if home is not None and (truth := home / "truth.csv").is_file():
-        shutil.copyfile(truth, folder / "truth.csv")
-    results.write_json(fit.diagnostics, folder / "diagnostics.json")
-    results.write_json(provenance(fit), folder / "run.json")
-
-
-def provenance(fit: Fit) -> dict[str, Any]:
-    """The content of ``run.json``."""
-    data = fit.dataset
+def _provenance(
+    data: Dataset,
+    specification: ModelSpecification,
+    prepared: Prepared,
+    analysis: TraceAnalysis,
+    seed: int,
+) -> dict[str, Any]:
+    """The content of ``run.json``, but for the time."""
+    diagnostics = analysis.diagnostics
     return {
         "program": "bayestissue",
         "command": "fit",
@@ -493,52 +347,47 @@ def provenance(fit: Fit) -> dict[str, Any]:
         "description": data.description,
         "quantity": data.quantity,
         "versions": runtime.versions(),
-        "model": fit.specification.model_dump(mode="json") | fit.prepared.design.resolved(),
-        "terms_left_out": fit.prepared.design.terms_left_out(),
-        "columns_not_used": list(fit.prepared.design.recorded.not_used),
+        "model": specification.model_dump(mode="json") | prepared.design.resolved(),
+        "terms_left_out": prepared.design.terms_left_out(),
+        "columns_not_used": list(prepared.design.recorded.not_used),
         "uncertainty": vars(data.uncertainty),
         "left_out": [str(problem) for problem in data.left_out],
-        "seed": fit.seed,
+        "seed": seed,
         "input_hash": data.input_hash,
-        "started": fit.started.isoformat(timespec="seconds"),
-        "wall_time_s": round(fit.wall_time_s, 1),
-        **_kept_of_impacts(fit),
-        **_discrepancy(fit),
-        "route": fit.diagnostics.get("route", {}),
+        **_kept_of_impacts(analysis.tree),
+        **_discrepancy(specification, prepared, analysis),
+        "route": diagnostics.get("route", {}),
         "verdict": {
-            "passed": fit.diagnostics["passed"],
-            "headline": headline(fit.diagnostics),
-            "words": fit.verdict,
-            "warned": bool(warnings(fit.diagnostics)),
+            "passed": diagnostics["passed"],
+            "headline": headline(diagnostics),
+            "words": verdict_in_words(diagnostics),
+            "warned": bool(warnings(diagnostics)),
         },
     }
 
 
-def _kept_of_impacts(fit: Fit) -> dict[str, Any]:
-    """How many draws of a single impact are kept of many, and by which sampler the population was drawn."""
-    sizes = fit.posterior["posterior"].sizes
+def _kept_of_impacts(tree: xr.DataTree) -> dict[str, Any]:
+    """Of many impacts: how many draws of a single one there are, and what drew the population."""
+    sizes = tree["posterior"].sizes
     if "kept_draw" not in sizes:
         return {}
-    alone = int(fit.posterior["sample_stats"]["n_steps"].max()) == 1
+    alone = int(tree["sample_stats"]["n_steps"].max()) == 1
     return {
         "kept_draws_of_an_impact": sizes["chain"] * sizes["kept_draw"],
         "sampler_of_population": "independence chains" if alone else "No-U-Turn",
     }
 
 
-def _discrepancy(fit: Fit) -> dict[str, Any]:
-    """The discrepancy's rms as a fraction of the peak, and why the program added it; empty without one."""
-    if not fit.prepared.model.discrepancy:
+def _discrepancy(
+    specification: ModelSpecification, prepared: Prepared, analysis: TraceAnalysis
+) -> dict[str, Any]:
+    """Of a fit with a discrepancy: its rms as a fraction of the peak, and why the program added it."""
+    if not prepared.model.discrepancy:
         return {}
-    discrepancy = {"rms_of_peak": float(fit.posterior["posterior"].dataset["discrepancy"].median())}
-    if fit.specification.discrepancy == "automatic":
-        discrepancy["score_without"] = fit.diagnostics["model_form"]["score"]
+    discrepancy = {"rms_of_peak": float(analysis.tree["posterior"].dataset["discrepancy"].median())}
+    if specification.discrepancy == "automatic":
+        discrepancy["score_without"] = analysis.diagnostics["model_form"]["score"]
     return {"discrepancy": discrepancy}
-
-
-def _medians(quantity: xr.DataArray) -> np.ndarray:
-    """The median of every impact over all its draws."""
-    return quantity.median([name for name in quantity.dims if name != "impact"]).to_numpy()
 
 
 def _silent(stage: str, done: int, total: int) -> None:

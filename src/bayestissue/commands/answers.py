@@ -12,12 +12,12 @@ from bayestissue import results, runtime
 if TYPE_CHECKING:
     import pandas as pd
 
-    from bayestissue.finished import Run
+    from bayestissue.finished import Fit
 
 
 def answer(
     run: Path,
-    table_of: Callable[[Run], pd.DataFrame],
+    table_of: Callable[[Fit], pd.DataFrame],
     show: Callable[[pd.DataFrame], None],
     *,
     command: str,

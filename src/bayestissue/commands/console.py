@@ -51,8 +51,9 @@ def show(table: Table) -> None:
     for cells in zip(*(column.cells for column in table.columns), strict=True):
         for column, cell in zip(table.columns, cells, strict=True):
             if str(cell):
-                heading = [column.header, ": "] if str(column.header) else []
-                console.print(Text.assemble(*heading, cell), soft_wrap=True)
+                line = Text(f"{column.header}: " if str(column.header) else "")
+                line.append(cell if isinstance(cell, Text) else str(cell))
+                console.print(line, soft_wrap=True)
 
 
 def explained(codes: Iterable[Code]) -> None:

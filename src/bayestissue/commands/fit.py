@@ -79,7 +79,8 @@ def run(
         from bayestissue.commands.ask import print_answers
         from bayestissue.commands.console import Stages, echo, explained
         from bayestissue.dataset import read_dataset
-        from bayestissue.fitting import fit_prepared, formulas_of, require_answerable, resolve, write_run
+        from bayestissue.finished import write_run
+        from bayestissue.fitting import fit_prepared, formulas_of, require_answerable, resolve
         from bayestissue.hierarchy.trace_data import prepare
         from bayestissue.inference.execution.workers import on_cluster
         from bayestissue.inference.samplers.diagnostics import headline, warned_codes

@@ -43,12 +43,13 @@ def straight_lines(design: Design, posterior: xr.Dataset, log_mass_sd: float = 0
         the fraction by which the response lies off the line at each value; and ``words``, empty where all
         are straight.
     """
-    rows, lines = some_impacts(len(design.subject)), []
+    rows = some_impacts(len(design.subject))
+    lines: list[dict[str, Any]] = []
     for q, part in design.responses.items():
         if q not in posterior or "impact" not in posterior[q].dims:
             continue
-        drawn = np.log(posterior[q]).mean([name for name in posterior[q].dims if name != "impact"])
-        y, cov = drawn.to_numpy()[rows], _covariance(design, part, posterior, rows, log_mass_sd)
+        drawn = np.log(posterior[q].transpose("impact", ...).to_numpy()).reshape(len(design.subject), -1)
+        y, cov = drawn.mean(axis=1)[rows], _covariance(design, part, posterior, rows, log_mass_sd)
         x = [np.ones((len(rows), 1)), part.covariates[rows]]
         x += [] if part.log_mass is None else [part.log_mass[rows, None]]
         root = np.linalg.cholesky(cov)
