@@ -188,9 +188,10 @@ def test_draws_given_a_trace_are_those_of_the_joint_normal() -> None:
 
 def test_samples_have_the_discrepancy_in_them() -> None:
     given, number = measured("kelvin_voigt"), 4000
-    sampled = jax.jit(lambda key: given.sample_with_discrepancy(key, (number,)))
-    traces, delta = sampled(jax.random.PRNGKey(0))
-    drawn = np.asarray(traces)
+    key, record = jax.random.PRNGKey(0), given.record
+    drawn = np.asarray(jax.jit(lambda key: given.sample(key, (number,)))(key))
+    shape = (number, len(record.n_samples))
+    delta = discrepancy.draw_prior(key, shape, record.basis, given.log_discrepancy, record.share)
     for row in range(2):
         n = COUNT[row]
         assert not drawn[:, row, n:].any()
