@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 
 import numpy as np
@@ -92,3 +93,14 @@ def test_a_study_with_nothing_to_compare_has_no_such_card(tmp_path) -> None:
     html = write_report(make_fit_run(tmp_path / "run")).read_text(encoding="utf-8")
     assert "What differs?" not in html
     assert "person against person" in html
+
+
+def test_what_counts_as_equal_is_the_model_s_own_range_everywhere(tmp_path) -> None:
+    folder = make_fit_run(tmp_path / "run", two_sides=True)
+    record = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    record["model"]["practical_equivalence"] = {"ratio": 0.07, "mass_exponent": 0.2}
+    (folder / "run.json").write_text(json.dumps(record), encoding="utf-8")
+    text = plain(write_report(folder).read_text(encoding="utf-8"))
+    ranges = re.findall(r"differs by less than (\S+ %)|within (\S+ %)|from (0\.9\d+) to (1\.\d+)", text)
+    stated = {part for found in ranges for part in found if part}
+    assert stated == {"7.0 %", "0.935", "1.070"}
