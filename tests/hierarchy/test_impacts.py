@@ -99,13 +99,14 @@ def test_slopes_of_any_half_of_the_weights_agree_with_differences(
     direction = np.random.default_rng(3).normal(size=(SIZE, SIZE))
     direction = direction + direction.T
 
+    @jax.jit
     def weight(moved: jax.Array) -> jax.Array:
         changed = prior._replace(precision=prior.precision + moved * direction)
         return cell_sums(changed, about, dense.blocked_sites).precision[entry].sum()
 
     step = 1e-5
     difference = (weight(jnp.asarray(step)) - weight(jnp.asarray(-step))) / (2 * step)
-    assert_allclose(jax.grad(weight)(jnp.asarray(0.0)), difference, rtol=1e-6)
+    assert_allclose(jax.jit(jax.grad(weight))(jnp.asarray(0.0)), difference, rtol=1e-6)
 
 
 def test_products_of_small_matrices_are_written_out() -> None:

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import jax
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -58,7 +59,7 @@ def test_log_densities_are_those_of_the_stated_distributions() -> None:
         "residual_correlation": np.array([[-0.5, 0.9]]),
         "subject_effect_K": np.zeros((1, 2, 10)),
     }
-    found = Priors().log_densities(sites)
+    found = jax.jit(Priors().log_densities)(sites)
     assert set(found) == {"mass_exponent_K", "sd_impact_C", "residual_correlation"}
     assert_allclose(found["mass_exponent_K"], stats.norm(0.5, 1).logpdf(sites["mass_exponent_K"]), rtol=1e-12)
     assert_allclose(found["sd_impact_C"], stats.halfnorm(scale=1).logpdf(sites["sd_impact_C"]), rtol=1e-12)
@@ -69,9 +70,11 @@ def test_log_densities_are_those_of_the_stated_distributions() -> None:
 def test_a_half_student_t_is_folded_and_a_flat_lkj_is_uniform() -> None:
     x = np.array([0.1, 0.5, 4.0])
     half = HalfStudentT(distribution="half-student-t", df=3, scale=0.5)
-    assert_allclose(half.numpyro().log_prob(x), np.log(2) + stats.t(3, scale=0.5).logpdf(x), rtol=1e-12)
+    assert_allclose(
+        jax.jit(half.numpyro().log_prob)(x), np.log(2) + stats.t(3, scale=0.5).logpdf(x), rtol=1e-12
+    )
     flat = Correlation(distribution="lkj", concentration=1)
-    assert_allclose(flat.numpyro().log_prob(np.array([-0.9, 0.3])), np.log(0.5), rtol=1e-12)
+    assert_allclose(jax.jit(flat.numpyro().log_prob)(np.array([-0.9, 0.3])), np.log(0.5), rtol=1e-12)
 
 
 def test_a_wrong_prior_is_named_by_its_own_key(tmp_path: Path) -> None:

@@ -27,7 +27,7 @@ PEOPLE, CONDITIONS, DRAWS = 3, 8, 4000
 SHAPE = (2, DRAWS // 2)
 LOG_MASS = np.linspace(-0.6, 0.6, CONDITIONS)
 SCALE = 0.5
-LOG_PRIOR = np.asarray(HalfNormalSpread(SCALE).log_prob(_SPREADS))
+LOG_PRIOR = stats.halfnorm(scale=SCALE).logpdf(_SPREADS)
 WIDE = (0.5, 100.0)
 EPSILON = np.finfo(float).eps
 
