@@ -36,7 +36,10 @@ def estimated(impacts: int, tissue: dict, recording: dict) -> pd.DataFrame:
     return bt.estimate(made.dataset("made"))
 
 
-@pytest.mark.parametrize("chain", [{}, CHAIN], ids=["no errors", "errors as declared"])
+@pytest.mark.parametrize(
+    "chain",
+    [pytest.param({}, marks=pytest.mark.long, id="no errors"), pytest.param(CHAIN, id="errors as declared")],
+)
 def test_of_a_thousand_sound_impacts_one_in_a_hundred_looks_structured(chain) -> None:
     """The trace's own errors of the chain, and what was fitted to it, are no structure."""
     p = estimated(1000, {}, chain)["whiteness_p"].to_numpy()
