@@ -31,27 +31,30 @@ _COMPUTED: dict[str, str] = {
     "fit": "bayestissue.fitting",
     "impact": "bayestissue.one_impact",
     "estimate": "bayestissue.inference.single.estimates",
+}
+# What does too, compiled, and takes arrays.
+_NUMERIC: dict[str, str] = {
     "arma21_log_likelihood": "bayestissue.likelihood",
     "spring_damper": "bayestissue.oscillator",
     "to_continuous": "bayestissue.oscillator",
     "to_discrete": "bayestissue.oscillator",
 }
 
-__all__ = sorted([*_PUBLIC, *_COMPUTED])
+__all__ = sorted([*_PUBLIC, *_COMPUTED, *_NUMERIC])
 
 
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module 'bayestissue' has no attribute {name!r}")
-    module = import_module((_PUBLIC | _COMPUTED)[name])
+    module = import_module((_PUBLIC | _COMPUTED | _NUMERIC)[name])
     if name in globals():
         # A package of this name, which can be called.
         return module
     value = getattr(module, name)
-    if name in _COMPUTED:
-        from bayestissue.runtime import in_float64
+    if name not in _PUBLIC:
+        from bayestissue.runtime import in_float64, of_arrays
 
-        value = in_float64(value)
+        value = in_float64(of_arrays(value) if name in _NUMERIC else value)
         # Where it is found under its name, by pickle too.
         value.__module__ = __name__
     globals()[name] = value

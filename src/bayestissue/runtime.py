@@ -78,6 +78,22 @@ def in_float64[**Arguments, Result](function: Callable[Arguments, Result]) -> Ca
     return computed
 
 
+def of_arrays[**Arguments, Result](function: Callable[Arguments, Result]) -> Callable[Arguments, Result]:
+    """A compiled ``function`` that takes what NumPy takes for an array too, such as a column of a table."""
+
+    def array(value: Any) -> Any:
+        import jax
+        import numpy as np
+
+        return value if value is None or isinstance(value, str | jax.Array) else np.asarray(value)
+
+    @wraps(function)
+    def of_any(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
+        return function(*map(array, args), **{name: array(value) for name, value in kwargs.items()})  # type: ignore[arg-type]
+
+    return of_any
+
+
 def _outside(leaf: object) -> object:
     import jax
     import numpy as np

@@ -195,7 +195,7 @@ def test_noise_alone_passes_for_a_wave_or_a_line_as_rarely_as_stated(length):
 
 def test_the_pulse_is_found_beside_a_spike_above_it():
     lab = spoilt(lambda t, d: d + 2.0 * (np.arange(d.size) == 100))
-    seen = Seen.of(stack(lab.traces))
+    seen = Seen.from_recordings(stack(lab.traces))
     highest = TYPICAL.deceleration(np.linspace(0, TYPICAL.time_to_peak, 1000)).max()
     # Five standard deviations of the noise.
     assert seen.peak == pytest.approx([highest] * COUNT, rel=0.025)

@@ -112,7 +112,7 @@ def test_a_bayes_factor_that_draws_can_not_give_is_left_out_with_the_reason(run:
 
 def test_a_run_without_prior_draws_says_so(run: Run) -> None:
     tree = xr.DataTree.from_dict({k: run.posterior[k].dataset for k in ("posterior", "constant_data")})
-    row = Run(run.folder, run.about, tree).ask("K > 2500").iloc[0]
+    row = replace(run, posterior=tree).ask("K > 2500").iloc[0]
     assert 0 < row["posterior"] < 1
     assert np.isnan(row["prior"])
     assert "no prior" in row["note"]
