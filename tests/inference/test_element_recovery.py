@@ -30,7 +30,6 @@ TISSUE: dict[str, dict[str, Any]] = {
     "hunt_crossley": {"C_N_s_per_m": 60.0},
     "wall": {"K_N_per_m": 2000.0, "parameters": {"thickness_m": 0.04}},
 }
-OTHERS = [name for name in TISSUE if name != "standard_linear"]
 LONG = pytest.mark.long
 TYPICAL = {"K_N_per_m": 3000.0, "C_N_s_per_m": 25.0}
 
@@ -81,10 +80,8 @@ def truths(name: str, made: Campaign) -> dict[str, np.ndarray]:
     return {each: made.truth[column].to_numpy() for each, column in columns.items()}
 
 
-@pytest.mark.parametrize(
-    "name",
-    [each if each == "standard_linear" else pytest.param(each, marks=pytest.mark.long) for each in TISSUE],
-)
+@LONG
+@pytest.mark.parametrize("name", TISSUE)
 def test_summaries_of_traces_lie_about_the_truth(name: str) -> None:
     made = campaign(name)
     given, _ = prepared(name, made)

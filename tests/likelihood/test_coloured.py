@@ -59,7 +59,9 @@ def test_products_are_those_under_the_inverse_covariance(recorder, white):
     p, q = np.where(inside, random.normal(size=(2, *inside.shape)), 0), random.normal(size=(4, *inside.shape))
     q = np.where(inside, q, 0)
     arrays = [jnp.asarray(each) for each in (p[0], q)]
-    found = coloured.products(colour, jnp.asarray(rate), jnp.asarray(inside), arrays)
+    found = jax.jit(lambda arrays: coloured.products(colour, jnp.asarray(rate), jnp.asarray(inside), arrays))(
+        arrays
+    )
     for row in range(3):
         rows = asked[inside[row]]
         shape = whole(recorder, max(white, 1e-3), dt=DT * (1, 1.5)[rate[row]])[np.ix_(rows, rows)]

@@ -36,7 +36,7 @@ def test_integrating_a_levels_own_effects_is_the_dense_normal(name: str, mass_er
     W, pull = root @ root.swapaxes(1, 2), rng.normal(size=(impacts, size))
     levels = len(design.groupings[name].levels)
     covariances = covariances_of(effects, jax.tree.map(jnp.asarray, sites), 0.3, NUISANCE, mass_error)
-    found = own.gained(covariances, np.moveaxis(W, 0, -1), pull.T)
+    found = jax.jit(lambda W, pull: own.gained(covariances, W, pull))(np.moveaxis(W, 0, -1), pull.T)
     if name == "trial":
         assert not len(own.parameter)
         assert_allclose(found, 0.0)

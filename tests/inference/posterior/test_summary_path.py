@@ -144,6 +144,7 @@ def test_what_other_processes_make_of_each_impact_is_the_same(
     assert len(sent) > 3
 
 
+@pytest.mark.long
 def test_a_grid_without_numbers_gives_way_to_normals(
     dataset: Dataset, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -226,6 +227,7 @@ def quantities(prepared: Prepared, sites: Approximation, draws: Draws) -> np.nda
     return np.concatenate(columns, axis=1).reshape(SETTINGS.chains, SETTINGS.draws, -1)
 
 
+@pytest.mark.long
 def test_the_summary_and_the_exact_route_agree_within_their_monte_carlo_errors(
     prepared: Prepared, summary_route: tuple[Approximation, Draws, Correction]
 ) -> None:

@@ -75,7 +75,8 @@ def small_campaign() -> Simulation:
 
 
 @pytest.fixture(
-    scope="module", params=["impact", "arma", pytest.param("standard_linear", marks=pytest.mark.long)]
+    scope="module",
+    params=["impact", *(pytest.param(name, marks=pytest.mark.long) for name in ("arma", "standard_linear"))],
 )
 def fit(request: pytest.FixtureRequest) -> Fit:
     """With every parameter in the summary, and with a last one that has a profile."""

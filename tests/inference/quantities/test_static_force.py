@@ -67,13 +67,18 @@ def whole(given: MeasuredImpact, delta: Array, error: Array) -> Whole:
     return _whole(given.element, given.parameters, given.record, delta, error)
 
 
+@partial(jax.jit, static_argnums=0)
+def _motion(which: Element, parameters: Array, record: ElementRecord) -> Any:
+    return motion(which, parameters, record, record.velocity)
+
+
 def as_discrepancy(
     tissue: str, values: dict[str, float], gravity: float | None = None
 ) -> tuple[MeasuredImpact, Whole]:
     """A tissue's impacts as spring and damper, with all that these lack of it as discrepancy."""
     true = comparables(tissue, values, MASS, VELOCITY, gravity=gravity)
     given = measured("kelvin_voigt", SIDE_BY_SIDE, np.asarray(true.time_to_peak), gravity=gravity)
-    own = motion(given.element, given.parameters, given.record, given.record.velocity)
+    own = _motion(given.element, given.parameters, given.record)
     all_of_it = impact(tissue, values, MASS, VELOCITY, given.record.time(), gravity=gravity).deceleration
     return given, whole(given, all_of_it - own.d, NONE)
 
@@ -118,7 +123,7 @@ def test_an_element_s_stiffness_at_one_depth_is_its_simulated_force_there(
     """The same for every mass, whatever the impactor's size, and its impacts' force less the damper's."""
     which, p = element(name), {key: jnp.full(2, value) for key, value in values.items()}
     sizes: Any = {**p, "diameter_m": jnp.array([0.02, 0.05])}
-    found = at_common_depth(which, sizes, DEPTH)
+    found = jax.jit(partial(at_common_depth, which))(sizes, DEPTH)
     np.testing.assert_allclose(found[0], found[1], rtol=4 * EPSILON)
     time = np.linspace(0, np.asarray(comparables(name, values, MASS, VELOCITY).time_to_peak), 2001).T
     path = impact(name, values, MASS, VELOCITY, time)

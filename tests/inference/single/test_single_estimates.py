@@ -50,7 +50,7 @@ def table(campaign: Campaign) -> pd.DataFrame:
     return bt.estimate(campaign.dataset("single"))
 
 
-@pytest.mark.parametrize("noise", [0.005, 0.1])
+@pytest.mark.parametrize("noise", [pytest.param(0.005, marks=pytest.mark.long), 0.1])
 def test_medians_and_intervals_are_those_of_direct_integration(noise):
     """Over a grid of log K, log C and log noise; under noise of a tenth of the peak it is skewed."""
     case = prepared(made(1, {"noise_relative_to_peak": noise, "sampling_rate_hz": 2000}).dataset("one"))
