@@ -97,9 +97,10 @@ def test_a_person_on_a_side_that_was_not_recorded_has_a_new_effect_of_that_side(
 
 
 def test_a_person_who_was_not_measured_is_asked_about(study: Finished) -> None:
-    at = pd.DataFrame({"subject": ["s1O", "s10", "Eva", "new"], "side": "left"})
+    at = pd.DataFrame({"subject": ["s1O", "S1", "Eva", "new"], "side": "left"})
     notes = predict(study, read_conditions(at, study.recorded))["note"].tolist()
     assert 'subject "s1O" was not measured: a new one of the population; did you mean s1?' in notes[0]
+    assert "did you mean s1?" in notes[1]
     assert 'subject "Eva" was not measured: a new one of the population' in notes[2]
     assert "did you mean" not in notes[2]
     assert "was not measured" not in notes[3]

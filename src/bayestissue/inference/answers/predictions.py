@@ -186,8 +186,9 @@ def _unknown(recorded: Recorded, condition: Condition) -> list[Coded]:
     for name, value in condition.items():
         if name not in recorded.factors or value == NEW or value in (levels := recorded.levels(name)):
             continue
-        near = difflib.get_close_matches(str(value), levels, n=1, cutoff=_LIKE)
-        suggestion = f"; did you mean {near[0]}?" if near else ""
+        small = {level.casefold(): level for level in levels}
+        near = difflib.get_close_matches(str(value).casefold(), list(small), n=1, cutoff=_LIKE)
+        suggestion = f"; did you mean {small[near[0]]}?" if near else ""
         words = f'{name} "{value}" was not measured: a new one of the population{suggestion}'
         notes.append(Coded(words, "new-level"))
     return notes
