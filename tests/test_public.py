@@ -193,6 +193,16 @@ def test_a_fit_is_in_float64_and_other_threads_keep_their_setting(some_impacts, 
     assert seen == {"here": np.float64, "there": False}
 
 
+@pytest.mark.parametrize("kind", [list, pd.Series, np.array])
+def test_whatever_is_like_an_array_is_an_argument(kind):
+    phi1, phi2, theta1 = bt.to_discrete(kind([60.0, 70.0]), 0.2, dt=1e-4)
+    omega_n, zeta = bt.to_continuous(
+        *(kind(np.asarray(each).tolist()) for each in (phi1, phi2, theta1)), 1e-4
+    )
+    np.testing.assert_allclose(omega_n, [60.0, 70.0], ROUNDING)
+    np.testing.assert_allclose(bt.spring_damper(omega_n, zeta, kind([0.1, 0.1]))[0], [360.0, 490.0], ROUNDING)
+
+
 @pytest.mark.parametrize("name", bt.__all__)
 def test_public_names_are_listed_and_pickled_under_their_name(name):
     assert name in dir(bt)

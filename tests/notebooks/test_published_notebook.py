@@ -21,6 +21,8 @@ def test_it_runs_without_a_warning_and_tells_what_it_found(tmp_path, monkeypatch
     """On a made-up run folder, or on the one that BAYESTISSUE_RUN names."""
     run = os.environ.get("BAYESTISSUE_RUN") or make_published_run(tmp_path / "run")
     monkeypatch.setenv("BAYESTISSUE_RUN", str(run))
+    # What other tests of this process left open is none of its figures.
+    plt.close("all")
     shown = []
     monkeypatch.setattr(plt, "show", lambda: shown.extend(map(plt.close, plt.get_fignums())))
     with mpl.rc_context({"backend": "agg"}), redirect_stdout(StringIO()) as said:

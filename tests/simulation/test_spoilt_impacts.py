@@ -52,6 +52,7 @@ def tissues():
     return impacts(120, seed=4, elements=("kelvin_voigt", "stiffening", "maxwell", "hunt_crossley"))
 
 
+@pytest.mark.long
 def test_fewer_than_one_sound_recording_in_twenty_that_is_cropped_at_contact_is_flagged(pool, tissues):
     """A spring and damper's deceleration begins at C V / M, and published recordings as a rule with it."""
     made = sound_ones(pool, SOUND, seed=1, cropped=True) + sound_ones(tissues, 120, seed=2, cropped=True)
