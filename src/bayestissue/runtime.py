@@ -89,7 +89,7 @@ def of_arrays[**Arguments, Result](function: Callable[Arguments, Result]) -> Cal
 
     @wraps(function)
     def of_any(*args: Arguments.args, **kwargs: Arguments.kwargs) -> Result:
-        return function(*map(array, args), **{name: array(value) for name, value in kwargs.items()})  # type: ignore[arg-type]
+        return function(*map(array, args), **{name: array(value) for name, value in kwargs.items()})
 
     return of_any
 

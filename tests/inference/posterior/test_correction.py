@@ -98,7 +98,7 @@ class _Tried:
         monkeypatch.setattr(recipe, "with_impacts", lambda prepared, found, *_: found.approximation.name)
 
     def _approximation(self, name: str, grid: Any = None) -> Any:
-        return SimpleNamespace(name=name, grid=grid, coordinates=None)
+        return SimpleNamespace(name=name, grid=grid, coordinates=None, expansions=None)
 
     def _draws(self, prepared: Any, approximation: Any, settings: Sampler, seed: int, progress: Any) -> Any:
         self.sampled.append(approximation.name)

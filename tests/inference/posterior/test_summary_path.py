@@ -227,7 +227,6 @@ def quantities(prepared: Prepared, sites: Approximation, draws: Draws) -> np.nda
     return np.concatenate(columns, axis=1).reshape(SETTINGS.chains, SETTINGS.draws, -1)
 
 
-@pytest.mark.long
 def test_the_summary_and_the_exact_route_agree_within_their_monte_carlo_errors(
     prepared: Prepared, summary_route: tuple[Approximation, Draws, Correction]
 ) -> None:
