@@ -77,18 +77,29 @@ def find_onset(recordings: Recordings, options: SignalOptions) -> Onset:
     half = np.maximum(np.ceil((width - 1) / 2), 0).astype(int)
     if options.contact != "automatic" or not half.any():
         return _onset(recordings, options, sd)
-    root = np.sqrt(2 * half + 1)
-    found = _onset(replace(recordings, value=_means(recordings, half)), options, sd / root)
-    first = np.minimum(found.first + half, recordings.n - 1)
+    root, blurred = np.sqrt(2 * half + 1), half > 0
+    means = _onset(replace(recordings, value=_means(recordings, half)), options, sd / root)
     margin = 2 * half * recordings.dt
+    # Means overlap, and the last of them hold samples in contact: the quiet part is that of the samples.
+    last_quiet = means.first - np.rint(means.most / recordings.dt).astype(int)
+    end = np.maximum(last_quiet - half - _ahead(recordings), 0)
+    quiet, offset, noise = _quiet_part(recordings, end, sd, peak, np.zeros_like(sd))
     return replace(
-        found,
-        first=first,
-        most=found.most + margin,
-        reach=found.reach + margin,
-        noise_sd=found.noise_sd * root,
-        blurred=half > 0,
+        means,
+        first=np.minimum(means.first + half, recordings.n - 1),
+        most=means.most + margin,
+        offset=np.where(blurred, offset, means.offset),
+        noise_sd=np.where(blurred, noise, means.noise_sd),
+        quiet=np.where(blurred, quiet, means.quiet),
+        quiet_samples=np.where(blurred, np.where(quiet, end, 0), means.quiet_samples),
+        reach=means.reach + margin,
+        blurred=blurred,
     )
+
+
+def _ahead(recordings: Recordings) -> Index:
+    """Samples before contact that a filter run backwards answers in."""
+    return np.ceil(recordings.ahead_s / recordings.dt).astype(int)
 
 
 def _means(recordings: Recordings, half: Index) -> np.ndarray:
@@ -122,7 +133,7 @@ def _onset(recordings: Recordings, options: SignalOptions, noise: Column) -> Ons
     sd = np.maximum(noise, _ROUNDING * np.abs(peak))
     baseline = _first_baseline(recordings, peak, last_below)
     first = last_below(baseline + _CERTAIN * sd) + 1
-    ahead = np.ceil(recordings.ahead_s / recordings.dt).astype(int)
+    ahead = _ahead(recordings)
     quiet, baseline, sd = _quiet_part(recordings, first - ahead, sd, peak, baseline)
     # The second look has the mean and the scatter of the whole quiet part to go by.
     first = last_below(baseline + _CERTAIN * sd) + 1

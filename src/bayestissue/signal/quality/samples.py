@@ -14,6 +14,9 @@ _SIDE = 4
 _HIGH = 0.1
 _LEVELS = 20
 _ALARMS = 1e-3
+# The line before a jump misses so many times more than that behind it; of a decay by e in a sampling interval
+# nothing is left to tell its rate from.
+_JUMP, _FASTEST = 2.0, 1.0
 
 
 def spikes(recorded: Recorded) -> Index:
@@ -21,7 +24,8 @@ def spikes(recorded: Recorded) -> Index:
 
     The straight lines through the four samples on either side both miss it, in the same direction, by more
     than noise does in a thousandth of all recordings and by a tenth of the peak; a cubic through all eight
-    misses it too, which a pulse of few samples does not.
+    misses it too, which a pulse of few samples does not. A force that jumps at contact and decays at once, as a
+    strong damper's, is missed by the line behind it, and not by an exponential.
     """
     value, width = recorded.value, recorded.value.shape[1]
     best, spike = np.zeros(len(value)), np.full(len(value), -1)
@@ -36,11 +40,16 @@ def spikes(recorded: Recorded) -> Index:
         either_side = _predicting(t, 3)
         views = np.lib.stride_tricks.sliding_window_view(value, window, axis=1)
         at_spike = views[..., _SIDE : _SIDE + wide].mean(axis=-1)
+        before, behind = views[..., :_SIDE], views[..., _SIDE + wide :]
         misses = [
-            at_spike - views[..., :_SIDE] @ left,
-            at_spike - views[..., _SIDE + wide :] @ right,
+            at_spike - before @ left,
+            at_spike - behind @ right,
             at_spike - views[..., offsets] @ either_side,
         ]
+        jumps = np.abs(misses[0]) > _JUMP * np.abs(misses[1])
+        decayed = at_spike - _decaying(before.mean(axis=-1), behind, behind @ right, wide)
+        toward = np.sign(misses[0])
+        misses[1] = np.where(jumps, toward * np.minimum(toward * misses[1], toward * decayed), misses[1])
         same = (np.sign(misses[0]) == np.sign(misses[1])) & (np.sign(misses[0]) == np.sign(misses[2]))
         least = np.where(same, np.min(np.abs(misses), axis=0), 0.0)
         chance = -ndtri(_ALARMS / 2 / _WIDEST / np.maximum(recorded.inside.sum(axis=1), 1))
@@ -52,6 +61,17 @@ def spikes(recorded: Recorded) -> Index:
         better = (highest > limit) & (highest > best)
         best, spike = np.where(better, highest, best), np.where(better, here, spike)
     return spike
+
+
+def _decaying(level: np.ndarray, behind: np.ndarray, line: np.ndarray, wide: int) -> np.ndarray:
+    """What a decay to ``level`` was, on average, over ``wide`` samples before those of ``behind``.
+
+    Its rate is the slope of their line over their height; ``line`` is what that line was there.
+    """
+    height, back = behind.mean(axis=-1) - level, (_SIDE + wide) / 2
+    with np.errstate(all="ignore"):
+        rate = np.clip((line - level - height) / (back * height), 0.0, _FASTEST)
+    return level + height * np.exp(rate * back)
 
 
 def _predicting(t: np.ndarray, degree: int) -> np.ndarray:
