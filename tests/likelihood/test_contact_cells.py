@@ -112,12 +112,11 @@ def density_at(given: MeasuredImpact, name: str, row: int, lead: float, about: f
     h = 1e-6
     ends = [response(name, np.maximum(touched + side * h, 0.0), VELOCITY)[row] for side in (1, -1)]
     jerk = (ends[0] - ends[1]) / (2 * h)
-    inside = np.arange(-before, n) >= 0
     own = time > 0
     columns = [
         np.where(own, (faster - slower) / (2 * step[row]), 0.0) * ERROR_SD[0],
         np.where(own, d, 0.0) * ERROR_SD[1],
-        np.where(inside, 1.0, 0.0) * ERROR_SD[2],
+        np.ones_like(d) * ERROR_SD[2],
     ]
     covariance = np.exp(2 * float(given.log_sigma[row])) * np.eye(n + before)
     covariance += sum(np.outer(column, column) for column in columns)

@@ -131,6 +131,19 @@ def test_contact_on_a_strong_damper_is_where_its_spring_pushes(zeta):
     assert not any(made.flags)
 
 
+def test_a_zero_measured_in_great_noise_errs_by_as_much_as_is_said():
+    """A mean of means that overlap errs by 1.6 times as much as one of as many samples."""
+    lab = record([Impact(60.0, 0.3)] * 200, 5e3, before=0.01, noise=0.2, offset=3.0)
+    made = displacements(lab)
+    assert made.blurred.all()
+    assert np.isfinite(made.offset_sd).all()
+    error = (made.offset - 3.0) / made.offset_sd
+    # Four standard errors of a standard deviation of 200 values, and some for its own noise being estimated.
+    assert error.std() == pytest.approx(1.0, abs=4 / 400**0.5)
+    # The quiet part tells the zero: what is said to come between it and the first sample does not.
+    assert (made.n_before < 50).all()
+
+
 def test_great_noise_leaves_contact_in_its_bracket():
     lab = record([Impact(60.0, 0.4)] * 40, 5e3, before=0.02, phase=PHASES, noise=0.2)
     made = displacements(lab)

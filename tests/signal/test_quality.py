@@ -193,6 +193,16 @@ def test_noise_alone_passes_for_a_wave_or_a_line_as_rarely_as_stated(length):
         assert low <= (p < level).sum() <= high
 
 
+@pytest.mark.parametrize(("rate", "zeta"), [(2e3, 3.0), (2e3, 5.0), (5e3, 5.0), (5e3, 10.0)])
+def test_a_force_that_jumps_at_contact_and_decays_at_once_is_no_spike(rate, zeta):
+    lab = record([Impact(77.0, zeta)] * COUNT, rate, before=0.03, after=0.03, noise=0.003)
+    assert found(lab, "a spike") == []
+    traces = [Recorded(trace.time_s, trace.value.copy()) for trace in lab.traces]
+    for trace in traces:
+        trace.value[np.flatnonzero(trace.time_s > 0)[0] - 10] += trace.value.max()
+    assert len(found(replace(lab, traces=traces), "a spike")) == COUNT
+
+
 def test_the_pulse_is_found_beside_a_spike_above_it():
     lab = spoilt(lambda t, d: d + 2.0 * (np.arange(d.size) == 100))
     seen = Seen.from_recordings(stack(lab.traces))

@@ -105,9 +105,9 @@ def _ahead(recordings: Recordings) -> Index:
 def _means(recordings: Recordings, half: Index) -> np.ndarray:
     """The mean of each sample and ``half`` of them on either side, of fewer at a recording's ends."""
     sums = np.pad(np.cumsum(np.where(recordings.inside, recordings.value, 0.0), axis=1), ((0, 0), (1, 0)))
-    place = np.arange(recordings.value.shape[1])
-    low = np.maximum(place - half[:, None], 0)
-    high = np.minimum(place + half[:, None] + 1, recordings.n[:, None])
+    index = np.arange(recordings.value.shape[1])
+    low = np.maximum(index - half[:, None], 0)
+    high = np.minimum(index + half[:, None] + 1, recordings.n[:, None])
     rows = np.take_along_axis(sums, high, axis=1) - np.take_along_axis(sums, low, axis=1)
     return np.where(recordings.inside, rows / np.maximum(high - low, 1), recordings.value)
 

@@ -95,7 +95,7 @@ class Displacements:
         noise_sd: [impact], standard deviation of the recording's white noise, same unit.
         before: [impact, `BEFORE`], the last samples before the first one of x, offset removed, m/s²; 0 where
             there are none, as of a recorded displacement.
-        n_before: [impact], how many of these there are.
+        n_before: [impact], how many of these there are; where ``blurred``, after the quiet part.
         reach_s: [impact], for how long before the first sample a force that rises from 0 may have acted
             without showing, s; 0 where contact was given.
         blurred: [impact], where noise hides a jump of the force too: contact was looked for in means.
@@ -228,11 +228,11 @@ class _Before:
 
 
 def _before(recordings: Recordings, onset: Onset, offset: Column) -> _Before:
-    place = onset.first[:, None] - BEFORE + np.arange(BEFORE)
-    value = np.take_along_axis(recordings.value, np.maximum(place, 0), axis=1) - offset[:, None]
-    return _Before(
-        np.where(place >= 0, value, 0.0), np.minimum(onset.first, BEFORE), onset.reach, onset.blurred
-    )
+    index = onset.first[:, None] - BEFORE + np.arange(BEFORE)
+    value = np.take_along_axis(recordings.value, np.maximum(index, 0), axis=1) - offset[:, None]
+    # In great noise the quiet part ends well before, and tells the offset: it must not do so twice.
+    count = onset.first - np.where(onset.blurred, onset.quiet_samples, 0)
+    return _Before(np.where(index >= 0, value, 0.0), np.minimum(count, BEFORE), onset.reach, onset.blurred)
 
 
 def _recorded(

@@ -50,11 +50,11 @@ def method_for(dataset: Dataset, options: SignalOptions | None = None) -> Method
     "exact" too where the options choose what only an integrated displacement has: a filter, another rule of
     integration, or an equilibrium other than rest.
     """
-    own = SignalOptions()
-    chosen = options or own
+    default = SignalOptions()
+    chosen = options or default
     only_displaced = ("filter", "integration", "equilibrium")
     if dataset.quantity == "displacement" or any(
-        getattr(chosen, name) != getattr(own, name) for name in only_displaced
+        getattr(chosen, name) != getattr(default, name) for name in only_displaced
     ):
         return "exact"
     return "impact"
@@ -163,43 +163,47 @@ def by_impact(
     failed = (pareto_k > k_threshold(POINTS)) & ~fit.noiseless
     raised = {UNCORRECTED: failed}
     raised |= {words: in_rows(untold[name], rows) > 0 for words, name in ((K_UNTOLD, "K"), (C_UNTOLD, "C"))}
-    for own, *up in zip(flags, *raised.values(), strict=True):
-        own.extend(words for words, here in zip(raised, up, strict=True) if here)
+    for row, *up in zip(flags, *raised.values(), strict=True):
+        row.extend(words for words, here in zip(raised, up, strict=True) if here)
     table = table_of(dataset, signal, fit, ends, flags, notes)
     last = table.pop("notes")
     noise = in_rows(of_long.sigma.median, rows)
     return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, notes=last), of_long
 
 
-def _untold(found: SinglePosteriors, noiseless: np.ndarray) -> dict[str, np.ndarray]:
+def _untold(posteriors: SinglePosteriors, noiseless: np.ndarray) -> dict[str, np.ndarray]:
     """Where the recording does not tell K, or C: its interval spans a decade, or nothing was found at all."""
     with np.errstate(all="ignore"):
-        wide = {name: ~(each.high < _DECADE * each.low) for name, each in (("K", found.K), ("C", found.C))}
-    return {name: (~found.moved | here) & ~noiseless for name, here in wide.items()}
+        wide = {
+            name: ~(each.high < _DECADE * each.low)
+            for name, each in (("K", posteriors.K), ("C", posteriors.C))
+        }
+    return {name: (~posteriors.moved | here) & ~noiseless for name, here in wide.items()}
 
 
 def _told(fit: PointFit, untold: dict[str, np.ndarray]) -> PointFit:
     """The same without what the recordings do not tell; all but K, omega_n and C needs both K and C."""
-    kept = {"log_likelihood", "whiteness_p", "branch", "noiseless", "theta1_at_limit"}
+    always = {"log_likelihood", "whiteness_p", "branch", "noiseless", "theta1_at_limit"}
     needs = dict.fromkeys(("K", "K_signed", "K_se", "omega_n", "omega_n_se"), untold["K"])
     needs |= dict.fromkeys(("C", "C_signed", "C_se"), untold["C"])
     both = untold["K"] | untold["C"]
     return PointFit(
         *(
-            column if name in kept else np.where(needs.get(name, both), np.nan, column)
+            column if name in always else np.where(needs.get(name, both), np.nan, column)
             for name, column in zip(fit._fields, fit, strict=True)
         )
     )
 
 
-def _as_fit(found: SinglePosteriors, signal: Displacements, noiseless: np.ndarray) -> PointFit:
+def _as_fit(posteriors: SinglePosteriors, signal: Displacements, noiseless: np.ndarray) -> PointFit:
     """The posteriors' medians as point estimates, and the sampled oscillator of this K and C."""
-    K, C = found.K.median, found.C.median
+    K, C = posteriors.K.median, posteriors.C.median
     omega_n, zeta = (np.asarray(each) for each in spring_damper_inverse(K, C, signal.mass))
     phi1, phi2, theta1 = (np.asarray(each) for each in to_discrete(omega_n, zeta, signal.dt))
     none = np.full(len(K), np.nan)
     omega_n_se, zeta_se, K_se, C_se = (
-        np.where(noiseless, np.nan, each.sd) for each in (found.omega_n, found.zeta, found.K, found.C)
+        np.where(noiseless, np.nan, each.sd)
+        for each in (posteriors.omega_n, posteriors.zeta, posteriors.K, posteriors.C)
     )
     return PointFit(
         phi1=phi1,
@@ -217,8 +221,8 @@ def _as_fit(found: SinglePosteriors, signal: Displacements, noiseless: np.ndarra
         theta1_se=none,
         K_se=K_se,
         C_se=C_se,
-        log_likelihood=found.log_likelihood,
-        whiteness_p=found.noise_p,
+        log_likelihood=posteriors.log_likelihood,
+        whiteness_p=posteriors.noise_p,
         branch=np.zeros(len(K), int),
         noiseless=noiseless,
         theta1_at_limit=np.zeros(len(K), bool),

@@ -107,12 +107,12 @@ def single_posteriors(prepared: Prepared) -> SinglePosteriors:
             of its population the priors of the intercepts and of the noise alone are used.
     """
     priors = prepared.model.priors
-    own = (priors.intercept.K, priors.intercept.C, priors.noise)
-    mean, sd = (np.array([getattr(prior, name) for prior in own], float) for name in ("mean", "sd"))
+    normal = (priors.intercept.K, priors.intercept.C, priors.noise)
+    mean, sd = (np.array([getattr(prior, name) for prior in normal], float) for name in ("mean", "sd"))
     start = first_guess(prepared)
     one = partial(_of_block, prepared.model, ConditionalPrior(mean, np.diag(sd**-2.0)))
-    found: SinglePosteriors = map_impacts(one, prepared.data, start)
-    return found
+    posteriors: SinglePosteriors = map_impacts(one, prepared.data, start)
+    return posteriors
 
 
 def _of_block(
@@ -127,14 +127,14 @@ def _of_block(
     u, weight, pareto_k = _corrected(model, data, prior, sites, even)
     # A trace shows omega_n and zeta alone: of the mass, to which K and C are in proportion, it says nothing.
     by_mass = np.exp(model.log_mass_sd * mass_error)[:, None]
-    seen = physical(model, data, list(np.moveaxis(u, -1, 0)))
+    oscillator = physical(model, data, list(np.moveaxis(u, -1, 0)))
     middle = np.stack([_marginal(u[..., a], weight).median for a in range(u.shape[-1])], axis=-1)
     quantities = (
         np.exp(u[..., 0]) * by_mass,
         np.exp(u[..., 1]) * by_mass,
-        np.asarray(seen.omega_n),
-        np.asarray(seen.zeta),
-        np.exp(np.asarray(seen.log_sigma)),
+        np.asarray(oscillator.omega_n),
+        np.asarray(oscillator.zeta),
+        np.exp(np.asarray(oscillator.log_sigma)),
     )
     K, C, omega_n, zeta, sigma = (_marginal(values, weight) for values in quantities)
     # The mass's error, as likely up as down, moves no median.
@@ -167,9 +167,9 @@ def _corrected(
     of them are kept.
     """
     z, log_mass = even.normal * even.scale[:, None], np.asarray(data.log_mass)
-    size, given = z.shape[1], normals(sites, prior)
-    mean = given.at(np.zeros((len(sites.centre), size)))
-    root = np.stack([given.at(np.broadcast_to(axis, mean.shape)) - mean for axis in np.eye(size)], axis=-1)
+    size, proposal = z.shape[1], normals(sites, prior)
+    mean = proposal.at(np.zeros((len(sites.centre), size)))
+    root = np.stack([proposal.at(np.broadcast_to(axis, mean.shape)) - mean for axis in np.eye(size)], axis=-1)
     best = np.empty((len(z), *mean.shape)), np.empty((len(z), len(mean))), np.full(len(mean), np.inf)
     for turn in range(_ROUNDS):
         if turn == 1:
@@ -180,18 +180,18 @@ def _corrected(
             log_likelihoods(model, data, u) + prior.log_density(u) + _of_damping(u, log_mass) - log_density
         )
         smoothed = [pareto_smoothed(column) for column in log_weight.T]
-        weight = np.exp(np.stack([own for own, _ in smoothed], axis=1))
-        found = u, weight, np.array([k for _, k in smoothed])
+        weight = np.exp(np.stack([log_share for log_share, _ in smoothed], axis=1))
+        current = u, weight, np.array([k for _, k in smoothed])
         # Where none has a finite k, the last.
-        better = (found[2] < best[2]) | np.isinf(best[2])
-        for kept, new in zip(best, found, strict=True):
-            np.copyto(kept, new, where=_along(better, kept))
+        better = (current[2] < best[2]) | np.isinf(best[2])
+        for old, new in zip(best, current, strict=True):
+            np.copyto(old, new, where=_along(better, old))
         bad = best[2] > k_threshold(POINTS)
         if not bad.any():
             break
         mean = np.where(bad[:, None], (weight[..., None] * u).sum(0), mean)
-        away = u - mean
-        covariance = np.einsum("pi,pia,pib->iab", weight, away, away, optimize=True)
+        deviation = u - mean
+        covariance = np.einsum("pi,pia,pib->iab", weight, deviation, deviation, optimize=True)
         root = np.where(bad[:, None, None], _root(covariance), root)
     return best
 
@@ -221,11 +221,12 @@ def _skewed(
     rows, size = np.arange(len(sites.centre)), sites.centre.shape[1]
     precision = sites.precision + prior.precision
     weak = np.diagonal(np.linalg.inv(precision), axis1=1, axis2=2)[:, :2].argmax(1)
-    rest = np.stack([1 - weak, *np.broadcast_to(np.arange(2, size)[:, None], (size - 2, len(rows)))], axis=1)
+    noise = np.broadcast_to(np.arange(2, size)[:, None], (size - 2, len(rows)))
+    nuisance = np.stack([1 - weak, *noise], axis=1)
     pull = sites.slope - np.matvec(prior.precision, sites.centre - prior.mean)
-    others = np.linalg.inv(precision[rows[:, None, None], rest[:, :, None], rest[:, None]])
-    cross, of_rest = sites.precision[rows[:, None], weak[:, None], rest], pull[rows[:, None], rest]
-    toward, shift = np.matvec(others, cross), np.matvec(others, of_rest)
+    covariance = np.linalg.inv(precision[rows[:, None, None], nuisance[:, :, None], nuisance[:, None]])
+    cross = sites.precision[rows[:, None], weak[:, None], nuisance]
+    toward, shift = np.matvec(covariance, cross), np.matvec(covariance, pull[rows[:, None], nuisance])
     slope = sites.slope[rows, weak] - np.vecdot(cross, shift)
     bend = sites.precision[rows, weak, weak] - np.vecdot(cross, toward)
     centre, mean = sites.centre[rows, weak], prior.mean[rows, weak]
@@ -246,16 +247,16 @@ def _skewed(
     )
     below = np.pad(np.cumsum(mass, axis=1), ((0, 0), (1, 0)))
     uniform = ndtr(even.normal[:, 0])
-    away = np.stack([np.interp(uniform, *pair) for pair in zip(below, ends, strict=True)], axis=1)
-    cell = np.stack([np.searchsorted(row, own) for row, own in zip(ends, away.T, strict=True)], axis=1)
+    step = np.stack([np.interp(uniform, *pair) for pair in zip(below, ends, strict=True)], axis=1)
+    cell = np.stack([np.searchsorted(row, steps) for row, steps in zip(ends, step.T, strict=True)], axis=1)
     cell = np.clip(cell - 1, 0, _CELLS - 1)
     log_density = np.log((mass / width)[rows, cell])
     t = even.normal[:, 1:] * even.scale[:, None]
-    root = np.linalg.cholesky(others)
-    u = np.empty((*away.shape, size))
-    u[:, rows, weak] = centre + away
-    u[:, rows[:, None], rest] = (
-        sites.centre[rows[:, None], rest] + shift - toward * np.expm1(away)[..., None]
+    root = np.linalg.cholesky(covariance)
+    u = np.empty((*step.shape, size))
+    u[:, rows, weak] = centre + step
+    u[:, rows[:, None], nuisance] = (
+        sites.centre[rows[:, None], nuisance] + shift - toward * np.expm1(step)[..., None]
     ) + np.einsum("iab,pb->pia", root, t)
     return u, log_density + _log_t(t)[:, None]
 
@@ -295,8 +296,8 @@ def _marginal(
 ) -> Marginal:
     """Weighted quantiles, linear between the middles of the weights, and standard deviation."""
     order = np.argsort(values, axis=0)
-    ordered, own = (np.take_along_axis(part, order, axis=0) for part in (values, weight))
-    below = np.cumsum(own, axis=0) - own / 2
+    ordered, share = (np.take_along_axis(part, order, axis=0) for part in (values, weight))
+    below = np.cumsum(share, axis=0) - share / 2
     pairs = list(zip(below.T, ordered.T, strict=True))
     low, median, high = (np.array([np.interp(level, *pair) for pair in pairs]) for level in (0.05, 0.5, 0.95))
     mean = (weight * values).sum(0)

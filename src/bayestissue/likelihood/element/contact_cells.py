@@ -109,12 +109,12 @@ def _of_one_phase(
     whole = slides.whole(window)
     parts = [response.d, -response.jerk] if linear else [response.d, -response.jerk, response.by_velocity]
     with_data, among_columns, levels = slides.sums(whole, parts)
-    count = record.n_samples + 0.0
+    count = record.n_samples + (0.0 if record.n_before is None else record.n_before)
     residual = [product - among_columns[a][0] for a, product in enumerate(with_data)]
-    # Of residual, gain, contact, velocity; the offset has none before the first sample.
+    # Of residual, gain, contact, velocity.
     lower = [[(whole**2).sum(-1) - with_data[0] - residual[0]]]
     lower += [[residual[a], *among_columns[a]] for a in range(len(parts))]
-    offset = [window.sum(-1) - levels[0], *levels]
+    offset = [whole.sum(-1) - levels[0], *levels]
     if linear:
         velocity = record.velocity
         row = [
@@ -128,9 +128,7 @@ def _of_one_phase(
         tuple(_entry(lower, offset, count, order[a], order[b]) for b in range(len(order)))
         for a in range(len(order))
     )
-    return Products(
-        entries, jnp.zeros_like(count), count + (0 if record.n_before is None else record.n_before)
-    )
+    return Products(entries, jnp.zeros_like(count), count)
 
 
 def _entry(
@@ -274,7 +272,7 @@ class _Slides:
         }
         ones = jnp.ones_like(parts[0])
         levels = [
-            self._slid(middle, part, ones, self._enters)
+            self._slid(middle, part, ones, self._leaves)
             for part, middle in zip(parts, remaining[len(pairs) :], strict=True)
         ]
         return against, [[among_columns[a, b] for b in range(a + 1)] for a in range(len(parts))], levels

@@ -24,11 +24,13 @@ def spikes(recorded: Recorded) -> Index:
 
     The straight lines through the four samples on either side both miss it, in the same direction, by more
     than noise does in a thousandth of all recordings and by a tenth of the peak; a cubic through all eight
-    misses it too, which a pulse of few samples does not. A force that jumps at contact and decays at once, as a
-    strong damper's, is missed by the line behind it, and not by an exponential.
+    misses it too, which a pulse of few samples does not. A force that jumps at contact and decays at once, as
+    a strong damper's, is missed by the line behind it, and not by an exponential.
     """
     value, width = recorded.value, recorded.value.shape[1]
     best, spike = np.zeros(len(value)), np.full(len(value), -1)
+    quiet = recorded.before.sum(axis=1, keepdims=True)
+    level = np.where(recorded.before, value, 0.0).sum(axis=1, keepdims=True) / np.maximum(quiet, 1)
     for wide in range(1, _WIDEST + 1):
         window = 2 * _SIDE + wide
         if width < window:
@@ -47,7 +49,7 @@ def spikes(recorded: Recorded) -> Index:
             at_spike - views[..., offsets] @ either_side,
         ]
         jumps = np.abs(misses[0]) > _JUMP * np.abs(misses[1])
-        decayed = at_spike - _decaying(before.mean(axis=-1), behind, behind @ right, wide)
+        decayed = at_spike - _decaying(level, behind, behind @ right, wide)
         toward = np.sign(misses[0])
         misses[1] = np.where(jumps, toward * np.minimum(toward * misses[1], toward * decayed), misses[1])
         same = (np.sign(misses[0]) == np.sign(misses[1])) & (np.sign(misses[0]) == np.sign(misses[2]))
