@@ -49,7 +49,7 @@ def spikes(recorded: Recorded) -> Index:
             at_spike - views[..., offsets] @ either_side,
         ]
         jumps = np.abs(misses[0]) > _JUMP * np.abs(misses[1])
-        decayed = at_spike - _decaying(level, behind, behind @ right, wide)
+        decayed = at_spike - _decaying(level, behind, wide)
         toward = np.sign(misses[0])
         misses[1] = np.where(jumps, toward * np.minimum(toward * misses[1], toward * decayed), misses[1])
         same = (np.sign(misses[0]) == np.sign(misses[1])) & (np.sign(misses[0]) == np.sign(misses[2]))
@@ -65,15 +65,16 @@ def spikes(recorded: Recorded) -> Index:
     return spike
 
 
-def _decaying(level: np.ndarray, behind: np.ndarray, line: np.ndarray, wide: int) -> np.ndarray:
+def _decaying(level: np.ndarray, behind: np.ndarray, wide: int) -> np.ndarray:
     """What a decay to ``level`` was, on average, over ``wide`` samples before those of ``behind``.
 
-    Its rate is the slope of their line over their height; ``line`` is what that line was there.
+    Its rate is that of the halves of ``behind``.
     """
-    height, back = behind.mean(axis=-1) - level, (_SIDE + wide) / 2
+    halves = [part.mean(axis=-1) - level for part in np.split(behind, 2, axis=-1)]
     with np.errstate(all="ignore"):
-        rate = np.clip((line - level - height) / (back * height), 0.0, _FASTEST)
-    return level + height * np.exp(rate * back)
+        rate = np.nan_to_num(np.clip(np.log(halves[0] / halves[1]) / (_SIDE / 2), 0.0, _FASTEST))
+    earlier, later = (np.mean([np.exp(-rate * t) for t in range(count)], axis=0) for count in (wide, _SIDE))
+    return level + (behind.mean(axis=-1) - level) * np.exp(rate * wide) * earlier / later
 
 
 def _predicting(t: np.ndarray, degree: int) -> np.ndarray:
