@@ -28,11 +28,12 @@ def test_the_uncertainty_of_contact_is_what_it_says(zeta):
 
 
 @pytest.mark.parametrize("zeta", [0.02, 0.28, 0.6, 2.0])
-def test_a_recording_cut_at_contact_begins_at_contact(zeta):
+def test_contact_of_a_recording_cut_there_lies_within_an_interval_of_its_first_sample(zeta):
     lab = record([Impact(67.0, zeta)] * 20, 1e4, before=0.0, noise=0.005)
     made = displacements(lab)
-    assert (made.first_sample_s * 1e4 < 0.75).all()
-    assert np.median(made.first_sample_s) * 1e4 < 0.1
+    assert (made.first_sample_s * 1e4 < 1.0).all()
+    # Two standard deviations, of what the bracket leaves where the trace says nothing.
+    assert (made.first_sample_s < 2 * made.contact_time_sd).all()
 
 
 def test_the_clock_means_nothing_to_the_automatic_choice():
@@ -86,11 +87,11 @@ def test_before_the_samples_are_asked_contact_lies_anywhere_between_two_of_them(
     assert not given.bracket_sd.any()
 
 
-def test_a_recording_that_seems_cut_at_contact_most_likely_is():
+def test_a_recording_that_seems_cut_at_contact_may_have_been_cut_at_any_moment_of_an_interval():
     made = displacements(record([Impact(67.0, 0.28)] * 5, 1e4, before=0.0, noise=0.005))
-    # 0 with probability 0.9, else uniform over an interval: mean 0.05, mean square 0.1 / 3.
-    np.testing.assert_allclose(made.bracket_s, 0.05e-4, rtol=1e-6)
-    np.testing.assert_allclose(made.bracket_sd, 1e-4 * np.sqrt(0.1 / 3 - 0.05**2), rtol=1e-6)
+    # 0 with probability 0.2, else uniform over an interval: mean 0.4, mean square 0.8 / 3.
+    np.testing.assert_allclose(made.bracket_s, 0.4e-4, rtol=1e-6)
+    np.testing.assert_allclose(made.bracket_sd, 1e-4 * np.sqrt(0.8 / 3 - 0.4**2), rtol=1e-6)
 
 
 def test_samples_before_the_first_are_kept_without_their_offset():

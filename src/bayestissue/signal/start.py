@@ -23,7 +23,10 @@ from bayestissue.signal.traces import Column, Mask, Rows, first_where
 
 _ORDER = 12
 _GRID = 65
-_CUT = 0.9
+# That a recording which begins in contact begins at that very moment: some are made so. A recorder's clock
+# knows nothing of contact, and with 0.9 intervals of C then held 39 % (200 impacts at 5 kHz); with this they
+# hold 94 % either way.
+_CUT = 0.2
 _SAME = 1 + 1e-6
 
 
@@ -78,7 +81,7 @@ def find_start(
         most: [impact], s.
         cut: [impact], true where the recording seems to have been cut at contact: its clock starts at 0 with
             its first sample, and that one is in contact already. Contact at that very sample then has a
-            prior probability of 0.9.
+            prior probability of 0.2.
         gravity: [impact], g, along the motion, m/s².
     """
     # Some velocity is gone by the first sample; past zero velocity the impactor may have left the tissue.

@@ -95,6 +95,23 @@ def test_intervals_hold_the_truth(campaign: Campaign, table: pd.DataFrame):
     assert (table["flags"] != "").sum() <= 5
 
 
+def test_intervals_of_recordings_cropped_at_contact_hold_whenever_the_first_sample_came(campaign: Campaign):
+    """A recorder's clock knows nothing of contact: it came anywhere in the interval before the sample."""
+    whole, contact = campaign.dataset("cropped"), campaign.truth["contact_time_s"].to_numpy()
+    traces = []
+    for trace, time in zip(whole.traces, contact, strict=True):
+        after = trace.time_s >= time
+        traces.append(
+            replace(trace, time_s=trace.time_s[after] - trace.time_s[after][0], value=trace.value[after])
+        )
+    table = bt.estimate(replace(whole, traces=traces))
+    for name, unit in UNITS.items():
+        true = campaign.truth[f"{name}_{unit}"].to_numpy()
+        held = (table[f"{name}_low_{unit}"] <= true) & (true <= table[f"{name}_high_{unit}"])
+        # Three binomial standard errors below nine tenths; what is known of contact may make it more.
+        assert held.mean() > 0.9 - 3 * (0.9 * 0.1 / len(table)) ** 0.5, name
+
+
 def test_the_row_is_that_of_one_oscillator(table: pd.DataFrame):
     K, C, mass, omega_n = (
         table[name].to_numpy() for name in ("K_N_per_m", "C_N_s_per_m", "mass_kg", "omega_n_rad_s")
