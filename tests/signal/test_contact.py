@@ -32,8 +32,8 @@ def test_contact_of_a_recording_cut_there_lies_within_an_interval_of_its_first_s
     lab = record([Impact(67.0, zeta)] * 20, 1e4, before=0.0, noise=0.005)
     made = displacements(lab)
     assert (made.first_sample_s * 1e4 < 1.0).all()
-    # Two standard deviations, of what the bracket leaves where the trace says nothing.
-    assert (made.first_sample_s < 2 * made.contact_time_sd).all()
+    # Of eighty values hardly one is beyond three standard deviations.
+    assert (made.first_sample_s < 3 * made.contact_time_sd).all()
 
 
 def test_the_clock_means_nothing_to_the_automatic_choice():
