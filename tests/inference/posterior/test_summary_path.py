@@ -22,6 +22,7 @@ from bayestissue.hierarchy.traces import gaussian
 from bayestissue.inference.execution import chunks
 from bayestissue.inference.factors.conditional import (
     ConditionalPrior,
+    PopulationDraws,
     normals,
     of_cells,
     population_draws,
@@ -34,13 +35,17 @@ from bayestissue.inference.factors.importance_ratios import (
 )
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior import approximate as approximation_module
-from bayestissue.inference.posterior import expansion
+from bayestissue.inference.posterior import expansion, recipe
 from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.exact import exact_draws
-from bayestissue.inference.posterior.expansion import refitted, to_second_order
-from bayestissue.inference.posterior.recipe import corrected_draws, fitted_to_population
+from bayestissue.inference.posterior.expansion import draws_at, refitted, to_second_order
+from bayestissue.inference.posterior.recipe import (
+    corrected_draws,
+    fitted_to_population,
+    population_attempt,
+)
 from bayestissue.inference.samplers.coordinates import Coordinates
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
@@ -105,6 +110,25 @@ SETTINGS = Sampler(chains=2, warmup=200, draws=500)
 @pytest.fixture(scope="module")
 def summary_route(prepared: Prepared) -> tuple[Approximation, Draws, Correction]:
     return corrected_draws(prepared, SETTINGS, 1)
+
+
+def test_a_draw_beyond_what_numbers_hold_is_never_chosen_and_spoils_no_other(
+    prepared: Prepared, summary_route: tuple[Approximation, Draws, Correction], monkeypatch
+) -> None:
+    """One made every impact's importance ratios NaN, and the sites fitted about them ended the fit."""
+    approximation = summary_route[0]
+
+    def overflowing(*arguments: Any) -> tuple[PopulationDraws, np.ndarray]:
+        population, z_b = draws_at(*arguments)
+        return population._replace(b=np.where(np.arange(len(z_b))[:, None] == 0, np.nan, population.b)), z_b
+
+    plain = population_attempt(prepared, approximation, SETTINGS, 1).correction
+    monkeypatch.setattr(recipe, "draws_at", overflowing)
+    attempt = population_attempt(prepared, approximation, SETTINGS, 1)
+    assert np.isfinite(attempt.draws.b).all()
+    assert attempt.correction.trusted == plain.trusted
+    # It was one of a thousand.
+    assert attempt.correction.effective == pytest.approx(plain.effective, rel=0.02)
 
 
 def test_summaries_stand_for_the_traces(

@@ -24,7 +24,13 @@ from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
 from bayestissue.inference.execution.chunks import Progress, in_blocks, silent
 from bayestissue.inference.execution.compiling import filled_up, in_parts
 from bayestissue.inference.execution.kept import all_fit, kept_draws
-from bayestissue.inference.factors.conditional import ConditionalPrior, PopulationDraws, normals, of_cells
+from bayestissue.inference.factors.conditional import (
+    ConditionalPrior,
+    PopulationDraws,
+    evenly_spaced,
+    normals,
+    of_cells,
+)
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior.approximate import (
     Approximation,
@@ -213,10 +219,14 @@ def population_attempt(
     y = chains.sites[COORDINATES].reshape(shape[0] * shape[1], -1)
     standard = rng.standard_normal((len(y), prepared.model.locations.size))
     population, z_b = draws_at(prepared, approximation, y, standard)
+    # A draw beyond what numbers hold has no density, and no impact is compared at what it expects.
+    finite = np.isfinite(population.b).all(1)
+    rows = np.where(finite, np.arange(len(finite)), np.argmax(finite))
+    population, z_b = population.rows(rows), z_b[rows]
     whole = _all_weighed(prepared, settings)
-    checked = population if whole else population.subset(CHECKS)
-    ratios = importance_weights(prepared, approximation, checked, population)
-    log_weight = ratios.log_weight.reshape(shape if whole else (1, -1))
+    checked = slice(None) if whole else evenly_spaced(len(finite), CHECKS)
+    ratios = importance_weights(prepared, approximation, population.rows(checked), population)
+    log_weight = np.where(finite[checked], ratios.log_weight, -np.inf).reshape(shape if whole else (1, -1))
     number = settings.chains * settings.draws if whole else CHECKS
     correction = Correction.from_log_weights(log_weight, number, ratios.varies)
     places = np.arange(settings.thinning - 1, shape[1], settings.thinning)
