@@ -52,12 +52,12 @@ from bayestissue.hierarchy.formulas.identifiability import RESERVED_DIMENSIONS, 
 Condition = Mapping[str, str | float]
 # What questions and tables call a level that was not measured.
 NEW = "new"
-# Chosen by who measures, and no property of a person or a side.
 # What `bayestissue init` fills besides: counts of repeats, and heights that became velocities.
 _COUNTS = ("n", "drop_height_m", "drop_height_cm", "drop_height_mm")
 _USUAL = ("subject", "trial", "mass_kg", "velocity_m_s", "energy_J", "diameter_m", "sampling_rate_hz")
 # So many whole numbers may be codes.
 _FEW = 6
+# Chosen by who measures, and no property of a person or a side.
 _CHOSEN = ("mass_kg", "velocity_m_s", "trial")
 
 
