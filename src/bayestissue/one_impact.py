@@ -37,8 +37,9 @@ class Impact(Outlined):
     Attributes:
         K: stiffness, posterior median, N/m.
         C: damping, posterior median, N s/m.
-        K_interval: holds K with a probability of 90 %, N/m; no numbers where there is none.
-        C_interval: holds C with a probability of 90 %, N s/m; no numbers where there is none.
+        K_interval: holds K with a probability of 90 %, N/m; no numbers where there is none. From 0 to an
+            upper bound, which holds with 95 %, where the recording tells no more.
+        C_interval: holds C with a probability of 90 %, N s/m; likewise.
         flags: what is wrong with the recording or its fit; K and C may then be wrong.
         notes: what is not wrong, but should be known.
         dataset: the impact as a dataset of one.
@@ -178,7 +179,8 @@ def impact(
 
 def _in_words(value: float, interval: tuple[float, float], unit: str) -> str:
     if not np.isfinite(value):
-        return _NO_ESTIMATE
+        bound = f", below {interval[1]:.4g} {unit} (95 %)" if np.isfinite(interval[1]) else ""
+        return _NO_ESTIMATE + bound
     if not np.isfinite(interval).all():
         return f"{value:.4g} {unit}, no interval"
     return f"{value:.4g} {unit} (90 %: {interval[0]:.4g} to {interval[1]:.4g})"

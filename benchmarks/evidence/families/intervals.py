@@ -70,6 +70,8 @@ def coverage_point() -> Named:
         shown[f"{q} standard error"] = lines[f"{q}_se"].map(lambda off: percent(off, 2))
         by_impact = lines[f"{q}_held_by_impact"]
         shown[f"{q} held by `impact`"] = by_impact.map(percent).where(by_impact.notna())
+        with_bounds = lines[f"{q}_held_with_bounds"]
+        shown[f"{q} held, bounds included"] = with_bounds.map(percent).where(with_bounds.notna())
     unflagged = lines["unflagged_by_impact"]
     shown["unflagged by `impact`"] = unflagged.map(percent).where(unflagged.notna())
     yield "table", block(table(shown), "coverage_point")

@@ -101,6 +101,7 @@ Code = Literal[
     "structured-residuals",
     "pareto-k",
     "no-answer",
+    "mostly-untold",
     "sensor-noise",
     "peak-disagrees",
     "integrated-noise",

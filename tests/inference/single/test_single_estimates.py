@@ -169,9 +169,15 @@ def test_what_the_recording_does_not_tell_is_empty_and_flagged(monkeypatch):
     table = bt.estimate(data)
     of_K = ["K_N_per_m", "K_low_N_per_m", "K_high_N_per_m", "K_se_N_per_m", "omega_n_rad_s"]
     of_C = ["C_N_s_per_m", "C_low_N_s_per_m", "C_high_N_s_per_m", "C_se_N_s_per_m"]
-    assert table[of_K].isna().all(axis=1).tolist() == [False, False, True, True]
-    assert table[of_C].isna().all(axis=1).tolist() == [False, True, False, True]
+    assert table[of_K].isna().all(axis=1).tolist() == [False, False, False, True]
+    assert table[of_C].isna().all(axis=1).tolist() == [False, False, False, True]
     assert table[of_C].notna().all(axis=1).tolist() == [True, False, True, False]
+    assert table[["K_N_per_m", "K_se_N_per_m"]].isna().all(axis=1).tolist() == [False, False, True, True]
+    # The upper end of the interval is a bound.
+    assert table["K_low_N_per_m"].fillna(-1).ge(1).tolist() == [True, True, False, False]
+    assert (table.loc[2, "K_low_N_per_m"], table.loc[1, "C_low_N_s_per_m"]) == (0, 0)
+    assert (table.loc[[2], "K_high_N_per_m"] > 0).all()
+    assert (table.loc[[1], "C_high_N_s_per_m"] > 0).all()
     assert table["zeta"].notna().tolist() == [True, False, False, False]
     assert table[of_K].notna().all(axis=1).tolist() == [True, True, False, False]
     assert table["flags"].tolist() == ["", C_UNTOLD, K_UNTOLD, f"{K_UNTOLD}; {C_UNTOLD}"]

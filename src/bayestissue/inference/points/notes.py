@@ -30,6 +30,8 @@ NOT_POSITIVE = Coded("K or C is not positive", "no-answer")
 AT_A_LIMIT = Coded("zeta at a limit", "no-answer")
 K_UNTOLD = Coded("the recording does not tell K: no estimate", "no-answer")
 C_UNTOLD = Coded("the recording does not tell C: no estimate", "no-answer")
+K_MOSTLY_UNTOLD = Coded("most recordings of its trial do not tell K: its interval may miss", "mostly-untold")
+C_MOSTLY_UNTOLD = Coded("most recordings of its trial do not tell C: its interval may miss", "mostly-untold")
 FAILED = (K_UNTOLD, C_UNTOLD, NO_OSCILLATOR, NOT_POSITIVE, AT_A_LIMIT, ANOTHER_PEAK)
 # The same of a displacement, where sound recordings come to it too.
 NO_ANSWER = Coded("the fit came to no answer", "sensor-noise")

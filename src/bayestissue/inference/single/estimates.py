@@ -22,7 +22,13 @@ from bayestissue.inference.points.estimates import (
     table_of,
 )
 from bayestissue.inference.points.fit import PointFit
-from bayestissue.inference.points.notes import C_UNTOLD, K_UNTOLD, UNCORRECTED
+from bayestissue.inference.points.notes import (
+    C_MOSTLY_UNTOLD,
+    C_UNTOLD,
+    K_MOSTLY_UNTOLD,
+    K_UNTOLD,
+    UNCORRECTED,
+)
 from bayestissue.inference.samplers.psis import k_threshold
 from bayestissue.inference.single.posterior import POINTS, SinglePosteriors, single_posteriors
 from bayestissue.oscillator import spring_damper_inverse, to_discrete
@@ -83,7 +89,9 @@ def estimate(
         posterior medians, omega_n, zeta, phi1, phi2 and theta1 those of an oscillator of this K and C, errors
         posterior standard deviations, and ``sigma_a`` is empty: the noise is the recorder's, in
         ``noise_sd_m_s2``, and no shock drives the impact; ``pareto_k`` is of the importance weights. K, or C,
-        is empty and flagged where its interval spans more than a factor of 10, or nothing was found. By the
+        is empty and flagged where its interval spans more than a factor of 10: the interval is then from 0
+        to an upper bound that holds with 95 %; and where nothing was found, which has no interval either.
+        Where that befalls most impacts of a trial its others are flagged too. By the
         others intervals are from the trace and the relative standard deviation of the mass alone, and hold
         when the noise is what an ARMA(2,1) assumes.
 
@@ -144,31 +152,35 @@ def by_impact(
         return table.assign(noise_sd_m_s2=np.nan, pareto_k=np.nan), None
     design = build_design(specification.formula, dataset.impacts, reference_mass_kg=None, source="estimate")
     prepared = some_of(assemble(dataset, specification, design, signal), np.flatnonzero(rows))
-    of_long = single_posteriors(prepared)
+    posteriors = single_posteriors(prepared)
     peak = np.exp(np.asarray(prepared.data.log_peak))
-    noiseless = of_long.sigma.median < _LEAST_NOISE * peak
-    untold = _untold(of_long, noiseless)
-    known = _as_fit(of_long, prepared.signal, noiseless)
+    noiseless = posteriors.sigma.median < _LEAST_NOISE * peak
+    untold = _untold(posteriors, noiseless)
+    known = _as_fit(posteriors, prepared.signal, noiseless)
     fit = PointFit(*(in_rows(column, rows) for column in _told(known, untold)))
-
-    def sure(column: np.ndarray, quantity: str) -> np.ndarray:
-        return in_rows(np.where(noiseless | untold[quantity], np.nan, column), rows)
-
+    bounded = posteriors.moved & ~noiseless
     ends = {
-        name: (sure(each.low, name), sure(each.high, name))
-        for name, each in (("K", of_long.K), ("C", of_long.C))
+        name: tuple(
+            in_rows(np.where(bounded, end, np.nan), rows)
+            # What is not told from below has the upper end of its interval as a bound.
+            for end in (np.where(untold[name], 0.0, marginal.low), marginal.high)
+        )
+        for name, marginal in (("K", posteriors.K), ("C", posteriors.C))
     }
     flags, notes = flagged(dataset, signal, fit, found, "impact")
-    pareto_k = in_rows(of_long.pareto_k, rows)
-    failed = (pareto_k > k_threshold(POINTS)) & ~fit.noiseless
-    raised = {UNCORRECTED: failed}
-    raised |= {words: in_rows(untold[name], rows) > 0 for words, name in ((K_UNTOLD, "K"), (C_UNTOLD, "C"))}
+    pareto_k = in_rows(posteriors.pareto_k, rows)
+    raised = {UNCORRECTED: (pareto_k > k_threshold(POINTS)) & ~fit.noiseless}
+    for name, alone, among in (("K", K_UNTOLD, K_MOSTLY_UNTOLD), ("C", C_UNTOLD, C_MOSTLY_UNTOLD)):
+        # The few of a trial that come out above the threshold are those that erred upwards.
+        share = prepared.impacts.assign(untold=untold[name]).groupby("trial")["untold"].transform("mean")
+        most = share.to_numpy() > 0.5
+        raised |= {alone: in_rows(untold[name], rows) > 0, among: in_rows(most & ~untold[name], rows) > 0}
     for row, *up in zip(flags, *raised.values(), strict=True):
-        row.extend(words for words, here in zip(raised, up, strict=True) if here)
+        row.extend(flag for flag, is_raised in zip(raised, up, strict=True) if is_raised)
     table = table_of(dataset, signal, fit, ends, flags, notes)
     last = table.pop("notes")
-    noise = in_rows(of_long.sigma.median, rows)
-    return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, notes=last), of_long
+    noise = in_rows(posteriors.sigma.median, rows)
+    return table.assign(noise_sd_m_s2=noise, pareto_k=pareto_k, notes=last), posteriors
 
 
 def _untold(posteriors: SinglePosteriors, noiseless: np.ndarray) -> dict[str, np.ndarray]:
