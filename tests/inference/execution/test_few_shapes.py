@@ -15,7 +15,7 @@ from numpyro.infer.util import potential_energy
 from bayestissue.dataset.model import Dataset, Trace, Uncertainty
 from bayestissue.hierarchy import population
 from bayestissue.hierarchy.gaussian import arrangement
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import ModelSpecification, Sampler
 from bayestissue.hierarchy.trace_data import Prepared, prepare
 from bayestissue.hierarchy.traces import COORDINATES, gaussian, sampled_model
@@ -85,10 +85,10 @@ def dataset(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
     return campaign(tmp_path_factory.mktemp("none"), 9, 1, 0.002)
 
 
-def sites_of(prepared: Prepared) -> Sites:
+def sites_of(prepared: Prepared) -> GaussianFactor:
     rng, centre = np.random.default_rng(2), first_guess(prepared)
     precision = np.broadcast_to(np.diag([400.0, 100.0, 50.0]), (*centre.shape, 3))
-    return Sites(
+    return GaussianFactor(
         *map(jnp.asarray, (centre, rng.normal(size=centre.shape), precision, rng.normal(size=len(centre))))
     )
 

@@ -1,7 +1,7 @@
 """Conditional priors N(X b, D^-1) of impacts' parameters, of any number of draws of the population.
 
 With the sites they give normals to draw from and each trace's evidence. The algebra is that of
-`bayestissue.hierarchy.gaussian.impacts`; parameters are on the last axis.
+`bayestissue.hierarchy.gaussian.factor`; parameters are on the last axis.
 """
 
 from __future__ import annotations
@@ -18,12 +18,7 @@ from scipy.stats import norm, qmc
 from bayestissue.hierarchy.gaussian.arrangement import PopulationDesign, expected_by_cell
 from bayestissue.hierarchy.gaussian.conditional import Data
 from bayestissue.hierarchy.gaussian.effects import effects_from_standard, integrate_effects
-from bayestissue.hierarchy.gaussian.impacts import (
-    ImpactConditional,
-    ImpactPrior,
-    Sites,
-    parameters_first,
-)
+from bayestissue.hierarchy.gaussian.factor import Conditional, GaussianFactor
 from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.execution.compiling import by_row
 
@@ -72,11 +67,11 @@ class Normals(NamedTuple):
     """Where the population and the sites put impacts' parameters, of one or more draws of the population.
 
     Attributes:
-        given: the conditional of `bayestissue.hierarchy.gaussian.impacts`.
-        about: X b, the parameters first.
+        conditional: of the parameters, see `bayestissue.hierarchy.gaussian.factor`.
+        prior_mean: X b, parameters first.
     """
 
-    conditional: ImpactConditional
+    conditional: Conditional
     prior_mean: Float[np.ndarray, "parameter *draw impact"]
 
     def at(
@@ -86,18 +81,16 @@ class Normals(NamedTuple):
         return np.stack(self.conditional.draw(self.prior_mean, np.moveaxis(z, -1, 0)), axis=-1)
 
 
-def normals(sites: Sites, prior: ConditionalPrior) -> Normals:
+def normals(sites: GaussianFactor, prior: ConditionalPrior) -> Normals:
     """See `Normals`; of the sites and a conditional prior N(a, D^-1) of one or more draws."""
     precision = np.moveaxis(prior.precision, (-2, -1), (0, 1))
-    impact_prior = ImpactPrior(precision, np.linalg.slogdet(prior.precision)[1])
-    conditional = ImpactConditional.from_sites(impact_prior, parameters_first(sites))
-    return Normals(conditional, np.moveaxis(prior.mean, -1, 0))
+    return Normals(Conditional(precision, sites.batch_last()), np.moveaxis(prior.mean, -1, 0))
 
 
-def log_evidence(sites: Sites, prior: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
+def log_evidence(sites: GaussianFactor, prior: ConditionalPrior) -> Float[np.ndarray, "*draw impact"]:
     """Log of the integral of each site over a conditional prior, of one or more draws of the population."""
     conditional, prior_mean = normals(sites, prior)
-    return conditional.log_density(prior_mean)
+    return conditional.marginal(prior_mean).log_scale
 
 
 class PopulationDraws(NamedTuple):
@@ -157,7 +150,7 @@ def population_draw(
     covariances = population(model, sites)
     effects, _ = integrate_effects(data.design, covariances, data.sums(covariances))
     b = effects_from_standard(data.design, effects, data.mean, z_b)
-    return sites, b, covariances.of_impact().precision
+    return sites, b, covariances.of_impact()
 
 
 @by_row(DRAWS, constant=1)

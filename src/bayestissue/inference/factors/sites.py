@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import softmax
 
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.traces import TraceData, TraceModel
 from bayestissue.inference.factors.conditional import ConditionalPrior, normals
 from bayestissue.inference.factors.likelihoods import log_likelihoods
@@ -52,7 +52,7 @@ def laplace_sites(
     start: Float[np.ndarray, "impact parameter"],
     prior: ConditionalPrior,
     iterations: int = ITERATIONS,
-) -> Sites:
+) -> GaussianFactor:
     """Expand each log likelihood to second order where it, times the prior, is greatest.
 
     Levenberg-Marquardt steps on every impact by itself, from differences of the likelihood's values: exact
@@ -83,7 +83,7 @@ def laplace_sites(
     values, axes = np.linalg.eigh(best.curvature)
     firm = curvature_floor(values, np.matvec(axes.mT, best.slope))
     precision = (axes * firm[:, None]) @ axes.mT
-    return Sites(best.u, best.slope, precision, best.value)
+    return GaussianFactor(best.u, best.slope, precision, best.value)
 
 
 class _Expansion(NamedTuple):
@@ -184,10 +184,10 @@ def weak_prior(start: Float[np.ndarray, "impact parameter"], sd: float = 2.0) ->
 def regression_sites(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     priors: ConditionalPrior,
     rng: np.random.Generator,
-) -> Sites:
+) -> GaussianFactor:
     """The parabola nearest to each log likelihood over the posterior.
 
     Points are drawn by the old sites and weighted by likelihood over site, those of one draw of the
@@ -211,7 +211,7 @@ def regression_sites(
         refitted, _nearest(u[:, fitted], value[:, fitted], weight[:, fitted]), strict=True
     ):
         whole[fitted] = part
-    return Sites(*refitted)
+    return GaussianFactor(*refitted)
 
 
 def _nearest(
@@ -219,7 +219,7 @@ def _nearest(
     value: Float[np.ndarray, "point impact"],
     weight: Float[np.ndarray, "point impact"],
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Centre, slope, precision and level, as `Sites` have them."""
+    """Centre, slope, precision and level, as a `GaussianFactor` has them."""
     value = np.where(weight > 0, value, 0.0)
     total = weight.sum(0)
     mean = np.einsum("pi,pia->ia", weight, u) / total[:, None]
@@ -257,7 +257,7 @@ def _parabola(
 def _points(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     priors: ConditionalPrior,
     rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import jax
@@ -15,8 +15,8 @@ from jaxtyping import Float
 from numpyro.infer.util import potential_energy
 
 from bayestissue.elements import element
-from bayestissue.hierarchy.gaussian.conditional import Data, Expansion, log_marginal
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.conditional import Data, log_marginal
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import (
     COORDINATES,
@@ -147,18 +147,18 @@ class Approximation:
         expansions: of every likelihood at its own maximum, see `expanded`.
     """
 
-    sites: Sites
+    sites: GaussianFactor
     coordinates: Coordinates
     grid: LikelihoodGrid | None
     marginal_grid: LikelihoodGrid | GridSum | None = None
-    expansion: Expansion | None = None
-    expansions: Sites | None = None
+    expansion: GaussianFactor | None = None
+    expansions: GaussianFactor | None = None
 
     def data(self, data: TraceData) -> Data:
         """What the marginal density asks of the dataset."""
-        return gaussian(data, self.sites)._replace(expansion=self.expansion)
+        return replace(gaussian(data, self.sites), second_order=self.expansion)
 
-    def of_rows(self, rows: np.ndarray) -> tuple[Sites, LikelihoodGrid | None]:
+    def of_rows(self, rows: np.ndarray) -> tuple[GaussianFactor, LikelihoodGrid | None]:
         """Some impacts' sites, and their grid of the last parameter if there is one."""
         sites, grid = rows_of(self.sites, rows), self.grid
         if grid is not None:
@@ -166,12 +166,12 @@ class Approximation:
         return sites, grid
 
 
-def rows_of(sites: Sites, rows: np.ndarray) -> Sites:
+def rows_of(sites: GaussianFactor, rows: np.ndarray) -> GaussianFactor:
     """Some impacts' sites."""
-    return Sites(*(np.asarray(leaf)[rows] for leaf in sites))
+    return GaussianFactor(*(np.asarray(leaf)[rows] for leaf in sites))
 
 
-def expanded(prepared: Prepared, progress: Progress = silent) -> Sites:
+def expanded(prepared: Prepared, progress: Progress = silent) -> GaussianFactor:
     """Every likelihood expanded at its own maximum: what `approximate` begins with."""
     start = first_guess(prepared)
     # A uniform error leaves its likelihood flat on top, which no expansion can describe.
@@ -181,14 +181,14 @@ def expanded(prepared: Prepared, progress: Progress = silent) -> Sites:
 
 def _laplace(
     model: TraceModel, smooth: TraceData, start: np.ndarray, prior: ConditionalPrior, progress: Progress
-) -> Sites:
+) -> GaussianFactor:
     return map_impacts(partial(laplace_sites, model), smooth, start, prior.of_each(), progress=progress)
 
 
 def _grid(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     prior: ConditionalPrior,
     progress: Progress,
     *,
@@ -199,7 +199,7 @@ def _grid(
     number = int(np.clip(2 ** np.floor(np.log2(_GRID_POINTS / len(sites.centre))), FEW, most))
     points = standard_points(sites.centre.shape[1], number)
 
-    def one(part: TraceData, part_sites: Sites, part_prior: ConditionalPrior) -> np.ndarray:
+    def one(part: TraceData, part_sites: GaussianFactor, part_prior: ConditionalPrior) -> np.ndarray:
         grid = integrated_likelihood_grid(model, part, part_sites, part_prior, points, coarse=coarse)
         return np.asarray(grid.log_likelihood).T
 
@@ -210,7 +210,7 @@ def _grid(
 def approximate(
     prepared: Prepared,
     *,
-    expansions: Sites | None = None,
+    expansions: GaussianFactor | None = None,
     normal: bool | None = None,
     progress: Progress = silent,
 ) -> Approximation:
@@ -255,8 +255,8 @@ def approximate(
 
 
 def _fitted_grid(
-    prepared: Prepared, finder: _ModeFinder, sites: Sites, mode: np.ndarray, progress: Progress
-) -> tuple[LikelihoodGrid, Sites, np.ndarray]:
+    prepared: Prepared, finder: _ModeFinder, sites: GaussianFactor, mode: np.ndarray, progress: Progress
+) -> tuple[LikelihoodGrid, GaussianFactor, np.ndarray]:
     """The last parameter's grid, the sites of the others, and the mode that both give."""
     model, data = prepared.model, prepared.data
     one_pass = model.kind == "arma"
@@ -277,7 +277,7 @@ def _fitted_grid(
     return grid, sites, mode
 
 
-def last_is_normal(prepared: Prepared, sites: Sites) -> bool:
+def last_is_normal(prepared: Prepared, sites: GaussianFactor) -> bool:
     """Whether the traces tell the last parameter well enough for its likelihood to be normal.
 
     N samples tell theta1 to ((1 - theta1^2) / N)^1/2, and so artanh theta1 to cosh(artanh theta1) / N^1/2;
@@ -291,7 +291,7 @@ def last_is_normal(prepared: Prepared, sites: Sites) -> bool:
     return bool(np.cosh(middle) / np.sqrt(np.median(prepared.signal.n_samples)) < _WELL_TOLD)
 
 
-def _has_another_end(prepared: Prepared, sites: Sites) -> bool:
+def _has_another_end(prepared: Prepared, sites: GaussianFactor) -> bool:
     """Whether far from the sites' centres, along the last parameter, traces are nearly as likely.
 
     A search may have stopped on a shelf, from which the likelihood rises slowly to where it is level.
@@ -336,29 +336,31 @@ class _ModeFinder:
         model: TraceModel,
         data: TraceData,
         grid: LikelihoodGrid | GridSum | None = None,
-        expansion: Expansion | None = None,
+        expansion: GaussianFactor | None = None,
     ) -> None:
         self._model, self.grid, self._expansion = model, grid, expansion
         self.data = data._replace(record=None)  # type: ignore[arg-type]
-        self._arranged: tuple[Sites, Data] | None = None
+        self._arranged: tuple[GaussianFactor, Data] | None = None
 
     @property
     def _names(self) -> tuple[str, ...]:
         return names_of(self._model, profiled=self.grid is not None)
 
-    def _of(self, sites: Sites) -> Data:
+    def _of(self, sites: GaussianFactor) -> Data:
         """Laid out once for all that is asked of the same sites."""
         if self._arranged is None or self._arranged[0] is not sites:
-            arranged = gaussian(self.data, sites)._replace(expansion=self._expansion)
+            arranged = replace(gaussian(self.data, sites), second_order=self._expansion)
             self._arranged = sites, jax.tree.map(jnp.asarray, arranged)
         return self._arranged[1]
 
-    def at(self, y: np.ndarray, sites: Sites, warp: SinhArcsinh | None = None) -> tuple[float, np.ndarray]:
+    def at(
+        self, y: np.ndarray, sites: GaussianFactor, warp: SinhArcsinh | None = None
+    ) -> tuple[float, np.ndarray]:
         warp = warp or straight(len(y))
         value, slope = _value_and_slope(self._model, y, self._of(sites), self.grid, warp)
         return float(value), np.asarray(slope)
 
-    def tabulate(self, grid: LikelihoodGrid, sites: Sites, mode: np.ndarray) -> None:
+    def tabulate(self, grid: LikelihoodGrid, sites: GaussianFactor, mode: np.ndarray) -> None:
         """Ask the last parameter's grid from now on; that of many impacts as one table."""
         self.grid = grid
         if grid.log_likelihood.shape[1] <= BLOCK:
@@ -367,7 +369,9 @@ class _ModeFinder:
         start = np.array([self.last_mean(mode), np.log(float(covariances.nuisance[-1]))])
         self.grid = grid_sum_around(grid, partial(self._of_last, sites, mode), start)
 
-    def _of_last(self, sites: Sites, start: np.ndarray, grid: GridSum) -> tuple[np.ndarray, np.ndarray]:
+    def _of_last(
+        self, sites: GaussianFactor, start: np.ndarray, grid: GridSum
+    ) -> tuple[np.ndarray, np.ndarray]:
         """Posterior mode and standard deviations of the last parameter's mean and log covariances."""
         self.grid = grid
         mode = self.mode(sites, start)
@@ -382,10 +386,10 @@ class _ModeFinder:
     def _hyperparameters(self, flat: np.ndarray) -> dict[str, Array]:
         return constrained(self._model, dict(zip(self._names, flat, strict=True)))
 
-    def mode(self, sites: Sites, start: np.ndarray | None) -> np.ndarray:
+    def mode(self, sites: GaussianFactor, start: np.ndarray | None) -> np.ndarray:
         return find_mode(self._model, self._names, lambda flat: self.at(flat, sites), start)
 
-    def at_best_last(self, sites: Sites, flat: np.ndarray) -> np.ndarray:
+    def at_best_last(self, sites: GaussianFactor, flat: np.ndarray) -> np.ndarray:
         """The same place where the last location's standard normal is most likely."""
         places = np.repeat(flat[None], len(_PLACES), axis=0)
         places[:, -1] = _PLACES
@@ -395,7 +399,7 @@ class _ModeFinder:
         """The mean of the last parameter there."""
         return float(self.data.location_mean[-1] + self._model.locations.sd[-1] * flat[-1])
 
-    def conditional_prior(self, sites: Sites, flat: np.ndarray) -> ConditionalPrior:
+    def conditional_prior(self, sites: GaussianFactor, flat: np.ndarray) -> ConditionalPrior:
         """Of each impact there, b having its conditional mean."""
         raw, at_mean = np.reshape(flat, (-1, 1)), np.zeros((1, self._model.locations.size))
         named, design = dict(zip(self._names, raw, strict=True)), self.data.design
@@ -403,7 +407,7 @@ class _ModeFinder:
         arranged = of_cells(drawn.priors(design), np.asarray(design.cell))
         return ConditionalPrior(arranged.mean[0], drawn.precision[0])
 
-    def coordinates(self, sites: Sites, mode: np.ndarray) -> Coordinates:
+    def coordinates(self, sites: GaussianFactor, mode: np.ndarray) -> Coordinates:
         scale = np.sqrt(np.diagonal(covariance_about(lambda flat: self.at(flat, sites)[1], mode)))
         warp = warp_about(lambda points: np.array([-self.at(flat, sites)[0] for flat in points]), mode, scale)
         covariance = covariance_about(lambda y: self.at(y, sites, warp)[1], np.zeros(len(mode)))

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from jaxtyping import Float, Int
 
-from bayestissue.hierarchy.gaussian.impacts import Sites
+from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
@@ -95,7 +95,7 @@ def corrected_draws(
     approximation: Approximation | None = None,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> tuple[Approximation, Draws, Correction]:
-    """Sites, draws of the approximate marginal posterior made with them, and their correction.
+    """GaussianFactor, draws of the approximate marginal posterior made with them, and their correction.
 
     Where the correction can't be trusted the sites are fitted anew about the corrected draws, as long as that
     helps: see `_attempts`. A last parameter that has a grid then gets a normal site; never the other way:
@@ -325,7 +325,7 @@ def _scattered_start(
 def sir_proposals(
     model: TraceModel,
     data: TraceData,
-    sites: Sites,
+    sites: GaussianFactor,
     candidates: int,
     prior_mean: Float[np.ndarray, "draw impact parameter"],
     precision: Float[np.ndarray, "draw parameter parameter"],
