@@ -69,7 +69,7 @@ from bayestissue.inference.factors.conditional import population_draws
 from bayestissue.inference.posterior.approximate import marginal_model
 from bayestissue.inference.results.labels import design_dimensions, labelled
 from bayestissue.inference.results.predictions import prior_draws
-from bayestissue.inference.samplers.coordinates import straight
+from bayestissue.inference.samplers.coordinates import unwarped
 
 STUDIES, SEED, KIND = 300, 2028, "answers"
 STUDIES_FILE, TABLE = HERE / "calibration_answers_studies.csv", HERE / "calibration_answers.csv"
@@ -407,11 +407,11 @@ class Studies:
     def _chain(self, begin: Array, laid: GaussianFactor, key: Array) -> Array:
         """Hamiltonian Monte Carlo on the marginal density of a fit, [draw, hyperparameter], unconstrained."""
         data = replace(gaussian(self._base.data, self._flat), sites=laid)
-        unwarped = straight(len(begin))
+        warp = unwarped(len(begin))
 
         def potential(y: Array) -> Array:
             model = partial(marginal_model, self._base.model)
-            return potential_energy(model, (data, None, unwarped), {}, {COORDINATES: y})
+            return potential_energy(model, (data, None, warp), {}, {COORDINATES: y})
 
         kernel = HMC(potential_fn=potential, num_steps=LEAPFROGS, trajectory_length=None)
         state = kernel.init(key, WARMUP, begin, (), {})

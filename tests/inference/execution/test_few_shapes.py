@@ -31,7 +31,7 @@ from bayestissue.inference.posterior.approximate import _value_and_slope, first_
 from bayestissue.inference.posterior.constrained_draws import constrained_draws, constrained_impacts
 from bayestissue.inference.posterior.recipe import corrected_draws
 from bayestissue.inference.samplers import independence
-from bayestissue.inference.samplers.coordinates import straight
+from bayestissue.inference.samplers.coordinates import unwarped
 from bayestissue.simulation import simulate
 from bayestissue.simulation.specification import Simulation
 
@@ -133,7 +133,7 @@ def test_filling_up_changes_neither_densities_nor_slopes_nor_conditionals(
     assert plain.model.locations.size < model.locations.size
     own, other = gaussian(data, sites), gaussian(plain.data, sites)
     y = np.random.default_rng(3).normal(size=len(model.hyperparameters)) - 1
-    warp = straight(len(y))
+    warp = unwarped(len(y))
     found = _value_and_slope(model, y, own, None, warp)
     wanted = _value_and_slope.jitted(plain.model, y, other, None, warp)
     for values in zip(found, wanted, strict=True):
@@ -175,7 +175,7 @@ def test_the_exact_path_leaves_out_what_was_added(
         COORDINATES: rng.normal(size=len(model.hyperparameters)) - 1,
         "standard_locations": rng.normal(size=model.locations.size),
     }
-    warp = straight(len(model.hyperparameters))
+    warp = unwarped(len(model.hyperparameters))
 
     def potential(arguments, z_u):
         return potential_energy(sampled_model, arguments, {}, point | {"standard_impacts": z_u})

@@ -35,7 +35,7 @@ from bayestissue.inference.factors.importance_ratios import (
 )
 from bayestissue.inference.factors.likelihoods import log_likelihoods
 from bayestissue.inference.posterior import approximate as approximation_module
-from bayestissue.inference.posterior import expansion, recipe
+from bayestissue.inference.posterior import recipe
 from bayestissue.inference.posterior.approximate import Approximation, approximate
 from bayestissue.inference.posterior.constrained_draws import constrained_draws
 from bayestissue.inference.posterior.correction import Correction
@@ -46,7 +46,6 @@ from bayestissue.inference.posterior.recipe import (
     fitted_to_population,
     population_attempt,
 )
-from bayestissue.inference.samplers.coordinates import Coordinates
 from bayestissue.inference.samplers.psis import pareto_smoothed
 from bayestissue.inference.samplers.sampling import Draws
 from bayestissue.simulation import simulate
@@ -186,12 +185,12 @@ def test_sites_whose_marginal_has_no_mode_are_not_taken(
     summary_route: tuple[Approximation, Draws, Correction],
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def nowhere(*_: object) -> Coordinates:
+    def nowhere(*_: object) -> Approximation:
         raise FloatingPointError("nowhere")
 
     approximation = summary_route[0]
     draws = to_second_order(prepared, approximation, 64, np.random.default_rng(5))
-    monkeypatch.setattr(expansion, "coordinates_given_sites", nowhere)
+    monkeypatch.setattr(Approximation, "near", nowhere)
     assert refitted(prepared, approximation, draws, 5) is approximation
 
 

@@ -1,9 +1,9 @@
 """Gaussian factors: functions exp(s + g'(u - m) - (u - m)'P (u - m) / 2) of a vector u.
 
-A trace's likelihood to second order is one, of the impact's parameters u: its site. With u ~ N(v, D^-1), where
-v = X b, u given v is N(m + V (g + D (v - m)), V) with V = (P + D)^-1. With u integrated out the site is another
-factor, of v, with precision W = D V P and, about m, shift D V g. Written so, and not as D - D V D, W keeps its
-digits where a standard deviation tends to 0, and is 0 where the site says nothing.
+A trace's likelihood to second order is one, of the impact's parameters u: its site. With u ~ N(v, D^-1)
+and v = X b, u given v is N(m + V (g + D (v - m)), V) where V = (P + D)^-1. With u integrated out the site is
+another factor, of v, with precision W = D V P and, about m, shift D V g. Written so, and not as D - D V D,
+W keeps its digits where a standard deviation tends to 0, and is 0 where the site says nothing.
 
 The algebra is that of one factor: parameters are the first axes, and whatever axes follow are a batch. Where
 they are stored, and for `GaussianFactor.log_density`, many impacts' factors have the impacts first.

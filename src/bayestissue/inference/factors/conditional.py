@@ -23,6 +23,8 @@ from bayestissue.hierarchy.traces import TraceModel, constrained, population
 from bayestissue.inference.execution.compiling import by_row
 
 POINTS = 64
+# Precision of a parameter that is held.
+_HELD = 1e8
 # Draws of one call.
 DRAWS = 64
 
@@ -47,6 +49,12 @@ class ConditionalPrior(NamedTuple):
         """The same with a precision of each impact."""
         shape = (*self.mean.shape, self.mean.shape[-1])
         return self._replace(precision=np.broadcast_to(self.precision, shape))
+
+    def with_last_at(self, value: float) -> ConditionalPrior:
+        """The same, the last parameter held at a value."""
+        mean, precision = (np.array(part) for part in self)
+        mean[:, -1], precision[-1, -1] = value, _HELD
+        return ConditionalPrior(mean, precision)
 
     def log_density(
         self, u: Float[np.ndarray, "*point impact parameter"]

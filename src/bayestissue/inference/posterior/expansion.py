@@ -39,7 +39,7 @@ from bayestissue.inference.factors.importance_ratios import (
     ratios_among,
 )
 from bayestissue.inference.factors.sites import regression_sites
-from bayestissue.inference.posterior.approximate import LAST, Approximation, coordinates_given_sites
+from bayestissue.inference.posterior.approximate import LAST, Approximation
 from bayestissue.inference.samplers.psis import relative_variance
 
 # Of weights that vary by a quarter, as those of 100,000 impacts did, 40 draws have a Pareto k above the
@@ -114,8 +114,8 @@ def importance_weights(
 
     ratios, varies = in_blocks(data, one, progress=progress)
     whole = ratios.sum(0)
-    if approximation.expansion is not None:
-        whole = whole - np.asarray(_expanded(model, data.design, approximation.expansion, draws))
+    if approximation.second_order is not None:
+        whole = whole - np.asarray(_second_order(model, data.design, approximation.second_order, draws))
     return Ratios(whole, ratios.T, varies)
 
 
@@ -137,12 +137,10 @@ def refitted(
         sites, _ = approximation.of_rows(rows)
         return regression_sites(prepared.model, part, sites, of_cells(priors, cell[rows]), rng)
 
-    approximated = replace(
-        approximation, sites=in_blocks(prepared.data, one, progress=progress), expansion=None
-    )
-    near = {name: np.asarray(values.mean()) for name, values in draws.raw.items()}
+    sites = in_blocks(prepared.data, one, progress=progress)
+    means = {name: values.mean() for name, values in draws.raw.items()}
     try:
-        return replace(approximated, coordinates=coordinates_given_sites(prepared, approximated, near))
+        return replace(approximation, sites=sites, second_order=None).near(prepared, means)
     except FloatingPointError:
         # If few draws are effective, they may be far from what the traces say.
         return approximation
@@ -167,10 +165,10 @@ def with_expansion(
         best, least = approximation, scatter
         if scatter < limit or number == EXPANSIONS:
             break
-        expanded = replace(approximation, expansion=expand(prepared, approximation, draws, progress=progress))
-        near = {name: values[0] for name, values in draws.raw.items()}
+        second_order = expand(prepared, approximation, draws, progress=progress)
+        middle = {name: values[0] for name, values in draws.raw.items()}
         try:
-            approximation = replace(expanded, coordinates=coordinates_given_sites(prepared, expanded, near))
+            approximation = replace(approximation, second_order=second_order).near(prepared, middle)
         except FloatingPointError:
             # Weights of few points leave an expansion that is none.
             break
@@ -208,13 +206,13 @@ def expand(
 
 
 @jax.jit
-def _expanded(
-    model: TraceModel, design: PopulationDesign, expansion: GaussianFactor, draws: PopulationDraws
+def _second_order(
+    model: TraceModel, design: PopulationDesign, factor: GaussianFactor, draws: PopulationDraws
 ) -> Float[Array, " draw"]:
-    """The expansion's value at some draws, but for a constant."""
+    """Log of the second-order factor at some draws, but for a constant."""
 
     def one(draw: tuple[dict[str, Array], Array]) -> Array:
-        of_mean = given_covariances(expansion, population(model, draw[0]))
+        of_mean = given_covariances(factor, population(model, draw[0]))
         return of_mean.about(expected_by_cell(design, draw[1])).log_scale.sum()
 
     return jax.lax.map(one, (draws.sites, draws.b))

@@ -10,7 +10,7 @@ sampling-importance-resampling.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import NamedTuple
 
@@ -36,7 +36,6 @@ from bayestissue.inference.posterior.approximate import (
     Approximation,
     approximate,
     marginal_model,
-    potential_at,
 )
 from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.expansion import (
@@ -48,7 +47,7 @@ from bayestissue.inference.posterior.expansion import (
     with_expansion,
 )
 from bayestissue.inference.samplers.independence import LEAST_EFFECTIVE, independence_chains
-from bayestissue.inference.samplers.nuts import Known, Start, run_chains
+from bayestissue.inference.samplers.nuts import Start, run_chains
 from bayestissue.inference.samplers.psis import systematic
 from bayestissue.inference.samplers.sampling import Draws
 
@@ -87,6 +86,126 @@ class Attempt(NamedTuple):
     correction: Correction
 
 
+@dataclass(frozen=True)
+class Problem:
+    """What every step is asked of; see `corrected_draws`."""
+
+    prepared: Prepared
+    settings: Sampler
+    seed: int
+    rng: np.random.Generator
+    progress: Callable[[str, int, int], None]
+
+    def stage(self, name: str) -> Progress:
+        """Progress of one of the stages."""
+        return partial(self.progress, name)
+
+
+@dataclass(frozen=True)
+class State:
+    """What the steps so far have led to.
+
+    Attributes:
+        approximation: of the traces, to go on with.
+        attempts: draws made so far, each with the approximation of its time.
+        first: number of the first attempt with sites that follow from one another, up to the last.
+    """
+
+    approximation: Approximation
+    attempts: tuple[Attempt, ...] = ()
+    first: int = 0
+
+    @property
+    def best(self) -> Attempt:
+        """The attempt that fails the fewest checks, and of several the one of most effective draws."""
+        return min(self.attempts, key=lambda attempt: attempt.correction.rank)
+
+
+class Refused(NamedTuple):
+    """That a step is not taken, and why."""
+
+    reason: str
+
+
+Step = Callable[[Problem, State], State | Refused]
+
+
+def _sampled(problem: Problem, state: State, settings: Sampler | None = None) -> State:
+    attempt = population_attempt(
+        problem.prepared,
+        state.approximation,
+        settings or problem.settings,
+        problem.seed,
+        problem.stage("sampling the population"),
+    )
+    return replace(state, attempts=(*state.attempts, attempt))
+
+
+def fit_and_sample(problem: Problem, state: State) -> State:
+    """Sites fitted to the population, expanded where these need it, and draws with them."""
+    approximation = fitted_to_population(
+        problem.prepared,
+        state.approximation,
+        problem.settings,
+        problem.seed,
+        problem.rng,
+        problem.stage("summarising each trace"),
+    )
+    return _sampled(problem, replace(state, approximation=approximation, first=len(state.attempts)))
+
+
+def refit_about_draws(problem: Problem, state: State) -> State | Refused:
+    """Sites fitted anew about the corrected draws of the last attempt, as long as that helps."""
+    attempts = state.attempts[state.first :]
+    approximation, _, draws, _, correction = attempts[-1]
+    if correction.trusted:
+        return Refused("the correction can be trusted")
+    if approximation.grid is not None:
+        return Refused("a grid of the last parameter is not fitted anew")
+    if len(attempts) > 1 and correction.effective < _GAIN * attempts[-2].correction.effective:
+        return Refused("the last time did not raise the effective number of draws by half")
+    if len(attempts) == _MOST_PASSES:
+        return Refused(f"sites were fitted {_MOST_PASSES} times")
+    prepared, seed = problem.prepared, problem.seed
+    some = draws.rows(np.resize(problem.rng.permutation(len(draws.b)), _DRAWS_ABOUT))
+    fitted = refitted(prepared, approximation, some, seed + _MOST_PASSES + len(attempts))
+    expanded = with_expansion(prepared, fitted, seed, _limit(prepared, problem.settings))
+    return _sampled(problem, replace(state, approximation=expanded))
+
+
+def normal_instead_of_grid(problem: Problem, state: State) -> State | Refused:
+    """A normal site of a last parameter that had a grid.
+
+    Never the other way: what traces tell so well that a normal was taken falls between the places of a grid,
+    which then looks trusted and is wrong.
+    """
+    if state.approximation.grid is None:
+        return Refused("the sites are normal in all parameters")
+    if state.best.correction.trusted:
+        return Refused("the correction can be trusted")
+    expansions, stage = state.approximation.expansions, problem.stage("summarising each trace")
+    approximation = approximate(problem.prepared, expansions=expansions, normal=True, progress=stage)
+    return fit_and_sample(problem, replace(state, approximation=approximation))
+
+
+def lengthen_chains(problem: Problem, state: State) -> State | Refused:
+    """Longer chains with the best sites, where all that is wrong is that too few draws are effective."""
+    correction = state.best.correction
+    if not correction.lacks_only_draws:
+        return Refused("not only draws are lacking")
+    longer = int(np.ceil(1.2 * correction.needed / correction.effective))
+    settings = problem.settings.model_copy(update={"thinning": longer * problem.settings.thinning})
+    if longer > _LONGEST:
+        return Refused(f"chains {longer} times as long take longer than the exact path")
+    if not _all_weighed(problem.prepared, settings):
+        return Refused("of so many draws and impacts only some get a weight, however many there are")
+    return _sampled(problem, replace(state, approximation=state.best.approximation), settings)
+
+
+_REFITS = (refit_about_draws,) * (_MOST_PASSES - 1)
+STEPS: tuple[Step, ...] = (fit_and_sample, *_REFITS, normal_instead_of_grid, *_REFITS, lengthen_chains)
+
+
 def corrected_draws(
     prepared: Prepared,
     settings: Sampler,
@@ -95,13 +214,10 @@ def corrected_draws(
     approximation: Approximation | None = None,
     progress: Callable[[str, int, int], None] = lambda *_: None,
 ) -> tuple[Approximation, Draws, Correction]:
-    """GaussianFactor, draws of the approximate marginal posterior made with them, and their correction.
+    """Sites, draws of the approximate marginal posterior made with them, and their correction.
 
-    Where the correction can't be trusted the sites are fitted anew about the corrected draws, as long as that
-    helps: see `_attempts`. A last parameter that has a grid then gets a normal site; never the other way:
-    what traces tell so well that a normal was taken falls between the places of a grid, which then looks
-    trusted and is wrong. Where all that is wrong is that too few draws are effective, longer chains follow.
-    The best of these is returned, trusted or not; `Correction.attempts` lists them all.
+    All of `STEPS` are asked in turn, and go on from the state that those before have left. The best attempt
+    is returned, trusted or not; `Correction.attempts` lists them all.
 
     Args:
         prepared: model and data.
@@ -110,70 +226,14 @@ def corrected_draws(
         approximation: what `approximate` found, if it was asked before.
         progress: told the stage, how much of it is done, and its total; of every attempt anew.
     """
-    rng = np.random.default_rng([seed, 22])
-    done, sampling = partial(progress, "summarising each trace"), partial(progress, "sampling the population")
-    approximation = approximation or approximate(prepared, progress=done)
-
-    def sample(approximation: Approximation, settings: Sampler = settings) -> Attempt:
-        return population_attempt(prepared, approximation, settings, seed, sampling)
-
-    def attempts(approximation: Approximation) -> list[Attempt]:
-        return _attempts(
-            prepared,
-            fitted_to_population(prepared, approximation, settings, seed, rng, done),
-            sample,
-            settings,
-            seed,
-            rng,
-        )
-
-    tried = attempts(approximation)
-    if approximation.grid is not None and not _best(tried).correction.trusted:
-        tried += attempts(
-            approximate(prepared, expansions=approximation.expansions, normal=True, progress=done)
-        )
-    best = _best(tried)
-    if best.correction.lacks_only_draws:
-        longer = int(np.ceil(1.2 * best.correction.needed / best.correction.effective))
-        lengthened = settings.model_copy(update={"thinning": longer * settings.thinning})
-        if longer <= _LONGEST and _all_weighed(prepared, lengthened):
-            tried.append(sample(best.approximation, lengthened))
-            best = _best(tried)
-    rows = tuple(attempt.correction.row() for attempt in tried)
-    draws = with_impacts(prepared, best, settings, seed, partial(progress, "drawing each impact"))
-    return best.approximation, draws, replace(best.correction, attempts=rows)
-
-
-def _best(tried: list[Attempt]) -> Attempt:
-    return min(tried, key=lambda attempt: attempt.correction.rank)
-
-
-def _attempts(
-    prepared: Prepared,
-    approximation: Approximation,
-    sample: Callable[[Approximation], Attempt],
-    settings: Sampler,
-    seed: int,
-    rng: np.random.Generator,
-) -> list[Attempt]:
-    """Draws with these sites, then with sites fitted about the corrected draws of the last attempt.
-
-    So on until a correction can be trusted or the effective number of draws is not half as large again. A
-    grid of the last parameter is not fitted anew.
-    """
-    tried = [sample(approximation)]
-    while (
-        not tried[-1].correction.trusted
-        and tried[-1].approximation.grid is None
-        and len(tried) < _MOST_PASSES
-    ):
-        draws = tried[-1].draws
-        subset = draws.rows(np.resize(rng.permutation(len(draws.b)), _DRAWS_ABOUT))
-        fitted = refitted(prepared, tried[-1].approximation, subset, seed + _MOST_PASSES + len(tried))
-        tried.append(sample(with_expansion(prepared, fitted, seed, _limit(prepared, settings))))
-        if tried[-1].correction.effective < _GAIN * tried[-2].correction.effective:
-            break
-    return tried
+    problem = Problem(prepared, settings, seed, np.random.default_rng([seed, 22]), progress)
+    state = State(approximation or approximate(prepared, progress=problem.stage("summarising each trace")))
+    for step in STEPS:
+        outcome = step(problem, state)
+        state = state if isinstance(outcome, Refused) else outcome
+    rows = tuple(attempt.correction.row() for attempt in state.attempts)
+    draws = with_impacts(prepared, state.best, settings, seed, problem.stage("drawing each impact"))
+    return state.best.approximation, draws, replace(state.best.correction, attempts=rows)
 
 
 def fitted_to_population(
@@ -291,7 +351,7 @@ def sample_marginal(
     return run_chains(
         marginal_model,
         arguments,
-        _scattered_start(prepared, approximation, settings.chains, np.random.default_rng([seed, 23])),
+        Start({COORDINATES: np.zeros(len(covariance))}, COORDINATES, covariance),
         settings,
         seed,
         progress=progress,
@@ -307,19 +367,6 @@ def candidates_for(relative_variance: float) -> int:
     """
     wanted = np.ceil(relative_variance / _OFF) if np.isfinite(relative_variance) else CANDIDATES
     return int(np.clip(wanted, _FEWEST_CANDIDATES, CANDIDATES))
-
-
-def _scattered_start(
-    prepared: Prepared, approximation: Approximation, chains: int, rng: np.random.Generator
-) -> Start:
-    """Scattered by half a standard deviation, which lets R-hat see chains that did not forget it."""
-    root = np.linalg.cholesky(approximation.coordinates.covariance)
-    points = 0.5 * rng.standard_normal((chains, len(root))) @ root.T
-    evaluated = [potential_at(prepared, approximation, point) for point in points]
-    potentials, slopes = (np.array(part) for part in zip(*evaluated, strict=True))
-    centre = {COORDINATES: np.zeros(len(root))}
-    known = Known(points, potentials, slopes)
-    return Start(centre, (COORDINATES,), approximation.coordinates.covariance, known)
 
 
 def sir_proposals(

@@ -71,7 +71,9 @@ def of_draws(
     """
     data, approximation, count = prepared.data, likelihood.approximation, len(prepared.impacts)
     whole = all_fit(len(draws.b), count)
-    groups = _of_groups(prepared, replace(approximation, expansion=None) if whole else approximation, draws)
+    groups = _of_groups(
+        prepared, replace(approximation, second_order=None) if whole else approximation, draws
+    )
     rows = np.arange(count) if whole else some_impacts(count)
     part, (sites, grid) = impacts_of(data, rows), approximation.of_rows(rows)
     priors = of_cells(draws.priors(data.design), np.asarray(data.design.cell)[rows])
