@@ -72,24 +72,16 @@ def _coefficient(reported: Draws, slope: str, response: str) -> np.ndarray | flo
     return reported.get(name, 0.0)
 
 
-def common_logs(
-    design: Design, sites: Draws, response: str, rows: np.ndarray | slice = slice(None)
-) -> np.ndarray:
-    """Intercept, mass and covariates: the expected log of a typical person's response, [chain, draw, row]."""
-    part = design.responses[response]
-    expected = sites[intercept(part.parameter)][..., None] + np.zeros(len(design.subject[rows]))
-    if part.log_mass is not None:
-        expected = expected + sites[f"mass_exponent_{response}"][..., None] * part.log_mass[rows]
-    if part.names:
-        effects = sites[f"covariate_effect_{response}"][..., : len(part.names)]
-        expected = expected + effects @ part.covariates[rows].T
-    return expected
-
-
 def row_logs(design: Design, sites: Draws, response: str) -> np.ndarray:
     """The expected log of a response in every row, [chain, draw, row]."""
-    expected = common_logs(design, sites, response)
-    for term, column in design.responses[response].terms.items():
+    part = design.responses[response]
+    expected = sites[intercept(part.parameter)][..., None] + np.zeros(len(design.subject))
+    if part.log_mass is not None:
+        expected = expected + sites[f"mass_exponent_{response}"][..., None] * part.log_mass
+    if part.names:
+        effects = sites[f"covariate_effect_{response}"][..., : len(part.names)]
+        expected = expected + effects @ part.covariates.T
+    for term, column in part.terms.items():
         code = design.groupings[term.grouping].code
         expected = expected + sites[term.effect(response)][..., code] * column.covariate
     return expected

@@ -133,13 +133,10 @@ class Recorded:
         """The reference row: see `bayestissue.hierarchy.formulas.formula.reference_row`."""
         return reference_row(self.rows, self.reference_mass_kg)
 
-    @cached_property
-    def _categories_of_numbers(self) -> frozenset[str]:
-        return frozenset().union(*map(categories_of_numbers, self.formulas.values()))
-
     def is_category(self, column: str) -> bool:
         """Whether a column's values are categories: text, or numbers that a formula has in ``C()``."""
-        return column in self._categories_of_numbers or not self.is_number(column)
+        coded = (column in categories_of_numbers(formula) for formula in self.formulas.values())
+        return any(coded) or not self.is_number(column)
 
     def is_number(self, column: str) -> bool:
         """Whether a column holds numbers."""

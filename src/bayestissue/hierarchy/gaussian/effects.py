@@ -126,8 +126,13 @@ def _eliminated(
     inner, outer = design.inner, design.outer
     precision, shift = precision.reshape(*precision.shape[:2], *table), shift.reshape(len(shift), *table)
 
-    def by_level(values: Array) -> Array:
-        return _by_level(values, design)
+    levels = design.inner_element[0].shape[1]
+
+    def by_level(values: Float[Array, "*inner row"]) -> Float[Array, "*inner level"]:
+        """Sums over each level's rows of the table."""
+        if levels == values.shape[-1]:
+            return values
+        return jnp.moveaxis(jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), design.level, levels), 0, -1)
 
     def inner_covariance(a: int, b: int) -> Array:
         return by_level((inner[a][:, None] * precision[a, b] * inner[b][None]).sum(-1))
@@ -174,14 +179,6 @@ def _times_outer(
     if len(columns) == 1:
         return jnp.moveaxis(values @ columns[0], 2, 1)
     return jnp.einsum("irs,rsq->iqr", values, columns)
-
-
-def _by_level(values: Float[Array, "*inner row"], design: PopulationDesign) -> Float[Array, "*inner level"]:
-    """Sums over each level's rows of the table."""
-    levels = design.inner_element[0].shape[1]
-    if levels == values.shape[-1]:
-        return values
-    return jnp.moveaxis(jax.ops.segment_sum(jnp.moveaxis(values, -1, 0), design.level, levels), 0, -1)
 
 
 def _assembled(entry: Callable[[int, int], Array], size: Sequence[int]) -> Array:

@@ -52,7 +52,7 @@ class GaussianFactor(NamedTuple):
         centre, shift = move(self.centre, -1, 0), move(self.shift, -1, 0)
         return GaussianFactor(centre, shift, move(self.precision, (-2, -1), (0, 1)), self.log_scale)
 
-    def about(self, centre: Array) -> GaussianFactor:
+    def recentred(self, centre: Array) -> GaussianFactor:
         """The same factor written about another centre, parameters first."""
         deviation = centre - self.centre
         curved = jnp.stack(small.times(self.precision, deviation))
@@ -62,7 +62,7 @@ class GaussianFactor(NamedTuple):
     def condition(self, last: Array) -> GaussianFactor:
         """The factor of the first elements where these are the last ones, parameters first."""
         size = len(self.centre) - len(last)
-        moved = self.about(jnp.concatenate([self.centre[:size], last]))
+        moved = self.recentred(jnp.concatenate([self.centre[:size], last]))
         first = slice(size)
         return GaussianFactor(
             moved.centre[first], moved.shift[first], moved.precision[first, first], moved.log_scale
@@ -70,7 +70,7 @@ class GaussianFactor(NamedTuple):
 
     def product(self, other: GaussianFactor) -> GaussianFactor:
         """Of both, about this one's centre, parameters first."""
-        moved = other.about(self.centre)
+        moved = other.recentred(self.centre)
         sums = (one + another for one, another in zip(self[1:], moved[1:], strict=True))
         return GaussianFactor(self.centre, *sums)
 

@@ -213,7 +213,7 @@ def _second_order(
 
     def one(draw: tuple[dict[str, Array], Array]) -> Array:
         of_mean = given_covariances(factor, population(model, draw[0]))
-        return of_mean.about(expected_by_cell(design, draw[1])).log_scale.sum()
+        return of_mean.recentred(expected_by_cell(design, draw[1])).log_scale.sum()
 
     return jax.lax.map(one, (draws.sites, draws.b))
 

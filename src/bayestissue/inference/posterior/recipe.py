@@ -167,8 +167,8 @@ def refit_about_draws(problem: Problem, state: State) -> State | Refused:
     if len(attempts) == _MOST_PASSES:
         return Refused(f"sites were fitted {_MOST_PASSES} times")
     prepared, seed = problem.prepared, problem.seed
-    some = draws.rows(np.resize(problem.rng.permutation(len(draws.b)), _DRAWS_ABOUT))
-    fitted = refitted(prepared, approximation, some, seed + _MOST_PASSES + len(attempts))
+    subset = draws.rows(np.resize(problem.rng.permutation(len(draws.b)), _DRAWS_ABOUT))
+    fitted = refitted(prepared, approximation, subset, seed + _MOST_PASSES + len(attempts))
     expanded = with_expansion(prepared, fitted, seed, _limit(prepared, problem.settings))
     return _sampled(problem, replace(state, approximation=expanded))
 
@@ -228,12 +228,15 @@ def corrected_draws(
     """
     problem = Problem(prepared, settings, seed, np.random.default_rng([seed, 22]), progress)
     state = State(approximation or approximate(prepared, progress=problem.stage("summarising each trace")))
+    steps = []
     for step in STEPS:
         outcome = step(problem, state)
+        reason = outcome.reason if isinstance(outcome, Refused) else ""
+        steps.append({"step": step.__name__, "refused": reason})
         state = state if isinstance(outcome, Refused) else outcome
     rows = tuple(attempt.correction.row() for attempt in state.attempts)
     draws = with_impacts(prepared, state.best, settings, seed, problem.stage("drawing each impact"))
-    return state.best.approximation, draws, replace(state.best.correction, attempts=rows)
+    return state.best.approximation, draws, replace(state.best.correction, attempts=rows, steps=tuple(steps))
 
 
 def fitted_to_population(

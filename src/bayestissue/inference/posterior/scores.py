@@ -126,9 +126,9 @@ def _group_scores(
     covariances = population(model, sites)
     sums = data.sums(covariances)
     expected = expected_by_cell(data.design, b)
-    scores = {"traces": sums.about(expected).log_scale.sum()}
+    scores = {"traces": sums.recentred(expected).log_scale.sum()}
     for name, effect in effects_of.items():
-        without = sums.about(expected - effect.expected(b, len(expected)))
+        without = sums.recentred(expected - effect.expected(b, len(expected)))
         gained = effect.gained(covariances, sums.precision, without.shift)
         scores[f"traces_of_{stem_of(name)}"] = effect.total(without.log_scale) + gained
     return scores

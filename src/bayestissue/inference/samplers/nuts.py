@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from concurrent.futures import wait as wait_for
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -77,10 +77,14 @@ def run_chains(
     length = settings.warmup + settings.transitions
     total = settings.chains * length
     progress(0, total)
+
+    def advanced(before: int, done: int) -> None:
+        progress(before + done, total)
+
     if runtime.cores() == 1 or not processes:
-        parts = [_run(job, n, lambda done, n=n: progress(n * length + done, total)) for n in numbers]
+        parts = [_run(job, number, partial(advanced, number * length)) for number in numbers]
     else:
-        parts = _in_processes(job, lambda done: progress(done, total))
+        parts = _in_processes(job, partial(advanced, 0))
     sites, statistics = jax.tree.map(lambda *chains: np.stack(chains), *parts)
     return Draws(sites, statistics, settings.max_tree_depth)
 
