@@ -41,9 +41,9 @@ from bayestissue.hierarchy.formulas.formula import (
     variables_of_terms,
 )
 from bayestissue.hierarchy.formulas.group_terms import (
-    MASS_TERM,
     Grouping,
     GroupTerm,
+    common_coefficient,
     grouping_of,
     labels_of,
 )
@@ -395,7 +395,7 @@ def _effects(
 
 def _coefficient(draws: xr.Dataset, name: str, response: str) -> np.ndarray:
     """The population's coefficient of a covariate; 0 where the formula has levels' own alone."""
-    variable = f"mass_exponent_{response}" if name == MASS_TERM else f"effect_of_{name}_{response}"
+    variable = common_coefficient(name, response)
     if variable in draws:
         return draws[variable].to_numpy()
     return np.zeros((draws.sizes["chain"], draws.sizes["draw"]))

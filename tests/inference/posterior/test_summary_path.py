@@ -42,6 +42,7 @@ from bayestissue.inference.posterior.correction import Correction
 from bayestissue.inference.posterior.exact import exact_draws
 from bayestissue.inference.posterior.expansion import draws_at, refitted, to_second_order
 from bayestissue.inference.posterior.recipe import (
+    Problem,
     corrected_draws,
     fitted_to_population,
     population_attempt,
@@ -121,9 +122,10 @@ def test_a_draw_beyond_what_numbers_hold_is_never_chosen_and_spoils_no_other(
         population, z_b = draws_at(*arguments)
         return population._replace(b=np.where(np.arange(len(z_b))[:, None] == 0, np.nan, population.b)), z_b
 
-    plain = population_attempt(prepared, approximation, SETTINGS, 1).correction
+    problem = Problem(prepared, SETTINGS, 1, np.random.default_rng(1))
+    plain = population_attempt(problem, approximation).correction
     monkeypatch.setattr(recipe, "draws_at", overflowing)
-    attempt = population_attempt(prepared, approximation, SETTINGS, 1)
+    attempt = population_attempt(problem, approximation)
     assert np.isfinite(attempt.draws.b).all()
     assert attempt.correction.trusted == plain.trusted
     # It was one of a thousand.
@@ -199,7 +201,7 @@ def test_corrections_are_what_many_points_of_each_population_say(dataset: Datase
     prepared = prepare(dataset, ModelSpecification(name="impact", likelihood="impact"), source="model")
     assert np.asarray(prepared.data.record.uniform).all()
     rng = np.random.default_rng(3)
-    approximation = fitted_to_population(prepared, approximate(prepared), SETTINGS, 3, rng)
+    approximation = fitted_to_population(Problem(prepared, SETTINGS, 3, rng), approximate(prepared))
     model, data, summaries = prepared.model, prepared.data, approximation.sites
     # Populations as the posterior has them, one with hardly any spread of the noise among them.
     size = len(approximation.coordinates.names)

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array
 from jaxtyping import Float
 
@@ -41,7 +42,8 @@ class Data:
     @classmethod
     def of(cls, design: PopulationDesign, mean: Float[Array, " location"], sites: GaussianFactor) -> Data:
         """Without each impact's entry, so that what is compiled serves other numbers of impacts."""
-        return cls(design._replace(cell=jnp.zeros(0, int)), mean, design.blocked(sites))
+        data = cls(design._replace(cell=np.zeros(0, int)), mean, design.blocked(sites))
+        return jax.tree.map(jnp.asarray, data)
 
     def sums(self, covariances: Covariances) -> GaussianFactor:
         """What the impacts of each entry say of X b, their own parameters integrated out."""

@@ -21,7 +21,7 @@ from bayestissue.hierarchy.gaussian.factor import GaussianFactor
 from bayestissue.hierarchy.specification import Sampler
 from bayestissue.hierarchy.trace_data import Prepared
 from bayestissue.hierarchy.traces import COORDINATES, TraceData, TraceModel
-from bayestissue.inference.execution.chunks import Progress, in_blocks, silent
+from bayestissue.inference.execution.chunks import Progress, in_blocks
 from bayestissue.inference.execution.compiling import filled_up, in_parts
 from bayestissue.inference.execution.kept import all_fit, kept_draws
 from bayestissue.inference.factors.conditional import (
@@ -94,7 +94,17 @@ class Problem:
     settings: Sampler
     seed: int
     rng: np.random.Generator
-    progress: Callable[[str, int, int], None]
+    progress: Callable[[str, int, int], None] = lambda *_: None
+
+    @property
+    def all_weighed(self) -> bool:
+        """Whether every draw gets a weight: of many impacts some do, and judge all."""
+        return all_fit(self.settings.chains * self.settings.transitions, len(self.prepared.impacts))
+
+    @property
+    def most_scatter(self) -> float:
+        """The scatter of log weights that is left to the weights: none where these only judge."""
+        return _MOST_SCATTER if self.all_weighed else 0.0
 
     def stage(self, name: str) -> Progress:
         """Progress of one of the stages."""
@@ -130,28 +140,11 @@ class Refused(NamedTuple):
 Step = Callable[[Problem, State], State | Refused]
 
 
-def _sampled(problem: Problem, state: State, settings: Sampler | None = None) -> State:
-    attempt = population_attempt(
-        problem.prepared,
-        state.approximation,
-        settings or problem.settings,
-        problem.seed,
-        problem.stage("sampling the population"),
-    )
-    return replace(state, attempts=(*state.attempts, attempt))
-
-
 def fit_and_sample(problem: Problem, state: State) -> State:
     """Sites fitted to the population, expanded where these need it, and draws with them."""
-    approximation = fitted_to_population(
-        problem.prepared,
-        state.approximation,
-        problem.settings,
-        problem.seed,
-        problem.rng,
-        problem.stage("summarising each trace"),
-    )
-    return _sampled(problem, replace(state, approximation=approximation, first=len(state.attempts)))
+    approximation = fitted_to_population(problem, state.approximation)
+    attempt = population_attempt(problem, approximation)
+    return State(approximation, (*state.attempts, attempt), first=len(state.attempts))
 
 
 def refit_about_draws(problem: Problem, state: State) -> State | Refused:
@@ -169,8 +162,9 @@ def refit_about_draws(problem: Problem, state: State) -> State | Refused:
     prepared, seed = problem.prepared, problem.seed
     subset = draws.rows(np.resize(problem.rng.permutation(len(draws.b)), _DRAWS_ABOUT))
     fitted = refitted(prepared, approximation, subset, seed + _MOST_PASSES + len(attempts))
-    expanded = with_expansion(prepared, fitted, seed, _limit(prepared, problem.settings))
-    return _sampled(problem, replace(state, approximation=expanded))
+    expanded = with_expansion(prepared, fitted, seed, problem.most_scatter)
+    attempt = population_attempt(problem, expanded)
+    return replace(state, approximation=expanded, attempts=(*state.attempts, attempt))
 
 
 def normal_instead_of_grid(problem: Problem, state: State) -> State | Refused:
@@ -195,11 +189,13 @@ def lengthen_chains(problem: Problem, state: State) -> State | Refused:
         return Refused("not only draws are lacking")
     longer = int(np.ceil(1.2 * correction.needed / correction.effective))
     settings = problem.settings.model_copy(update={"thinning": longer * problem.settings.thinning})
+    lengthened = replace(problem, settings=settings)
     if longer > _LONGEST:
         return Refused(f"chains {longer} times as long take longer than the exact path")
-    if not _all_weighed(problem.prepared, settings):
+    if not lengthened.all_weighed:
         return Refused("of so many draws and impacts only some get a weight, however many there are")
-    return _sampled(problem, replace(state, approximation=state.best.approximation), settings)
+    attempt = population_attempt(lengthened, state.best.approximation)
+    return replace(state, attempts=(*state.attempts, attempt))
 
 
 _REFITS = (refit_about_draws,) * (_MOST_PASSES - 1)
@@ -235,49 +231,28 @@ def corrected_draws(
         steps.append({"step": step.__name__, "refused": reason})
         state = state if isinstance(outcome, Refused) else outcome
     rows = tuple(attempt.correction.row() for attempt in state.attempts)
-    draws = with_impacts(prepared, state.best, settings, seed, problem.stage("drawing each impact"))
+    draws = with_impacts(problem, state.best)
     return state.best.approximation, draws, replace(state.best.correction, attempts=rows, steps=tuple(steps))
 
 
-def fitted_to_population(
-    prepared: Prepared,
-    approximation: Approximation,
-    settings: Sampler,
-    seed: int,
-    rng: np.random.Generator,
-    progress: Progress = silent,
-) -> Approximation:
+def fitted_to_population(problem: Problem, approximation: Approximation) -> Approximation:
     """Sites fitted about draws of the population to second order, and expanded where these need it."""
+    prepared, seed, progress = problem.prepared, problem.seed, problem.stage("summarising each trace")
     number_of_draws = int(np.clip(_ALL_BEFORE // len(prepared.impacts), _FEWEST_BEFORE, _DRAWS_BEFORE))
     for seed_step in range(_PASSES_BEFORE if approximation.grid is None else 0):
-        draws = to_second_order(prepared, approximation, number_of_draws, rng)
+        draws = to_second_order(prepared, approximation, number_of_draws, problem.rng)
         approximation = refitted(prepared, approximation, draws, seed + seed_step, progress)
-    return with_expansion(prepared, approximation, seed, _limit(prepared, settings), progress)
+    return with_expansion(prepared, approximation, seed, problem.most_scatter, progress)
 
 
-def _limit(prepared: Prepared, settings: Sampler) -> float:
-    """The scatter of log weights that is left to the weights: none where these only judge."""
-    return _MOST_SCATTER if _all_weighed(prepared, settings) else 0.0
-
-
-def _all_weighed(prepared: Prepared, settings: Sampler) -> bool:
-    """Whether every draw gets a weight: of many impacts some do, and judge all."""
-    return all_fit(settings.chains * settings.transitions, len(prepared.impacts))
-
-
-def population_attempt(
-    prepared: Prepared,
-    approximation: Approximation,
-    settings: Sampler,
-    seed: int,
-    progress: Progress = silent,
-) -> Attempt:
+def population_attempt(problem: Problem, approximation: Approximation) -> Attempt:
     """Chains of the population and their correction.
 
     Where draws times impacts are more than fits, the weights are those of some draws, by which all are judged
     and none chosen.
     """
-    chains = sample_marginal(prepared, approximation, settings, seed, progress)
+    prepared, settings, seed = problem.prepared, problem.settings, problem.seed
+    chains = sample_marginal(problem, approximation)
     shape, rng = (settings.chains, settings.transitions), np.random.default_rng([seed, 21])
     y = chains.sites[COORDINATES].reshape(shape[0] * shape[1], -1)
     standard = rng.standard_normal((len(y), prepared.model.locations.size))
@@ -286,7 +261,7 @@ def population_attempt(
     finite = np.isfinite(population.b).all(1)
     rows = np.where(finite, np.arange(len(finite)), np.argmax(finite))
     population, z_b = population.rows(rows), z_b[rows]
-    whole = _all_weighed(prepared, settings)
+    whole = problem.all_weighed
     checked = slice(None) if whole else evenly_spaced(len(finite), CHECKS)
     ratios = importance_weights(prepared, approximation, population.rows(checked), population)
     log_weight = np.where(finite[checked], ratios.log_weight, -np.inf).reshape(shape if whole else (1, -1))
@@ -301,20 +276,17 @@ def population_attempt(
     return Attempt(approximation, chains, population.rows(chosen), z_b[chosen], correction)
 
 
-def with_impacts(
-    prepared: Prepared, attempt: Attempt, settings: Sampler, seed: int, progress: Progress = silent
-) -> Draws:
+def with_impacts(problem: Problem, attempt: Attempt) -> Draws:
     """The population's draws, and each impact's standard normals under those that are kept of it.
 
     These are the draws of the sites of `sampled_model`, corrected to the same posterior.
     """
+    prepared, settings, seed = problem.prepared, problem.settings, problem.seed
     model, design = prepared.model, prepared.data.design
     shape, cell = (settings.chains, settings.draws), np.asarray(design.cell)
     kept_numbers = kept_draws(*shape, len(cell))
-    kept_draws_of_population = attempt.draws.rows(
-        (np.arange(shape[0])[:, None] * shape[1] + kept_numbers).ravel()
-    )
-    priors = kept_draws_of_population.priors(design)
+    population = attempt.draws.rows((np.arange(shape[0])[:, None] * shape[1] + kept_numbers).ravel())
+    priors = population.priors(design)
     # What has a grid varies besides under the population of each draw.
     measured = attempt.correction.varies if attempt.approximation.grid is None else None
     relative_variance = np.inf if measured is None else float(measured.mean())
@@ -323,11 +295,10 @@ def with_impacts(
         rng = np.random.default_rng([seed, 24, int(rows[0])])
         part_sites, here = attempt.approximation.of_rows(rows)[0], of_cells(priors, cell[rows])
         choose = partial(sir_proposals, model, part, part_sites, candidates_for(relative_variance))
-        seeds = rng.integers(2**32, size=len(kept_draws_of_population.b))
-        return in_parts(
-            choose, (here.mean, kept_draws_of_population.precision, seeds), _DRAWS_AT_ONCE
-        ).swapaxes(0, 1)
+        seeds = rng.integers(2**32, size=len(population.b))
+        return in_parts(choose, (here.mean, population.precision, seeds), _DRAWS_AT_ONCE).swapaxes(0, 1)
 
+    progress = problem.stage("drawing each impact")
     z_u = in_blocks(prepared.data, one, progress=progress).swapaxes(0, 1)
     sites = {**attempt.draws.raw, "standard_locations": attempt.z_b}
     values_by_site = {name: values.reshape(*shape, *values.shape[1:]) for name, values in sites.items()}
@@ -335,10 +306,10 @@ def with_impacts(
     return Draws(values_by_site, attempt.chains.statistics, attempt.chains.max_tree_depth)
 
 
-def sample_marginal(
-    prepared: Prepared, approximation: Approximation, settings: Sampler, seed: int, progress: Progress
-) -> Draws:
+def sample_marginal(problem: Problem, approximation: Approximation) -> Draws:
     """Draws of the marginal posterior's coordinates, by independent proposals where these serve, or NUTS."""
+    prepared, settings, seed = problem.prepared, problem.settings, problem.seed
+    progress = problem.stage("sampling the population")
     data = approximation.data(prepared.data)
     arguments = (
         prepared.model,
